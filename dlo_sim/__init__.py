@@ -1,0 +1,38 @@
+"""Simulation and prediction of cables, for ROS 2.
+
+`load_scene` reads a scene file, `Simulator` steps it; both are imported when first used, so that
+importing the package needs neither ROS nor a compiler.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dlo_sim.scene.loading import SceneError as SceneError
+    from dlo_sim.scene.loading import load_scene as load_scene
+    from dlo_sim.simulation.simulator import Simulator as Simulator
+
+__version__ = "0.1.0"
+
+__all__ = ["SceneError", "Simulator", "__version__", "load_scene"]
+
+_HOMES = {
+    "SceneError": "dlo_sim.scene.loading",
+    "Simulator": "dlo_sim.simulation.simulator",
+    "load_scene": "dlo_sim.scene.loading",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its room when it is first asked for (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, also those not imported yet."""
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,70 @@
+"""Arguments that several subcommands share, and how wrong ones are refused."""
+
+import argparse
+import math
+from collections.abc import Sequence
+from typing import NoReturn
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError, find_scene, load_scene, parse_assignment
+
+
+class CommandError(Exception):
+    """Input that a subcommand refuses: one line that names it and the cure."""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line on stderr, exit status 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line.
+
+        Raises:
+            CommandError: always; `main` prints it.
+        """
+        raise CommandError(f"{message}; see '{self.prog} --help'")
+
+
+def positive_seconds(text: str) -> float:
+    """A time span [s], finite and above zero."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give seconds") from None
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"{text} is not a time span; give seconds above zero")
+    return value
+
+
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--set key=value`."""
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="assignments",
+        help="override a key of the scene, such as discretization.control_points=13; repeatable",
+    )
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--json`."""
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object as the last line of stdout"
+    )
+
+
+def read_scene(text: str, assignments: Sequence[str]) -> Scene:
+    """The scene that a user means, with `--set` applied.
+
+    Raises:
+        SceneError: if the file or a value is refused.
+    """
+    overrides: dict[str, object] = {}
+    for assignment in assignments:
+        key, value = parse_assignment(assignment)
+        if key in overrides:
+            raise SceneError(f"--set {key} is given twice; keep one of them")
+        overrides[key] = value
+    return load_scene(find_scene(text), overrides)

@@ -1,0 +1,64 @@
+"""Entry point of the command `dlo_sim`: arguments in, a subcommand run, refusals as one line.
+
+Exit status: 0 done; 2 refused input (one line on stderr, nothing written); 3 the run diverged or
+missed its accuracy; 130 interrupted. Anything else is a defect and shows its traceback.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from dlo_sim import __version__
+from dlo_sim.cli import demo, methods, node, parameters, replay, simulate
+from dlo_sim.cli.arguments import CommandError, Parser
+from dlo_sim.scene.loading import SceneError
+
+REFUSED = 2
+INTERRUPTED = 130
+
+SUBCOMMANDS = {
+    module.__name__.rpartition(".")[2]: module
+    for module in (demo, simulate, replay, node, methods, parameters)
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `dlo_sim` with these arguments (default: the process's); returns the exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(arguments)
+    except (CommandError, SceneError) as refusal:
+        print(f"dlo_sim: error: {' '.join(str(refusal).split())}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("dlo_sim: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has gone; keep Python from complaining when it flushes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _run(arguments: list[str]) -> int:
+    if arguments[:1] == ["node"] and arguments[1:2] not in (["-h"], ["--help"]):
+        return node.run_node(arguments[1:])
+    options = _parser().parse_args(arguments)
+    status: int = options.run(options)
+    sys.stdout.flush()
+    return status
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="dlo_sim",
+        description="Simulate and predict the motion of a cable; replay and compare bags.",
+        epilog="Start with 'dlo_sim demo'.",
+    )
+    parser.add_argument("--version", action="version", version=f"dlo_sim {__version__}")
+    subparsers: argparse._SubParsersAction[Parser] = parser.add_subparsers(
+        title="subcommands", metavar="SUBCOMMAND", required=True, parser_class=Parser
+    )
+    for subcommand in SUBCOMMANDS.values():
+        subcommand.add_parser(subparsers)
+    return parser

@@ -1,0 +1,63 @@
+"""`dlo_sim methods`: the time integrators, as their own descriptions have them."""
+
+import argparse
+import dataclasses
+import math
+
+from dlo_sim.cli.arguments import Parser, add_json_option
+from dlo_sim.cli.output import print_json
+from dlo_sim.core.methods import IMPLICIT, METHODS, Method
+
+_HEADER = (
+    *("method", "order", "symmetric", "symplectic", "keeps energy", "forces/step", "limit"),
+    *("damping", "source"),
+)
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "methods",
+        help="list the time integration methods",
+        description="List the methods for integrator.method: order, whether symmetric and "
+        "symplectic, force evaluations per step, largest stable omega tau, the damping it is "
+        "valid with, and its source.",
+    )
+    add_json_option(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the methods; returns the exit status."""
+    if options.json:
+        print_json({"methods": [dataclasses.asdict(method) for method in METHODS.values()]})
+        return 0
+    rows = [_HEADER, *(_row(method) for method in METHODS.values())]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADER))]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        print("  ".join(cells).rstrip())
+    return 0
+
+
+def _row(method: Method) -> tuple[str, ...]:
+    damping = [
+        kind
+        for kind, admitted in (
+            ("mass", method.mass_damping),
+            ("stiffness", method.stiffness_damping),
+        )
+        if admitted
+    ]
+    implicit = method.family == IMPLICIT
+    return (
+        method.name,
+        str(method.order),
+        "yes" if method.symmetric else "no",
+        "yes" if method.symplectic else "no",
+        "yes" if method.conserves_energy else "no",
+        "solver" if implicit else str(method.force_evaluations),
+        "none" if math.isinf(method.stability_limit) else f"{method.stability_limit:g}",
+        ", ".join(damping) or "none",
+        method.source,
+    )

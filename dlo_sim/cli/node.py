@@ -1,0 +1,29 @@
+"""`dlo_sim node`: the ROS 2 node, the same as `ros2 run dlo_sim node`."""
+
+import argparse
+from collections.abc import Sequence
+
+from dlo_sim.cli.arguments import Parser
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
+    """Register the subcommand; its arguments go to ROS unread (see `run_node`)."""
+    parser = subparsers.add_parser(
+        "node",
+        help="run the ROS 2 node",
+        description="Run the ROS 2 node. Everything after 'node' is passed to ROS, for example: "
+        "dlo_sim node --ros-args --params-file config/hanging_cable.yaml",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the node without arguments; returns its exit status."""
+    return run_node([])
+
+
+def run_node(arguments: Sequence[str]) -> int:
+    """Run the node with these arguments for ROS; returns its exit status."""
+    from dlo_sim.ros.main import main
+
+    return main(list(arguments))

@@ -1,0 +1,136 @@
+"""`dlo_sim simulate SCENE`: run a scene without ROS and record it."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dlo_sim.cli.arguments import (
+    CommandError,
+    Parser,
+    add_json_option,
+    add_scene_options,
+    positive_seconds,
+    read_scene,
+)
+from dlo_sim.cli.output import (
+    check_output_file,
+    print_json,
+    print_rows,
+    progress_bar,
+    write_npz,
+)
+from dlo_sim.scene.description import Scene
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.recording import Recording
+
+FAILED = 3
+_LARGEST_RECORDING = 2 * 1024**3  # bytes
+_REPORT = (
+    "status",
+    "message",
+    "simulated_s",
+    "wall_s",
+    "compile_s",
+    "steps",
+    "step_s",
+    "method",
+    "force_evaluations",
+    "real_time_factor",
+    "energy_error_max",
+    "active_terms",
+    "left_out",
+)
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "simulate",
+        help="run a scene without ROS and record it",
+        description="Run a scene for a while and report time, steps and energy error. Exit status "
+        "3 when the run failed; what was good is kept.",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
+    parser.add_argument(
+        "--duration",
+        metavar="S",
+        type=positive_seconds,
+        required=True,
+        help="simulated time [s]",
+    )
+    parser.add_argument(
+        "--every",
+        metavar="S",
+        type=positive_seconds,
+        default=1.0e-3,
+        help="time between recorded samples [s] (default: 0.001)",
+    )
+    parser.add_argument(
+        "--output",
+        metavar="FILE.npz",
+        type=Path,
+        help="write time, control_points, centerline, centerline_u and energy to this file",
+    )
+    add_scene_options(parser)
+    add_json_option(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate, write and print; returns the exit status."""
+    scene = read_scene(options.scene, options.assignments)
+    _check_size(scene, options.duration, options.every)
+    if options.output is not None:
+        check_output_file(options.output)
+
+    from dlo_sim.simulation.recording import record
+
+    with progress_bar("simulate") as progress:
+        recording = record(scene, options.duration, options.every, progress=progress)
+    if options.output is not None:
+        write_npz(options.output, _arrays(recording))
+    if options.json:
+        print_json({name: getattr(recording, name) for name in _REPORT})
+    else:
+        _print_report(options.scene, options.output, recording)
+    return 0 if recording.ok else FAILED
+
+
+def _check_size(scene: Scene, duration: float, every: float) -> None:
+    """Refuse a recording that would not fit into memory."""
+    samples = duration / every + 1.0
+    numbers = 4 * scene.discretization.control_points + 3 * scene.outputs.centerline_samples + 2
+    size = 8.0 * samples * numbers
+    if size > _LARGEST_RECORDING:
+        cure = every * size / _LARGEST_RECORDING
+        raise CommandError(
+            f"--every {every:g} s for --duration {duration:g} s would record {size / 1e9:.3g} GB; "
+            f"give --every {cure:.1e} or more"
+        )
+
+
+def _arrays(recording: "Recording") -> dict[str, Any]:
+    names = ("time", "control_points", "centerline", "centerline_u", "energy")
+    return {name: getattr(recording, name) for name in names}
+
+
+def _print_report(scene: str, output: Path | None, recording: "Recording") -> None:
+    print(f"{scene}: {recording.status}, {recording.simulated_s:g} s simulated")
+    if recording.message:
+        print(f"  {recording.message}")
+    error = recording.energy_error_max
+    left_out = [f"{name}: {reason}" for name, reason in recording.left_out.items()]
+    rows = {
+        "method": f"{recording.method}, step {recording.step_s * 1e6:.4g} us, "
+        f"{recording.steps} steps, {recording.force_evaluations} force evaluations",
+        "time": f"{recording.wall_s:.3g} s ({recording.real_time_factor:.3g} x real time), "
+        f"after {recording.compile_s:.2g} s to compile",
+        "energy error": "-" if error is None else f"{error:.2e} of the largest energy exchanged",
+        "active": ", ".join(recording.active_terms) or "-",
+        "left out": "\n".join(left_out) or "-",
+    }
+    if output is not None:
+        times, points, _ = recording.control_points.shape
+        rows["output"] = f"{output} ({times} times, {points} control points)"
+    print_rows(rows)

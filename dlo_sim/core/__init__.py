@@ -1,0 +1,1 @@
+"""Pure numerics of a spline cable in plain numpy: no ROS, no files, no plots, no compiler."""

@@ -1,0 +1,121 @@
+"""Clamped uniform cubic B-splines: knots, basis functions, control points <-> curve.
+
+The curve is r(u) = sum_i b_i(u) q_i with u in [0, L] the rest arc length. On every knot span only
+four basis functions are non-zero and each is a cubic in the local coordinate
+xi = (u - mid) / (h / 2) in [-1, 1]; all evaluation goes through those cubics.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+DEGREE = 3
+ACTIVE = DEGREE + 1
+
+Array = NDArray[np.float64]
+
+
+def clamped_knots(control_points: int, length: float) -> Array:
+    """Knot vector of a clamped uniform cubic spline.
+
+    Args:
+        control_points: number of control points n, at least 4.
+        length: rest length L [m].
+
+    Returns:
+        Knots [m], shape (n + 4,): 0 and L with multiplicity 4, n - 4 equal steps between.
+    """
+    if control_points < ACTIVE:
+        raise ValueError(f"a cubic spline needs at least 4 control points, got {control_points}")
+    breaks = np.linspace(0.0, length, control_points - DEGREE + 1)
+    return np.concatenate((np.zeros(DEGREE), breaks, np.full(DEGREE, length)))
+
+
+def span_polynomials(knots: Array) -> Array:
+    """Cubics of the four active basis functions of every knot span.
+
+    Cox-de Boor recursion carried out on polynomial coefficients.
+
+    Returns:
+        Coefficients [-], shape (n_spans, 4 basis functions, 4 powers of xi); basis function k of
+        span s belongs to control point s + k.
+
+    Source: de Boor, A Practical Guide to Splines, 1978, ch. X.
+    """
+    n_spans = len(knots) - 2 * DEGREE - 1
+    index = np.arange(n_spans) + DEGREE
+    mid = 0.5 * (knots[index] + knots[index + 1])
+    half = 0.5 * (knots[index + 1] - knots[index])
+    basis = np.zeros((n_spans, 1, ACTIVE))
+    basis[:, 0, 0] = 1.0
+    for degree in range(1, DEGREE + 1):
+        raised = np.zeros((n_spans, degree + 1, ACTIVE))
+        for k in range(degree):
+            # Lower-degree function k lives on knots [left, right] and feeds its two neighbours.
+            left = knots[index - degree + 1 + k]
+            right = knots[index + 1 + k]
+            part = basis[:, k] / (right - left)[:, None]
+            shifted = np.zeros_like(part)
+            shifted[:, 1:] = part[:, :-1] * half[:, None]
+            raised[:, k + 1] += (mid - left)[:, None] * part + shifted
+            raised[:, k] += (right - mid)[:, None] * part - shifted
+        basis = raised
+    return basis
+
+
+def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array, float]:
+    """Span index, local coordinate xi in [-1, 1] and half span [m] for material coordinates u [m]."""
+    u = np.asarray(u, dtype=float)
+    n_spans = len(knots) - 2 * DEGREE - 1
+    length = knots[-1]
+    tolerance = 1e-9 * length
+    if u.size and (u.min() < -tolerance or u.max() > length + tolerance):
+        raise ValueError(f"material coordinate outside [0, {length:g}] m: {u.min():g} .. {u.max():g}")
+    width = length / n_spans
+    span = np.clip(np.floor(u / width).astype(np.int64), 0, n_spans - 1)
+    xi = 2.0 * (u - (span + 0.5) * width) / width
+    return span, np.clip(xi, -1.0, 1.0), 0.5 * width
+
+
+def active_basis(knots: Array, u: ArrayLike, derivative: int = 0) -> tuple[NDArray[np.int64], Array]:
+    """Values of the four active basis functions, or of a derivative with respect to u.
+
+    Args:
+        knots: from `clamped_knots`.
+        u: material coordinates [m], shape (m,).
+        derivative: 0 to 3; the third is constant on each span.
+
+    Returns:
+        First active control point, shape (m,), and values [1/m^derivative], shape (m, 4).
+    """
+    span, xi, half = locate(knots, u)
+    coefficients = span_polynomials(knots)[span]
+    for _ in range(derivative):
+        coefficients = coefficients[..., 1:] * np.arange(1, coefficients.shape[-1]) / half
+    values = np.zeros(coefficients.shape[:-1])
+    for power in range(coefficients.shape[-1] - 1, -1, -1):
+        values = values * xi[:, None] + coefficients[..., power]
+    return span, values
+
+
+def evaluate(control_points: Array, knots: Array, u: ArrayLike, derivative: int = 0) -> Array:
+    """Curve, or a derivative, at material coordinates u: sum_i b_i(u) q_i, shape (m, columns)."""
+    first, values = active_basis(knots, u, derivative)
+    columns = first[:, None] + np.arange(ACTIVE)
+    return np.einsum("mk,mkd->md", values, np.asarray(control_points)[columns])
+
+
+def greville(knots: Array) -> Array:
+    """Greville abscissae [m], shape (n,): sum_i b_i(u) g_i = u, so they place a straight cable."""
+    n = len(knots) - DEGREE - 1
+    return np.array([knots[i + 1 : i + 1 + DEGREE].mean() for i in range(n)])
+
+
+def interpolate(knots: Array, values: Array) -> Array:
+    """Control points of the spline that passes through `values` at the Greville abscissae."""
+    first, basis = active_basis(knots, greville(knots))
+    matrix = np.zeros((len(values), len(values)))
+    rows = np.arange(len(values))[:, None]
+    matrix[rows, first[:, None] + np.arange(ACTIVE)] = basis
+    return np.linalg.solve(matrix, values)

@@ -1,0 +1,108 @@
+"""The motion of one end effector over a short time, as a polynomial that kernels can evaluate.
+
+Position p(t) = p0 + p1 s + p2 s^2 and orientation q(t) = exp(w1 s + w2 s^2) q0 with s = clip(t -
+start, 0, duration): before the start and after the end the end effector rests. exp is the rotation
+vector's rotation in the world frame, applied on the left. It is the motion of the END EFFECTOR
+frame; the cable's attachment offset and tangent in it are not known here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.core import rotations
+
+Array = NDArray[np.float64]
+
+# A quaternion further from unit length than this is a mistake of the caller, not rounding.
+_NORM_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class EndMotion:
+    """Quadratic motion of an end effector from `start` for `duration`, at rest outside.
+
+    Attributes:
+        start: simulator time [s] at which the motion begins.
+        duration: length of the motion [s], >= 0.
+        position: rows p0 [m], p1 [m/s], p2 [m/s^2], shape (3, 3), world frame.
+        orientation: q0, unit quaternion x, y, z, w, shape (4,), end-effector frame to world.
+        rotation: rows w1 [rad/s], w2 [rad/s^2], shape (2, 3), world frame.
+
+    Raises: ValueError: wrong shape, a value that is not finite, a negative duration, or a
+        quaternion that is not unit.
+    """
+
+    start: float
+    duration: float
+    position: Array
+    orientation: Array
+    rotation: Array
+
+    def __post_init__(self) -> None:
+        for name, shape in (("position", (3, 3)), ("orientation", (4,)), ("rotation", (2, 3))):
+            value = np.array(getattr(self, name), dtype=float)
+            if value.shape != shape:
+                raise ValueError(f"end motion: {name} has shape {value.shape}, needs {shape}")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        total = float(self.position.sum() + self.rotation.sum() + self.start + self.duration)
+        if not np.isfinite(total):
+            raise ValueError("end motion: a coefficient or time is not finite")
+        if self.duration < 0.0:
+            raise ValueError(f"end motion: duration {self.duration:g} s is negative")
+        norm = float(np.linalg.norm(self.orientation))
+        if not abs(norm - 1.0) <= _NORM_TOLERANCE:  # written so that NaN fails
+            raise ValueError(f"end motion: orientation has norm {norm:g}, normalise it")
+
+    @classmethod
+    def resting(
+        cls, position: ArrayLike, orientation: ArrayLike = rotations.IDENTITY, start: float = 0.0
+    ) -> EndMotion:
+        """An end effector that stays where it is; position (3,) [m], orientation (4,)."""
+        coefficients = np.zeros((3, 3))
+        coefficients[0] = position
+        return cls(start, 0.0, coefficients, np.asarray(orientation, dtype=float), np.zeros((2, 3)))
+
+    @property
+    def end(self) -> float:
+        """Simulator time [s] from which the end effector rests again."""
+        return self.start + self.duration
+
+    def position_at(self, t: ArrayLike) -> Array:
+        """Position [m] at simulator time t [s], shape t.shape + (3,)."""
+        s = self._elapsed(t)
+        return np.asarray(self.position[0] + s * (self.position[1] + s * self.position[2]))
+
+    def velocity_at(self, t: ArrayLike) -> Array:
+        """Velocity [m/s] at t [s], shape t.shape + (3,); zero outside the motion, its limit from
+        inside at both ends.
+        """
+        s, moving = self._elapsed(t), self._moving(t)
+        return np.asarray(moving * (self.position[1] + 2.0 * s * self.position[2]))
+
+    def orientation_at(self, t: ArrayLike) -> Array:
+        """Orientation, unit quaternion x, y, z, w, at t [s], shape t.shape + (4,)."""
+        return rotations.multiply(
+            rotations.from_rotation_vector(self._rotation_vector(t)), self.orientation
+        )
+
+    def angular_velocity_at(self, t: ArrayLike) -> Array:
+        """Angular velocity [rad/s] in the world frame at t [s], shape t.shape + (3,)."""
+        s, moving = self._elapsed(t), self._moving(t)
+        rate = self.rotation[0] + 2.0 * s * self.rotation[1]
+        return moving * rotations.angular_velocity(self._rotation_vector(t), rate)
+
+    def _elapsed(self, t: ArrayLike) -> Array:
+        return np.clip(np.asarray(t, dtype=float) - self.start, 0.0, self.duration)[..., None]
+
+    def _moving(self, t: ArrayLike) -> Array:
+        s = np.asarray(t, dtype=float) - self.start
+        return np.asarray((s >= 0.0) & (s <= self.duration) & (self.duration > 0.0), dtype=float)[..., None]
+
+    def _rotation_vector(self, t: ArrayLike) -> Array:
+        s = self._elapsed(t)
+        return np.asarray(s * (self.rotation[0] + s * self.rotation[1]))

@@ -1,0 +1,188 @@
+"""Rotations as unit quaternions (x, y, z, w), vectorised over leading axes.
+
+Convention: a quaternion q of shape (..., 4) is stored x, y, z, w (the order of ROS messages) and
+rotates vectors from the body frame into the world frame. `multiply(a, b)` applies b first, then a.
+Rotation vectors are axis times angle [rad]. Nothing here normalises silently: pass unit
+quaternions, or call `normalized` first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+IDENTITY: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+# Below this angle [rad] the series of sin(a)/a and its kin are exact to rounding in double
+# precision.
+_SMALL = 1e-4
+
+
+def normalized(q: ArrayLike) -> Array:
+    """q / |q|, shape (..., 4).
+
+    Raises:
+        ValueError: if a quaternion is zero or not finite (it has no direction).
+    """
+    q = np.asarray(q, dtype=float)
+    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
+        raise ValueError("quaternion is zero or not finite: it gives no orientation")
+    return q / norm
+
+
+def multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """Hamilton product a b, shape (..., 4): the rotation b followed by the rotation a."""
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    ax, ay, az, aw = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bx, by, bz, bw = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    return np.stack(
+        (
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        ),
+        axis=-1,
+    )
+
+
+def conjugate(q: ArrayLike) -> Array:
+    """Inverse of unit quaternions, shape (..., 4)."""
+    return np.asarray(q, dtype=float) * np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+def rotate(q: ArrayLike, v: ArrayLike) -> Array:
+    """R(q) v, shape (..., 3): v = body coordinates in, world coordinates out."""
+    q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+    axis, w = q[..., :3], q[..., 3:]
+    t = 2.0 * np.cross(axis, v)
+    return np.asarray(v + w * t + np.cross(axis, t))
+
+
+def to_matrix(q: ArrayLike) -> Array:
+    """Rotation matrices R(q), shape (..., 3, 3); columns are the body axes in world coordinates."""
+    q = np.asarray(q, dtype=float)
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def from_matrix(matrix: ArrayLike) -> Array:
+    """Unit quaternions of rotation matrices (..., 3, 3), shape (..., 4), with w >= 0.
+
+    Takes the largest of the four squared components as divisor (Shepperd 1978), so no angle loses
+    digits.
+    """
+    m = np.asarray(matrix, dtype=float)
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    # The four rows of q q^T times 4, each a valid quaternion up to its norm.
+    sx, sy, sz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = (m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1])
+    candidates = np.stack(
+        [
+            np.stack((1 + xx - yy - zz, xy, xz, sx), axis=-1),
+            np.stack((xy, 1 - xx + yy - zz, yz, sy), axis=-1),
+            np.stack((xz, yz, 1 - xx - yy + zz, sz), axis=-1),
+            np.stack((sx, sy, sz, 1 + xx + yy + zz), axis=-1),
+        ],
+        axis=-2,
+    )
+    diagonal = np.diagonal(candidates, axis1=-2, axis2=-1)
+    best = np.argmax(diagonal, axis=-1)
+    q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
+    q = normalized(q)
+    return np.where(q[..., 3:] < 0.0, -q, q)
+
+
+def from_rotation_vector(rotation: ArrayLike) -> Array:
+    """exp(w) as quaternions, shape (..., 4), of rotation vectors (..., 3) [rad]."""
+    rotation = np.asarray(rotation, dtype=float)
+    angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
+    angle = np.sqrt(angle2)
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    factor = np.where(small, 0.5 - angle2 / 48.0, np.sin(0.5 * safe) / safe)
+    return np.concatenate((factor * rotation, np.cos(0.5 * angle)), axis=-1)
+
+
+def to_rotation_vector(q: ArrayLike) -> Array:
+    """log(q): the rotation vector of the shorter way, angle in [0, pi], shape (..., 3) [rad]."""
+    q = np.asarray(q, dtype=float)
+    q = np.where(q[..., 3:] < 0.0, -q, q)
+    axis, w = q[..., :3], q[..., 3:]
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    small = sine < _SMALL
+    safe = np.where(small, 1.0, sine)
+    # 2 atan2(s, w)/s = 2/w (1 - s^2/(3 w^2) + ...) for small s.
+    small_w = np.where(small, w, 1.0)
+    factor = np.where(
+        small,
+        2.0 / small_w * (1.0 - sine * sine / (3.0 * small_w * small_w)),
+        2.0 * np.arctan2(sine, w) / safe,
+    )
+    return np.asarray(factor * axis)
+
+
+def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
+    """Orientation a fraction of the shorter way from a to b, shape (..., 4); 0 gives a, 1 gives b
+    (or -b).
+    """
+    step = to_rotation_vector(multiply(b, conjugate(a)))
+    return multiply(from_rotation_vector(np.asarray(fraction, dtype=float)[..., None] * step), a)
+
+
+def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
+    """The rotation of smallest angle that takes direction u to direction v, shape (..., 4).
+
+    u and v, shape (..., 3), need not have unit length. Opposite directions have no unique answer:
+    half a turn about the axis perpendicular to u that is nearest to the coordinate axis least
+    aligned with u.
+
+    Raises:
+        ValueError: if a direction is zero or not finite.
+    """
+    u, v = _direction(u), _direction(v)
+    u, v = np.broadcast_arrays(u, v)
+    cosine = np.sum(u * v, axis=-1, keepdims=True)
+    # (u x v, 1 + u.v) has the right direction to about 1e-16 / |u x v|: good to 1e-8 at the cut below.
+    q = np.concatenate((np.cross(u, v), 1.0 + cosine), axis=-1)
+    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    opposite = norm < 1e-8
+    least = np.eye(3)[np.argmin(np.abs(u), axis=-1)]
+    side = np.cross(u, least)
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    half_turn = np.concatenate((side, np.zeros_like(cosine)), axis=-1)
+    return np.where(opposite, half_turn, q / np.where(opposite, 1.0, norm))
+
+
+def angular_velocity(rotation: ArrayLike, rate: ArrayLike) -> Array:
+    """World angular velocity [rad/s] of exp(w(t)): J(w) w', shape (..., 3).
+
+    J(w) w' = w' + (1 - cos a)/a^2 (w x w') + (a - sin a)/a^3 (w x (w x w')), a = |w| (left Jacobian of SO(3)).
+    """
+    rotation, rate = np.asarray(rotation, dtype=float), np.asarray(rate, dtype=float)
+    angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
+    small = angle2 < 1e-4  # a < 0.01: the series below is exact to rounding, the closed form loses digits
+    safe2 = np.where(small, 1.0, angle2)
+    safe = np.sqrt(safe2)
+    first = np.where(small, 0.5 - angle2 / 24.0 + angle2**2 / 720.0, (1.0 - np.cos(safe)) / safe2)
+    second = np.where(
+        small, 1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0, (safe - np.sin(safe)) / (safe2 * safe)
+    )
+    turn = np.cross(rotation, rate)
+    return np.asarray(rate + first * turn + second * np.cross(rotation, turn))
+
+
+def _direction(v: ArrayLike) -> Array:
+    v = np.asarray(v, dtype=float)
+    norm = np.linalg.norm(v, axis=-1, keepdims=True)
+    if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
+        raise ValueError("direction is zero or not finite: it gives no rotation")
+    return np.asarray(v / norm)

@@ -1,0 +1,407 @@
+"""Implicit steps: one Newton loop for the energy-momentum method and the implicit midpoint rule.
+
+With v_m = (q1 - q0) / tau and v_m = (v0 + v1) / 2 the momentum balance of the free DOFs is
+    (2 / tau^2) M (q1 - q0) - (2 / tau) M v0 = f(q0, q1),
+where f is minus the discrete gradient (`energy_momentum`) or the force at the midpoint
+(`implicit_midpoint`), plus loads and damping at the midpoint. Newton's method uses the exact
+tangent of everything but the geometry inside the viscosity. A step whose iteration does not
+converge is taken back and done in halves, quarters, ... down to 2^-MAX_HALVINGS.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.kernels.banded import factorize_row, multiply, quadratic_form, solve_row
+from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
+from dlo_sim.kernels.forces import clear, load_force
+from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.layout import DISSIPATED, DRIVE_WORK, EXCHANGED, FLOOR, LOAD_WORK
+from dlo_sim.kernels.matrix import (
+    add_load_stiffness,
+    add_mass,
+    add_springs,
+    eliminate,
+    hold_prescribed,
+    scatter_matrices,
+    span_matrices,
+    substitute,
+)
+from dlo_sim.kernels.observe import (
+    begin_sample,
+    end_sample,
+    kinetic_energy,
+    prescribed_column,
+    update_account,
+)
+from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends, drive_pull
+from dlo_sim.kernels.tangent import span_discrete_gradient
+
+NOT_CONVERGED = 2
+MAX_ITERATIONS = 14
+MAX_HALVINGS = 12
+ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
+
+
+@kernel
+def friction_beta(friction, tau):
+    """beta / tau of the Kelvin-Voigt damping."""
+    if friction is not None:
+        return friction.stiffness / tau
+    return 0.0
+
+
+@kernel
+def friction_force(friction, dx, n, tau, out):
+    """out -= C (q1 - q0) / tau of the linear damping, every row."""
+    if friction is not None:
+        for d in range(dx.shape[0]):
+            multiply(friction.viscous[d], n, dx[d], -1.0 / tau, out[d])
+
+
+@kernel
+def friction_stiffness(friction, n, dim, tau, band):
+    """Add C / tau to the band matrix."""
+    if friction is not None:
+        half = 4 * dim - 1
+        for d in range(dim):
+            for i in range(n):
+                r = i * dim + d
+                band[r, half] += friction.viscous[d, 0, i] / tau
+                for k in range(1, 4):
+                    if i + k < n:
+                        value = friction.viscous[d, k, i] / tau
+                        band[r, half + k * dim] += value
+                        band[r + k * dim, half - k * dim] += value
+
+
+@kernel
+def gravity_and_springs(x, gravity, springs, n, out):
+    """out += weight and spring forces at configuration x (spatial rows)."""
+    if gravity is not None:
+        for d in range(gravity.shape[0]):
+            for i in range(n):
+                out[d, i] += gravity[d, i]
+    if springs is not None:
+        for d in range(springs.stiffness.shape[1]):
+            out[d, 0] -= springs.stiffness[0, d] * (x[d, 0] - springs.anchor[0, d])
+            out[d, n - 1] -= springs.stiffness[1, d] * (x[d, n - 1] - springs.anchor[1, d])
+
+
+@kernel
+def elastic_discrete_force(
+    x, terms, work, solver, viscosity, tau, discrete, linearize, out
+):
+    """out -= discrete gradient between solver.start and x; returns the energy lost to viscosity.
+
+    Leaves the span Jacobian in solver.jacobian if `linearize`.
+    """
+    lattice, axes = terms.lattice, terms.axes
+    tangent_coefficients(x, lattice, axes, solver.p1)
+    if discrete:
+        for b in range(solver.p0.shape[0]):
+            for row in range(solver.p0.shape[1]):
+                for lane in range(solver.p0.shape[2]):
+                    solver.dp[b, row, lane] = solver.p1[b, row, lane] - solver.p0[b, row, lane]
+    else:
+        for b in range(solver.p0.shape[0]):
+            for row in range(solver.p0.shape[1]):
+                for lane in range(solver.p0.shape[2]):
+                    a, c = solver.p0[b, row, lane], solver.p1[b, row, lane]
+                    solver.dp[b, row, lane] = c - a
+                    solver.p1[b, row, lane] = 0.5 * (a + c)
+    lost = span_discrete_gradient(
+        solver.p0 if discrete else solver.p1,
+        solver.p1,
+        solver.dp,
+        lattice,
+        terms.stretch,
+        terms.bend,
+        terms.rest,
+        viscosity,
+        tau,
+        axes,
+        solver.scratch,
+        work.gradient,
+        solver.jacobian,
+        linearize,
+    )
+    scatter_gradient(work.gradient, lattice, axes, -1.0, out)
+    return lost
+
+
+@kernel
+def step_force(x, terms, friction, viscosity, work, solver, t, tau, discrete, linearize):
+    """All forces of the step between solver.start and x into work.force; energy lost to damping."""
+    n = terms.lattice.n
+    clear(work.force)
+    clear(work.load)
+    clear(solver.damping_force)
+    for d in range(x.shape[0]):
+        for i in range(n):
+            solver.middle[d, i] = 0.5 * (x[d, i] + solver.start[d, i])
+            work.before[d, i] = x[d, i] - solver.start[d, i]
+    lost = elastic_discrete_force(
+        x, terms, work, solver, viscosity, tau, discrete, linearize, work.force
+    )
+    gravity_and_springs(solver.middle, terms.gravity, terms.springs, n, work.force)
+    load_force(solver.middle, terms.loads, terms.axes, t + 0.5 * tau, work.load)
+    friction_force(friction, work.before, n, tau, solver.damping_force)
+    for d in range(x.shape[0]):
+        for i in range(n):
+            lost -= solver.damping_force[d, i] * work.before[d, i]
+            work.force[d, i] += work.load[d, i] + solver.damping_force[d, i]
+    return lost
+
+
+@kernel
+def momentum_residual(terms, work, solver, n, dim, tau):
+    """Residual of the momentum balance on the spatial rows, interleaved by control point."""
+    a = 2.0 / (tau * tau)
+    for d in range(dim):
+        band = terms.mass.band[d]
+        dx = work.before[d]
+        w = solver.start_w[d]
+        for i in range(n):
+            value = 0.0
+            for k in range(-3, 4):
+                j = i + k
+                if j >= 0 and j < n:
+                    mass = band[k, i] if k >= 0 else band[-k, j]
+                    value += mass * (a * dx[j] - 2.0 / tau * w[j])
+            solver.residual[i * dim + d] = work.force[d, i] - value
+
+
+@kernel
+def newton_matrix(terms, friction, solver, n, dim, t, tau):
+    """Tangent of the momentum balance into solver.band."""
+    add_mass(terms.mass.band, n, dim, 2.0 / (tau * tau), solver.band)
+    friction_stiffness(friction, n, dim, tau, solver.band)
+    span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
+    scatter_matrices(solver.matrices, n, dim, 1.0, solver.band)
+    add_springs(terms.springs, n, dim, 0.5, solver.band)
+    add_load_stiffness(solver.middle, terms.loads, terms.axes, t + 0.5 * tau, 0.5, solver.band)
+
+
+@kernel
+def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
+    """The twist row is linear: one symmetric solve. Expects work.force and load of the new shape."""
+    if twist is not None:
+        a = 2.0 / (tau * tau)
+        beta = friction_beta(friction, tau)
+        mass = terms.mass.band[row]
+        for k in range(4):
+            for i in range(n):
+                solver.twist_band[k, i] = a * mass[k, i] + (0.5 + beta) * twist.stiffness[k, i]
+        add_friction_band(friction, row, n, tau, solver.twist_band)
+        factorize_row(
+            solver.twist_band, terms.mass.free[row], n, solver.twist_lower, solver.twist_diagonal
+        )
+        rhs = work.force[row]
+        dx = work.before[row]
+        # dx holds the prescribed part; work.force the friction of that part and the loads.
+        multiply(twist.stiffness, n, solver.start[row], -1.0, rhs)
+        multiply(twist.stiffness, n, dx, -0.5 - beta, rhs)
+        multiply(mass, n, dx, -a, rhs)
+        multiply(mass, n, solver.start_w[row], 2.0 / tau, rhs)
+        solve_row(solver.twist_lower, solver.twist_diagonal, n, rhs)
+        for i in range(n):
+            x[row, i] += rhs[i]
+
+
+@kernel
+def add_friction_band(friction, row, n, tau, band):
+    """Add C / tau of one row to its symmetric band."""
+    if friction is not None:
+        for k in range(4):
+            for i in range(n):
+                band[k, i] += friction.viscous[row, k, i] / tau
+
+
+@kernel
+def twist_step_force(x, twist, friction, work, solver, n, row, tau):
+    """Twist forces of the finished step into work.force; returns the energy lost in twisting."""
+    lost = 0.0
+    if twist is not None:
+        beta = friction_beta(friction, tau)
+        multiply(twist.stiffness, n, solver.middle[row], -1.0, work.force[row])
+        multiply(twist.stiffness, n, work.before[row], -beta, work.force[row])
+        lost = beta * quadratic_form(twist.stiffness, n, work.before[row])
+    return lost
+
+
+@kernel
+def book_step(terms, drive, loads, work, state, lost, n):
+    """Add the step's works and losses to the ledger; work.force holds the step's total force."""
+    state.ledger[DISSIPATED] += lost
+    if loads is not None:
+        for d in range(work.load.shape[0]):
+            for i in range(n):
+                state.ledger[LOAD_WORK] += work.load[d, i] * work.before[d, i]
+    if drive is not None:
+        drive_pull(work.force, drive, terms.mass, n, work.pull)
+        for d in range(work.force.shape[0]):
+            for j in range(4):
+                moved = work.before[d, prescribed_column(j, n)]
+                state.ledger[DRIVE_WORK] -= work.pull[0, d, j] * moved
+
+
+@kernel
+def finish_momentum(w, drive, mass, solver, work, n, tau):
+    """w1 = 2 (dq_f + shift dq_p) / tau - w0."""
+    for d in range(w.shape[0]):
+        for i in range(n):
+            if mass.free[d, i] != 0.0:
+                w[d, i] = 2.0 / tau * work.before[d, i] - solver.start_w[d, i]
+    if drive is not None:
+        for d in range(w.shape[0]):
+            for j in range(4):
+                column = prescribed_column(j, n)
+                moved = work.before[d, column]
+                if mass.free[d, column] == 0.0 and moved != 0.0:
+                    for i in range(n):
+                        w[d, i] += 2.0 / tau * drive.shift[d, j, i] * moved
+
+
+@kernel
+def implicit_step(state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance):
+    """One step in place; returns (converged, iterations). On failure the state is unchanged."""
+    n = terms.lattice.n
+    dim = len(terms.axes)
+    x = state.position
+    rows = x.shape[0]
+    half = 4 * dim - 1
+    for d in range(rows):
+        for i in range(n):
+            solver.start[d, i] = x[d, i]
+            solver.start_w[d, i] = state.w[d, i]
+    tangent_coefficients(x, terms.lattice, terms.axes, solver.p0)
+    # Predictor: ends where they will be, free DOFs at constant w.
+    drive_ends(x, terms.drive, terms.springs, terms.mass, terms.axes, n, t0 + tau, work.ends)
+    for d in range(dim):
+        for i in range(n):
+            x[d, i] += tau * state.w[d, i]
+    scale = max(
+        max(state.ledger[EXCHANGED], kinetic_energy(state.w, terms.mass, n)), state.ledger[FLOOR]
+    )
+    reach = 0.0  # size of the configuration, for the round-off floor of the iteration
+    for d in range(dim):
+        for i in range(n):
+            reach = max(reach, abs(x[d, i]))
+    converged = False
+    iterations = 0
+    lost = 0.0
+    previous = np.inf
+    while iterations < MAX_ITERATIONS:
+        iterations += 1
+        step_force(x, terms, friction, viscosity, work, solver, t0, tau, discrete, True)
+        momentum_residual(terms, work, solver, n, dim, tau)
+        newton_matrix(terms, friction, solver, n, dim, t0, tau)
+        hold_prescribed(terms.mass.free, n, dim, solver.band, solver.residual)
+        for r in range(n * dim):
+            work.v1[r % dim, r // dim] = solver.residual[r]
+        if not eliminate(solver.band, n * dim, half):
+            break
+        substitute(solver.band, n * dim, half, solver.residual)
+        energy = 0.0
+        change = 0.0
+        for r in range(n * dim):
+            d, i = r % dim, r // dim
+            x[d, i] += solver.residual[r]
+            energy += abs(solver.residual[r] * work.v1[d, i])
+            change = max(change, abs(solver.residual[r]))
+        if not energy < 1e300:
+            break
+        if iterations == 1:
+            scale = max(scale, energy)
+        if energy <= tolerance * scale or change <= ROUND_OFF * reach:
+            converged = True
+            break
+        if iterations > 6 and energy > 4.0 * previous:
+            break
+        previous = energy
+    if converged:
+        step_force(x, terms, friction, viscosity, work, solver, t0, tau, discrete, False)
+        solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
+        lost = step_force(x, terms, friction, viscosity, work, solver, t0, tau, discrete, False)
+        lost += twist_step_force(x, terms.twist, friction, work, solver, n, dim, tau)
+        finish_momentum(state.w, terms.drive, terms.mass, solver, work, n, tau)
+        book_step(terms, terms.drive, terms.loads, work, state, lost, n)
+        return True, iterations
+    for d in range(rows):
+        for i in range(n):
+            x[d, i] = solver.start[d, i]
+    return False, iterations
+
+
+@kernel
+def implicit_step_halving(
+    state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance
+):
+    """One step, done in smaller pieces where Newton does not converge: (status, iterations)."""
+    total = 0
+    level = 0
+    done = 0  # in units of tau 2^-MAX_HALVINGS
+    whole = 1 << MAX_HALVINGS
+    while done < whole:
+        piece = whole >> level
+        converged, used = implicit_step(
+            state,
+            terms,
+            friction,
+            viscosity,
+            work,
+            solver,
+            t0 + tau * done / whole,
+            tau * piece / whole,
+            discrete,
+            tolerance,
+        )
+        total += used
+        if converged:
+            done += piece
+            # Grow again only where the larger piece is aligned, so that pieces nest.
+            if level > 0 and done % (2 * piece) == 0:
+                level -= 1
+        elif level == MAX_HALVINGS:
+            return NOT_CONVERGED, total
+        else:
+            level += 1
+    return OK, total
+
+
+@kernel
+def advance_implicit(
+    state,
+    terms,
+    friction,
+    viscosity,
+    work,
+    solver,
+    first_step,
+    steps,
+    tau,
+    discrete,
+    tolerance,
+    recorder,
+):
+    """Advance by whole steps; returns (status, steps done, Newton iterations).
+
+    `viscosity` is None without stiffness damping, else beta. The energy account is updated every step.
+    """
+    iterations = 0
+    for step in range(first_step, first_step + steps):
+        t0 = step * tau
+        sampling = begin_sample(state, terms, work, recorder, t0, tau)
+        status, used = implicit_step_halving(
+            state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance
+        )
+        iterations += used
+        if status != OK:
+            return status, step - first_step, iterations
+        _, sane = update_account(state, terms, work)
+        if not sane:
+            return DIVERGED, step - first_step, iterations
+        if sampling:
+            end_sample(state, terms, work, recorder, t0, tau)
+    return OK, steps, iterations

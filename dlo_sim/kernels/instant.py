@@ -1,0 +1,106 @@
+"""Forces and stiffness at one instant: for reactions at the ends, frequencies and statics."""
+
+from __future__ import annotations
+
+from dlo_sim.kernels.banded import multiply
+from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
+from dlo_sim.kernels.forces import clear, conservative_force, load_force
+from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.matrix import add_springs, scatter_matrices, span_matrices
+from dlo_sim.kernels.tangent import span_discrete_gradient
+
+
+@kernel
+def add_friction(v, terms, friction, viscosity, work, solver, out):
+    """out += damping forces at velocities v; expects solver.p1 for the present configuration."""
+    if friction is not None:
+        n = terms.lattice.n
+        for d in range(v.shape[0]):
+            multiply(friction.viscous[d], n, v[d], -1.0, out[d])
+        add_viscosity(v, terms, friction, viscosity, work, solver, out)
+
+
+@kernel
+def add_viscosity(v, terms, friction, viscosity, work, solver, out):
+    """out += Kelvin-Voigt forces at velocities v."""
+    if viscosity is not None:
+        n = terms.lattice.n
+        tangent_coefficients(v, terms.lattice, terms.axes, solver.dp)
+        for b in range(solver.dp.shape[0]):
+            for lane in range(solver.dp.shape[2]):
+                solver.dp[b, 0, lane] -= terms.lattice.padding[b, lane]
+        # Viscous stresses alone: the same gradient without and with them, for unit time.
+        for viscous in range(2):
+            for b in range(solver.dp.shape[0]):
+                if viscous == 0:
+                    for row in range(solver.dp.shape[1]):
+                        for lane in range(solver.dp.shape[2]):
+                            solver.p0[b, row, lane] = solver.dp[b, row, lane]
+                            solver.dp[b, row, lane] = 0.0
+                else:
+                    for row in range(solver.dp.shape[1]):
+                        for lane in range(solver.dp.shape[2]):
+                            solver.dp[b, row, lane] = solver.p0[b, row, lane]
+            span_discrete_gradient(
+                solver.p1,
+                solver.p1,
+                solver.dp,
+                terms.lattice,
+                terms.stretch,
+                terms.bend,
+                None,
+                viscosity,
+                1.0,
+                terms.axes,
+                solver.scratch,
+                work.gradient,
+                solver.jacobian,
+                False,
+            )
+            scale = 1.0 if viscous == 0 else -1.0
+            scatter_gradient(work.gradient, terms.lattice, terms.axes, scale, out)
+        add_twist_viscosity(v, terms.twist, viscosity, n, len(terms.axes), out)
+
+
+@kernel
+def add_twist_viscosity(v, twist, viscosity, n, row, out):
+    """out += Kelvin-Voigt moment of the twist row."""
+    if twist is not None:
+        multiply(twist.stiffness, n, v[row], -viscosity, out[row])
+
+
+@kernel
+def instant_force(x, v, terms, friction, viscosity, work, solver, t, out):
+    """All forces on the control points at one instant, without the ends' reactions."""
+    conservative_force(x, terms, work, out)
+    load_force(x, terms.loads, terms.axes, t, out)
+    tangent_coefficients(x, terms.lattice, terms.axes, solver.p1)
+    add_friction(v, terms, friction, viscosity, work, solver, out)
+
+
+@kernel
+def stiffness_band(x, terms, work, solver):
+    """Hessian of the potential energy of the spatial rows into solver.band."""
+    n = terms.lattice.n
+    dim = len(terms.axes)
+    clear(solver.band)
+    tangent_coefficients(x, terms.lattice, terms.axes, solver.p1)
+    span_discrete_gradient(
+        solver.p1,
+        solver.p1,
+        solver.p1,
+        terms.lattice,
+        terms.stretch,
+        terms.bend,
+        terms.rest,
+        None,
+        1.0,
+        terms.axes,
+        solver.scratch,
+        work.gradient,
+        solver.jacobian,
+        True,
+    )
+    span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
+    scatter_matrices(solver.matrices, n, dim, 2.0, solver.band)
+    add_springs(terms.springs, n, dim, 1.0, solver.band)

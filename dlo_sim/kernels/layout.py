@@ -1,0 +1,230 @@
+"""Array layouts that the kernels share.
+
+Knot spans are the vector lanes: spans are grouped in blocks of LANES, and every quantity of a block
+is a row of LANES numbers. Lanes beyond the last span are padding with weight zero and a unit
+tangent, so that they cost nothing but arithmetic and never divide by zero.
+
+A configuration is an array of rows (lines) x control points: one row per spatial axis, and the
+twist angle as a further row where the scene has twist. A planar scene has two spatial rows.
+
+A term that a scene does not have is passed as None. numba compiles one version per combination of
+types and prunes `if term is not None` when `term` is an argument of the function, so an absent term
+does not exist in the machine code. That is why every optional term is an argument of its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+LANES = 8
+Array = NDArray[np.float64]
+
+
+class Lattice(NamedTuple):
+    """Spline and quadrature of one cable, grouped in blocks of spans.
+
+    Attributes:
+        xi, weights: samples, shape (blocks, m, LANES); weights [m].
+        extraction: maps four control points to the coefficients of r' = A + B xi + C xi^2 [1/m],
+            rows 3 k + (0, 1, 2) for active control point k; shape (blocks, 12, LANES).
+        padding: 1 on lanes without a span, else 0; shape (blocks, LANES).
+        slope: d xi / d u = 2 / h [1/m].
+        n: number of control points. Position arrays have shape (dim, blocks * LANES + 3).
+    """
+
+    xi: Array
+    weights: Array
+    extraction: Array
+    padding: Array
+    slope: float
+    n: int
+
+
+class Stretch(NamedTuple):
+    """Axial stiffness EA [N]."""
+
+    stiffness: float
+
+
+class Bend(NamedTuple):
+    """Bending stiffness EI [N m^2]."""
+
+    stiffness: float
+
+
+class RestCurvature(NamedTuple):
+    """Natural curvature about a fixed axis: weighted moment EI kappa0 per sample, shape like
+    Lattice.xi, and the axis, shape (3,) (rotates with the start)."""
+
+    moment: Array
+    axis: Array
+
+
+class Twist(NamedTuple):
+    """Plain twist rate theta': the matrix GJ integral b_i' b_j' du as lower diagonals, (4, n)."""
+
+    stiffness: Array
+
+
+class Springs(NamedTuple):
+    """Springs of the two ends to their anchors: stiffness [N/m] and anchor [m], shape (2, dim)."""
+
+    stiffness: Array
+    anchor: Array
+
+
+class Loads(NamedTuple):
+    """Point wrenches at fixed material coordinates.
+
+    Attributes:
+        first: first active control point, shape (k,).
+        basis, slope: the four active basis values [-] and derivatives [1/m], shape (k, 4).
+        force, torque: amplitudes in the world frame, shape (k, dim) [N] and (k, 3) [N m].
+        frequency: 0 for a constant load, else the load is amplitude * sin(2 pi f t); shape (k,).
+    """
+
+    first: NDArray[np.int64]
+    basis: Array
+    slope: Array
+    force: Array
+    torque: Array
+    frequency: Array
+
+
+class Drive(NamedTuple):
+    """Motion of the two ends; see `kernels.ends` for the columns of `motion`, shape (2, 39).
+
+    shift: response of the free DOFs to prescribed ones, M_ff^-1 M_fp, shape (rows, 4, width), for
+        control points 0, 1, n - 2, n - 1; zero where such a DOF is free.
+    """
+
+    motion: Array
+    shift: Array
+
+
+class Mass(NamedTuple):
+    """Mass of every row with the prescribed DOFs taken out.
+
+    Attributes:
+        band: lower diagonals, shape (rows, 4, n) [kg], [kg m^2] for twist.
+        lower, inverse_diagonal: LDL^T factors, shapes (rows, 3, n) and (rows, n).
+        free: 1 where a DOF is solved for, 0 where it is prescribed, shape (rows, n).
+    """
+
+    band: Array
+    lower: Array
+    inverse_diagonal: Array
+    free: Array
+
+
+class Terms(NamedTuple):
+    """Everything a step needs of a scene.
+
+    axes: world axis of each spatial row. gravity: generalised weight, shape (dim, n) [N].
+    decay: rate of the exactly integrated mass-proportional damping [1/s].
+    """
+
+    lattice: Lattice
+    mass: Mass
+    stretch: Stretch | None
+    bend: Bend | None
+    rest: RestCurvature | None
+    twist: Twist | None
+    gravity: Array | None
+    springs: Springs | None
+    loads: Loads | None
+    drive: Drive | None
+    decay: float | None
+    axes: tuple[int, ...]
+
+
+class Work(NamedTuple):
+    """Scratch arrays of one simulator, so that no step allocates.
+
+    coefficients, gradient: (blocks, 3 dim, LANES); force, load, load_before, before, v0, v1:
+    (rows, width); ends: (rows, 4); pull: (2, rows, 4).
+    """
+
+    coefficients: Array
+    gradient: Array
+    force: Array
+    load: Array
+    load_before: Array
+    before: Array
+    ends: Array
+    pull: Array
+    v0: Array
+    v1: Array
+
+
+class State(NamedTuple):
+    """Configuration and momentum, each of shape (rows, width), and the energy account.
+
+    The velocity-like variable is w = M_ff^-1 p_f, where p_f = (M v)_f is the momentum conjugate to
+    the free DOFs: v_f = w - M_ff^-1 M_fp v_p. For ends at rest w is the velocity; for driven ends it
+    makes the drift exact (q_f + M_ff^-1 M_fp q_p moves at constant rate w).
+    """
+
+    position: Array
+    w: Array
+    ledger: Array
+
+
+class Friction(NamedTuple):
+    """Linear damping: (alpha M + drag) of every row, shape (rows, 4, n), and beta [s]."""
+
+    viscous: Array
+    stiffness: float
+
+
+class Solver(NamedTuple):
+    """Scratch of the implicit step (see `kernels.matrix` for the band storage).
+
+    start, coefficients of the two configurations and of their difference; per-sample scratch; span
+    and band matrices; residual and total force; LDL^T factors of the twist row.
+    """
+
+    start: Array
+    start_w: Array
+    middle: Array
+    p0: Array
+    p1: Array
+    dp: Array
+    scratch: Array
+    jacobian: Array
+    matrices: Array
+    band: Array
+    residual: Array
+    damping_force: Array
+    twist_band: Array
+    twist_lower: Array
+    twist_diagonal: Array
+
+
+class Recorder(NamedTuple):
+    """Samples taken while stepping: times [s], positions (T, rows, n), energies (T,) [J].
+
+    `next` holds the index of the next sample, shape (1,); `before` the positions before a step.
+    """
+
+    times: Array
+    positions: Array
+    energies: Array
+    next: NDArray[np.int64]
+    before: Array
+
+
+# Entries of State.ledger [J]: the energy account of a run.
+LOAD_WORK = 0  # work done by loads on the cable
+DRIVE_WORK = 1  # work done by moved ends, without the kinetic energy of the ends' own motion
+DISSIPATED = 2
+ENERGY_START = 3  # of the free motion: kinetic energy of w plus potential
+ENERGY_ERROR = 4  # largest |energy - start - work + dissipated| so far
+EXCHANGED = 5  # largest kinetic energy, work or change of one potential so far
+FLOOR = 6  # energy below which differences mean nothing
+BOOKED = 7  # 1 once Work holds the forces of an earlier evaluation
+POTENTIAL_START = 8  # stretch, bend, twist, gravity, spring
+LEDGER_SIZE = 13

@@ -1,0 +1,202 @@
+"""Looking at a state without changing it: velocities, energies, divergence, samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.kernels.banded import quadratic_form
+from dlo_sim.kernels.elastic import elastic_energy, tangent_coefficients
+from dlo_sim.kernels.ends import end_velocities
+from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.layout import (
+    BOOKED,
+    DISSIPATED,
+    DRIVE_WORK,
+    ENERGY_ERROR,
+    ENERGY_START,
+    EXCHANGED,
+    FLOOR,
+    LOAD_WORK,
+    POTENTIAL_START,
+)
+
+DIVERGED_SHARE = 0.5  # of the energy exchanged so far; a usable run stays far below
+
+
+@kernel
+def prescribed_column(j, n):
+    """Control point of column j of a shift matrix."""
+    return j if j < 2 else n - 4 + j
+
+
+@kernel
+def add_drive_velocity(drive, free, t, n, axes, out):
+    """Turn w into velocities: prescribed values in place, v_f = w - shift v_p."""
+    if drive is not None:
+        end_velocities(drive.motion, t, n, axes, free, out)
+        for j in range(4):
+            column = prescribed_column(j, n)
+            for d in range(out.shape[0]):
+                rate = out[d, column]
+                if free[d, column] == 0.0 and rate != 0.0:
+                    for i in range(n):
+                        # shift vanishes on prescribed rows, so `rate` itself stays
+                        out[d, i] -= drive.shift[d, j, i] * rate
+
+
+@kernel
+def velocities(w, terms, t, out):
+    """Velocities of all control points at time t, from the momentum variable w."""
+    n = terms.lattice.n
+    for d in range(out.shape[0]):
+        for i in range(n):
+            out[d, i] = w[d, i]
+    add_drive_velocity(terms.drive, terms.mass.free, t, n, terms.axes, out)
+
+
+@kernel
+def twist_energy(x, twist, n, row):
+    """Twisting energy [J]."""
+    if twist is not None:
+        return 0.5 * quadratic_form(twist.stiffness, n, x[row])
+    return 0.0
+
+
+@kernel
+def gravity_energy(x, gravity, n):
+    """Energy in the field of gravity [J], zero at the world's origin."""
+    total = 0.0
+    if gravity is not None:
+        for d in range(gravity.shape[0]):
+            for i in range(n):
+                total -= gravity[d, i] * x[d, i]
+    return total
+
+
+@kernel
+def spring_energy(x, springs, n):
+    """Energy of the end springs [J]."""
+    total = 0.0
+    if springs is not None:
+        for d in range(springs.stiffness.shape[1]):
+            start = x[d, 0] - springs.anchor[0, d]
+            end = x[d, n - 1] - springs.anchor[1, d]
+            total += 0.5 * springs.stiffness[0, d] * start * start
+            total += 0.5 * springs.stiffness[1, d] * end * end
+    return total
+
+
+@kernel
+def potentials(x, terms, work):
+    """Stretch, bend, twist, gravity and spring energy [J]."""
+    n = terms.lattice.n
+    tangent_coefficients(x, terms.lattice, terms.axes, work.coefficients)
+    stretch, bend = elastic_energy(
+        work.coefficients, terms.lattice, terms.stretch, terms.bend, terms.rest, terms.axes
+    )
+    return (
+        stretch,
+        bend,
+        twist_energy(x, terms.twist, n, len(terms.axes)),
+        gravity_energy(x, terms.gravity, n),
+        spring_energy(x, terms.springs, n),
+    )
+
+
+@kernel
+def kinetic_energy(w, mass, n):
+    """w^T M w / 2 [J]. For w it is the energy of the free motion, for velocities all of it."""
+    total = 0.0
+    for d in range(w.shape[0]):
+        total += 0.5 * quadratic_form(mass.band[d], n, w[d])
+    return total
+
+
+@kernel
+def start_account(state, terms, work):
+    """Open the energy account at the present state."""
+    ledger = state.ledger
+    parts = potentials(state.position, terms, work)
+    total = kinetic_energy(state.w, terms.mass, terms.lattice.n)
+    for i in range(5):
+        ledger[POTENTIAL_START + i] = parts[i]
+        total += parts[i]
+    ledger[LOAD_WORK] = 0.0
+    ledger[DRIVE_WORK] = 0.0
+    ledger[DISSIPATED] = 0.0
+    ledger[ENERGY_START] = total
+    ledger[ENERGY_ERROR] = 0.0
+    ledger[EXCHANGED] = 0.0
+    ledger[BOOKED] = 0.0
+
+
+@kernel
+def update_account(state, terms, work):
+    """Compare the energy with work done and energy lost; returns (energy [J], still sane)."""
+    ledger = state.ledger
+    kinetic = kinetic_energy(state.w, terms.mass, terms.lattice.n)
+    parts = potentials(state.position, terms, work)
+    total = kinetic
+    exchanged = max(ledger[EXCHANGED], kinetic)
+    for i in range(5):
+        total += parts[i]
+        exchanged = max(exchanged, abs(parts[i] - ledger[POTENTIAL_START + i]))
+    exchanged = max(exchanged, max(abs(ledger[LOAD_WORK]), abs(ledger[DRIVE_WORK])))
+    error = abs(
+        total
+        - ledger[ENERGY_START]
+        - ledger[LOAD_WORK]
+        - ledger[DRIVE_WORK]
+        + ledger[DISSIPATED]
+    )
+    ledger[EXCHANGED] = exchanged
+    ledger[ENERGY_ERROR] = max(ledger[ENERGY_ERROR], error)
+    sane = np.isfinite(total) and error <= DIVERGED_SHARE * exchanged + ledger[FLOOR]
+    return total, sane
+
+
+@kernel
+def begin_sample(state, terms, work, recorder, t0, tau):
+    """Keep the state before a step if a sample falls into it; true if so."""
+    if recorder is not None:
+        k = recorder.next[0]
+        if k < recorder.times.shape[0] and recorder.times[k] <= t0 + tau * (1.0 + 1e-9):
+            for d in range(state.position.shape[0]):
+                for i in range(terms.lattice.n):
+                    recorder.before[d, i] = state.position[d, i]
+            velocities(state.w, terms, t0, work.v0)
+            return True
+    return False
+
+
+@kernel
+def end_sample(state, terms, work, recorder, t0, tau):
+    """Store every sample time inside the step: cubic Hermite between the states at its two ends.
+
+    The energy is that of the state at the end of the step.
+    """
+    if recorder is not None:
+        n = terms.lattice.n
+        velocities(state.w, terms, t0 + tau, work.v1)
+        energy, _ = update_account(state, terms, work)
+        while recorder.next[0] < recorder.times.shape[0]:
+            k = recorder.next[0]
+            s = (recorder.times[k] - t0) / tau
+            if s > 1.0 + 1e-9:
+                break
+            a = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
+            b = s * (1.0 - s) * (1.0 - s) * tau
+            c = s * s * (3.0 - 2.0 * s)
+            e = s * s * (s - 1.0) * tau
+            if abs(s - 1.0) < 1e-9:
+                a, b, c, e = 0.0, 0.0, 1.0, 0.0
+            for d in range(state.position.shape[0]):
+                for i in range(n):
+                    recorder.positions[k, d, i] = (
+                        a * recorder.before[d, i]
+                        + b * work.v0[d, i]
+                        + c * state.position[d, i]
+                        + e * work.v1[d, i]
+                    )
+            recorder.energies[k] = energy
+            recorder.next[0] = k + 1

@@ -1,0 +1,204 @@
+"""The one loop that executes every drift/kick method (see `dlo_sim.core.methods`).
+
+A step is: for each stage, drift q by c_i tau w, then kick w by d_i tau M^-1 f(q). Driven ends are
+placed at the stage's own time and the free DOFs are carried along exactly (see `layout.State`).
+Mass-proportional damping is an exactly solved flow of its own, half before and half after the
+drift/kick step, and only offered for methods without negative weights.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.kernels.banded import solve_rows
+from dlo_sim.kernels.ends import move_anchors, place_ends
+from dlo_sim.kernels.forces import clear, conservative_force, load_force
+from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.layout import BOOKED, DISSIPATED, DRIVE_WORK, LOAD_WORK
+from dlo_sim.kernels.observe import (
+    begin_sample,
+    end_sample,
+    kinetic_energy,
+    prescribed_column,
+    update_account,
+)
+
+OK = 0
+DIVERGED = 1
+
+
+@kernel
+def drive_ends(x, drive, springs, mass, axes, n, t, ends):
+    """Put driven ends where they are at time t and carry the free DOFs along."""
+    if drive is not None:
+        rows = x.shape[0]
+        for d in range(rows):
+            for j in range(4):
+                ends[d, j] = x[d, prescribed_column(j, n)]
+        place_ends(drive.motion, t, n, axes, x)
+        move_anchors(drive.motion, springs, t, axes)
+        for j in range(4):
+            column = prescribed_column(j, n)
+            for d in range(rows):
+                moved = x[d, column] - ends[d, j]
+                if mass.free[d, column] == 0.0 and moved != 0.0:
+                    for i in range(n):
+                        x[d, i] -= drive.shift[d, j, i] * moved
+
+
+@kernel
+def drift(state, terms, work, t, dt):
+    """Move every DOF over dt to time t: free ones at rate w, driven ends to their place."""
+    n = terms.lattice.n
+    x = state.position
+    drive_ends(x, terms.drive, terms.springs, terms.mass, terms.axes, n, t, work.ends)
+    for d in range(x.shape[0]):
+        for i in range(n):
+            x[d, i] += dt * state.w[d, i]
+
+
+@kernel
+def drive_pull(force, drive, mass, n, pull):
+    """Force on each driven DOF, reduced to the free motion: pull[0] = f_p - shift^T f_f."""
+    if drive is not None:
+        for d in range(force.shape[0]):
+            for j in range(4):
+                pull[1, d, j] = pull[0, d, j]
+                column = prescribed_column(j, n)
+                value = 0.0
+                if mass.free[d, column] == 0.0:
+                    value = force[d, column]
+                    for i in range(n):
+                        value -= drive.shift[d, j, i] * force[d, i]
+                pull[0, d, j] = value
+
+
+@kernel
+def add_loads(x, loads, axes, t, work):
+    """Add the loads at time t to work.force and remember them in work.load."""
+    if loads is not None:
+        for d in range(work.load.shape[0]):
+            for i in range(work.load.shape[1]):
+                work.load_before[d, i] = work.load[d, i]
+        clear(work.load)
+        load_force(x, loads, axes, t, work.load)
+        for d in range(work.load.shape[0]):
+            for i in range(work.load.shape[1]):
+                work.force[d, i] += work.load[d, i]
+
+
+@kernel
+def book_loads(state, loads, n, work):
+    """Work of the loads since the last evaluation, by the trapezoidal rule."""
+    if loads is not None:
+        done = 0.0
+        for d in range(state.position.shape[0]):
+            for i in range(n):
+                moved = state.position[d, i] - work.before[d, i]
+                done += 0.5 * (work.load[d, i] + work.load_before[d, i]) * moved
+        state.ledger[LOAD_WORK] += done
+
+
+@kernel
+def book_drive(state, drive, n, work):
+    """Work of the driven ends since the last evaluation, by the trapezoidal rule."""
+    if drive is not None:
+        done = 0.0
+        for d in range(state.position.shape[0]):
+            for j in range(4):
+                column = prescribed_column(j, n)
+                moved = state.position[d, column] - work.before[d, column]
+                done -= 0.5 * (work.pull[0, d, j] + work.pull[1, d, j]) * moved
+        state.ledger[DRIVE_WORK] += done
+
+
+@kernel
+def remember(state, loads, drive, n, work):
+    """Keep the positions that the booked work counts from."""
+    if loads is not None or drive is not None:
+        for d in range(state.position.shape[0]):
+            for i in range(n):
+                work.before[d, i] = state.position[d, i]
+        state.ledger[BOOKED] = 1.0
+
+
+@kernel
+def evaluate(state, terms, work, t):
+    """All forces at the present configuration into work.force; their work into the ledger."""
+    n = terms.lattice.n
+    conservative_force(state.position, terms, work, work.force)
+    add_loads(state.position, terms.loads, terms.axes, t, work)
+    drive_pull(work.force, terms.drive, terms.mass, n, work.pull)
+    if state.ledger[BOOKED] != 0.0:
+        book_loads(state, terms.loads, n, work)
+        book_drive(state, terms.drive, n, work)
+    remember(state, terms.loads, terms.drive, n, work)
+
+
+@kernel
+def decay_flow(state, mass, decay, n, dt):
+    """Exact flow of the mass-proportional damping over dt."""
+    if decay is not None:
+        factor = np.exp(-decay * dt)
+        lost = kinetic_energy(state.w, mass, n) * (1.0 - factor * factor)
+        for d in range(state.w.shape[0]):
+            for i in range(n):
+                state.w[d, i] *= factor
+        state.ledger[DISSIPATED] += lost
+
+
+@kernel
+def splitting_step(state, terms, work, drift_weights, kick_weights, t0, tau, fresh):
+    """One step; `fresh` says that work.force holds the accelerations of the present state.
+
+    Returns (fresh after the step, force evaluations).
+    """
+    n = terms.lattice.n
+    evaluations = 0
+    elapsed = 0.0
+    decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
+    for stage in range(len(drift_weights)):
+        c = drift_weights[stage]
+        if c != 0.0:
+            elapsed += c
+            drift(state, terms, work, t0 + elapsed * tau, c * tau)
+            fresh = False
+        if kick_weights[stage] != 0.0:
+            if not fresh:
+                evaluate(state, terms, work, t0 + elapsed * tau)
+                solve_rows(terms.mass.lower, terms.mass.inverse_diagonal, n, work.force)
+                evaluations += 1
+                fresh = True
+            dt = kick_weights[stage] * tau
+            for d in range(state.w.shape[0]):
+                for i in range(n):
+                    state.w[d, i] += dt * work.force[d, i]
+    decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
+    return fresh, evaluations
+
+
+@kernel
+def advance_splitting(
+    state, terms, work, drift_weights, kick_weights, first_step, steps, tau, guard, recorder
+):
+    """Advance by whole steps from time first_step * tau.
+
+    Returns (OK or DIVERGED, steps done, force evaluations). Every `guard` steps (counted from time
+    zero, so that splitting a run into calls changes nothing) the energy account is checked.
+    """
+    evaluations = 0
+    fresh = False
+    for step in range(first_step, first_step + steps):
+        t0 = step * tau
+        sampling = begin_sample(state, terms, work, recorder, t0, tau)
+        fresh, used = splitting_step(
+            state, terms, work, drift_weights, kick_weights, t0, tau, fresh
+        )
+        evaluations += used
+        if (step + 1) % guard == 0:
+            _, sane = update_account(state, terms, work)
+            if not sane:
+                return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(state, terms, work, recorder, t0, tau)
+    return OK, steps, evaluations

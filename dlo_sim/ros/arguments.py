@@ -1,0 +1,104 @@
+"""Command line and environment of the node, before rclpy sees them.
+
+rcl refuses a list that mixes integers and decimals ("[0, 0, -9.81]"), which everywhere else in a scene file is fine;
+such lists are written out as decimals for it. A params file that does not exist or is not YAML is refused in one line.
+"""
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from dlo_sim.scene.loading import SceneError
+
+_PARAMS_FILE = "--params-file"
+_PARAMETER = ("-p", "--param")
+
+
+@contextmanager
+def arguments_for_rcl(arguments: Sequence[str]) -> Iterator[list[str]]:
+    """The arguments as rcl can read them; rewritten files live as long as the context.
+
+    Args:
+        arguments: command line without the program's name, for example `--ros-args --params-file scene.yaml`.
+
+    Raises:
+        SceneError: an argument that is not for ROS, or a params file that cannot be read.
+    """
+    with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+        prepared: list[str] = []
+        in_ros_section = False
+        previous = ""
+        for argument in arguments:
+            if argument in ("--ros-args", "--"):
+                in_ros_section = argument == "--ros-args"
+            elif not in_ros_section:
+                raise SceneError(
+                    f"{argument!r} is not an argument of the node; give ROS arguments, as in "
+                    "--ros-args --params-file scene.yaml"
+                )
+            elif previous == _PARAMS_FILE:
+                argument = _readable_file(argument, Path(folder) / f"{len(prepared)}.yaml")
+            elif previous in _PARAMETER:
+                argument = _readable_rule(argument)
+            prepared.append(argument)
+            previous = argument
+        yield prepared
+
+
+def _readable_file(source: str, rewritten: Path) -> str:
+    """The params file, or a copy of it in which rcl can read every list."""
+    yaml = YAML(typ="rt")
+    try:
+        document = yaml.load(Path(source).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SceneError(
+            f"{source}: cannot be read ({error.strerror}); check the path after {_PARAMS_FILE}"
+        ) from None
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise SceneError(f"{source}: is not YAML{_where(error)}; correct the file") from None
+    if not _write_out_decimals(document):
+        return source
+    with rewritten.open("w", encoding="utf-8") as stream:
+        yaml.dump(document, stream)
+    return str(rewritten)
+
+
+def _readable_rule(rule: str) -> str:
+    """`name:=value` with a mixed list written out; anything else is left for rcl to judge."""
+    name, separator, text = rule.partition(":=")
+    try:
+        value = YAML(typ="safe", pure=True).load(text)
+    except YAMLError:
+        return rule
+    if separator and _write_out_decimals(value):
+        return f"{name}:={value}"
+    return rule
+
+
+def _write_out_decimals(node: Any) -> bool:
+    """Turn the integers of lists that also hold decimals into decimals, in place.
+
+    Returns:
+        Whether anything was changed.
+    """
+    if isinstance(node, dict):
+        return any([_write_out_decimals(item) for item in node.values()])
+    if not isinstance(node, list):
+        return False
+    kinds = {bool if isinstance(item, bool) else type(item) for item in node}
+    numbers = all(issubclass(kind, int | float) and kind is not bool for kind in kinds)
+    if not (numbers and any(issubclass(k, int) for k in kinds) and any(issubclass(k, float) for k in kinds)):
+        return any([_write_out_decimals(item) for item in node])
+    node[:] = [float(item) for item in node]
+    return True
+
+
+def _where(error: Exception) -> str:
+    if isinstance(error, MarkedYAMLError) and error.problem_mark is not None:
+        return f" ({error.problem}, line {error.problem_mark.line + 1})"
+    return ""

@@ -1,0 +1,140 @@
+"""Entry point of the node: `ros2 run dlo_sim node` and `dlo_sim node` end here.
+
+Exit status: 0 after SIGINT or SIGTERM; 2 refused input or no ROS (one line on stderr); 3 the simulator failed and
+`integrator.on_failure` is `stop`. Top-level imports stay light, so that the signal handlers are in place early.
+"""
+
+import gc
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from dlo_sim.scene.loading import SceneError
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+    from dlo_sim.ros.node import CableNode
+
+DONE, REFUSED, FAILED = 0, 2, 3
+
+_LONGEST_SPIN = 0.2  # [s]; a signal is noticed at the latest after this long, also when no timer fires
+
+
+class Terminated(BaseException):
+    """SIGINT or SIGTERM came while the node was starting up."""
+
+
+class Termination:
+    """Remembers that a signal asked the process to end.
+
+    While starting up (imports and compiling can take many seconds) the signal also raises `Terminated`; afterwards
+    the executor loop looks at `requested`, so that no callback is cut in two.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        self._raises = True
+
+    def install(self) -> None:
+        """Take over SIGINT and SIGTERM."""
+        signal.signal(signal.SIGINT, self._note)
+        signal.signal(signal.SIGTERM, self._note)
+
+    def only_note(self) -> None:
+        """End of start-up: signals raise nothing from now on."""
+        self._raises = False
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+        if self._raises:
+            self._raises = False
+            raise Terminated
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node until a signal; returns the exit status.
+
+    Args:
+        arguments: command line without the program's name; default: that of the process.
+    """
+    termination = Termination()
+    termination.install()
+    try:
+        return _run(list(sys.argv[1:] if arguments is None else arguments), termination)
+    except Terminated:
+        return DONE
+    except SceneError as refusal:
+        return _refuse(str(refusal))
+
+
+def _run(arguments: list[str], termination: Termination) -> int:
+    try:
+        import rclpy
+        import rclpy.signals
+
+        from dlo_sim.ros.arguments import arguments_for_rcl
+        from dlo_sim.ros.node import CableNode
+    except ImportError as error:
+        if (error.name or "").startswith("dlo_sim"):
+            raise
+        return _refuse(
+            f"the node needs ROS 2, which cannot be imported ({error}); install it with: "
+            "pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
+        )
+    with arguments_for_rcl(arguments) as prepared:
+        try:
+            rclpy.init(args=prepared, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+        except RuntimeError as error:
+            return _refuse(f"ROS refuses the arguments: {error}")
+    node: CableNode | None = None
+    try:
+        node = CableNode()
+        return _spin(node, termination)
+    finally:
+        termination.only_note()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _spin(node: "CableNode", termination: Termination) -> int:
+    """Run callbacks until a signal or until the node gives up; then take the markers back."""
+    executor = _executor()
+    executor.add_node(node)
+    try:
+        termination.only_note()
+        # What start-up has allocated (modules, compiled code) stays; scanning it would stop a tick for 50 ms.
+        gc.collect()
+        gc.freeze()
+        while not termination.requested and node.failure is None:
+            executor.spin_once(timeout_sec=_LONGEST_SPIN)
+    finally:
+        node.say_goodbye()
+        executor.shutdown()
+    if node.failure is None:
+        return DONE
+    print(f"dlo_sim: {node.failure}", file=sys.stderr)
+    return FAILED
+
+
+def _executor() -> "Executor":
+    """The events executor, which needs a third of the processor time, or else the usual one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:  # an older rclpy of the same distribution
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def _refuse(reason: str) -> int:
+    print(f"dlo_sim: error: {' '.join(reason.split())}", file=sys.stderr)
+    return REFUSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

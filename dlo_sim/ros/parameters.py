@@ -1,0 +1,245 @@
+"""The scene as the parameters of a node: declared from the table, changed as a whole or not at all.
+
+The parameter table and its checks are those of `dlo_sim.scene`; a change is judged by building the whole scene that
+it leads to, so what the node refuses at run time is what the offline commands refuse, with the same line.
+"""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as NodeParameter
+
+from dlo_sim.scene.checking import check_value, unknown_key
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
+from dlo_sim.scene.parameter import Parameter, allowed, shown
+from dlo_sim.scene.parameters import scene_parameters
+
+Prepared = TypeVar("Prepared")
+
+_TYPES = {
+    "double": NodeParameter.Type.DOUBLE,
+    "integer": NodeParameter.Type.INTEGER,
+    "bool": NodeParameter.Type.BOOL,
+    "string": NodeParameter.Type.STRING,
+    "double_array": NodeParameter.Type.DOUBLE_ARRAY,
+    "bool_array": NodeParameter.Type.BOOL_ARRAY,
+    "string_array": NodeParameter.Type.STRING_ARRAY,
+}
+_LARGEST_INTEGER = 2**63 - 1
+
+
+class ParameterRefused(ParameterNotDeclaredException):
+    """A parameter that cannot be set, with a reason of our own.
+
+    rclpy's parameter services answer with the text of exactly this exception, and only with it; its own text for an
+    unknown parameter leaves the name out, and for a wrong type too.
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__([])
+        self._reason = reason
+
+    def __str__(self) -> str:
+        return self._reason
+
+
+class SceneParameters(Generic[Prepared]):
+    """Declares the parameters of a scene on a node and keeps node and scene the same.
+
+    Attributes:
+        scene: the scene that the parameters describe now.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Read the node's overrides (params files, -p), check them, declare all parameters.
+
+        Raises:
+            SceneError: an override that is unknown, of a wrong type, or an impossible scene.
+        """
+        self._node = node
+        self.scene = scene_from_overrides(node)
+        names = tuple(load.name for load in self.scene.loads)
+        self._rows = {row.key: row for row in scene_parameters(names)}
+        values = scene_values(self.scene)
+        for key, row in self._rows.items():
+            _declare(node, row, values[key])
+        self._prepared: tuple[Scene, Prepared] | None = None
+
+    def follow(
+        self,
+        prepare: Callable[[Scene], Prepared],
+        adopt: Callable[[Scene, Prepared], None],
+    ) -> None:
+        """Accept changes from now on.
+
+        Args:
+            prepare: builds what the new scene needs and changes nothing; a ValueError refuses the change.
+            adopt: puts in place what `prepare` returned; called between two ticks, must not fail.
+        """
+        self._prepare = prepare
+        self._adopt = adopt
+        self._node.add_pre_set_parameters_callback(self._convert)
+        self._node.add_on_set_parameters_callback(self._judge)
+        self._node.add_post_set_parameters_callback(self._apply)
+
+    def _convert(self, changes: list[NodeParameter]) -> list[NodeParameter]:
+        """Give each value the declared type: 5 for 5.0, `on` read as true, an empty list.
+
+        Raises:
+            ParameterRefused: an unknown parameter or a value of another type.
+        """
+        return [self._converted(change) for change in changes]
+
+    def _converted(self, change: NodeParameter) -> NodeParameter:
+        row = self._rows.get(change.name)
+        if row is None:
+            if self._node.has_parameter(change.name):
+                return change
+            raise ParameterRefused(str(unknown_key(change.name, change.value, self._rows)))
+        try:
+            value = check_value(row, _plain(change.value))
+        except SceneError as error:
+            raise ParameterRefused(str(error)) from None
+        return NodeParameter(row.key, _TYPES[row.kind], _node_value(value))
+
+    def _judge(self, changes: list[NodeParameter]) -> SetParametersResult:
+        """Refuse a set of changes that does not lead to a possible scene, with the reason."""
+        self._prepared = None
+        values = {c.name: _plain(c.value) for c in changes if c.name in self._rows}
+        if not values:
+            return SetParametersResult(successful=True)
+        try:
+            scene = self.scene.with_values(values)
+            if scene != self.scene:
+                self._prepared = scene, self._prepare(scene)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=one_line(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, changes: list[NodeParameter]) -> None:
+        """Adopt the scene that was judged possible; rclpy has stored the values by now."""
+        if self._prepared is not None:
+            scene, prepared = self._prepared
+            self._prepared = None
+            self.scene = scene
+            self._adopt(scene, prepared)
+
+
+def scene_from_overrides(node: Node) -> Scene:
+    """The scene that the node's params files and -p arguments describe.
+
+    Parameters that rclpy itself has declared are left to it.
+
+    Raises:
+        SceneError: one line with the key, the value and the cure.
+    """
+    # rclpy offers no public view of overrides that were not declared: it would ignore a misspelt key.
+    overrides: Mapping[str, NodeParameter] = node._parameter_overrides
+    table = {row.key: row for row in scene_parameters()}
+    values: dict[str, object] = {}
+    for name, override in overrides.items():
+        if node.has_parameter(name) or name.startswith("qos_overrides."):
+            continue
+        value = _plain(override.value)
+        # rcl keeps the name of a parameter given as [] but neither value nor type.
+        empty_list = value is None and name in table and table[name].is_array
+        values[name] = [] if empty_list else value
+    return scene_from_values(values)
+
+
+def refuse_unknown_overrides(node: Node) -> None:
+    """Refuse overrides that nothing has declared, once everything is declared.
+
+    Raises:
+        SceneError: naming the first one.
+    """
+    for name in node._parameter_overrides:
+        if not node.has_parameter(name):
+            raise SceneError(
+                f"{name}: is for no input of this scene; name the topic as the node logs it at start-up, "
+                "or remove the key"
+            )
+
+
+def descriptor(row: Parameter) -> ParameterDescriptor:
+    """What ROS tells people about a parameter: description with unit, range, choices, read-only."""
+    unit = f" [{row.unit}]" if row.unit else ""
+    described = ParameterDescriptor(
+        name=row.key,
+        description=row.description + unit,
+        additional_constraints=_constraints(row),
+        read_only=row.read_only,
+    )
+    bounded = row.low is not None or row.high is not None
+    if row.kind == "double" and bounded:
+        limit = sys.float_info.max
+        low, high = _bounds(row, limit)
+        described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    if row.kind == "integer" and bounded:
+        low, high = _bounds(row, _LARGEST_INTEGER)
+        described.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    return described
+
+
+def one_line(error: BaseException) -> str:
+    """The message of an error on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _bounds(row: Parameter, limit: float) -> tuple[float, float]:
+    return (
+        -limit if row.low is None else row.low,
+        limit if row.high is None else row.high,
+    )
+
+
+def _constraints(row: Parameter) -> str:
+    """What a range descriptor cannot hold: choices, element count, range of the elements."""
+    parts = []
+    if row.length is not None:
+        parts.append(f"{row.length} values")
+    if row.choices:
+        parts.append(f"one of {allowed(row)}")
+    elif row.is_array and allowed(row):
+        parts.append(f"each {allowed(row)}")
+    parts.append(f"default {shown(row.default)}")
+    return "; ".join(parts)
+
+
+def _declare(node: Node, row: Parameter, value: Any) -> None:
+    """Declare one parameter with its checked value.
+
+    The override has been read already: rclpy would refuse 5 for 5.0 here. An empty list has no type of its own for
+    rclpy, so it is set after a declaration by type, and made read-only last.
+    """
+    described = descriptor(row)
+    if value != []:
+        node.declare_parameter(row.key, value, described, ignore_override=True)
+        return
+    described.read_only = False
+    kind = _TYPES[row.kind]
+    node.declare_parameter(row.key, kind, described, ignore_override=True)
+    node.set_parameters([NodeParameter(row.key, kind, [])])
+    if row.read_only:
+        node.set_descriptor(row.key, descriptor(row))
+
+
+def _plain(value: Any) -> Any:
+    """A parameter's value without array types: list, number, text or None."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+
+
+def _node_value(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,152 @@
+"""The node's publishers and subscriptions: serialised messages both ways, QoS stated here and nowhere else."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray, PoseStamped, Vector3Stamped, WrenchStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from visualization_msgs.msg import Marker
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.session.cdr import encode_marker_delete_all
+from dlo_sim.session.session import InputTopic, OutgoingMessage
+
+CONTROL_POINTS = "~/control_points"
+MARKERS = ("~/centerline", "~/control_polygon")
+_REACTIONS = {"start": "~/start/reaction", "end": "~/end/reaction"}
+
+INPUT_TYPES = {"pose": PoseStamped, "wrench": WrenchStamped, "force": Vector3Stamped}
+
+# Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual 5: a tick that
+# takes 20 ms must not lose a 500 Hz wrench.
+INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+# The newest state also for readers that come later; a slow reader never blocks the node.
+OUTPUT_QOS = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+DIAGNOSTICS_QOS = QoSProfile(depth=10)
+
+_GOODBYE = Duration(nanoseconds=300_000_000)  # longest wait for viewers to take the last marker
+
+
+class Outputs:
+    """Publishers of what a scene puts out."""
+
+    def __init__(self, node: Node, scene: Scene) -> None:
+        self._node = node
+        self._publishers: dict[str, Publisher] = {}
+        self._marker_due_ns = 0
+        self._add(CONTROL_POINTS, PoseArray)
+        for topic in MARKERS:
+            self._add(topic, Marker)
+        self._diagnostics = node.create_publisher(
+            DiagnosticArray, "/diagnostics", DIAGNOSTICS_QOS
+        )
+        self.follow(scene)
+
+    def follow(self, scene: Scene) -> None:
+        """Have a reaction topic for each end that is held, and for no other."""
+        self._frame_id = scene.frame_id
+        self._marker_period_ns = round(1e9 / scene.outputs.marker_rate)
+        for end, topic in _REACTIONS.items():
+            if scene.ends[end].held and topic not in self._publishers:
+                self._add(topic, WrenchStamped)
+            if not scene.ends[end].held and topic in self._publishers:
+                self._node.destroy_publisher(self._publishers.pop(topic))
+
+    @property
+    def topics(self) -> list[str]:
+        """Names of the topics as they are on the wire, remapped."""
+        publishers = [*self._publishers.values(), self._diagnostics]
+        return [publisher.topic_name for publisher in publishers]
+
+    def wanted(self, now_ns: int) -> set[str]:
+        """The topics for which a message is worth its work now.
+
+        The control points always; the others if someone reads them; markers at their own rate.
+        """
+        topics = {CONTROL_POINTS}
+        marker_due = self._marker_due(now_ns)
+        for topic, publisher in self._publishers.items():
+            if (topic not in MARKERS or marker_due) and publisher.get_subscription_count():
+                topics.add(topic)
+        return topics
+
+    def publish(self, messages: Iterable[OutgoingMessage]) -> None:
+        """Publish messages of the session."""
+        for message in messages:
+            publisher = self._publishers.get(message.topic)
+            if publisher is not None:
+                publisher.publish(message.data)
+
+    def publish_diagnostics(self, data: bytes) -> None:
+        """Publish a serialised DiagnosticArray."""
+        self._diagnostics.publish(data)
+
+    def delete_markers(self, stamp_ns: int) -> None:
+        """Remove both markers from every viewer."""
+        data = encode_marker_delete_all(self._frame_id, stamp_ns)
+        for topic in MARKERS:
+            self._publishers[topic].publish(data)
+
+    def say_goodbye(self, stamp_ns: int) -> None:
+        """Remove the markers and give viewers a moment to hear it, since the publishers end with the node."""
+        self.delete_markers(stamp_ns)
+        for topic in MARKERS:
+            self._publishers[topic].wait_for_all_acked(_GOODBYE)
+
+    def _add(self, topic: str, message_type: type) -> None:
+        self._publishers[topic] = self._node.create_publisher(message_type, topic, OUTPUT_QOS)
+
+    def _marker_due(self, now_ns: int) -> bool:
+        wait = self._marker_due_ns - now_ns
+        if 0 < wait <= self._marker_period_ns:
+            return False
+        # A longer wait means that the clock was set back; a lapse starts a new rhythm instead of a burst.
+        on_rhythm = 0 >= wait > -self._marker_period_ns
+        self._marker_due_ns = (self._marker_due_ns if on_rhythm else now_ns) + self._marker_period_ns
+        return True
+
+
+class Inputs:
+    """Subscriptions to what a session listens to."""
+
+    def __init__(
+        self,
+        node: Node,
+        inputs: Sequence[InputTopic],
+        receive: Callable[[str, bytes], None],
+    ) -> None:
+        """Subscribe; `receive(topic, raw)` gets the topic as the scene names it."""
+        self._node = node
+        self._subscriptions: dict[str, Subscription] = {}
+        for source in inputs:
+            if source.topic not in self._subscriptions:
+                self._subscribe(source, receive)
+
+    def _subscribe(self, source: InputTopic, receive: Callable[[str, bytes], None]) -> None:
+        topic = source.topic
+        self._subscriptions[topic] = self._node.create_subscription(
+            INPUT_TYPES[source.kind],
+            topic,
+            lambda raw: receive(topic, raw),
+            INPUT_QOS,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            raw=True,
+        )
+
+    @property
+    def topics(self) -> list[str]:
+        """Names of the topics as they are on the wire, remapped."""
+        return [subscription.topic_name for subscription in self._subscriptions.values()]
+
+    def publisher_counts(self) -> dict[str, int]:
+        """Number of publishers on each topic (name on the wire)."""
+        return {topic: self._node.count_publishers(topic) for topic in self.topics}

@@ -1,0 +1,371 @@
+"""Scene files and values in, checked scenes out.
+
+A scene file is a ROS 2 parameter file; this reads it without ROS, as YAML 1.2. Every key, type and
+range is checked against the parameter table, then the scene as a whole (see `checking.py`).
+"""
+
+import dataclasses
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from dlo_sim.scene.checking import (
+    SceneError,
+    brief,
+    check_load_names,
+    check_scene,
+    check_value,
+    nearest,
+    unknown_key,
+)
+from dlo_sim.scene.description import (
+    Accuracy,
+    Cable,
+    Damping,
+    Discretization,
+    End,
+    Initial,
+    Inputs,
+    Integrator,
+    Load,
+    Outputs,
+    Scene,
+    Terms,
+)
+from dlo_sim.scene.parameter import Parameter, Value
+from dlo_sim.scene.parameters import scene_parameters
+
+__all__ = [
+    "SceneError",
+    "find_scene",
+    "load_scene",
+    "parse_assignment",
+    "scene_from_values",
+    "scene_values",
+    "shipped_scene",
+    "shipped_scenes",
+]
+
+NODE_NAME = "dlo_sim"
+
+_GROUPS: dict[str, type] = {
+    "cable": Cable,
+    "damping": Damping,
+    "discretization": Discretization,
+    "terms": Terms,
+    "start": End,
+    "end": End,
+    "initial": Initial,
+    "integrator": Integrator,
+    "inputs": Inputs,
+    "outputs": Outputs,
+    "accuracy": Accuracy,
+}
+_LARGEST_FILE = 1_000_000  # bytes; a scene is a page, so a larger file is something else
+_DEEPEST = 12
+# Parameters that every ROS node has; a scene file may set them, the scene does not need them.
+_ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
+
+
+def load_scene(path: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
+    """Read a scene file.
+
+    Args:
+        path: a ROS 2 parameter file with a block for `/**`, `dlo_sim` or a single other node.
+        overrides: dotted key -> value, applied over the file; naming `loads.names` here drops the
+            blocks of the file's other loads.
+
+    Raises:
+        SceneError: one line that names the file, the key, the value and the cure.
+    """
+    source = Path(path)
+    wanted = dict(overrides or {})
+    try:
+        values = _node_values(_read_yaml(source))
+        return scene_from_values({**_without_dropped_loads(values, wanted), **wanted})
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from None
+
+
+def scene_from_values(values: Mapping[str, object]) -> Scene:
+    """Build a scene from flat values; what is not given has its default.
+
+    Args:
+        values: dotted key -> value, as in `{"cable.length": 2.0, "start.fixed": [True] * 3}`.
+
+    Raises:
+        SceneError: unknown key, wrong type, out of range, or an impossible scene.
+    """
+    names = _load_names(values)
+    known = {row.key: row for row in scene_parameters(names)}
+    checked: dict[str, Value] = {key: row.default for key, row in known.items()}
+    for key, value in values.items():
+        if key in known:
+            checked[key] = check_value(known[key], value)
+        elif not _ROS_KEYS.fullmatch(key):
+            raise unknown_key(key, value, known)
+    scene = _scene(checked, names)
+    check_scene(scene)
+    return scene
+
+
+def scene_values(scene: Scene) -> dict[str, Any]:
+    """All parameters of a scene, dotted key -> value; lists for arrays.
+
+    `scene_from_values(scene_values(scene)) == scene`.
+    """
+    names = tuple(load.name for load in scene.loads)
+    values = {row.key: _value(scene, row) for row in scene_parameters(names)}
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
+
+
+def changed_values(scene: Scene, changes: Mapping[str, object]) -> dict[str, object]:
+    """The values of a scene with changes; loads that `loads.names` no longer holds are dropped."""
+    return {**_without_dropped_loads(scene_values(scene), changes), **changes}
+
+
+def parse_assignment(text: str) -> tuple[str, object]:
+    """Split `key=value`; the value is read as YAML, as in a scene file.
+
+    Raises:
+        SceneError: without `=`, or if the value is not YAML.
+    """
+    key, separator, value = text.partition("=")
+    if not separator or not key.strip():
+        raise SceneError(f"{brief(text)} is not an assignment; give key=value, cable.length=2.0")
+    try:
+        return key.strip(), _parse_yaml(value)
+    except SceneError as error:
+        raise SceneError(f"{key.strip()}: {brief(value)} {error}") from None
+
+
+# ----------------------------------------------------------------------------------- scene files
+
+
+def shipped_scenes() -> dict[str, Path]:
+    """The scenes that come with the package, by name; empty if they were not installed."""
+    folder = _config_folder()
+    return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def shipped_scene(name: str) -> Path:
+    """The file of a scene that comes with the package, for example `paper_wire`.
+
+    Works from a checkout, from `pip install` (also editable) and from a colcon workspace.
+
+    Raises:
+        SceneError: if there is no such scene; the message lists those there are.
+    """
+    scenes = shipped_scenes()
+    if name in scenes:
+        return scenes[name]
+    there = ", ".join(scenes) or "none are installed"
+    raise SceneError(
+        f"{brief(name)} is not a shipped scene ({there}){nearest(name, scenes)}; "
+        "give one of them or the path of a scene file"
+    )
+
+
+def find_scene(text: str) -> Path:
+    """The file that a user means: a path, or the bare name of a shipped scene.
+
+    Raises:
+        SceneError: if it is neither.
+    """
+    path = Path(text)
+    bare = path.name == text and not path.suffix
+    return shipped_scene(text) if bare and not path.is_file() else path
+
+
+def _config_folder() -> Path | None:
+    """Where the scenes are: beside the checkout, else in share/ of the prefix we live in."""
+    package = Path(__file__).resolve().parents[1]
+    if (package.parent / "package.xml").is_file():
+        return package.parent / "config"
+    prefixes = [*package.parents, Path(sys.prefix)]
+    prefixes += [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p]
+    for prefix in prefixes:
+        folder = prefix / "share" / "dlo_sim" / "config"
+        if folder.is_dir():
+            return folder
+    return None
+
+
+def _read_yaml(source: Path) -> object:
+    try:
+        if source.is_dir():
+            raise SceneError("is a folder; give a scene file")
+        size = source.stat().st_size
+        if size > _LARGEST_FILE:
+            raise SceneError(f"holds {size} bytes, too many for a scene; give a scene file")
+        text = source.read_bytes().decode("utf-8")
+    except FileNotFoundError:
+        raise SceneError("does not exist; give a scene file or a shipped scene's name") from None
+    except OSError as error:
+        raise SceneError(f"cannot be read ({error.strerror}); check the file") from None
+    except UnicodeDecodeError:
+        raise SceneError("is not a text file; give a scene file in YAML") from None
+    if not text.strip():
+        raise SceneError("is empty; start from a shipped scene such as paper_wire") from None
+    return _parse_yaml(text)
+
+
+def _parse_yaml(text: str) -> object:
+    """YAML 1.2, plain values only.
+
+    Raises:
+        SceneError: what is wrong, and where.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.constructor import DuplicateKeyError
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except DuplicateKeyError as error:
+        where = f"line {error.problem_mark.line + 1}" if error.problem_mark else "the file"
+        found = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
+        key = f" {found.group(1)}" if found else ""
+        raise SceneError(f"{where}: key{key} is there twice; keep one of them") from None
+    except MarkedYAMLError as error:
+        where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise SceneError(f"is not valid YAML{where}: {error.problem}; correct the line") from None
+    except (YAMLError, ValueError, RecursionError) as error:
+        raise SceneError(f"is not valid YAML: {error}; correct it") from None
+
+
+# ------------------------------------------------------------------------- ROS parameter layout
+
+
+def _node_values(document: object) -> dict[str, object]:
+    """The values for this node: wildcard blocks first, then the block of its name."""
+    blocks = list(_node_blocks(document, ()))
+    if not blocks:
+        raise SceneError(
+            "has no 'ros__parameters'; put the keys under '/**:' and 'ros__parameters:'"
+        )
+    named = [node for node, _ in blocks if "*" not in node]
+    mine = [node for node in named if node.rsplit("/", 1)[-1] == NODE_NAME] or named
+    if len(mine) > 1:
+        raise SceneError(f"holds several nodes ({', '.join(mine)}); keep one, or use '/**'")
+    name = mine[0] if mine else f"/{NODE_NAME}"
+    matching = [b for b in blocks if b[0] == name or _wildcard(b[0]).fullmatch(name)]
+    if not matching:
+        raise SceneError(f"holds nothing for the node {NODE_NAME}; use '/**:' for any node")
+    values: dict[str, object] = {}
+    for _, block in sorted(matching, key=lambda item: item[0] == name):
+        values.update(_flat(block))
+    return values
+
+
+def _wildcard(node: str) -> re.Pattern[str]:
+    """The pattern of a node name: `*` is one part of the name, `/**` any number, also none."""
+    rules = {"/**": "(/.*)?", "*": "[^/]+"}
+    parts = re.split(r"(/\*\*|\*)", node)
+    return re.compile("".join(rules.get(part, re.escape(part)) for part in parts))
+
+
+def _node_blocks(document: object, path: tuple[str, ...]) -> Iterator[tuple[str, object]]:
+    """Every `ros__parameters` block with the full name of its node; namespaces may nest."""
+    if not isinstance(document, Mapping):
+        where = f"'{'/'.join(path)}' " if path else ""
+        raise SceneError(
+            f"{where}holds {brief(document)} instead of nodes; put the keys under '/**:' and "
+            "'ros__parameters:'"
+        )
+    if len(path) > _DEEPEST:
+        raise SceneError("nests too deeply; put the keys under '/**:' and 'ros__parameters:'")
+    for key, value in document.items():
+        if key == "ros__parameters":
+            yield "/" + "/".join(path), value
+        else:
+            yield from _node_blocks(value, (*path, str(key).strip("/")))
+
+
+def _flat(block: object, prefix: str = "", depth: int = 0) -> dict[str, object]:
+    """Nested and dotted keys as one flat mapping.
+
+    Raises:
+        SceneError: a key given both ways, not a text, or no mapping at all.
+    """
+    if not isinstance(block, Mapping) or depth > _DEEPEST:
+        key = prefix.rstrip(".") or "ros__parameters"
+        raise SceneError(f"{key}: {brief(block)} is not a mapping of keys; write key: value lines")
+    flat: dict[str, object] = {}
+    for key, value in block.items():
+        if not isinstance(key, str):
+            raise SceneError(f"{prefix}{brief(key)}: a key must be a text; correct or quote it")
+        name = prefix + key
+        parts = _flat(value, f"{name}.", depth + 1) if isinstance(value, Mapping) else {name: value}
+        for part in parts:
+            if part in flat:
+                raise SceneError(f"{part}: {brief(parts[part])} is given twice; keep one of them")
+        flat.update(parts)
+    return flat
+
+
+# ----------------------------------------------------------------------------- values and scenes
+
+
+def _load_names(values: Mapping[str, object]) -> tuple[str, ...]:
+    row = next(row for row in scene_parameters() if row.key == "loads.names")
+    names = check_value(row, values.get(row.key, row.default))
+    texts = tuple(str(name) for name in names)  # type: ignore[union-attr]
+    check_load_names(texts)
+    return texts
+
+
+def _without_dropped_loads(
+    values: Mapping[str, object], changes: Mapping[str, object]
+) -> dict[str, object]:
+    """The values without the blocks of loads that the changed `loads.names` leaves out."""
+    if "loads.names" not in changes:
+        return dict(values)
+    dropped = set(_load_names(values)) - set(_load_names(changes))
+    return {
+        key: value
+        for key, value in values.items()
+        if not (key.startswith("loads.") and key.split(".")[1] in dropped)
+    }
+
+
+def _scene(values: Mapping[str, Any], load_names: tuple[str, ...]) -> Scene:
+    groups = {name: _fields(kind, name, values) for name, kind in _GROUPS.items()}
+    loads = tuple(
+        Load(
+            name=name,
+            **{
+                field.name: values[f"loads.{name}.{field.name}"]
+                for field in dataclasses.fields(Load)
+                if field.name != "name"
+            },
+        )
+        for name in load_names
+    )
+    return Scene(
+        frame_id=values["frame_id"],
+        rate=values["rate"],
+        gravity=values["gravity"],
+        loads=loads,
+        **groups,
+    )
+
+
+def _fields(kind: type, prefix: str, values: Mapping[str, Any]) -> Any:
+    names = [field.name for field in dataclasses.fields(kind)]
+    return kind(**{name: values[f"{prefix}.{name}"] for name in names})
+
+
+def _value(scene: Scene, row: Parameter) -> Any:
+    if row.key == "loads.names":
+        return tuple(load.name for load in scene.loads)
+    parts = row.key.split(".")
+    if parts[0] == "loads":
+        return getattr(scene.load(parts[1]), parts[2])
+    value: Any = scene
+    for part in parts:
+        value = getattr(value, part)
+    return value

@@ -1,0 +1,181 @@
+"""What happened to every message and to the simulation: counters with reasons, and their
+DiagnosticArray.
+
+Nothing is dropped, held, skipped or reset without a count and one line of text here. REP-107:
+levels OK, WARN, ERROR, STALE.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dlo_sim.session.cdr import DiagnosticStatus
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+
+REASONS: dict[str, str] = {
+    "undecodable": "not a whole message of the expected type",
+    "not_finite": "a NaN or infinite number",
+    "too_large": "force, torque or position beyond any sensible size (inputs.max_force, .max_torque)",
+    "bad_quaternion": "an orientation whose norm is not 1",
+    "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",
+    "too_old": "a stamp more than 1 s behind",
+    "in_future": "a stamp more than 0.5 s ahead",
+    "out_of_order": "a stamp that is not newer than the last one of its topic",
+    "too_fast": "a pose that would need more than inputs.max_speed",
+}
+"""Every reason for which a message can be refused."""
+
+EVENTS: dict[str, str] = {
+    "other_epoch": "stamps come from another epoch than the clock; their own time base is used",
+    "time_jump": "clock or stamps jumped back; the simulation was reset",
+    "silent": "no pose for pose_timeout; the last one is held",
+    "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
+    "late": "a message came after the simulation had passed its time; it counts from now on",
+    "load_removed": "no message for the load's timeout; the load was removed",
+    "time_skipped": "the simulation could not keep up; simulated time was skipped",
+    "reset": "reset was called",
+    "failed": "the simulator gave up; the last good state is held",
+    "not_published": "an output was not finite and was not published",
+}
+"""Everything else that is counted."""
+
+
+@dataclass
+class TopicRecord:
+    """What arrived on one input topic; `timeout` [s] is the silence worth a warning, 0 = none."""
+
+    topic: str
+    timeout: float = 0.0
+    accepted: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    last_refusal: str = ""
+    last_arrival_ns: int | None = None
+    reported_refusals: int = 0
+
+    @property
+    def refusals(self) -> int:
+        """Number of messages refused, for any reason."""
+        return sum(self.refused.values())
+
+    def refuse(self, reason: str, detail: str) -> None:
+        """Count a refused message; `detail` is one line that names the value and the cure."""
+        self.refused[reason] += 1
+        self.last_refusal = f"{reason}: {detail}"
+
+
+class Journal:
+    """The counters of a session; outlives resets."""
+
+    def __init__(self, topics: Sequence[str]) -> None:
+        self.topics = {topic: TopicRecord(topic) for topic in topics}
+        self.events: Counter[str] = Counter()
+        self.last_event = ""
+        self.skipped_ns = 0
+        self._reported = 0
+
+    def event(self, name: str, detail: str) -> None:
+        """Count an event; `detail` is one line for people."""
+        assert name in EVENTS, name
+        self.events[name] += 1
+        self.last_event = detail
+
+    def fresh_events(self) -> int:
+        """Number of events since the last call."""
+        total = sum(self.events.values())
+        fresh, self._reported = total - self._reported, total
+        return fresh
+
+    @property
+    def accepted(self) -> int:
+        """Messages used."""
+        return sum(record.accepted for record in self.topics.values())
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Messages refused, by reason, all topics together."""
+        total: Counter[str] = Counter()
+        for record in self.topics.values():
+            total.update(record.refused)
+        return total
+
+
+def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
+    """Status of one input topic at this time of the clock [ns]; refusals since the last report or a
+    silence are warnings.
+    """
+    fresh = record.refusals - record.reported_refusals
+    record.reported_refusals = record.refusals
+    age = None if record.last_arrival_ns is None else (now_ns - record.last_arrival_ns) * 1e-9
+    level, message = OK, "receiving"
+    if age is None:
+        level, message = WARN, "no message yet"
+    elif record.timeout and age > record.timeout:
+        level, message = STALE, f"silent for {age:.1f} s"
+    if fresh:
+        level = max(level, WARN) if level != STALE else STALE
+        message = f"{fresh} refused since the last report, last {record.last_refusal}"
+    values = [
+        ("accepted", str(record.accepted)),
+        ("refused", str(record.refusals)),
+        *((f"refused {reason}", str(count)) for reason, count in sorted(record.refused.items())),
+        ("age [s]", "never" if age is None else f"{age:.3f}"),
+    ]
+    if record.last_refusal:
+        values.append(("last refusal", record.last_refusal))
+    return DiagnosticStatus(level, f"dlo_sim: input {record.topic}", message, tuple(values))
+
+
+def session_status(
+    journal: Journal,
+    status: str,
+    message: str,
+    simulator: Any,
+    *,
+    failed: bool,
+    waiting: bool,
+    lag: float,
+    most_lag: float,
+    offset: float,
+    extra: Mapping[str, str],
+) -> DiagnosticStatus:
+    """Status of the session itself: state, time, energy, lag, every event counted.
+
+    Args:
+        status: what the session is doing; message: what there is to say about it, may be empty.
+        simulator: read for time, step, method, terms and energy.
+        lag, most_lag: how far the state is behind [s], and what is worth a warning.
+        offset: clock minus stamps [s].
+        extra: more values.
+    """
+    fresh = journal.fresh_events()
+    level, text = OK, message or status
+    if failed:
+        level = ERROR
+    elif waiting or lag > most_lag:
+        level = WARN
+    elif fresh:
+        level, text = WARN, message or journal.last_event
+    energy = simulator.energy()
+    values = [
+        ("status", status),
+        ("simulated time [s]", f"{simulator.time:.6f}"),
+        ("step [s]", f"{simulator.step:.9g}"),
+        ("method", simulator.method),
+        ("active terms", ", ".join(simulator.active_terms)),
+        ("left out", "; ".join(f"{name}: {why}" for name, why in simulator.left_out.items())),
+        ("energy [J]", f"{energy.total:.9g}"),
+        ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
+        ("lag [s]", f"{lag:.3f}"),
+        ("skipped [s]", f"{journal.skipped_ns * 1e-9:.3f}"),
+        ("clock minus stamps [s]", f"{offset:.9g}"),
+        ("messages used", str(journal.accepted)),
+        ("messages refused", str(sum(journal.refused.values()))),
+        *((f"event {name}", str(count)) for name, count in sorted(journal.events.items())),
+    ]
+    if journal.last_event:
+        values.append(("last event", journal.last_event))
+    return DiagnosticStatus(level, "dlo_sim: session", text, (*values, *extra.items()))

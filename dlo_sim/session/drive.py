@@ -1,0 +1,205 @@
+"""One simulator on the grid of its steps, fed with end motions and loads at exactly the steps where
+they begin.
+
+How far it goes decides `session.py`; what acts when is decided here, by stamps alone, so that the
+same messages give the same bits however the advance is cut into ticks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.session.gripper_path import GripperPath
+from dlo_sim.session.load_schedule import LoadSchedule
+from dlo_sim.session.time_base import SECOND, StepGrid, grid_multiple_at_or_after
+
+SimulatorFactory = Callable[..., Any]
+
+
+class Advance(NamedTuple):
+    """What an advance did: steps taken, ends that wait for a pose, why the simulator gave up ("" =
+    it did not).
+    """
+
+    steps: int
+    waiting: tuple[str, ...]
+    failure: str
+
+
+class Drive:
+    """A simulator, the paths of its driven ends, the schedules of its loads, and the time of its
+    steps.
+
+    Args:
+        scene: what is simulated.
+        factory: builds the simulator: factory(scene, end_poses=None).
+        note: called with the name of an event and one line of text.
+
+    Attributes:
+        simulator: the simulator; placed by `begin`.
+        grid: times of its steps, None before `begin`.
+        index: the step at which it is.
+    """
+
+    def __init__(
+        self, scene: Scene, factory: SimulatorFactory, note: Callable[[str, str], None]
+    ) -> None:
+        self.simulator = factory(scene)
+        self._scene = scene
+        self._factory = factory
+        self.paths = {
+            name: GripperPath(name, round(end.pose_timeout * SECOND), note)
+            for name, end in scene.ends.items()
+            if end.driven
+        }
+        self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
+        self.grid: StepGrid | None = None
+        self.index = 0
+        self._knots: dict[str, int | None] = {}
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the state in the time base [ns]; needs `begin`."""
+        assert self.grid is not None
+        return self.grid.time_of(self.index)
+
+    @property
+    def without_pose(self) -> tuple[str, ...]:
+        """Driven ends of which no pose is known yet."""
+        return tuple(name for name, path in self.paths.items() if path.first_stamp_ns is None)
+
+    @property
+    def ready_ns(self) -> int | None:
+        """Time base [ns] from which every driven end has a pose; None: not yet, or no end is
+        driven.
+        """
+        stamps = [path.first_stamp_ns for path in self.paths.values()]
+        known = [stamp for stamp in stamps if stamp is not None]
+        return max(known) if known and len(known) == len(stamps) else None
+
+    def begin(self, base_ns: int) -> None:
+        """Place the cable at the poses known at `base_ns`; step 0 is the first multiple of the step
+        from there.
+
+        Raises:
+            ValueError: if the cable cannot be placed there (the simulator says why).
+        """
+        origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
+        poses = {name: path.begin(origin) for name, path in self.paths.items()}
+        if poses:
+            self.simulator = self._factory(self._scene, end_poses=poses)
+        else:
+            self.simulator.reset()
+        self.grid = StepGrid(origin, self.simulator.step)
+        self.index = 0
+        self._knots = dict.fromkeys(self.paths, 0)
+
+    def clear(self) -> None:
+        """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""
+        for path in self.paths.values():
+            path.clear()
+        for schedule in self.schedules.values():
+            schedule.clear()
+            self.simulator.set_load(schedule.name, force=None, torque=None)
+        self.grid = None
+
+    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int | None = None) -> Advance:
+        """Take whole steps up to `wanted_ns`, at most so many, stopping where a pose is missing.
+
+        Args:
+            silence_ns: time by which a silence is measured; None = `wanted_ns`.
+        """
+        grid = self.grid
+        assert grid is not None, "advance() needs begin()"
+        silence_ns = wanted_ns if silence_ns is None else silence_ns
+        begin = self.index
+        target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
+        while self.index < target:
+            waiting = self._renew_motions(grid, silence_ns)
+            if waiting:
+                return Advance(self.index - begin, waiting, "")
+            stop = self._apply_loads(grid, target)
+            report = self.simulator.advance_steps(stop - self.index)
+            self.index += report.steps
+            if not report.status.ok:
+                return Advance(self.index - begin, (), report.message)
+        return Advance(self.index - begin, (), "")
+
+    def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
+        """Give every end whose motion is over the next one; returns the ends that have none yet."""
+        waiting: tuple[str, ...] = ()
+        for name, path in self.paths.items():
+            knot = self._knots[name]
+            if (knot is None and not path.waiting) or (knot is not None and self.index < knot):
+                continue
+            segment = path.next_segment(grid, self.index, self.simulator.time, silence_ns)
+            if segment is None:
+                waiting += (name,)
+            else:
+                self._knots[name] = segment.last
+                self.simulator.set_motion(name, segment.motion)
+        return waiting
+
+    def _apply_loads(self, grid: StepGrid, target: int) -> int:
+        """Apply the loads of the present step; returns the step up to which nothing changes."""
+        now_ns, step_ns = self.now_ns, grid.step * 1e9
+        stop = target
+        for knot in self._knots.values():
+            if knot is not None and knot < stop:
+                stop = knot
+        for schedule in self.schedules.values():
+            schedule.apply(now_ns, step_ns, self.simulator)
+            change = schedule.next_change_ns()
+            if change is not None and change < grid.time_of(stop):
+                stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))
+        return stop
+
+    def skip_to(self, base_ns: int) -> int:
+        """Leave out the time up to `base_ns`: the state stays, its time jumps, ends rejoin their
+        poses smoothly.
+
+        Returns:
+            The time left out [ns].
+        """
+        grid = self.grid
+        assert grid is not None, "skip_to() needs begin()"
+        before = self.now_ns
+        after = max(before, grid_multiple_at_or_after(base_ns, grid.step))
+        grid.origin_ns += after - before
+        for name, path in self.paths.items():
+            path.skip_to(after, *self.simulator.end_pose(name))
+            self._knots[name] = self.index
+        return after - before
+
+    def shift_time(self, delta_ns: int) -> None:
+        """Relabel every time by delta [ns]."""
+        if self.grid is not None:
+            self.grid.origin_ns += delta_ns
+        for item in (*self.paths.values(), *self.schedules.values()):
+            item.shift_time(delta_ns)
+
+    def reconfigure(self, scene: Scene) -> None:
+        """Continue from the same state with another scene that has the same driven ends and loads.
+
+        Raises:
+            ValueError: if the simulator refuses the scene; nothing is changed then.
+        """
+        old, grid = self.simulator, self.grid
+        simulator = self._factory(scene) if grid is None else old.reconfigured(scene)
+        if grid is not None:
+            now_ns = self.now_ns
+            ends = {n: None if k is None else grid.time_of(k) for n, k in self._knots.items()}
+            self.grid = StepGrid(now_ns, simulator.step)
+            self.index = 0
+            self._knots = {
+                name: None if end is None else self.grid.first_at_or_after(end)
+                for name, end in ends.items()
+            }
+        self.simulator, self._scene = simulator, scene
+        for name, path in self.paths.items():
+            path.timeout_ns = round(scene.ends[name].pose_timeout * SECOND)
+        for schedule in self.schedules.values():
+            schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
+            schedule.resend(simulator)

@@ -1,0 +1,321 @@
+"""Poses of one end effector -> a continuous path, one `EndMotion` after the other.
+
+Between the midpoints of consecutive stamps the path is a parabola, so it is a quadratic B-spline
+through the stamps: C1, with piecewise constant acceleration, following a moving gripper without
+delay and smoothing only by 1/8 of the second difference. With d = target minus present position, v0
+= present velocity, v1 = (p_next - p)/dt, duration h:
+    defect c = h (v0 + v1)/2 - d;   end velocity v0 + 2 a h = v1 - c/h;   the path then misses the
+    target by c/2.
+For equal intervals c = 0 and this is the B-spline; for unequal ones the miss dies out within one
+segment instead of growing (taking all of c at once would alternate for ever). Each segment starts
+where the last one ended, so the path is continuous whatever arrives. Knots lie on the simulator's
+steps, so no step straddles two parabolas.
+
+The path is never guessed: without the next pose there is no next segment and the simulation waits.
+After a silence longer than `pose_timeout` the last pose counts as repeated and is held; when poses
+return, the path rejoins them smoothly from the pose held.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.session.time_base import SECOND, StepGrid
+
+Array = NDArray[np.float64]
+
+# A path that was held rejoins the poses no faster than this, and in no less than this time.
+REJOIN_SPEED, REJOIN_TURN, REJOIN_TIME = 1.0, 2.0, 0.1  # m/s, rad/s, s
+
+# Poses waiting to be used; a paused simulation must not collect them for ever.
+_MOST_WAITING = 5000
+
+
+class Pose(NamedTuple):
+    """An accepted pose: stamp in the time base [ns], position (3,) [m], orientation (4,) quaternion
+    x, y, z, w.
+    """
+
+    stamp_ns: int
+    position: Array
+    orientation: Array
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A motion from step `first` to step `last` (indices of the grid); `last` None: at rest until
+    further notice.
+    """
+
+    first: int
+    last: int | None
+    motion: EndMotion
+
+
+class GripperPath:
+    """The path of one end effector from its accepted poses.
+
+    Args:
+        end: name of the end, for texts.
+        timeout_ns: silence after which the last pose is held.
+        note: called with the name of an event and one line of text.
+
+    Attributes:
+        silent: whether the last pose is being held after a silence.
+        latest: the newest accepted pose.
+        first_stamp_ns: stamp of the first pose since `clear`, None = none yet.
+    """
+
+    def __init__(self, end: str, timeout_ns: int, note: Callable[[str, str], None]) -> None:
+        self.end = end
+        self.timeout_ns = timeout_ns
+        self._note = note
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget every pose; the next one starts a new path."""
+        self.silent = False
+        self.latest: Pose | None = None
+        self.first_stamp_ns: int | None = None
+        self._queue: deque[Pose] = deque(maxlen=_MOST_WAITING)
+        self._center: Pose | None = None
+        self._interval_ns = 0
+        self._shift: _Shift | None = None
+        self._position = np.zeros(3)
+        self._velocity = np.zeros(3)
+        self._orientation = np.array(rotations.IDENTITY)
+        self._spin = np.zeros(3)
+
+    @property
+    def waiting(self) -> int:
+        """Number of poses not yet used."""
+        return len(self._queue)
+
+    def add(self, pose: Pose) -> None:
+        """Take an accepted pose; stamps must increase."""
+        if self.first_stamp_ns is None:
+            self.first_stamp_ns = pose.stamp_ns
+        self.latest = pose
+        self._queue.append(pose)
+
+    def shift_time(self, delta_ns: int) -> None:
+        """Relabel all stamps by delta [ns] (the time base was decided later than the first poses
+        came).
+        """
+        self._queue = deque((_moved(p, delta_ns) for p in self._queue), maxlen=_MOST_WAITING)
+        self._center = None if self._center is None else _moved(self._center, delta_ns)
+        self.latest = None if self.latest is None else _moved(self.latest, delta_ns)
+        if self.first_stamp_ns is not None:
+            self.first_stamp_ns += delta_ns
+        self._shift = None if self._shift is None else self._shift.moved(delta_ns)
+
+    def begin(self, base_ns: int) -> tuple[Array, Array]:
+        """Start the path at rest at the newest pose not after `base_ns`; returns (position,
+        orientation).
+        """
+        while self._queue and (self._center is None or self._queue[0].stamp_ns <= base_ns):
+            self._center = self._queue.popleft()
+        assert self._center is not None, "begin() needs a pose"
+        self._stop_at(self._center.position, self._center.orientation)
+        return self._position, self._orientation
+
+    def skip_to(self, base_ns: int, position: Array, orientation: Array) -> None:
+        """The simulation jumped to `base_ns` with the end resting at this pose: drop older poses,
+        rejoin newer ones.
+        """
+        while self._queue and self._queue[0].stamp_ns <= base_ns:
+            self._center = self._queue.popleft()
+        self._stop_at(np.array(position, dtype=float), np.array(orientation, dtype=float))
+        if self._center is not None:
+            self._rejoin(self._center._replace(stamp_ns=base_ns))
+
+    def next_segment(self, grid: StepGrid, index: int, time: float, wanted_ns: int) -> Segment | None:
+        """The motion that begins at step `index` (simulator time `time` [s]), or None: wait for a
+        pose.
+
+        `wanted_ns` is how far the simulation would like to go; a silence is measured against it, so
+        that it is found at the same stamp whatever the arrival times.
+        """
+        while self._queue:
+            pose, center = self._queue[0], self._center
+            assert center is not None, "next_segment() needs begin()"
+            if self.silent or pose.stamp_ns - center.stamp_ns > self.timeout_ns:
+                if not self.silent:
+                    return self._come_to_rest(grid, index, time)
+                held = self._resume(grid, index, time)
+                if held is not None:
+                    return held
+                continue
+            self._queue.popleft()
+            self._center = pose
+            segment = self._segment_between(center, pose, grid, index, time)
+            if segment is not None:
+                return segment
+        if self.silent or self._center is None:
+            return Segment(index, None, EndMotion.resting(self._position, self._orientation, time))
+        if wanted_ns - self._center.stamp_ns > self.timeout_ns:
+            return self._come_to_rest(grid, index, time)
+        return None
+
+    def _segment_between(
+        self, center: Pose, pose: Pose, grid: StepGrid, index: int, time: float
+    ) -> Segment | None:
+        """The parabola that ends half-way in time between two poses; None if that is past or too
+        near.
+        """
+        interval_ns = pose.stamp_ns - center.stamp_ns
+        self._interval_ns = interval_ns
+        middle_ns = center.stamp_ns + interval_ns // 2
+        last = grid.first_at_or_after(middle_ns)
+        # A segment much shorter than the interval would turn a small miss into a jerk; the next one
+        # takes over.
+        if last <= index or (last - index) * grid.step < 0.25e-9 * interval_ns:
+            if grid.time_of(index - 1) > pose.stamp_ns:
+                self._note("late", f"a pose of {self.end} came after the simulation had passed it")
+            return None
+        first_p, first_q = self._shifted(center)
+        second_p, second_q = self._shifted(pose)
+        rate = 1e9 / interval_ns
+        velocity = (second_p - first_p) * rate
+        turn = rotations.to_rotation_vector(rotations.multiply(second_q, rotations.conjugate(first_q)))
+        spin = turn * rate
+        ahead = (grid.time_of(last) - middle_ns) * 1e-9
+        position = 0.5 * (first_p + second_p) + ahead * velocity
+        orientation = rotations.multiply(
+            rotations.from_rotation_vector(0.5 * turn + ahead * spin), first_q
+        )
+        return self._move_to(position, velocity, orientation, spin, index, last, grid.step, time)
+
+    def _move_to(
+        self,
+        position: Array,
+        velocity: Array,
+        orientation: Array,
+        spin: Array,
+        first: int,
+        last: int,
+        step: float,
+        time: float,
+    ) -> Segment:
+        """Parabola from the present pose and velocity to a target, see the module's formula;
+        advances the present.
+        """
+        duration = (last - first) * step
+        p1, p2 = _parabola(position - self._position, self._velocity, velocity, duration)
+        way = rotations.to_rotation_vector(
+            rotations.multiply(orientation, rotations.conjugate(self._orientation))
+        )
+        # Angular velocity -> rate of the rotation vector at `way`: inverse left Jacobian to second
+        # order.
+        cross = np.cross(way, spin)
+        w1, w2 = _parabola(way, self._spin, spin - 0.5 * cross + np.cross(way, cross) / 12.0, duration)
+        motion = EndMotion(
+            time, duration, np.array([self._position, p1, p2]), self._orientation, np.array([w1, w2])
+        )
+        self._position = self._position + duration * (p1 + duration * p2)
+        self._velocity = p1 + 2.0 * duration * p2
+        reached = duration * (w1 + duration * w2)
+        self._spin = rotations.angular_velocity(reached, w1 + 2.0 * duration * w2)
+        self._orientation = rotations.normalized(
+            rotations.multiply(rotations.from_rotation_vector(reached), self._orientation)
+        )
+        return Segment(first, last, motion)
+
+    def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment:
+        """As if the last pose were repeated: one segment to it, one to absorb the miss, then rest.
+        """
+        center = self._center
+        assert center is not None
+        moving = bool(np.any(self._velocity) or np.any(self._spin))
+        if not moving:
+            self.silent = True
+            timeout = self.timeout_ns / SECOND
+            self._note("silent", f"no pose of {self.end} for {timeout:g} s; the last one is held")
+            return Segment(index, None, EndMotion.resting(self._position, self._orientation, time))
+        interval = max(1e-9 * self._interval_ns, 2.0 * grid.step)
+        last = index + max(1, round(interval / grid.step))
+        position, orientation = self._shifted(center)
+        zero = np.zeros(3)
+        segment = self._move_to(position, zero, orientation, zero, index, last, grid.step, time)
+        if np.linalg.norm(self._velocity) < 1e-9 and np.linalg.norm(self._spin) < 1e-9:
+            self._stop_at(self._position, self._orientation)
+        return segment
+
+    def _resume(self, grid: StepGrid, index: int, time: float) -> Segment | None:
+        """Poses are back: rest until the first of them, then rejoin from the pose held."""
+        pose = self._queue[0]
+        first = grid.first_at_or_after(pose.stamp_ns)
+        if first > index:
+            motion = EndMotion.resting(self._position, self._orientation, time)
+            return Segment(index, first, motion)
+        self._queue.popleft()
+        self.silent = False
+        self._center = pose
+        self._rejoin(pose)
+        return None
+
+    def _rejoin(self, pose: Pose) -> None:
+        """From the stamp of this pose on, poses are shifted so that this one is where the end is
+        now; the shift fades.
+        """
+        offset = self._position - pose.position
+        turn = rotations.to_rotation_vector(
+            rotations.multiply(self._orientation, rotations.conjugate(pose.orientation))
+        )
+        distance, angle = float(np.linalg.norm(offset)), float(np.linalg.norm(turn))
+        if distance < 1e-9 and angle < 1e-9:
+            self._shift = None
+            return
+        self._note("rejoined", f"{self.end} returns to its poses, {distance:.3g} m away")
+        duration = max(REJOIN_TIME, distance / REJOIN_SPEED, angle / REJOIN_TURN)
+        self._shift = _Shift(pose.stamp_ns, duration, offset, turn)
+
+    def _shifted(self, pose: Pose) -> tuple[Array, Array]:
+        if self._shift is None:
+            return pose.position, pose.orientation
+        weight = self._shift.weight(pose.stamp_ns)
+        if weight == 0.0:
+            return pose.position, pose.orientation
+        turn = rotations.from_rotation_vector(weight * self._shift.turn)
+        return (
+            pose.position + weight * self._shift.offset,
+            rotations.multiply(turn, pose.orientation),
+        )
+
+    def _stop_at(self, position: Array, orientation: Array) -> None:
+        self._position, self._orientation = position, orientation
+        self._velocity, self._spin = np.zeros(3), np.zeros(3)
+
+
+class _Shift(NamedTuple):
+    """A displacement of the poses that fades from 1 to 0 by 1 - 3 x^2 + 2 x^3."""
+
+    begin_ns: int
+    duration: float
+    offset: Array
+    turn: Array
+
+    def weight(self, stamp_ns: int) -> float:
+        x = min(1.0, max(0.0, (stamp_ns - self.begin_ns) / (self.duration * SECOND)))
+        return 1.0 - x * x * (3.0 - 2.0 * x)
+
+    def moved(self, delta_ns: int) -> _Shift:
+        return self._replace(begin_ns=self.begin_ns + delta_ns)
+
+
+def _parabola(way: Array, v0: Array, v1: Array, duration: float) -> tuple[Array, Array]:
+    """Linear and quadratic coefficient of the module's formula."""
+    defect = 0.5 * duration * (v0 + v1) - way
+    return v0, (v1 - defect / duration - v0) / (2.0 * duration)
+
+
+def _moved(pose: Pose, delta_ns: int) -> Pose:
+    return pose._replace(stamp_ns=pose.stamp_ns + delta_ns)

@@ -1,0 +1,119 @@
+"""Accepted wrenches and forces -> the load that acts during a step (zero-order hold).
+
+During a step acts the newest load whose stamp is not after the start of the step; it is held until
+the next one, or until `timeout` after its stamp, when it is removed. A load is a wrench ON THE
+CABLE, already multiplied by `loads.<name>.sign`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from dlo_sim.core import rotations
+from dlo_sim.scene.description import Load
+from dlo_sim.session.time_base import SECOND
+
+# Loads waiting for their time; a paused simulation must not collect them for ever.
+_MOST_WAITING = 20_000
+
+Triple = tuple[float, float, float]
+
+
+class LoadMessage(NamedTuple):
+    """An accepted load on the cable.
+
+    Attributes:
+        stamp_ns: time base [ns].
+        force: [N], world frame, or the end-effector's if `end` names one.
+        torque: [N m], likewise.
+        end: "" = world frame; "start" or "end" = the frame of that end-effector.
+    """
+
+    stamp_ns: int
+    force: Triple
+    torque: Triple
+    end: str
+
+
+class LoadTarget(Protocol):
+    """The part of the simulator that takes loads."""
+
+    def set_load(self, name: str, force: object = None, torque: object = None) -> None:
+        """Hold this load from now on; None = none."""
+
+    def end_pose(self, end: str) -> tuple[object, object]:
+        """Position and orientation of an end effector now."""
+
+
+class LoadSchedule:
+    """The pending messages of one load.
+
+    Args:
+        load: its description.
+        note: called with the name of an event and one line of text.
+    """
+
+    def __init__(self, load: Load, note: Callable[[str, str], None]) -> None:
+        self.name = load.name
+        self.timeout_ns = round(load.timeout * SECOND)
+        self._note = note
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all messages."""
+        self._pending: deque[LoadMessage] = deque(maxlen=_MOST_WAITING)
+        self._held: LoadMessage | None = None
+
+    def add(self, message: LoadMessage) -> None:
+        """Take an accepted message; stamps must increase."""
+        self._pending.append(message)
+
+    def shift_time(self, delta_ns: int) -> None:
+        """Relabel all stamps by delta [ns] (the time base was decided later than the first messages
+        came).
+        """
+        moved = [m._replace(stamp_ns=m.stamp_ns + delta_ns) for m in self._pending]
+        self._pending = deque(moved, maxlen=_MOST_WAITING)
+        if self._held is not None:
+            self._held = self._held._replace(stamp_ns=self._held.stamp_ns + delta_ns)
+
+    def next_change_ns(self) -> int | None:
+        """Time base [ns] of the next change that is known now, None = none."""
+        changes = []
+        if self._pending:
+            changes.append(self._pending[0].stamp_ns)
+        if self._held is not None and self.timeout_ns:
+            changes.append(self._held.stamp_ns + self.timeout_ns)
+        return min(changes, default=None)
+
+    def apply(self, now_ns: int, step_ns: float, simulator: LoadTarget) -> None:
+        """Give the simulator the load that acts during the step that begins at `now_ns`."""
+        newest: LoadMessage | None = None
+        while self._pending and self._pending[0].stamp_ns <= now_ns:
+            newest = self._pending.popleft()
+            if now_ns - newest.stamp_ns > step_ns:
+                self._note("late", f"load {self.name} came after the simulation had passed its stamp")
+        if newest is not None:
+            self._held = newest
+            force, torque = newest.force, newest.torque
+            if newest.end:
+                orientation = simulator.end_pose(newest.end)[1]
+                turned = rotations.rotate(np.asarray(orientation), np.array([force, torque]))
+                force, torque = turned[0], turned[1]
+            simulator.set_load(self.name, force=force, torque=torque)
+        held = self._held
+        if held is not None and self.timeout_ns and now_ns >= held.stamp_ns + self.timeout_ns:
+            self._held = None
+            timeout = self.timeout_ns / SECOND
+            self._note("load_removed", f"load {self.name}: no message for {timeout:g} s; removed")
+            simulator.set_load(self.name, force=None, torque=None)
+
+    def resend(self, simulator: LoadTarget) -> None:
+        """Apply the load that is held again (to a new simulator)."""
+        if self._held is not None:
+            self._pending.appendleft(self._held)
+            self.apply(self._held.stamp_ns, 0.0, simulator)

@@ -1,0 +1,152 @@
+"""The simulator's state -> serialised output messages.
+
+SIGN AND FRAME OF EVERY OUTPUT (all in the world frame `frame_id`; the stamp is the time at which
+the state holds)
+- `~/start/reaction`, `~/end/reaction` (WrenchStamped, only for an end that is held): force [N] and
+  torque [N m] acting ON THE CABLE BY THE END EFFECTOR, torque about the attachment point, axes of
+  the world. It includes what moves the point mass `<end>.mass`. A force-torque sensor in the wrist
+  that measures the load of the cable on the robot reads the NEGATIVE of it.
+- `~/control_points` (PoseArray): control point i, which lies near but not on the cable, with the
+  material frame of the cable at the control point's material coordinate: x axis = tangent from
+  start to end.
+- `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable; the control points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.session import cdr
+from dlo_sim.session.time_base import SECOND
+
+Array = NDArray[np.float64]
+
+CONTROL_POINTS = "~/control_points"
+CENTERLINE = "~/centerline"
+CONTROL_POLYGON = "~/control_polygon"
+DIAGNOSTICS = "/diagnostics"
+
+_CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
+_POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
+# A marker that is not renewed disappears after this many marker periods.
+_MARKER_PERIODS = 5
+
+
+class OutgoingMessage(NamedTuple):
+    """A serialised message: topic as in the scene (`~/...`), ROS type, stamp on the clock [ns], CDR
+    bytes.
+    """
+
+    topic: str
+    type: str
+    stamp_ns: int
+    data: bytes
+
+
+class Observable(Protocol):
+    """The part of the simulator that is read."""
+
+    @property
+    def control_points(self) -> Array:
+        """Shape (n, 4)."""
+
+    @property
+    def greville(self) -> Array:
+        """Material coordinate of each control point [m], shape (n,)."""
+
+    def centerline(self, u: Array) -> Array:
+        """Points [m], shape (len(u), 3)."""
+
+    def frames(self, u: Array) -> Array:
+        """Material frames, quaternions x, y, z, w, shape (len(u), 4)."""
+
+    def reaction(self, end: str) -> tuple[Array, Array]:
+        """Force and torque on the cable by the end effector, world frame."""
+
+
+def output_topics(scene: Scene) -> dict[str, str]:
+    """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
+    topics = {CONTROL_POINTS: cdr.POSE_ARRAY}
+    topics |= {_reaction(n): cdr.WRENCH_STAMPED for n, end in scene.ends.items() if end.held}
+    topics |= {CENTERLINE: cdr.MARKER, CONTROL_POLYGON: cdr.MARKER}
+    return topics | {DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY}
+
+
+class Outputs:
+    """Encodes the state of one simulator.
+
+    Attributes:
+        not_finite: messages withheld because a number in them was not finite.
+    """
+
+    def __init__(self, scene: Scene, control_points: int, greville: Array) -> None:
+        lifetime = round(_MARKER_PERIODS * SECOND / scene.outputs.marker_rate)
+        frame, width = scene.frame_id, scene.cable.diameter
+        samples = scene.outputs.centerline_samples
+        self.not_finite = 0
+        self._topics = output_topics(scene)
+        self._greville = greville
+        self._samples = np.linspace(0.0, scene.cable.length, samples)
+        self._reactions = {_reaction(n): n for n, end in scene.ends.items() if end.held}
+        self._poses = cdr.PoseArrayEncoder(frame, control_points)
+        self._wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame)
+        self._centerline = cdr.LineStripEncoder(
+            frame, "centerline", 0, samples, width, _CABLE_COLOR, lifetime
+        )
+        self._polygon = cdr.LineStripEncoder(
+            frame, "control_polygon", 0, control_points, 0.3 * width, _POLYGON_COLOR, lifetime
+        )
+
+    def messages(
+        self, simulator: Observable, stamp_ns: int, wanted: Collection[str] | None, markers: bool
+    ) -> list[OutgoingMessage]:
+        """The messages of this state.
+
+        Args:
+            stamp_ns: time of the state on the clock [ns].
+            wanted: topics that somebody listens to, None = all; nothing is computed for the others.
+            markers: whether the markers are due.
+        """
+        found: list[OutgoingMessage] = []
+        points: Array | None = None
+        for topic, message_type in self._topics.items():
+            if wanted is not None and topic not in wanted:
+                continue
+            if topic in self._reactions:
+                force, torque = simulator.reaction(self._reactions[topic])
+                wrench = (*force.tolist(), *torque.tolist())
+                data = self._wrench.encode(stamp_ns, wrench) if math.isfinite(sum(wrench)) else None
+            elif topic == CONTROL_POINTS:
+                points = simulator.control_points[:, :3]
+                frames = simulator.frames(self._greville)
+                data = None
+                if _finite(points) and _finite(frames):
+                    data = self._poses.encode(stamp_ns, points, frames)
+            elif not markers or topic == DIAGNOSTICS:
+                continue
+            elif topic == CENTERLINE:
+                line = simulator.centerline(self._samples)
+                data = self._centerline.encode(stamp_ns, line) if _finite(line) else None
+            else:
+                points = simulator.control_points[:, :3] if points is None else points
+                data = self._polygon.encode(stamp_ns, points) if _finite(points) else None
+            if data is None:
+                self.not_finite += 1
+            else:
+                found.append(OutgoingMessage(topic, message_type, stamp_ns, data))
+        return found
+
+
+def _reaction(end: str) -> str:
+    return f"~/{end}/reaction"
+
+
+def _finite(values: Array) -> bool:
+    # A sum is not finite if one term is not; 2 us cheaper than isfinite().all() for 50 poses.
+    return math.isfinite(float(np.add.reduce(values, axis=None)))

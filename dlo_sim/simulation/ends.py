@@ -1,0 +1,159 @@
+"""The end effectors of a simulator: where they are, how they move, what that prescribes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.core import rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.kernels.ends import end_points
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.geometry import ENDS, EndGeometry
+
+Array = NDArray[np.float64]
+COLUMNS = 39
+TWIST, CLAMPED, HELD, SIGN = 33, 34, slice(35, 38), 38
+
+
+class EndDrive:
+    """Both end effectors.
+
+    Attributes:
+        motion: what the kernels read (`kernels.ends`), shape (2, 39). A row is active once its end
+            is driven by the scene or was moved by a caller.
+    """
+
+    def __init__(self, scene: Scene, geometries: Mapping[str, EndGeometry]) -> None:
+        self.motion = np.zeros((2, COLUMNS))
+        self._geometries = geometries
+        self._motions: dict[str, EndMotion] = {}
+        spans = scene.discretization.control_points - 3
+        third = scene.cable.length / spans / 3.0
+        for row, name in enumerate(ENDS):
+            end, geometry = scene.ends[name], geometries[name]
+            sign = 1.0 if name == "start" else -1.0
+            m = self.motion[row]
+            m[27:30] = end.offset
+            m[30:33] = sign * third * geometry.tangent
+            m[CLAMPED] = float(end.clamped)
+            m[HELD] = end.fixed
+            m[SIGN] = sign
+            self._write(name, EndMotion.resting(geometry.position, geometry.orientation))
+            m[0] = float(end.driven and end.held)
+
+    @property
+    def any_driven(self) -> bool:
+        """Whether an end moves, or may move."""
+        return bool(self.motion[:, 0].any())
+
+    def pose(self, end: str, t: float) -> tuple[Array, Array]:
+        """Position [m] and quaternion of an end effector at time t."""
+        motion = self._motions[_known(end)]
+        return motion.position_at(t), motion.orientation_at(t)
+
+    def tangent(self, end: str, t: float) -> Array:
+        """Direction of the cable at a clamped end, world frame, start towards end."""
+        return rotations.rotate(self.pose(end, t)[1], self._geometries[end].tangent)
+
+    def put(self, position: Array, n: int, t: float) -> None:
+        """Write the prescribed control points of both ends at time t, driven or not."""
+        for row in range(2):
+            m = self.motion[row]
+            values = end_points(m, t)
+            outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
+            for axis in range(3):
+                if m[HELD][axis]:
+                    position[axis, outer] = values[axis]
+                if m[CLAMPED]:
+                    position[axis, inner] = values[3 + axis]
+            if m[CLAMPED] and position.shape[0] > 3:
+                position[3, outer] = values[6]
+
+    def place(
+        self,
+        end: str,
+        t: float,
+        position: ArrayLike | None,
+        orientation: ArrayLike | None,
+        tangent: ArrayLike | None,
+    ) -> None:
+        """Rest at a pose from time t on.
+
+        Raises:
+            ValueError: not finite, a zero quaternion or tangent, or both orientation and tangent.
+        """
+        old_position, old_orientation = self.pose(end, t)
+        if orientation is not None and tangent is not None:
+            raise ValueError(f"{end}: give an orientation or a tangent, not both")
+        turned = old_orientation
+        if orientation is not None:
+            turned = rotations.normalized(orientation)
+        if tangent is not None:
+            direction = _finite(end, "tangent", tangent, 3)
+            turned = rotations.multiply(
+                rotations.minimal_rotation(self.tangent(end, t), direction), old_orientation
+            )
+        place = old_position if position is None else _finite(end, "position", position, 3)
+        # A swing towards a new orientation keeps the twist that the way there gives it.
+        swing = rotations.to_rotation_vector(
+            rotations.multiply(turned, rotations.conjugate(old_orientation))
+        )
+        row = self.motion[ENDS.index(end)]
+        row[TWIST] = end_points(row, t)[6] + row[SIGN] * _twist_about(
+            swing, rotations.rotate(old_orientation, row[30:33])
+        )
+        self._write(end, EndMotion.resting(place, turned, t))
+        row[0] = 1.0
+
+    def follow(self, end: str, t: float, motion: EndMotion) -> None:
+        """Follow a motion; the twist goes on from where the present motion is at its start."""
+        row = self.motion[ENDS.index(_known(end))]
+        row[TWIST] = end_points(row, max(motion.start, row[1]))[6]
+        self._write(end, motion)
+        row[0] = 1.0
+
+    def restored(self) -> None:
+        """Rebuild the motions after `motion` was overwritten by a snapshot."""
+        for row, name in enumerate(ENDS):
+            m = self.motion[row]
+            self._motions[name] = EndMotion(
+                start=float(m[1]),
+                duration=float(m[2]),
+                position=m[3:12].reshape(3, 3).copy(),
+                orientation=rotations.from_matrix(m[12:21].reshape(3, 3)),
+                rotation=m[21:27].reshape(2, 3).copy(),
+            )
+
+    def _write(self, end: str, motion: EndMotion) -> None:
+        m = self.motion[ENDS.index(end)]
+        m[1], m[2] = motion.start, motion.duration
+        m[3:12] = motion.position.ravel()
+        m[12:21] = rotations.to_matrix(motion.orientation).ravel()
+        m[21:27] = motion.rotation.ravel()
+        self._motions[end] = motion
+
+
+def _known(end: str) -> str:
+    if end not in ENDS:
+        raise KeyError(f"no end '{end}': use start or end")
+    return end
+
+
+def _finite(end: str, what: str, value: ArrayLike, size: int) -> Array:
+    vector = np.asarray(value, dtype=float)
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise ValueError(f"{end}: {what} needs {size} finite numbers, got {value}")
+    return vector
+
+
+def _twist_about(rotation: Array, axis: Array) -> float:
+    """Swing-twist: angle [rad] of a rotation vector about an axis."""
+    angle = float(np.linalg.norm(rotation))
+    norm = float(np.linalg.norm(axis))
+    if angle == 0.0 or norm == 0.0:
+        return 0.0
+    along = float(rotation @ axis) / (norm * angle)
+    return float(2.0 * np.arctan2(np.sin(0.5 * angle) * along, np.cos(0.5 * angle)))

@@ -1,0 +1,230 @@
+"""A scene turned into the constant arrays of its compiled step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline, mass, quadrature
+from dlo_sim.kernels import layout
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import Needs
+from dlo_sim.simulation.geometry import ENDS, EndGeometry
+
+Array = NDArray[np.float64]
+AXES = (0, 1, 2)
+TWIST_ROW = 3
+
+
+@dataclass(frozen=True)
+class Model:
+    """Constant arrays of a scene.
+
+    Attributes:
+        knots: clamped knot vector, shape (n + 4,).
+        terms: what the kernels read; its spring anchors and drive rows follow the ends.
+        friction: linear damping, None where there is none; viscosity: beta [s] or None.
+        mass_band: mass without prescribed rows taken out, per row.
+        width: padded number of columns of position arrays.
+    """
+
+    knots: Array
+    terms: layout.Terms
+    friction: layout.Friction | None
+    viscosity: float | None
+    width: int
+
+    @property
+    def n(self) -> int:
+        """Number of control points."""
+        return self.terms.lattice.n
+
+    @property
+    def rows(self) -> int:
+        """Rows of position arrays: three axes, and twist where there is any."""
+        return self.terms.mass.free.shape[0]
+
+
+def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> Model:
+    """Constant arrays of a scene whose ends are where `ends` says."""
+    n = scene.discretization.control_points
+    knots = bspline.clamped_knots(n, scene.cable.length)
+    rule = _quadrature(scene, n - bspline.DEGREE)
+    lattice = _lattice(knots, rule)
+    width = lattice.extraction.shape[0] * layout.LANES + bspline.DEGREE
+    free = _free(scene, n, needs.twist)
+    bands = _mass_bands(scene, knots, needs.twist)
+    mass_terms = _mass(bands, free)
+    terms = layout.Terms(
+        lattice=lattice,
+        mass=mass_terms,
+        stretch=layout.Stretch(scene.cable.EA) if needs.stretch else None,
+        bend=layout.Bend(scene.cable.EI) if needs.bend else None,
+        rest=_rest_curvature(scene, lattice) if needs.bend else None,
+        twist=_twist(scene, knots, rule) if needs.twist else None,
+        gravity=_gravity(scene, bands[0], n) if needs.gravity else None,
+        springs=_springs(scene, ends) if needs.springs else None,
+        loads=_loads(scene, knots) if needs.loads else None,
+        drive=_drive(bands, free, width) if needs.drive else None,
+        decay=_decay(scene) if needs.damping else None,
+        axes=AXES,
+    )
+    friction, viscosity = _friction(scene, knots, bands, needs)
+    return Model(knots, terms, friction, viscosity, width)
+
+
+def _quadrature(scene: Scene, n_spans: int) -> quadrature.Quadrature:
+    choice = scene.discretization
+    if choice.quadrature == "uniform":
+        return quadrature.uniform(n_spans, scene.cable.length, choice.samples)
+    return quadrature.gauss(n_spans, scene.cable.length, choice.samples)
+
+
+def _lattice(knots: Array, rule: quadrature.Quadrature) -> layout.Lattice:
+    polynomials = bspline.span_polynomials(knots)
+    n_spans = len(polynomials)
+    slope = 2.0 * n_spans / knots[-1]
+    blocks = -(-n_spans // layout.LANES)
+    derivative = polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0]) * slope
+    extraction = _by_lanes(derivative.reshape(n_spans, -1), blocks)
+    return layout.Lattice(
+        xi=_by_lanes(rule.xi, blocks),
+        weights=_by_lanes(rule.weights, blocks),
+        extraction=extraction,
+        padding=1.0 - _by_lanes(np.ones((n_spans, 1)), blocks)[:, 0],
+        slope=float(slope),
+        n=n_spans + bspline.DEGREE,
+    )
+
+
+def _by_lanes(per_span: Array, blocks: int) -> Array:
+    """(n_spans, rows) -> (blocks, rows, LANES), padded with zeros."""
+    padded = np.zeros((blocks * layout.LANES, per_span.shape[1]))
+    padded[: len(per_span)] = per_span
+    return np.ascontiguousarray(
+        padded.reshape(blocks, layout.LANES, per_span.shape[1]).transpose(0, 2, 1)
+    )
+
+
+def _free(scene: Scene, n: int, twist: bool) -> Array:
+    """1 where a DOF is solved for. A clamp holds the end's tangent and twist as well."""
+    free = np.ones((len(AXES) + twist, n))
+    for name, outer, inner in (("start", 0, 1), ("end", n - 1, n - 2)):
+        end = scene.ends[name]
+        for axis in AXES:
+            if end.fixed[axis]:
+                free[axis, outer] = 0.0
+            if end.clamped:
+                free[axis, inner] = 0.0
+        if twist and end.clamped:
+            free[TWIST_ROW, outer] = 0.0
+    return free
+
+
+def _mass_bands(scene: Scene, knots: Array, twist: bool) -> Array:
+    """Mass of every row, shape (rows, 4, n): mu times the Gram matrix, plus the end masses."""
+    gram = mass.gram(knots)
+    if scene.discretization.mass == "lumped":
+        gram = mass.lumped(gram)
+    line = scene.cable.mu * gram
+    line[0, 0] += scene.start.mass
+    line[0, -1] += scene.end.mass
+    bands = [line] * len(AXES)
+    if twist:
+        bands.append(scene.cable.polar_inertia * gram)
+    return np.ascontiguousarray(np.stack(bands))
+
+
+def _mass(bands: Array, free: Array) -> layout.Mass:
+    factors = [
+        mass.factorize(band, row == 0.0) for band, row in zip(bands, free, strict=True)
+    ]
+    return layout.Mass(
+        band=bands,
+        lower=np.ascontiguousarray(np.stack([lower for lower, _ in factors])),
+        inverse_diagonal=np.ascontiguousarray(np.stack([inverse for _, inverse in factors])),
+        free=free,
+    )
+
+
+def _rest_curvature(scene: Scene, lattice: layout.Lattice) -> layout.RestCurvature | None:
+    values = np.asarray(scene.cable.rest_curvature, dtype=float)
+    if not values.any():
+        return None
+    n_spans = lattice.n - bspline.DEGREE
+    blocks = lattice.xi.shape[0]
+    span = np.arange(blocks * layout.LANES).reshape(blocks, 1, layout.LANES)
+    share = np.clip((span + 0.5 * (lattice.xi + 1.0)) / n_spans, 0.0, 1.0)
+    curvature = np.interp(share, np.linspace(0.0, 1.0, len(values)), values)
+    axis = np.array(scene.cable.rest_curvature_axis, dtype=float)
+    moment = scene.cable.EI * curvature * lattice.weights
+    return layout.RestCurvature(np.ascontiguousarray(moment), axis / np.linalg.norm(axis))
+
+
+def _twist(scene: Scene, knots: Array, rule: quadrature.Quadrature) -> layout.Twist:
+    return layout.Twist(scene.cable.GJ * mass.gram(knots, 1, rule))
+
+
+def _gravity(scene: Scene, band: Array, n: int) -> Array:
+    """Generalised weight of cable and end masses: M applied to a uniform field."""
+    return np.outer(np.asarray(scene.gravity), mass.multiply(band, np.ones(n)))
+
+
+def _springs(scene: Scene, ends: Mapping[str, EndGeometry]) -> layout.Springs:
+    stiffness = np.array([scene.ends[name].spring for name in ENDS], dtype=float)
+    anchor = np.array([ends[name].attachment for name in ENDS], dtype=float)
+    return layout.Springs(stiffness, anchor)
+
+
+def _loads(scene: Scene, knots: Array) -> layout.Loads:
+    u = np.array([load.position for load in scene.loads]) * scene.cable.length
+    first, basis = bspline.active_basis(knots, u)
+    _, slope = bspline.active_basis(knots, u, 1)
+    signal = np.array([load.signal != "none" for load in scene.loads], dtype=float)
+    force = np.array([load.force for load in scene.loads], dtype=float)
+    torque = np.array([load.torque for load in scene.loads], dtype=float)
+    sine = np.array([load.signal == "sine" for load in scene.loads])
+    frequency = np.array([load.frequency for load in scene.loads], dtype=float)
+    return layout.Loads(
+        first=first,
+        basis=basis,
+        slope=slope,
+        force=force * signal[:, None],
+        torque=torque * signal[:, None],
+        frequency=np.where(sine, frequency, 0.0),
+    )
+
+
+def _drive(bands: Array, free: Array, width: int) -> layout.Drive:
+    rows, n = free.shape
+    shift = np.zeros((rows, 4, width))
+    for d in range(rows):
+        matrix = mass.dense(bands[d])
+        unknown = free[d] != 0.0
+        for j, column in enumerate((0, 1, n - 2, n - 1)):
+            if not unknown[column]:
+                shift[d, j, : n][unknown] = np.linalg.solve(
+                    matrix[np.ix_(unknown, unknown)], matrix[unknown, column]
+                )
+    return layout.Drive(np.zeros((2, 39)), shift)
+
+
+def _decay(scene: Scene) -> float | None:
+    """Rate of mass-proportional damping; drag is such damping where no end mass is carried."""
+    rate = scene.damping.mass + scene.damping.air_drag / scene.cable.mu
+    return rate or None
+
+
+def _friction(
+    scene: Scene, knots: Array, bands: Array, needs: Needs
+) -> tuple[layout.Friction | None, float | None]:
+    if not needs.damping:
+        return None, None
+    damping = scene.damping
+    viscous = damping.mass * bands
+    viscous[: len(AXES)] += damping.air_drag * mass.gram(knots)
+    friction = layout.Friction(np.ascontiguousarray(viscous), damping.stiffness)
+    return friction, damping.stiffness or None

@@ -1,0 +1,82 @@
+"""Reactions: what the end effectors do to the cable at one instant."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import mass
+from dlo_sim.kernels import layout
+from dlo_sim.kernels.banded import solve_rows
+from dlo_sim.kernels.ends import end_velocities
+from dlo_sim.kernels.instant import instant_force
+from dlo_sim.kernels.observe import velocities
+from dlo_sim.simulation.geometry import ENDS
+from dlo_sim.simulation.model import TWIST_ROW, Model
+
+Array = NDArray[np.float64]
+RATE_STEP = 1e-6  # [s] for the acceleration of a driven end; exact for quadratic motion
+
+
+def reaction(
+    model: Model,
+    state: layout.State,
+    work: layout.Work,
+    solver: layout.Solver,
+    t: float,
+    end: str,
+) -> tuple[Array, Array]:
+    """Force [N] and moment about the attachment [N m] on the cable by an end effector, world frame.
+
+    With all other forces f known, the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p); what is
+    missing in M a = f + R on the prescribed rows is the reaction R. A spring's force counts too.
+    """
+    if end not in ENDS:
+        raise KeyError(f"no end '{end}': use start or end")
+    n, terms = model.n, model.terms
+    v = np.zeros_like(state.w)
+    velocities(state.w, terms, t, v)
+    force = np.zeros_like(state.w)
+    instant_force(
+        state.position, v, terms, model.friction, model.viscosity, work, solver, t, force
+    )
+    acceleration = _prescribed_acceleration(model, t, v.shape)
+    inertia = np.stack([mass.multiply(terms.mass.band[d], acceleration[d, :n]) for d in range(model.rows)])
+    free_part = np.zeros_like(force)
+    free_part[:, :n] = (force[:, :n] - inertia) * terms.mass.free
+    solve_rows(terms.mass.lower, terms.mass.inverse_diagonal, n, free_part)
+    acceleration += free_part
+    missing = np.stack(
+        [mass.multiply(terms.mass.band[d], acceleration[d, :n]) for d in range(model.rows)]
+    )
+    missing = (missing - force[:, :n]) * (1.0 - terms.mass.free)
+    row = ENDS.index(end)
+    outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
+    arm = state.position[:3, inner] - state.position[:3, outer]
+    total = missing[:3, outer] + missing[:3, inner]
+    moment = np.cross(arm, missing[:3, inner])
+    if model.rows > TWIST_ROW:
+        sign = 1.0 if row == 0 else -1.0
+        moment += missing[TWIST_ROW, outer] * sign * arm / np.linalg.norm(arm)
+    if terms.springs is not None:
+        total -= terms.springs.stiffness[row] * (
+            state.position[:3, outer] - terms.springs.anchor[row]
+        )
+    return total, moment
+
+
+def _prescribed_acceleration(model: Model, t: float, shape: tuple[int, ...]) -> Array:
+    """Accelerations of driven control points, zero elsewhere."""
+    result = np.zeros(shape)
+    terms = model.terms
+    if terms.drive is None:
+        return result
+    rates = []
+    for shift in (-RATE_STEP, RATE_STEP):
+        out = np.zeros(shape)
+        end_velocities(terms.drive.motion, t + shift, model.n, terms.axes, terms.mass.free, out)
+        rates.append(out)
+    # At the border of a motion one side rests; a jump of velocity is no acceleration to report.
+    result = (rates[1] - rates[0]) / (2.0 * RATE_STEP)
+    result[np.abs(result) > 1e4] = 0.0
+    return result

@@ -1,0 +1,53 @@
+"""What a simulator tells about itself: outcome of an advance, energies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Status(Enum):
+    """Outcome of an advance; the value is a readable sentence."""
+
+    OK = "advanced as asked"
+    DIVERGED = "the energy grew beyond what was put in; the last good state is kept"
+    NOT_CONVERGED = "Newton's method did not converge even with small steps; the last good state is kept"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the state is where it was asked to be."""
+        return self is Status.OK
+
+
+@dataclass(frozen=True)
+class Report:
+    """Outcome of one advance.
+
+    Attributes:
+        status: what happened; message: one line, empty if all is well.
+        steps: whole steps done; simulated: their time [s].
+        force_evaluations: force evaluations, or Newton iterations of an implicit method.
+    """
+
+    status: Status
+    message: str
+    steps: int
+    simulated: float
+    force_evaluations: int
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energies [J]; gravity is zero at the world's origin, `total` is their sum."""
+
+    kinetic: float
+    stretch: float
+    bend: float
+    twist: float
+    gravity: float
+    spring: float
+
+    @property
+    def total(self) -> float:
+        """Sum of all parts [J]."""
+        return self.kinetic + self.stretch + self.bend + self.twist + self.gravity + self.spring

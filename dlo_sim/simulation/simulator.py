@@ -1,0 +1,403 @@
+"""The simulator: one cable that can be stepped, loaded, moved by its ends, and looked at."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.core import bspline, rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.kernels import layout
+from dlo_sim.kernels.frames import material_frames
+from dlo_sim.kernels.observe import kinetic_energy, potentials, start_account, velocities
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.needs import needs_of
+from dlo_sim.simulation import statics, workspace
+from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.geometry import Pose, end_geometries, first_shape
+from dlo_sim.simulation.model import TWIST_ROW, Model, build_model
+from dlo_sim.simulation.reaction import reaction
+from dlo_sim.simulation.report import Energy, Report, Status
+from dlo_sim.simulation.stepper import Choice, Stepper, choose, largest_frequency
+
+Array = NDArray[np.float64]
+_STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
+CHUNK = 4096  # steps between two saved states of a long advance
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything that `Simulator.restore` needs to go on with the same bits."""
+
+    steps: int
+    remainder: float
+    arrays: tuple[Array, ...]
+
+
+class Simulator:
+    """A cable of one scene.
+
+    Args:
+        scene: what to simulate, from `dlo_sim.load_scene`.
+        end_poses: end-effector poses at time 0, {"start": (position [m] (3,), quaternion x, y, z, w
+            (4,)), ...}; ends that are not named are where the scene says.
+
+    Raises:
+        SceneError: a scene that cannot be simulated, in one line.
+    """
+
+    def __init__(self, scene: Scene, end_poses: Mapping[str, Pose] | None = None) -> None:
+        self.scene = scene
+        needs = needs_of(scene)
+        _refuse_unbuilt(scene)
+        self._needs = needs
+        self._geometries = end_geometries(scene, end_poses)
+        self._model = build_model(scene, needs, self._geometries)
+        self._ends = EndDrive(scene, self._geometries)
+        self._share_drive()
+        self._state = workspace.new_state(self._model)
+        self._work = workspace.new_work(self._model)
+        self._solver = workspace.new_solver(self._model)
+        self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
+        self._steps = 0
+        self._remainder = 0.0
+        self._turn_rest_axis()
+        self._place(scene)
+        frequency = largest_frequency(self._model, self._state, self._work, self._solver)
+        self._choice = choose(scene, frequency)
+        self._stepper = Stepper(scene, self._model, self._choice)
+        self._open_account()
+        started = time.perf_counter()
+        self._stepper.advance(self._state, self._work, self._solver, 0, 0)
+        self.compile_seconds = time.perf_counter() - started
+        self._initial = self.snapshot()
+
+    # -- what it is -----------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]: whole steps since the start."""
+        return self._steps * self._choice.step
+
+    @property
+    def steps(self) -> int:
+        """Whole steps since the start."""
+        return self._steps
+
+    @property
+    def step(self) -> float:
+        """Step tau [s]."""
+        return self._choice.step
+
+    @property
+    def method(self) -> str:
+        """Name of the integrator."""
+        return self._choice.method.name
+
+    @property
+    def choice(self) -> Choice:
+        """Method, step and the reason for them."""
+        return self._choice
+
+    @property
+    def model(self) -> Model:
+        """Constant arrays of the scene."""
+        return self._model
+
+    @property
+    def active_terms(self) -> tuple[str, ...]:
+        """Terms that the compiled step contains."""
+        return self._needs.active
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Terms that it does not contain, with the reason."""
+        return dict(self._needs.left_out)
+
+    # -- state ----------------------------------------------------------------------------------
+
+    @property
+    def control_points(self) -> Array:
+        """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
+        return self._columns(self._state.position)
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
+        out = np.zeros_like(self._state.w)
+        velocities(self._state.w, self._model.terms, self.time, out)
+        return self._columns(out)
+
+    @property
+    def greville(self) -> Array:
+        """Material coordinate [m] that belongs to each control point, shape (n_u,)."""
+        return bspline.greville(self._model.knots)
+
+    def centerline(self, u: ArrayLike) -> Array:
+        """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3)."""
+        return bspline.evaluate(self.control_points[:, :3], self._model.knots, u)
+
+    def frames(self, u: ArrayLike) -> Array:
+        """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent."""
+        u = np.asarray(u, dtype=float)
+        points = self.control_points
+        out = np.zeros((len(u), 4))
+        material_frames(
+            bspline.evaluate(points[:, :3], self._model.knots, u),
+            bspline.evaluate(points[:, :3], self._model.knots, u, 1),
+            bspline.evaluate(points[:, 3:], self._model.knots, u)[:, 0],
+            self._frame_reference(),
+            out,
+        )
+        return out
+
+    def energy(self) -> Energy:
+        """Energies of the present state."""
+        parts = potentials(self._state.position, self._model.terms, self._work)
+        out = np.zeros_like(self._state.w)
+        velocities(self._state.w, self._model.terms, self.time, out)
+        kinetic = kinetic_energy(out, self._model.terms.mass, self._model.n)
+        return Energy(kinetic, *parts)
+
+    @property
+    def energy_error(self) -> float:
+        """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
+        ledger = self._state.ledger
+        exchanged = ledger[layout.EXCHANGED]
+        return float(ledger[layout.ENERGY_ERROR] / exchanged) if exchanged > 0.0 else 0.0
+
+    def end_pose(self, end: str) -> tuple[Array, Array]:
+        """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
+        return self._ends.pose(end, self.time)
+
+    def reaction(self, end: str) -> tuple[Array, Array]:
+        """Force [N] and moment [N m] ON THE CABLE BY the end effector, world frame, each (3,).
+
+        The moment is about the attachment point; it is zero at an end that is not clamped. The
+        inertia and weight of the end's point mass are included.
+        """
+        return reaction(self._model, self._state, self._work, self._solver, self.time, end)
+
+    # -- change ---------------------------------------------------------------------------------
+
+    def advance(self, duration: float) -> Report:
+        """Advance by `duration` [s] in whole steps; what does not fill a step is carried over."""
+        wanted = duration + self._remainder
+        steps = int(np.floor(wanted / self.step + 1e-9))
+        report = self.advance_steps(max(steps, 0))
+        self._remainder = wanted - report.steps * self.step if report.status.ok else 0.0
+        return report
+
+    def advance_steps(self, steps: int, recorder: layout.Recorder | None = None) -> Report:
+        """Advance by whole steps. A failed run keeps the last good state and says why."""
+        done = 0
+        evaluations = 0
+        while done < steps:
+            piece = min(CHUNK, steps - done)
+            saved = self.snapshot()
+            first = self._steps
+            code, made, used = self._stepper.advance(
+                self._state, self._work, self._solver, first, piece, recorder
+            )
+            evaluations += used
+            status = _STATUS[code]
+            if status.ok and not np.isfinite(self._state.position).all():
+                status = Status.DIVERGED
+            if not status.ok:
+                failed_at = (first + made) * self.step
+                if status is Status.DIVERGED:
+                    self.restore(saved)
+                else:
+                    self._steps = first + made
+                done = self._steps - (first - done)
+                return Report(
+                    status,
+                    f"{status.value} (at {failed_at:.6g} s; method {self.method}, step {self.step:g} s)",
+                    done,
+                    done * self.step,
+                    evaluations,
+                )
+            self._steps += piece
+            done += piece
+        return Report(Status.OK, "", done, done * self.step, evaluations)
+
+    def set_load(
+        self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
+    ) -> None:
+        """Set force [N] and moment [N m] of a load, world frame, ON the cable, until changed.
+
+        Raises:
+            KeyError: no such load. ValueError: not three finite numbers.
+        """
+        if name not in self._load_index:
+            raise KeyError(f"no load '{name}'; the scene has {', '.join(self._load_index) or 'none'}")
+        loads = self._model.terms.loads
+        assert loads is not None
+        k = self._load_index[name]
+        for value, row in ((force, loads.force), (torque, loads.torque)):
+            if value is not None:
+                vector = np.asarray(value, dtype=float)
+                if vector.shape != (3,) or not np.isfinite(vector).all():
+                    raise ValueError(f"load '{name}': needs three finite numbers, got {value}")
+                row[k] = vector
+                loads.frequency[k] = 0.0
+
+    def set_end(
+        self,
+        end: str,
+        position: ArrayLike | None = None,
+        orientation: ArrayLike | None = None,
+        tangent: ArrayLike | None = None,
+    ) -> None:
+        """Put an end effector at a pose from now on, at rest.
+
+        Args:
+            position: [m]; default: where it is. orientation: quaternion x, y, z, w; default: as it
+            is. tangent: direction of the cable at this end instead of an orientation.
+        """
+        self._ends.place(end, self.time, position, orientation, tangent)
+        self._turn_rest_axis()
+        self._need_drive()
+
+    def set_motion(self, end: str, motion: EndMotion) -> None:
+        """Let an end effector follow `motion`; afterwards it rests at its last pose."""
+        self._ends.follow(end, self.time, motion)
+        self._turn_rest_axis()
+        self._need_drive()
+
+    def snapshot(self) -> Snapshot:
+        """The present state, to go on from later with the same bits."""
+        return Snapshot(
+            self._steps, self._remainder, tuple(array.copy() for array in self._mutable())
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of this simulator."""
+        self._steps = snapshot.steps
+        self._remainder = snapshot.remainder
+        for array, saved in zip(self._mutable(), snapshot.arrays, strict=True):
+            array[:] = saved
+        self._ends.restored()
+
+    def reset(self) -> None:
+        """Go back to the first state."""
+        self.restore(self._initial)
+
+    def reconfigured(self, scene: Scene) -> Simulator:
+        """A simulator of another scene that starts with this one's shape, motion and ends."""
+        other = Simulator(scene, {end: self.end_pose(end) for end in ("start", "end")})
+        other._adopt(self)
+        return other
+
+    # -- inside ---------------------------------------------------------------------------------
+
+    def _mutable(self) -> tuple[Array, ...]:
+        terms = self._model.terms
+        arrays: list[Any] = [*self._state, self._work.load, self._work.before, self._work.pull]
+        if terms.loads is not None:
+            arrays += [terms.loads.force, terms.loads.torque, terms.loads.frequency]
+        if terms.springs is not None:
+            arrays.append(terms.springs.anchor)
+        if terms.rest is not None:
+            arrays.append(terms.rest.axis)
+        arrays.append(self._ends.motion)
+        return tuple(arrays)
+
+    def _share_drive(self) -> None:
+        """Let the kernels read the ends' motion where the step contains a drive."""
+        drive = self._model.terms.drive
+        if drive is not None:
+            terms = self._model.terms._replace(drive=drive._replace(motion=self._ends.motion))
+            self._model = replace(self._model, terms=terms)
+
+    def _need_drive(self) -> None:
+        """An end was moved in a scene that drives none: the term comes into the step."""
+        if self._model.terms.drive is None:
+            self._needs = replace(self._needs, drive=True)
+            model = build_model(self.scene, self._needs, self._geometries)
+            terms = self._model.terms._replace(drive=model.terms.drive)
+            self._model = replace(self._model, terms=terms)
+            self._share_drive()
+            self._stepper = Stepper(self.scene, self._model, self._choice)
+
+    def _turn_rest_axis(self) -> None:
+        """The natural curvature's axis turns with the start's end effector."""
+        rest = self._model.terms.rest
+        if rest is not None:
+            axis = np.asarray(self.scene.cable.rest_curvature_axis, dtype=float)
+            turned = rotations.rotate(self._ends.pose("start", self.time)[1], axis)
+            rest.axis[:] = turned / np.linalg.norm(axis)
+
+    def _frame_reference(self) -> Array:
+        """A vector that the second axis of the material frame follows at the start."""
+        tangent = self._geometries["start"].tangent
+        helper = np.eye(3)[int(np.argmin(np.abs(tangent)))]
+        return rotations.rotate(self._ends.pose("start", self.time)[1], helper)
+
+    def _columns(self, rows: Array) -> Array:
+        n = self._model.n
+        out = np.zeros((n, 4))
+        out[:, : self._model.rows] = rows[:, :n].T
+        return out
+
+    def _place(self, scene: Scene) -> None:
+        n = self._model.n
+        self._state.position[:3, :n] = first_shape(scene, self._geometries, self._model.knots).T
+        self._ends.put(self._state.position, n, 0.0)
+        if _wants_equilibrium(scene, self._geometries):
+            if not statics.relax(self._model, self._state, self._work, self._solver):
+                raise SceneError(
+                    "initial.shape: no equilibrium found from the first guess; use straight, or "
+                    "check the ends' positions, tangents and the stiffness"
+                )
+            self._state.w[:] = 0.0
+
+    def _open_account(self) -> None:
+        cable = self.scene.cable
+        self._state.ledger[:] = 0.0
+        # Kinetic energy of creeping by a millionth of the length per second.
+        self._state.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (1e-6 * cable.length) ** 2
+        start_account(self._state, self._model.terms, self._work)
+
+    def _adopt(self, other: Simulator) -> None:
+        n = self._model.n
+        points, rates = other.control_points, other.velocities
+        if n != other._model.n or self.scene.cable.length != other.scene.cable.length:
+            u = self.greville * (other.scene.cable.length / self.scene.cable.length)
+            points = bspline.interpolate(
+                self._model.knots, bspline.evaluate(points, other._model.knots, u)
+            )
+            rates = bspline.interpolate(
+                self._model.knots, bspline.evaluate(rates, other._model.knots, u)
+            )
+        rows = self._model.rows
+        self._state.position[:, :n] = points[:, :rows].T
+        self._state.w[:, :n] = rates[:, :rows].T * self._model.terms.mass.free
+        self._ends.put(self._state.position, n, 0.0)
+        self._open_account()
+        self._initial = self.snapshot()
+
+
+def _wants_equilibrium(scene: Scene, ends: Mapping[str, Any]) -> bool:
+    if scene.initial.shape != "auto":
+        return scene.initial.shape == "equilibrium"
+    if not (scene.start.held and scene.end.held):
+        return False
+    gap = float(np.linalg.norm(ends["end"].attachment - ends["start"].attachment))
+    return gap < scene.cable.length * (1.0 - 1e-6)
+
+
+def _refuse_unbuilt(scene: Scene) -> None:
+    for name in ("plasticity", "contact"):
+        if getattr(scene.terms, name) == "on":
+            raise SceneError(f"terms.{name}: 'on' is not available in this version; use auto or off")
+    if scene.terms.twist in ("frenet", "quasistatic"):
+        raise SceneError(
+            f"terms.twist: '{scene.terms.twist}' is not available in this version; use auto, on or off"
+        )

@@ -1,0 +1,174 @@
+"""Choosing and calling the compiled loop of a scene's method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_sim.core import spectrum
+from dlo_sim.core.methods import METHODS, SPLITTING, Method
+from dlo_sim.kernels import layout
+from dlo_sim.kernels.implicit import advance_implicit
+from dlo_sim.kernels.instant import stiffness_band
+from dlo_sim.kernels.splitting import advance_splitting
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.model import TWIST_ROW, Model
+
+GUARD_STEPS = 16  # explicit steps between two looks at the energy
+SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
+IMPLICIT_STEP = 2e-3  # [s]
+EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is preferred
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Method and step of a run, and one line that says why."""
+
+    method: Method
+    step: float
+    reason: str
+
+
+def largest_frequency(model: Model, state: layout.State, work: layout.Work, solver: layout.Solver) -> float:
+    """Largest natural frequency [rad/s] of the scene linearised at its present configuration."""
+    dim = len(model.terms.axes)
+    stiffness_band(state.position, model.terms, work, solver)
+    free = model.terms.mass.free != 0.0
+    value = spectrum.largest_frequency(
+        solver.band.copy(), model.terms.mass.band[:dim], free[:dim]
+    )
+    if model.terms.twist is not None:
+        twist = _twist_rows(model.terms.twist.stiffness)
+        row = slice(TWIST_ROW, TWIST_ROW + 1)
+        value = max(
+            value, spectrum.largest_frequency(twist, model.terms.mass.band[row], free[row])
+        )
+    return value
+
+
+def _twist_rows(band: np.ndarray) -> np.ndarray:
+    """Symmetric lower diagonals as a row-stored band."""
+    n = band.shape[1]
+    rows = np.zeros((n, 7))
+    for k in range(4):
+        rows[: n - k, 3 + k] = band[k, : n - k]
+        rows[k:, 3 - k] = band[k, : n - k]
+    return rows
+
+
+def choose(scene: Scene, frequency: float) -> Choice:
+    """Method and step of a scene whose largest frequency is known.
+
+    Raises:
+        SceneError: unknown method, a method that is not valid with the scene's damping, or a step
+            beyond the method's stability limit.
+    """
+    name = scene.integrator.method
+    step = scene.integrator.step
+    reason = "as the scene asks"
+    if name == "auto":
+        name, reason = _automatic(scene, frequency)
+    if name not in METHODS:
+        raise SceneError(
+            f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
+        )
+    method = METHODS[name]
+    _check_damping(scene, method)
+    limit = method.stability_limit / frequency if frequency > 0.0 else np.inf
+    if step == 0.0:
+        step = min(SAFETY * limit, IMPLICIT_STEP)
+        # Whole nanoseconds: message stamps have no finer unit, so step times are exact in both.
+        step = max(np.floor(step * 1e9), 1.0) * 1e-9
+        if method.family == SPLITTING:
+            reason += f"; step {SAFETY:g} of the stability limit {limit:.3g} s"
+    elif step > limit:
+        raise SceneError(
+            f"integrator.step: {step:g} s exceeds the stability limit {limit:.4g} s of {name} "
+            f"(largest frequency {frequency:.4g} rad/s); lower it, set it to 0, or use "
+            f"energy_momentum"
+        )
+    return Choice(method, float(step), reason)
+
+
+def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
+    if scene.damping.stiffness:
+        return "energy_momentum", "stiffness damping needs an implicit method"
+    if scene.damping.air_drag and (scene.start.mass or scene.end.mass):
+        return "energy_momentum", "air drag beside a point mass needs an implicit method"
+    limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
+    if limit >= EXPLICIT_ENOUGH:
+        return "velocity_verlet", f"soft: an explicit step of {limit:.2g} s is stable"
+    return "energy_momentum", f"stiff: an explicit step would have to be below {limit:.2g} s"
+
+
+def _check_damping(scene: Scene, method: Method) -> None:
+    damping = scene.damping
+    if scene.terms.damping == "off":
+        return
+    if damping.stiffness and not method.stiffness_damping:
+        raise SceneError(
+            f"integrator.method: {method.name} is not valid with damping.stiffness "
+            f"{damping.stiffness:g}; use energy_momentum or implicit_midpoint"
+        )
+    if (damping.mass or damping.air_drag) and not method.mass_damping:
+        raise SceneError(
+            f"integrator.method: {method.name} has negative sub-steps, which make damping grow; "
+            f"use velocity_verlet or energy_momentum, or set damping.mass and air_drag to 0"
+        )
+    if damping.air_drag and method.family == SPLITTING and (scene.start.mass or scene.end.mass):
+        raise SceneError(
+            f"integrator.method: {method.name} is not valid with damping.air_drag beside a point "
+            f"mass (start.mass, end.mass); use energy_momentum"
+        )
+
+
+class Stepper:
+    """Calls one method's loop on the arrays of a simulator."""
+
+    def __init__(self, scene: Scene, model: Model, choice: Choice) -> None:
+        self._model = model
+        self._choice = choice
+        self._tolerance = scene.integrator.tolerance
+        self._drift = np.array(choice.method.drift_weights)
+        self._kick = np.array(choice.method.kick_weights)
+
+    def advance(
+        self,
+        state: layout.State,
+        work: layout.Work,
+        solver: layout.Solver,
+        first: int,
+        steps: int,
+        recorder: layout.Recorder | None = None,
+    ) -> tuple[int, int, int]:
+        """(kernel status, steps done, force evaluations or Newton iterations)."""
+        model, choice = self._model, self._choice
+        if choice.method.family == SPLITTING:
+            return advance_splitting(
+                state,
+                model.terms,
+                work,
+                self._drift,
+                self._kick,
+                first,
+                steps,
+                choice.step,
+                GUARD_STEPS,
+                recorder,
+            )
+        return advance_implicit(
+            state,
+            model.terms,
+            model.friction,
+            model.viscosity,
+            work,
+            solver,
+            first,
+            steps,
+            choice.step,
+            choice.method.conserves_energy,
+            self._tolerance,
+            recorder,
+        )

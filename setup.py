@@ -1,0 +1,62 @@
+"""Packaging of dlo_sim, for pip and for colcon (ament_python)."""
+
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "dlo_sim"
+ROOT = Path(__file__).resolve().parent
+
+
+def version() -> str:
+    """The version, from the package itself without importing it."""
+    text = (ROOT / NAME / "__init__.py").read_text(encoding="utf-8")
+    found = re.search(r'^__version__ = "([^"]+)"$', text, re.MULTILINE)
+    if found is None:
+        raise RuntimeError(f"{NAME}/__init__.py holds no __version__")
+    return found.group(1)
+
+
+def scenes() -> list[str]:
+    """The shipped scene files, relative to this file, as setuptools wants them."""
+    return sorted(f"config/{path.name}" for path in (ROOT / "config").glob("*.yaml"))
+
+
+setup(
+    name=NAME,
+    version=version(),
+    description="Simulation and prediction of cables: ROS 2 node, bag replay, and tools",
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    license_files=["LICENSE"],
+    maintainer="dlo_sim maintainers",
+    maintainer_email="maintainers@users.noreply.h-seed-6cb50d28.example",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    python_requires=">=3.11",
+    install_requires=["numpy", "numba", "rosbags", "ruamel.yaml"],
+    extras_require={
+        # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
+        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
+        "plots": ["matplotlib"],
+        "test": ["pytest", "setuptools"],
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", scenes()),
+    ],
+    entry_points={
+        "console_scripts": [
+            "dlo_sim = dlo_sim.cli.main:main",
+            "node = dlo_sim.ros.main:main",
+        ]
+    },
+    # `ros2 run` looks for executables in lib/<package>; this takes the place of a setup.cfg.
+    options={
+        "develop": {"script_dir": f"$base/lib/{NAME}"},
+        "install": {"install_scripts": f"$base/lib/{NAME}"},
+    },
+    zip_safe=False,
+)

@@ -1,0 +1,135 @@
+"""The command as a whole: subcommands, exit status, one line for what is refused."""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+import dlo_sim
+from dlo_sim.cli.main import SUBCOMMANDS, main
+from dlo_sim.scene.parameters import PARAMETERS, markdown_table
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"dlo_sim {dlo_sim.__version__}\n"
+
+
+def test_help_lists_every_subcommand(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--help"])
+    assert caught.value.code == 0
+    shown = capsys.readouterr().out
+    assert len(SUBCOMMANDS) >= 6
+    assert [name for name in SUBCOMMANDS if not re.search(rf"^ +{name}( |$)", shown, re.M)] == []
+
+
+@pytest.mark.parametrize("name", SUBCOMMANDS)
+def test_every_subcommand_has_help(name, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([name, "--help"])
+    assert caught.value.code == 0
+    assert f"dlo_sim {name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ([], "required: SUBCOMMAND; see 'dlo_sim --help'"),
+        (["simulat"], "invalid choice: 'simulat'"),
+        (["simulate"], "required: SCENE, --duration; see 'dlo_sim simulate --help'"),
+        (["parameters", "--wrong"], "--wrong"),
+    ],
+)
+def test_wrong_command_line_is_one_line(arguments, complaint, capsys):
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("dlo_sim: error: ") and err.count("\n") == 1
+    assert complaint in err
+
+
+def test_module_runs_as_a_program(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "dlo_sim", "simulate", "nowhere.yaml", "--duration", "1"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == (
+        "dlo_sim: error: nowhere.yaml: does not exist; give a scene file or a shipped scene's name\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_reader_that_goes_away_is_no_error():
+    program = f"{sys.executable} -m dlo_sim parameters"
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {program} | head -n 1"], capture_output=True, text=True
+    )
+    assert done.stderr == ""
+    assert done.stdout.startswith("| parameter |")
+
+
+def test_interrupt_ends_without_a_traceback(monkeypatch, capsys):
+    def interrupted(options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dlo_sim.cli.parameters.run", interrupted)
+    assert main(["parameters"]) == 130
+    assert capsys.readouterr().err == "dlo_sim: interrupted\n"
+
+
+def test_defect_is_not_dressed_as_refused_input(monkeypatch):
+    def broken(options):
+        raise ValueError("a bug")
+
+    monkeypatch.setattr("dlo_sim.cli.parameters.run", broken)
+    with pytest.raises(ValueError, match="a bug"):
+        main(["parameters"])
+
+
+def test_node_passes_its_arguments_to_ros(monkeypatch):
+    given = []
+    monkeypatch.setattr("dlo_sim.ros.main.main", lambda arguments: given.append(arguments) or 0)
+    assert main(["node", "--ros-args", "-p", "rate:=50.0"]) == 0
+    assert main(["node"]) == 0
+    assert given == [["--ros-args", "-p", "rate:=50.0"], []]
+
+
+def test_parameters_prints_the_table(capsys):
+    assert main(["parameters"]) == 0
+    assert capsys.readouterr().out == markdown_table() + "\n"
+
+
+def test_parameters_as_json(capsys):
+    assert main(["parameters", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out.splitlines()[-1])["parameters"]
+    assert [row["key"] for row in rows][: len(PARAMETERS)] == [row.key for row in PARAMETERS]
+    assert rows[2]["unit"] == "m"
+
+
+def test_methods_are_listed_with_what_they_can_do(capsys):
+    from dlo_sim.core.methods import METHODS
+
+    assert main(["methods"]) == 0
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split()[:4] == ["method", "order", "symmetric", "symplectic"]
+    assert [line.split()[0] for line in lines] == list(METHODS)
+    row = next(line for line in lines if line.startswith("forest_ruth")).split()
+    assert row[1:7] == ["4", "yes", "yes", "no", "3", "1.5734"]
+
+
+def test_methods_as_json(capsys):
+    from dlo_sim.core.methods import METHODS
+
+    assert main(["methods", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out.splitlines()[-1])["methods"]
+    assert {method["name"] for method in listed} == set(METHODS)
+    assert next(m for m in listed if m["name"] == "implicit_midpoint")["stability_limit"] is None

@@ -1,0 +1,203 @@
+"""`dlo_sim simulate`: arguments, files, report and exit status, with a recording that is made up."""
+
+import json
+import math
+import os
+import sys
+import types
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dlo_sim.cli.main import main
+
+JSON_KEYS = {
+    *("status", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
+    *("force_evaluations", "real_time_factor", "energy_error_max", "active_terms", "left_out"),
+}
+
+
+@dataclass
+class MadeUp:
+    """What `record` returns, made up."""
+
+    status: str = "ok"
+    message: str = ""
+    simulated_s: float = 0.5
+    wall_s: float = 0.25
+    compile_s: float = 1.5
+    steps: int = 500
+    step_s: float = 1e-3
+    method: str = "forest_ruth"
+    force_evaluations: int = 1500
+    real_time_factor: float = 2.0
+    energy_error_max: float | None = 1e-6
+    active_terms: tuple = ("bend", "gravity")
+    left_out: dict = field(default_factory=lambda: {"twist": "nothing twists"})
+    ok: bool = True
+    time: Any = field(default_factory=lambda: np.linspace(0.0, 0.5, 6))
+    control_points: Any = field(default_factory=lambda: np.ones((6, 9, 4)))
+    centerline: Any = field(default_factory=lambda: np.ones((6, 50, 3)))
+    centerline_u: Any = field(default_factory=lambda: np.linspace(0.0, 2.0, 50))
+    energy: Any = field(default_factory=lambda: np.zeros(6))
+
+
+@pytest.fixture
+def recorder(monkeypatch):
+    """Stands in for the simulation; `result` is returned, `calls` remembers what was asked."""
+    stand_in = types.ModuleType("dlo_sim.simulation.recording")
+    stand_in.calls = []
+    stand_in.result = MadeUp()
+
+    def record(scene, duration, every, progress=None):
+        stand_in.calls.append((scene, duration, every, progress))
+        if progress is not None:
+            for i in range(11):
+                progress(i / 10.0)
+        return stand_in.result
+
+    stand_in.record = record
+    monkeypatch.setitem(sys.modules, "dlo_sim.simulation.recording", stand_in)
+    return stand_in
+
+
+def refused(capsys, *arguments: str) -> str:
+    """The one line with which these arguments are refused."""
+    assert main(["simulate", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("dlo_sim: error: ") and err.count("\n") == 1
+    return err
+
+
+def test_scene_by_name_with_overrides(recorder):
+    overrides = ["--set", "discretization.control_points=13", "--set", "integrator.step=1e-5"]
+    assert main(["simulate", "paper_wire", "--duration", "0.5", *overrides]) == 0
+    ((scene, duration, every, progress),) = recorder.calls
+    assert scene.discretization.control_points == 13
+    assert scene.integrator.step == 1e-5
+    assert (duration, every, progress) == (0.5, 1e-3, None)
+
+
+def test_output_holds_the_arrays_under_the_name_given(recorder, tmp_path, capsys):
+    path = tmp_path / "run.data"
+    assert main(["simulate", "paper_wire", "--duration", "0.5", "--output", str(path)]) == 0
+    with np.load(path) as written:
+        assert set(written) == {"time", "control_points", "centerline", "centerline_u", "energy"}
+        np.testing.assert_array_equal(written["time"], recorder.result.time)
+        assert written["control_points"].shape == (6, 9, 4)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.data"], "nothing else is left"
+    assert "run.data (6 times, 9 control points)" in capsys.readouterr().out
+
+
+def test_report_for_people(recorder, capsys):
+    assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
+    shown = capsys.readouterr().out
+    for part in ("ok, 0.5 s", "forest_ruth, step 1000 us", "2 x real", "1.00e-06", "bend, gravity"):
+        assert part in shown
+    assert "twist: nothing twists" in shown
+
+
+def test_json_is_the_last_line_and_complete(recorder, capsys):
+    assert main(["simulate", "paper_wire", "--duration", "0.5", "--json"]) == 0
+    values = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert JSON_KEYS <= set(values)
+    assert values["active_terms"] == ["bend", "gravity"]
+    assert values["left_out"] == {"twist": "nothing twists"}
+
+
+def test_json_is_strict_where_numbers_are_not_finite(recorder, capsys):
+    recorder.result = MadeUp(
+        energy_error_max=math.nan, real_time_factor=math.inf, steps=np.int64(3), wall_s=np.float64(1)
+    )
+
+    def no_constant(text):
+        raise AssertionError(f"{text} is not JSON")
+
+    assert main(["simulate", "paper_wire", "--duration", "0.5", "--json"]) == 0
+    line = capsys.readouterr().out.splitlines()[-1]
+    values = json.loads(line, parse_constant=no_constant)
+    assert values["energy_error_max"] is None
+    assert values["real_time_factor"] is None
+    assert (values["steps"], values["wall_s"]) == (3, 1.0)
+
+
+def test_failed_run_keeps_what_was_good(recorder, tmp_path, capsys):
+    recorder.result = MadeUp(status="diverged", message="energy grew at 0.3 s", ok=False)
+    path = tmp_path / "run.npz"
+    arguments = ["simulate", "paper_wire", "--duration", "0.5", "--output", str(path)]
+    assert main(arguments) == 3
+    assert path.is_file()
+    assert "energy grew at 0.3 s" in capsys.readouterr().out
+    assert main([*arguments, "--json"]) == 3
+    values = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (values["status"], values["message"]) == ("diverged", "energy grew at 0.3 s")
+
+
+@pytest.mark.parametrize("duration", ["0", "-1", "nan", "inf", "soon"])
+def test_impossible_duration(recorder, capsys, duration):
+    assert "--duration" in refused(capsys, "paper_wire", "--duration", duration)
+    assert recorder.calls == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["nowhere"], "'nowhere' is not a shipped scene"),
+        (["paper_wire", "--set", "cable.lenght=1"], "did you mean cable.length?"),
+        (["paper_wire", "--set", "cable.length"], "is not an assignment"),
+        (["paper_wire", "--set", "rate=1", "--set", "rate=2"], "--set rate is given twice"),
+        (["paper_wire", "--set", "cable.length=nan"], "cable.length: 'nan' is not a number"),
+        (["paper_wire", "--set", "cable.length=.nan"], "cable.length: nan is not finite"),
+        (["paper_wire", "--every", "0"], "--every"),
+        (["paper_wire", "--every", "1e-9"], "would record"),
+    ],
+)
+def test_refused_input(recorder, capsys, tmp_path, arguments, complaint):
+    path = tmp_path / "run.npz"
+    assert complaint in refused(capsys, *arguments, "--duration", "1", "--output", str(path))
+    assert recorder.calls == []
+    assert not path.exists()
+
+
+def test_unwritable_output_is_refused_before_the_run(recorder, capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    os.mkfifo(tmp_path / "fifo")
+    for output, complaint in [
+        (tmp_path / "no" / "run.npz", "does not exist; create it first"),
+        (tmp_path / "file" / "run.npz", "does not exist; create it first"),
+        (tmp_path, "is not a regular file"),
+        (tmp_path / "fifo", "is not a regular file"),
+        ("/proc/run.npz", "cannot be written"),
+    ]:
+        message = refused(capsys, "paper_wire", "--duration", "1", "--output", str(output))
+        assert complaint in message and str(output) in message
+    assert recorder.calls == []
+
+
+def test_disk_that_fills_up_keeps_the_old_file(recorder, capsys, tmp_path, monkeypatch):
+    path = tmp_path / "run.npz"
+    path.write_text("the run before")
+
+    def full(stream, **arrays):
+        stream.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    message = refused(capsys, "paper_wire", "--duration", "1", "--output", str(path))
+    assert "No space left on device" in message
+    assert path.read_text() == "the run before"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_progress_bar_only_on_a_terminal(recorder, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
+    shown = capsys.readouterr().err
+    assert "50 %" in shown and "100 %" in shown
+    assert shown.endswith("\r\033[K"), "the bar is wiped"
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
+    assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,170 @@
+"""Refusals: each is one line that names the key, the value and the cure."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dlo_sim.scene.loading import SceneError, scene_from_values
+
+HELD = {"end.fixed": [True, True, True]}
+TIP = {"loads.names": ["tip"]}
+
+
+def refusal(values: dict) -> str:
+    """The one line with which these values are refused."""
+    with pytest.raises(SceneError) as caught:
+        scene_from_values(values)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "complaint"),
+    [
+        ("cable.length", math.nan, "nan is not finite"),
+        ("cable.length", math.inf, "inf is not finite"),
+        ("cable.length", 0.0, "0.0 is out of range; give 0.0001 to 10000 m"),
+        ("cable.length", -1, "-1 is out of range"),
+        ("cable.length", 10**400, "is out of range"),
+        ("cable.length", "2 m", "'2 m' is not a number; give a number in m"),
+        ("cable.length", True, "true is not a number"),
+        ("cable.length", None, "no value given; give a number in m"),
+        ("cable.length", [1.0], "[1.0] is not a number"),
+        ("discretization.control_points", 13.0, "13.0 is not a whole number; write it without"),
+        ("discretization.control_points", 3, "3 is out of range; give 4 to 2000"),
+        ("start.clamped", 1, "1 is not a boolean; give true or false"),
+        ("frame_id", 5, "5 is not a text"),
+        ("frame_id", "a\nb", "is not a name"),
+        ("frame_id", "x" * 300, "is not a name"),
+        ("terms.twist", "frennet", "'frennet' is unknown; give one of auto, on, off, frenet"),
+        ("terms.twist", "frennet", "did you mean frenet?"),
+        ("gravity", -9.81, "-9.81 is not a list; give a list of 3 values"),
+        ("gravity", "down", "'down' is not a list"),
+        ("gravity", [0.0, -9.81], "has 2 elements; give 3, like [0.0, 0.0, -9.81]"),
+        ("gravity", [0.0, 0.0, math.nan], "gravity[2]: nan is not finite"),
+        ("gravity", [0.0, "x", 0.0], "gravity[1]: 'x' is not a number; give a number in m/s^2"),
+        ("start.fixed", [True, True, 1], "start.fixed[2]: 1 is not a boolean"),
+        ("start.spring", [-1.0, 0.0, 0.0], "start.spring[0]: -1.0 is out of range; give 0 to"),
+        ("loads.names", ["a", "a"], "'a' is there twice"),
+        ("loads.names", ["a.b"], "'a.b' is not a name"),
+        ("loads.names", ["names"], "'names' is not a name"),
+        ("loads.names", [3], "loads.names[0]: 3 is not a text"),
+        ("cable.rest_curvature", [], "[] is empty; give [0.0]"),
+    ],
+)
+def test_impossible_value(key, value, complaint):
+    message = refusal({key: value})
+    assert message.startswith(key)
+    assert complaint in message
+
+
+@pytest.mark.parametrize(
+    ("key", "complaint"),
+    [
+        ("cable.lenght", "did you mean cable.length?"),
+        ("cable", "stands for a group of keys; give cable.length"),
+        ("gravity.x", "is for no known key; did you mean gravity?"),
+        ("zzz", "is for no known key"),
+        ("loads.tip.force", "add 'tip' to loads.names"),
+    ],
+)
+def test_unknown_key(key, complaint):
+    message = refusal({key: 1.0})
+    assert message.startswith(f"{key}: 1.0 ")
+    assert complaint in message
+
+
+def test_misspelt_key_of_a_load():
+    assert "did you mean loads.tip.force?" in refusal({**TIP, "loads.tip.forse": 1})
+
+
+def test_huge_value_is_shown_shortened():
+    assert len(refusal({"frame_id": list(range(100_000))})) < 300
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ({"end.clamped": True}, "end.clamped: true needs end.fixed: [true, true, true]"),
+        ({"start.spring": [0, 5, 0]}, "start.spring[1]: 5.0 N/m would do nothing"),
+        ({"end.pose_topic": "/pose"}, "end.pose_topic: '/pose' would move nothing"),
+        ({"start.pose_topic": "a b"}, "start.pose_topic: 'a b' is not a topic name"),
+        ({"end.position": [0, 0, 0]}, "end.position: [0.0, 0.0, 0.0] equals start.position"),
+        (
+            {**HELD, "end.position": [0, 0, 0], "initial.shape": "straight"},
+            "equals start.position",
+        ),
+        (
+            {**HELD, "end.position": [0, 0, 0], "end.clamped": True},
+            "end.tangent: [0.0, 0.0, 0.0] gives no direction",
+        ),
+        ({**HELD, "end.position": [3, 0, 0]}, "is 3 m from start.position, but the cable is only"),
+        ({"cable.rest_curvature_axis": [0, 0, 0]}, "is not a unit vector; give [0.0, 1.0, 0.0]"),
+        ({"cable.rest_curvature_axis": [0.6, 0, 0]}, "give [1.0, 0.0, 0.0]"),
+        ({"discretization.samples": 11}, "discretization.samples: 11 points per knot span"),
+        (
+            {"discretization.quadrature": "uniform"},
+            "discretization.samples: 3 samples are too few",
+        ),
+        ({"inputs.catch_up": 0.004}, "is shorter than one timer period (0.005 s at rate 200 Hz)"),
+        ({"start.frame": "world"}, "start.frame: 'world' is also frame_id"),
+        ({"start.frame": "tcp", "end.frame": "tcp"}, "end.frame: 'tcp' is also start.frame"),
+        ({**TIP, "loads.tip.force": [0, 0, 1]}, "loads.tip.force: [0.0, 0.0, 1.0] would be ign"),
+        ({**TIP, "loads.tip.torque": [0, 0, 1]}, "loads.tip.torque"),
+        (
+            {**TIP, "loads.tip.signal": "sine", "loads.tip.topic": "/w"},
+            "loads.tip.topic: '/w' cannot be used with loads.tip.signal sine",
+        ),
+        (
+            {
+                **TIP,
+                "loads.tip.signal": "sine",
+                "loads.tip.type": "force",
+                "loads.tip.torque": [1, 0, 0],
+            },
+            "loads.tip.torque: [1.0, 0.0, 0.0] would be ignored; set loads.tip.type to wrench",
+        ),
+        ({**TIP, "loads.tip.sign": 0.5}, "loads.tip.sign: 0.5 is not possible; give one of 1.0"),
+        (
+            {**TIP, "loads.tip.topic": "/x", "start.pose_topic": "/x"},
+            "loads.tip.topic: '/x' is read as wrench here and as pose by start.pose_topic",
+        ),
+    ],
+)
+def test_conflict(values, complaint):
+    assert complaint in refusal(values)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {**HELD, "end.position": [0, 0, 0]},  # a loop: both ends in one place
+        {"start.fixed": [False] * 3},  # free flight
+        {**HELD, "end.position": [3, 0, 0], "end.pose_topic": "/pose"},  # the pose decides
+        {**HELD, "start.pose_topic": "/pose", "end.pose_topic": "/pose"},  # one gripper, two ends
+        {"inputs.catch_up": 0.005},
+        {"discretization.quadrature": "uniform", "discretization.samples": 4},
+        {"start.position": [0, 0, 0.0], "start.fixed": [False, True, True], "start.spring": [9, 0, 0]},
+    ],
+)
+def test_unusual_but_possible(values):
+    scene_from_values(values)
+
+
+def test_integers_become_floats_where_a_double_is_meant():
+    scene = scene_from_values({"cable.length": 2, "gravity": [0, 0, -9]})
+    assert type(scene.cable.length) is float
+    assert all(type(g) is float for g in scene.gravity)
+
+
+def test_arrays_of_numpy_are_lists():
+    scene = scene_from_values({"gravity": np.array([0.0, 0.0, -1.5]), "rate": np.float64(50.0)})
+    assert scene.gravity == (0.0, 0.0, -1.5)
+    assert type(scene.rate) is float and scene.rate == 50.0
+
+
+@pytest.mark.parametrize(("value", "meaning"), [(True, "on"), (False, "off")])
+def test_unquoted_on_and_off_of_yaml_1_1_mean_themselves(value, meaning):
+    assert scene_from_values({"terms.twist": value}).terms.twist == meaning

@@ -1,0 +1,182 @@
+"""Scene files: the layouts of ROS parameter files, and files that are none."""
+
+from pathlib import Path
+
+import pytest
+
+from dlo_sim.scene.loading import (
+    SceneError,
+    find_scene,
+    load_scene,
+    parse_assignment,
+    scene_from_values,
+    scene_values,
+    shipped_scene,
+    shipped_scenes,
+)
+
+BLOCK = "ros__parameters: {cable: {length: 2.5}}"
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    """Write a scene file and return its path."""
+
+    def write_text(text: str | bytes) -> Path:
+        path = tmp_path / "scene.yaml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write_text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/**: {%s}" % BLOCK,
+        "/*: {%s}" % BLOCK,
+        "dlo_sim: {%s}" % BLOCK,
+        "/dlo_sim: {%s}" % BLOCK,
+        "/cell/left/dlo_sim: {%s}" % BLOCK,
+        "cell: {left: {dlo_sim: {%s}}}" % BLOCK,
+        "/**/dlo_sim: {%s}" % BLOCK,
+        "left_cable: {%s}" % BLOCK,
+        "/**: {ros__parameters: {cable.length: 2.5}}",
+        "/**: {ros__parameters: {cable: {length: 9.0}}}\ndlo_sim: {%s}" % BLOCK,
+        "dlo_sim: {%s}\n/**: {ros__parameters: {cable: {length: 9.0}}}" % BLOCK,
+        "dlo_sim: {%s}\ncamera: {ros__parameters: {exposure: 5}}" % BLOCK,
+        "/**: {ros__parameters: {use_sim_time: true, cable.length: 2.5}}",
+        '/**: {ros__parameters: {"qos_overrides./clock.depth": 1, cable.length: 2.5}}',
+    ],
+)
+def test_layout(write, text):
+    assert load_scene(write(text)).cable.length == 2.5
+
+
+def test_numbers_of_yaml_1_2(write):
+    path = write("/**: {ros__parameters: {cable: {youngs_modulus: 2e9, length: 3, diameter: 1e-3}}}")
+    cable = load_scene(path).cable
+    assert (cable.youngs_modulus, cable.length, cable.diameter) == (2e9, 3.0, 1e-3)
+
+
+@pytest.mark.parametrize("value", ["off", '"off"', "false"])
+def test_off_quoted_or_not(write, value):
+    path = write("/**: {ros__parameters: {terms: {twist: %s}}}" % value)
+    assert load_scene(path).terms.twist == "off"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "is empty; start from a shipped scene"),
+        ("# nothing\n", "holds None instead of nodes"),
+        (b"\xff\xfe\x00\x01\x89PNG", "is not a text file"),
+        (b"/**:\x00", "is not valid YAML"),
+        ("just words", "holds 'just words' instead of nodes"),
+        ("[1, 2]", "holds [1, 2] instead of nodes"),
+        ("cable: {length: 2.0}", "holds 2.0 instead of nodes; put the keys under '/**:'"),
+        ("/**: {}", "has no 'ros__parameters'"),
+        ("/cell/*: {%s}" % BLOCK, "holds nothing for the node dlo_sim"),
+        ("/**: {ros__parameters: }", "ros__parameters: None is not a mapping"),
+        ("/**: {ros__parameters: {cable: }}", "stands for a group of keys; give cable.length"),
+        ("a: {%s}\nb: {%s}" % (BLOCK, BLOCK), "holds several nodes (/a, /b)"),
+        ("a/dlo_sim: {%s}\nb/dlo_sim: {%s}" % (BLOCK, BLOCK), "holds several nodes"),
+        ("/**: {ros__parameters: {rate: 9, rate: 8}}", "line 1: key rate is there twice"),
+        (
+            "/**: {ros__parameters: {cable.length: 1, cable: {length: 2}}}",
+            "cable.length: 2 is given twice",
+        ),
+        ("/**: {ros__parameters: {1: 2}}", "1: a key must be a text"),
+        ("/**: {ros__parameters: {rate: [1, }}", "is not valid YAML, line 1"),
+        ("/**:\n\tros__parameters: 3", "is not valid YAML, line 2"),
+        ("a: 1\n---\nb: 2", "is not valid YAML, line 2"),
+        ("/**: {ros__parameters: {rate: !!python/object:os.system x}}", "is not valid YAML"),
+        ("/**: {ros__parameters: &x {cable: *x}}", "is not a mapping of keys"),
+        ("/**: &x {y: *x}", "nests too deeply"),
+        ("/**: {ros__parameters: {cable: {lenght: 2.0}}}", "cable.lenght: 2.0 is for no known key"),
+        ("/**: {ros__parameters: {cable: {length: .nan}}}", "cable.length: nan is not finite"),
+        ("/**: {ros__parameters: {rate: 2020-01-01}}", "is not a number"),
+        ("x: " + "y" * 2_000_000, "too many for a scene"),
+        ("[" * 5000, "is not valid YAML"),
+    ],
+)
+def test_bad_file(write, text, complaint):
+    path = write(text)
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    message = str(caught.value)
+    assert "\n" not in message and len(message) < 500
+    assert message.startswith(f"{path}: ")
+    assert complaint in message
+
+
+def test_missing_file_and_folder(tmp_path):
+    with pytest.raises(SceneError, match="nowhere.yaml: does not exist; give a scene file"):
+        load_scene(tmp_path / "nowhere.yaml")
+    with pytest.raises(SceneError, match="is a folder"):
+        load_scene(tmp_path)
+
+
+def test_overrides_win_and_are_checked(write):
+    path = write("/**: {%s}" % BLOCK)
+    assert load_scene(path, {"cable.length": 4}).cable.length == 4.0
+    with pytest.raises(SceneError, match="did you mean cable.length"):
+        load_scene(path, {"cable.lenth": 4})
+
+
+def test_override_may_drop_a_load_of_the_file(write):
+    path = write("/**: {ros__parameters: {loads: {names: [a, b], a: {position: 0.5}}}}")
+    assert [load.name for load in load_scene(path, {"loads.names": ["b"]}).loads] == ["b"]
+
+
+def test_values_and_scene_round_trip():
+    values = {
+        "cable.rest_curvature": [0.5, 1.0, 0.25],
+        "loads.names": ["tip", "middle"],
+        "loads.middle.position": 0.5,
+        "loads.tip.signal": "constant",
+        "loads.tip.force": [0.0, 0.0, -1.0],
+        "end.mass": 0.25,
+    }
+    scene = scene_from_values(values)
+    flat = scene_values(scene)
+    assert scene_from_values(flat) == scene
+    assert {key: flat[key] for key in values} == values
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "value"),
+    [
+        ("cable.length=2", "cable.length", 2),
+        ("cable.length = 2.5e-1", "cable.length", 0.25),
+        ("gravity=[0, 0, -1.5]", "gravity", [0, 0, -1.5]),
+        ("terms.twist=off", "terms.twist", "off"),
+        ("start.pose_topic=~/start/pose", "start.pose_topic", "~/start/pose"),
+        ("start.frame=", "start.frame", None),
+        ("frame_id='a=b'", "frame_id", "a=b"),
+    ],
+)
+def test_assignment(text, key, value):
+    assert parse_assignment(text) == (key, value)
+
+
+@pytest.mark.parametrize("text", ["cable.length", "=2", "", "gravity=[1, 2", "a=&x [*x"])
+def test_bad_assignment(text):
+    with pytest.raises(SceneError):
+        parse_assignment(text)
+
+
+def test_shipped_scene_by_name_or_path(tmp_path, monkeypatch):
+    assert set(shipped_scenes()) == {
+        "hanging_cable",
+        "paper_wire",
+        "paper_wire_force",
+        "two_grippers",
+    }
+    assert find_scene("paper_wire") == shipped_scene("paper_wire")
+    assert find_scene("some/where.yaml") == Path("some/where.yaml")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "paper_wire").write_text("mine")
+    assert find_scene("paper_wire") == Path("paper_wire")
+    with pytest.raises(SceneError, match=r"'paper_wir' is not a shipped scene.*did you mean"):
+        find_scene("paper_wir")

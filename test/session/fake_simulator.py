@@ -1,0 +1,108 @@
+"""A simulator with the simulator's interface and next to no physics, for testing what surrounds it.
+
+Control point 0 follows the start end-effector exactly; the last one is a free 1 kg point mass that the loads accelerate. Every
+call that changes something is recorded with the step at which it came.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.description import Scene
+
+
+class FakeSimulator:
+    """See the module."""
+
+    built: list[FakeSimulator] = []
+
+    def __init__(self, scene: Scene, end_poses=None, step: float = 1e-3) -> None:
+        self.scene = scene
+        self.step = scene.integrator.step or step
+        self.method = "fake"
+        self.active_terms = ("stretch",)
+        self.left_out = {"twist": "fake"}
+        self.fail_at: int | None = None
+        self.calls: list[tuple] = []
+        self.end_poses = dict(end_poses or {})
+        n = scene.discretization.control_points
+        self.greville = np.linspace(0.0, scene.cable.length, n)
+        self._place()
+        FakeSimulator.built.append(self)
+
+    def _place(self) -> None:
+        self.steps = 0
+        poses = self.end_poses
+        self.motions = {
+            name: EndMotion.resting(*poses.get(name, (end.position, (0, 0, 0, 1))))
+            for name, end in self.scene.ends.items()
+        }
+        self.tip = np.array(self.scene.end.position, dtype=float)
+        self.speed = np.zeros(3)
+        self.loads = {}
+
+    @property
+    def time(self) -> float:
+        return self.steps * self.step
+
+    @property
+    def control_points(self):
+        start = self.motions["start"].position_at(self.time)
+        fraction = self.greville[:, None] / self.greville[-1]
+        points = np.zeros((len(self.greville), 4))
+        points[:, :3] = start + fraction * (self.tip - start)
+        return points
+
+    def centerline(self, u):
+        points = self.control_points[:, :3]
+        return np.stack([np.interp(u, self.greville, points[:, k]) for k in range(3)], axis=1)
+
+    def frames(self, u):
+        return np.tile([0.0, 0.0, 0.0, 1.0], (len(u), 1))
+
+    def reaction(self, end):
+        force = np.array([*self.motions[end].velocity_at(self.time)])
+        return force, np.zeros(3)
+
+    def end_pose(self, end):
+        motion = self.motions[end]
+        return motion.position_at(self.time), motion.orientation_at(self.time)
+
+    def energy(self):
+        return SimpleNamespace(kinetic=0.5 * float(self.speed @ self.speed), total=1.0)
+
+    def set_load(self, name, force=None, torque=None):
+        self.calls.append(("load", self.steps, name, force, torque))
+        self.loads[name] = np.zeros(3) if force is None else np.array(force, dtype=float)
+
+    def set_motion(self, end, motion):
+        self.calls.append(("motion", self.steps, end, motion))
+        self.motions[end] = motion
+
+    def advance_steps(self, n):
+        done = 0
+        for _ in range(n):
+            if self.fail_at is not None and self.steps >= self.fail_at:
+                status = SimpleNamespace(ok=False)
+                return SimpleNamespace(status=status, message="diverged: fake", steps=done)
+            force = sum(self.loads.values(), np.zeros(3)) + np.array(self.scene.gravity)
+            self.speed = self.speed + self.step * force
+            self.tip = self.tip + self.step * self.speed
+            self.steps += 1
+            done += 1
+        return SimpleNamespace(status=SimpleNamespace(ok=True), message="", steps=done)
+
+    def reset(self):
+        self.calls.append(("reset", self.steps))
+        self._place()
+
+    def reconfigured(self, scene):
+        if scene.cable.diameter > 0.5:
+            raise ValueError("fake: too thick")
+        other = FakeSimulator(scene)
+        other.motions, other.tip, other.speed = self.motions, self.tip, self.speed
+        other.steps = round(self.time / other.step)
+        return other

@@ -1,0 +1,163 @@
+"""The rooms and the arrows between them: who may import whom, and what importing costs."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1] / "dlo_sim"
+
+# Room -> the rooms that it may import. Arrows point downwards only.
+ARROWS = {
+    "core": set(),
+    "scene": set(),
+    "kernels": {"core", "scene"},
+    "simulation": {"core", "kernels", "scene"},
+    "session": {"core", "scene", "simulation"},
+    "replay": {"core", "scene", "session", "simulation"},
+    "ros": {"core", "scene", "session", "simulation"},
+    "studies": {"core", "kernels", "replay", "scene", "simulation"},
+    "demo": {"core", "replay", "scene", "session", "simulation"},
+    "cli": {"core", "demo", "replay", "ros", "scene", "session", "simulation", "studies"},
+    "": {"cli", "scene", "simulation"},  # dlo_sim/__init__.py and dlo_sim/__main__.py
+}
+ROS_MESSAGES = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces"}
+ROS_MESSAGES |= {"rosgraph_msgs", "std_msgs", "std_srvs", "visualization_msgs"}
+# Foreign package -> the rooms, or files, that may import it.
+FOREIGN = {
+    "rclpy": {"ros"},
+    **dict.fromkeys(ROS_MESSAGES, {"ros"}),
+    "rosbags": {"replay/bags.py"},
+    "matplotlib": {"studies", "demo", "cli"},
+    "ruamel": {"scene", "studies", "cli", "ros"},
+    "numba": {"kernels"},
+    "scipy": {"studies"},
+}
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the package by its dotted name."""
+    names = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = path.relative_to(ROOT.parent).with_suffix("").parts
+        names[".".join(part for part in parts if part != "__init__")] = path
+    return names
+
+
+MODULES = modules()
+
+
+def room(module: str) -> str:
+    """The room of a module; empty for the package itself."""
+    parts = module.split(".")
+    is_room = len(parts) > 2 or (ROOT / parts[-1]).is_dir()
+    return parts[1] if len(parts) > 1 and is_room else ""
+
+
+def imported(module: str) -> set[str]:
+    """Dotted names that a module imports, wherever in the file."""
+    path = MODULES[module]
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package.split(".")
+            base = base[: len(base) - node.level + 1] if node.level else []
+            source = ".".join([*base, *filter(None, [node.module])])
+            names |= {source} | {
+                f"{source}.{alias.name}"
+                for alias in node.names
+                if f"{source}.{alias.name}" in MODULES
+            }
+    return names
+
+
+def test_every_room_has_its_arrows():
+    assert {room(module) for module in MODULES} <= set(ARROWS)
+
+
+def test_arrows_have_no_cycle():
+    visited: list[str] = []
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        assert name not in path, f"cycle: {path}"
+        if name not in visited:
+            for below in ARROWS[name]:
+                visit(below, (*path, name))
+            visited.append(name)
+
+    for name in ARROWS:
+        visit(name, ())
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_module_imports_only_rooms_below(module):
+    mine = room(module)
+    used = {room(name) for name in imported(module) if name.startswith("dlo_sim.")}
+    assert used - {mine, ""} <= ARROWS[mine]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_module_imports_only_its_foreign_packages(module):
+    where = {room(module), MODULES[module].relative_to(ROOT).as_posix()}
+    for name in {name.split(".")[0] for name in imported(module)} & set(FOREIGN):
+        assert where & FOREIGN[name], f"{module} must not import {name}"
+
+
+def loaded_after(statements: str) -> set[str]:
+    """Top-level modules in a fresh interpreter after these statements."""
+    code = f"import sys\n{statements}\nprint(*sorted({{m.split('.')[0] for m in sys.modules}}))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT.parent
+    )
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+def test_importing_the_package_needs_neither_ros_nor_a_compiler():
+    loaded = loaded_after("import dlo_sim; dlo_sim.__version__; dir(dlo_sim)")
+    assert "dlo_sim" in loaded
+    assert not loaded & {"numpy", "numba", "rclpy", "rosbags", "ruamel", "matplotlib"}
+
+
+def test_reading_a_scene_needs_no_compiler():
+    loaded = loaded_after(
+        "import dlo_sim; from dlo_sim.scene.loading import shipped_scene\n"
+        "dlo_sim.load_scene(shipped_scene('paper_wire'))"
+    )
+    assert "ruamel" in loaded
+    assert not loaded & {"numba", "rclpy", "rosbags", "matplotlib"}
+
+
+def test_help_needs_no_compiler():
+    loaded = loaded_after(
+        "from dlo_sim.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass"
+    )
+    assert not loaded & {"numpy", "numba", "rclpy", "rosbags", "matplotlib"}
+
+
+def test_nothing_outside_its_room_loads_ros_or_bags():
+    bags = "dlo_sim.replay.bags"
+    names = [
+        name
+        for name in MODULES
+        if room(name) not in ("ros", "demo") and name not in (bags, "dlo_sim.__main__")
+    ]
+    assert len(names) > 10
+    users = {name for name in names if bags in imported(name)}
+    others = "\n".join(f"import {name}" for name in names if name not in users)
+    assert not loaded_after(others) & {"rclpy", "rosbags", *ROS_MESSAGES}
+    everything = "\n".join(f"import {name}" for name in [*names, bags])
+    assert not loaded_after(everything) & {"rclpy", *ROS_MESSAGES}
+
+
+def test_unknown_name_of_the_package_is_refused():
+    import dlo_sim
+
+    with pytest.raises(AttributeError, match="no attribute 'load_scenes'"):
+        _ = dlo_sim.load_scenes
+    assert {"load_scene", "Simulator"} <= set(dir(dlo_sim))

@@ -1,0 +1,149 @@
+"""The package as pip, colcon and ROS see it."""
+
+import configparser
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+import dlo_sim
+from dlo_sim.scene.loading import shipped_scenes
+
+REQUIRED = {
+    *("package.xml", "setup.py", "dlo_sim", "config", "test", "resource", "README.md", "LICENSE"),
+}
+ALLOWED = REQUIRED | {"CHANGELOG.md", "CONTRIBUTING.md"}
+MADE_BY_BUILDS = {"build", "dist", "install", "log", "dlo_sim.egg-info", "dlo_sim_demo"}
+
+
+def top_level(checkout: Path) -> set[str]:
+    """What belongs to the checkout: all but dot-files and what builds leave behind."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=checkout,
+        capture_output=True,
+        text=True,
+    )
+    if listing.returncode == 0 and listing.stdout:
+        names = {line.split("/")[0] for line in listing.stdout.splitlines()}
+    else:
+        names = {path.name for path in checkout.iterdir()} - MADE_BY_BUILDS
+    return {name for name in names if not name.startswith(".") and (checkout / name).exists()}
+
+
+def test_top_level_is_as_agreed(checkout):
+    names = top_level(checkout)
+    assert REQUIRED <= names
+    assert names <= ALLOWED
+
+
+def test_every_room_is_a_package(checkout):
+    folders = {path.parent for path in (checkout / "dlo_sim").rglob("*.py")}
+    assert folders
+    assert [folder for folder in folders if not (folder / "__init__.py").is_file()] == []
+
+
+@pytest.fixture(scope="module")
+def manifest(checkout) -> ElementTree.Element:
+    return ElementTree.parse(checkout / "package.xml").getroot()
+
+
+def test_manifest_has_the_order_and_fields_of_format_3(manifest):
+    assert manifest.tag == "package"
+    assert manifest.attrib == {"format": "3"}
+    tags = [child.tag for child in manifest]
+    # The schema is a sequence; the depend elements may come in any order among themselves.
+    order = ["name", "version", "description", "maintainer", "license", "url", "author"]
+    order += ["*depend", "group_depend", "member_of_group", "export"]
+    kinds = {"exec_depend", "test_depend", "depend", "build_depend", "buildtool_depend"}
+    ranks = [order.index("*depend" if tag in kinds else tag) for tag in tags]
+    assert ranks == sorted(ranks)
+    for once in ("name", "version", "description", "export"):
+        assert tags.count(once) == 1
+    assert {"maintainer", "license"} <= set(tags)
+    email = manifest.find("maintainer").get("email")
+    assert re.fullmatch(r"[-\w%+]+(\.[-\w%+]+)*@[-\w%]+(\.[-\w%]+)*\.[a-zA-Z]{2,}", email)
+    assert manifest.findtext("export/build_type") == "ament_python"
+    assert len({(c.tag, c.text) for c in manifest}) == len(tags), "nothing is there twice"
+
+
+def test_name_version_and_licence_agree(checkout, manifest):
+    name, version = (
+        subprocess.run(
+            [sys.executable, "setup.py", "--quiet", "--name", "--version"],
+            cwd=checkout,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        .stdout.strip()
+        .splitlines()[-2:]
+    )
+    assert re.fullmatch(r"(0|[1-9]\d*)(\.(0|[1-9]\d*)){2}", version)
+    assert (manifest.findtext("name"), manifest.findtext("version")) == (name, version)
+    assert dlo_sim.__version__ == version
+    assert manifest.findtext("license") == "Apache-2.0"
+    assert (checkout / manifest.find("license").get("file")).read_text().split() [:2] == [
+        "Apache",
+        "License",
+    ]
+
+
+@pytest.fixture(scope="module")
+def installed(checkout, tmp_path_factory) -> Path:
+    """The package installed by setup.py into a folder, as colcon does it; returns the prefix."""
+    folder = tmp_path_factory.mktemp("install")
+    for name in top_level(checkout) - {"test"}:
+        (folder / name).symlink_to(checkout / name)
+    prefix = folder / "prefix"
+    subprocess.run(
+        [sys.executable, "setup.py", "--quiet", "install", "--prefix", str(prefix)]
+        + ["--single-version-externally-managed", "--record", str(folder / "record")],
+        cwd=folder,
+        capture_output=True,
+        check=True,
+    )
+    return prefix
+
+
+def test_ros_finds_executables_scenes_and_index(installed):
+    assert {path.name for path in (installed / "lib/dlo_sim").iterdir()} == {"dlo_sim", "node"}
+    assert (installed / "share/ament_index/resource_index/packages/dlo_sim").is_file()
+    assert (installed / "share/dlo_sim/package.xml").is_file()
+    scenes = {path.stem for path in (installed / "share/dlo_sim/config").glob("*.yaml")}
+    assert scenes == set(shipped_scenes())
+
+
+def test_installed_package_finds_its_scenes_and_no_other(installed, tmp_path):
+    library = next(installed.glob("l*/**/dlo_sim/__init__.py")).parents[1]
+    code = (
+        "import dlo_sim, dlo_sim.scene.loading as s;"
+        "print(dlo_sim.__file__); print(s.shipped_scene('paper_wire'));"
+        "print(s.load_scene(s.shipped_scene('paper_wire')).cable.length)"
+    )
+    lines = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(library)},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    assert lines[0].startswith(str(library))
+    assert lines[1:] == [str(installed / "share/dlo_sim/config/paper_wire.yaml"), "2.0"]
+
+
+def test_entry_points_exist(installed):
+    entry_points = next(installed.glob("l*/**/dlo_sim-*.egg-info/entry_points.txt"))
+    parser = configparser.ConfigParser()
+    parser.read(entry_points)
+    scripts = dict(parser["console_scripts"])
+    assert scripts == {"dlo_sim": "dlo_sim.cli.main:main", "node": "dlo_sim.ros.main:main"}
+    from importlib import import_module
+
+    for target in scripts.values():
+        module, function = target.split(":")
+        assert callable(getattr(import_module(module), function))
