@@ -86,7 +86,7 @@ def test_name_version_and_licence_agree(checkout, manifest):
     assert (manifest.findtext("name"), manifest.findtext("version")) == (name, version)
     assert dlo_sim.__version__ == version
     assert manifest.findtext("license") == "Apache-2.0"
-    assert (checkout / manifest.find("license").get("file")).read_text().split() [:2] == [
+    assert (checkout / manifest.find("license").get("file")).read_text().split()[:2] == [
         "Apache",
         "License",
     ]

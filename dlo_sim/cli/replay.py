@@ -1,9 +1,9 @@
 """`dlo_sim replay BAG`: predict a cable offline from a recorded bag."""
 
 import argparse
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dlo_sim.cli.arguments import (
     CommandError,
@@ -12,9 +12,12 @@ from dlo_sim.cli.arguments import (
     add_scene_options,
     read_scene,
 )
-from dlo_sim.cli.output import check_output_folder, print_json, print_rows, readable
+from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable
 
-FAILED = 3
+if TYPE_CHECKING:
+    from dlo_sim.replay.summary import ReplaySummary
+
+INCOMPLETE = 3  # the simulation failed, or the bag is damaged and only a part of it was used
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
@@ -24,7 +27,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         help="predict a cable offline from a bag of poses, wrenches and forces",
         description="Feed the messages of a bag to the same code as the node, as fast as it can, "
         "and write what the node would have published. Deterministic: the same bag and scene give "
-        "the same bytes.",
+        "the same bytes. Exit status 3 when only a part could be replayed; that part is kept.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 folder (sqlite3 or MCAP)")
     parser.add_argument(
@@ -34,7 +37,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         help="scene file, or a shipped scene's name",
     )
     parser.add_argument(
-        "--output", metavar="OUTBAG", type=Path, help="bag to write; it must not exist yet"
+        "--output",
+        metavar="OUTBAG",
+        type=Path,
+        help="bag to write, of the same storage; it must not exist yet (default: none is written)",
     )
     parser.add_argument(
         "--compare",
@@ -53,19 +59,46 @@ def run(options: argparse.Namespace) -> int:
     """Replay and print the summary; returns the exit status."""
     scene = read_scene(options.params, options.assignments)
     compare = _comparisons(options.compare)
-    if options.output is not None:
-        check_output_folder(options.output)
 
-    from dlo_sim.replay.replay import replay_bag
+    from dlo_sim.replay.replay import ReplayError, replay_bag, summary_values
 
-    summary = replay_bag(options.bag, scene, options.output, compare=compare)
+    try:
+        with progress_bar("replay") as progress:
+            summary = replay_bag(
+                options.bag, scene, options.output, compare=compare, progress=progress
+            )
+    except ReplayError as refusal:
+        raise CommandError(str(refusal)) from None
     if options.json:
-        print_json(dataclasses.asdict(summary))
+        print_json(summary_values(summary))
     else:
-        print(f"{options.bag}: {summary.status}")
-        values = dataclasses.asdict(summary)
-        print_rows({name.replace("_", " "): readable(value) for name, value in values.items()})
-    return 0 if summary.ok else FAILED
+        _print_summary(options.bag, summary)
+    return 0 if summary.ok else INCOMPLETE
+
+
+def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
+    from dlo_sim.replay.comparison import comparison_table
+
+    print(f"{bag}: {summary.status}, {summary.simulated_s:.3f} s simulated")
+    if summary.message:
+        print(f"  {summary.message}")
+    refused = readable(summary.refused_by_reason) if summary.refused_by_reason else "none"
+    rows = {
+        "used": f"{summary.messages_used} messages",
+        "refused": f"{summary.messages_refused} messages ({refused})",
+        "time": f"{summary.wall_s:.3g} s ({summary.real_time_factor:.3g} x real time), after "
+        f"{summary.compile_s:.2g} s to compile",
+    }
+    if summary.output:
+        rows["output"] = f"{summary.output} ({summary.messages_written} messages)"
+    if summary.events:
+        rows["events"] = readable(summary.events)
+    if summary.warnings:
+        rows["warnings"] = readable(summary.warnings)
+    print_rows(rows)
+    if summary.comparison:
+        print()
+        print(comparison_table(summary.comparison))
 
 
 def _comparisons(texts: Sequence[str]) -> dict[str, str] | None:

@@ -32,8 +32,9 @@ class EndMotion:
         orientation: q0, unit quaternion x, y, z, w, shape (4,), end-effector frame to world.
         rotation: rows w1 [rad/s], w2 [rad/s^2], shape (2, 3), world frame.
 
-    Raises: ValueError: wrong shape, a value that is not finite, a negative duration, or a
-        quaternion that is not unit.
+    Raises:
+        ValueError: wrong shape, a value that is not finite, a negative duration, or a quaternion
+            that is not unit.
     """
 
     start: float
@@ -101,7 +102,9 @@ class EndMotion:
 
     def _moving(self, t: ArrayLike) -> Array:
         s = np.asarray(t, dtype=float) - self.start
-        return np.asarray((s >= 0.0) & (s <= self.duration) & (self.duration > 0.0), dtype=float)[..., None]
+        slack = 1e-9 * self.duration  # t - start is rounded, the end must not depend on it
+        inside = (s >= -slack) & (s <= self.duration + slack) & (self.duration > 0.0)
+        return np.asarray(inside, dtype=float)[..., None]
 
     def _rotation_vector(self, t: ArrayLike) -> Array:
         s = self._elapsed(t)

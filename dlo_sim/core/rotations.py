@@ -83,8 +83,16 @@ def from_matrix(matrix: ArrayLike) -> Array:
     m = np.asarray(matrix, dtype=float)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     # The four rows of q q^T times 4, each a valid quaternion up to its norm.
-    sx, sy, sz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    xy, xz, yz = (m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1])
+    sx, sy, sz = (
+        m[..., 2, 1] - m[..., 1, 2],
+        m[..., 0, 2] - m[..., 2, 0],
+        m[..., 1, 0] - m[..., 0, 1],
+    )
+    xy, xz, yz = (
+        m[..., 0, 1] + m[..., 1, 0],
+        m[..., 0, 2] + m[..., 2, 0],
+        m[..., 1, 2] + m[..., 2, 1],
+    )
     candidates = np.stack(
         [
             np.stack((1 + xx - yy - zz, xy, xz, sx), axis=-1),
@@ -151,7 +159,7 @@ def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
     u, v = _direction(u), _direction(v)
     u, v = np.broadcast_arrays(u, v)
     cosine = np.sum(u * v, axis=-1, keepdims=True)
-    # (u x v, 1 + u.v) has the right direction to about 1e-16 / |u x v|: good to 1e-8 at the cut below.
+    # (u x v, 1 + u.v) is good to about 1e-16 / |u x v|, so to 1e-8 at the cut below.
     q = np.concatenate((np.cross(u, v), 1.0 + cosine), axis=-1)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     opposite = norm < 1e-8
@@ -165,16 +173,21 @@ def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
 def angular_velocity(rotation: ArrayLike, rate: ArrayLike) -> Array:
     """World angular velocity [rad/s] of exp(w(t)): J(w) w', shape (..., 3).
 
-    J(w) w' = w' + (1 - cos a)/a^2 (w x w') + (a - sin a)/a^3 (w x (w x w')), a = |w| (left Jacobian of SO(3)).
+    With a = |w| and J the left Jacobian of SO(3):
+    J(w) w' = w' + (1 - cos a)/a^2 (w x w') + (a - sin a)/a^3 (w x (w x w')).
     """
     rotation, rate = np.asarray(rotation, dtype=float), np.asarray(rate, dtype=float)
     angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
-    small = angle2 < 1e-4  # a < 0.01: the series below is exact to rounding, the closed form loses digits
+    small = (
+        angle2 < 1e-4
+    )  # a < 0.01: the series below is exact to rounding, the closed form loses digits
     safe2 = np.where(small, 1.0, angle2)
     safe = np.sqrt(safe2)
     first = np.where(small, 0.5 - angle2 / 24.0 + angle2**2 / 720.0, (1.0 - np.cos(safe)) / safe2)
     second = np.where(
-        small, 1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0, (safe - np.sin(safe)) / (safe2 * safe)
+        small,
+        1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0,
+        (safe - np.sin(safe)) / (safe2 * safe),
     )
     turn = np.cross(rotation, rate)
     return np.asarray(rate + first * turn + second * np.cross(rotation, turn))

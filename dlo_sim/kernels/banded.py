@@ -5,10 +5,10 @@ Storage as in `dlo_sim.core.mass`: band[k, j] = A[j + k, j], factors lower[k - 1
 
 from __future__ import annotations
 
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import entry, kernel
 
 
-@kernel
+@entry
 def solve_rows(lower, inverse_diagonal, n, x):
     """Solve in place for every row: x[d] <- (L D L^T)^-1 x[d]; prescribed entries become 0.
 

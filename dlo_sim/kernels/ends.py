@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import entry, kernel
 
 
 @kernel
@@ -43,7 +43,7 @@ def rotate(w0, w1, w2, v0, v1, v2):
     )
 
 
-@kernel
+@entry
 def end_points(m, t):
     """Control points of one driven end at time t: attachment (3), neighbour (3), twist [rad]."""
     s = min(max(t - m[1], 0.0), m[2])
@@ -164,7 +164,7 @@ def end_rates(m, t):
     )
 
 
-@kernel
+@entry
 def end_velocities(motion, t, n, axes, free, out):
     """Write the velocities of the prescribed control points of driven ends at time t."""
     dim = len(axes)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import entry, kernel
 
 
-@kernel
+@entry
 def material_frames(points, tangents, angles, reference, out):
     """Quaternions (x, y, z, w) of the material frames; x axis = tangent.
 
@@ -20,6 +20,7 @@ def material_frames(points, tangents, angles, reference, out):
         out: shape (m, 4).
     """
     d0, d1, d2 = reference[0], reference[1], reference[2]
+    p0, p1, p2 = 0.0, 0.0, 0.0  # tangent of the point before
     for i in range(points.shape[0]):
         t0, t1, t2 = tangents[i, 0], tangents[i, 1], tangents[i, 2]
         norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)

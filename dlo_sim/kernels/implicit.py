@@ -15,7 +15,7 @@ import numpy as np
 from dlo_sim.kernels.banded import factorize_row, multiply, quadratic_form, solve_row
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.forces import clear, load_force
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import entry, inlined, kernel
 from dlo_sim.kernels.layout import DISSIPATED, DRIVE_WORK, EXCHANGED, FLOOR, LOAD_WORK
 from dlo_sim.kernels.matrix import (
     add_load_stiffness,
@@ -88,7 +88,7 @@ def gravity_and_springs(x, gravity, springs, n, out):
             out[d, n - 1] -= springs.stiffness[1, d] * (x[d, n - 1] - springs.anchor[1, d])
 
 
-@kernel
+@inlined
 def elastic_discrete_force(
     x, terms, work, solver, viscosity, tau, discrete, linearize, out
 ):
@@ -130,7 +130,7 @@ def elastic_discrete_force(
     return lost
 
 
-@kernel
+@inlined
 def step_force(x, terms, friction, viscosity, work, solver, t, tau, discrete, linearize):
     """All forces of the step between solver.start and x into work.force; energy lost to damping."""
     n = terms.lattice.n
@@ -172,7 +172,7 @@ def momentum_residual(terms, work, solver, n, dim, tau):
             solver.residual[i * dim + d] = work.force[d, i] - value
 
 
-@kernel
+@inlined
 def newton_matrix(terms, friction, solver, n, dim, t, tau):
     """Tangent of the momentum balance into solver.band."""
     add_mass(terms.mass.band, n, dim, 2.0 / (tau * tau), solver.band)
@@ -185,28 +185,59 @@ def newton_matrix(terms, friction, solver, n, dim, t, tau):
 
 @kernel
 def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
-    """The twist row is linear: one symmetric solve. Expects work.force and load of the new shape."""
-    if twist is not None:
-        a = 2.0 / (tau * tau)
-        beta = friction_beta(friction, tau)
-        mass = terms.mass.band[row]
-        for k in range(4):
-            for i in range(n):
-                solver.twist_band[k, i] = a * mass[k, i] + (0.5 + beta) * twist.stiffness[k, i]
-        add_friction_band(friction, row, n, tau, solver.twist_band)
-        factorize_row(
-            solver.twist_band, terms.mass.free[row], n, solver.twist_lower, solver.twist_diagonal
-        )
-        rhs = work.force[row]
-        dx = work.before[row]
-        # dx holds the prescribed part; work.force the friction of that part and the loads.
-        multiply(twist.stiffness, n, solver.start[row], -1.0, rhs)
-        multiply(twist.stiffness, n, dx, -0.5 - beta, rhs)
-        multiply(mass, n, dx, -a, rhs)
-        multiply(mass, n, solver.start_w[row], 2.0 / tau, rhs)
-        solve_row(solver.twist_lower, solver.twist_diagonal, n, rhs)
+    """Step of the twist row, which is linear: one symmetric solve.
+
+    Expects the forces of the new shape in work.force and completes row `row` of work.force,
+    work.before, solver.middle and the damping. Returns the energy lost in that row beyond what the
+    prescribed part already lost.
+    """
+    if twist is None:
+        return 0.0
+    a = 2.0 / (tau * tau)
+    beta = friction_beta(friction, tau)
+    mass = terms.mass.band[row]
+    for k in range(4):
         for i in range(n):
-            x[row, i] += rhs[i]
+            solver.twist_band[k, i] = a * mass[k, i] + (0.5 + beta) * twist.stiffness[k, i]
+    add_friction_band(friction, row, n, tau, solver.twist_band)
+    factorize_row(
+        solver.twist_band, terms.mass.free[row], n, solver.twist_lower, solver.twist_diagonal
+    )
+    dx = work.before[row]
+    force = work.force[row]
+    change = solver.residual[:n]
+    # dx holds the prescribed part; force holds the loads and the friction of that part.
+    multiply(twist.stiffness, n, solver.start[row], -1.0, force)
+    for i in range(n):
+        change[i] = force[i]
+    multiply(twist.stiffness, n, dx, -0.5 - beta, change)
+    multiply(mass, n, dx, -a, change)
+    multiply(mass, n, solver.start_w[row], 2.0 / tau, change)
+    solve_row(solver.twist_lower, solver.twist_diagonal, n, change)
+    lost = -friction_loss(friction, dx, n, row, tau)
+    for i in range(n):
+        x[row, i] += change[i]
+        dx[i] += change[i]
+    multiply(twist.stiffness, n, dx, -0.5 - beta, force)
+    add_friction_row(friction, change, n, row, tau, force)
+    return lost + friction_loss(friction, dx, n, row, tau) + beta * quadratic_form(
+        twist.stiffness, n, dx
+    )
+
+
+@kernel
+def friction_loss(friction, dx, n, row, tau):
+    """Energy that the linear damping of one row takes over a step."""
+    if friction is not None:
+        return quadratic_form(friction.viscous[row], n, dx) / tau
+    return 0.0
+
+
+@kernel
+def add_friction_row(friction, dx, n, row, tau, out):
+    """out -= C dx / tau of one row."""
+    if friction is not None:
+        multiply(friction.viscous[row], n, dx, -1.0 / tau, out)
 
 
 @kernel
@@ -216,18 +247,6 @@ def add_friction_band(friction, row, n, tau, band):
         for k in range(4):
             for i in range(n):
                 band[k, i] += friction.viscous[row, k, i] / tau
-
-
-@kernel
-def twist_step_force(x, twist, friction, work, solver, n, row, tau):
-    """Twist forces of the finished step into work.force; returns the energy lost in twisting."""
-    lost = 0.0
-    if twist is not None:
-        beta = friction_beta(friction, tau)
-        multiply(twist.stiffness, n, solver.middle[row], -1.0, work.force[row])
-        multiply(twist.stiffness, n, work.before[row], -beta, work.force[row])
-        lost = beta * quadratic_form(twist.stiffness, n, work.before[row])
-    return lost
 
 
 @kernel
@@ -264,13 +283,32 @@ def finish_momentum(w, drive, mass, solver, work, n, tau):
 
 
 @kernel
+def newton_correction(x, solver, n, dim):
+    """Solve for the correction and apply it; returns |residual . correction| and its largest entry."""
+    size = n * dim
+    for r in range(size):
+        solver.rhs[r] = solver.residual[r]
+    if not eliminate(solver.band, size, 4 * dim - 1):
+        return np.inf, np.inf
+    substitute(solver.band, size, 4 * dim - 1, solver.residual)
+    energy = 0.0
+    change = 0.0
+    for i in range(n):
+        for d in range(dim):
+            correction = solver.residual[i * dim + d]
+            x[d, i] += correction
+            energy += abs(correction * solver.rhs[i * dim + d])
+            change = max(change, abs(correction))
+    return energy, change
+
+
+@inlined
 def implicit_step(state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance):
     """One step in place; returns (converged, iterations). On failure the state is unchanged."""
     n = terms.lattice.n
     dim = len(terms.axes)
     x = state.position
     rows = x.shape[0]
-    half = 4 * dim - 1
     for d in range(rows):
         for i in range(n):
             solver.start[d, i] = x[d, i]
@@ -290,53 +328,39 @@ def implicit_step(state, terms, friction, viscosity, work, solver, t0, tau, disc
             reach = max(reach, abs(x[d, i]))
     converged = False
     iterations = 0
-    lost = 0.0
     previous = np.inf
-    while iterations < MAX_ITERATIONS:
+    while True:
+        lost = step_force(
+            x, terms, friction, viscosity, work, solver, t0, tau, discrete, not converged
+        )
+        if converged:
+            lost += solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
+            finish_momentum(state.w, terms.drive, terms.mass, solver, work, n, tau)
+            book_step(terms, terms.drive, terms.loads, work, state, lost, n)
+            break
+        if iterations == MAX_ITERATIONS:
+            break
         iterations += 1
-        step_force(x, terms, friction, viscosity, work, solver, t0, tau, discrete, True)
         momentum_residual(terms, work, solver, n, dim, tau)
         newton_matrix(terms, friction, solver, n, dim, t0, tau)
         hold_prescribed(terms.mass.free, n, dim, solver.band, solver.residual)
-        for r in range(n * dim):
-            work.v1[r % dim, r // dim] = solver.residual[r]
-        if not eliminate(solver.band, n * dim, half):
-            break
-        substitute(solver.band, n * dim, half, solver.residual)
-        energy = 0.0
-        change = 0.0
-        for r in range(n * dim):
-            d, i = r % dim, r // dim
-            x[d, i] += solver.residual[r]
-            energy += abs(solver.residual[r] * work.v1[d, i])
-            change = max(change, abs(solver.residual[r]))
-        if not energy < 1e300:
+        energy, change = newton_correction(x, solver, n, dim)
+        if not energy < 1e300 or (iterations > 6 and energy > 4.0 * previous):
             break
         if iterations == 1:
             scale = max(scale, energy)
-        if energy <= tolerance * scale or change <= ROUND_OFF * reach:
-            converged = True
-            break
-        if iterations > 6 and energy > 4.0 * previous:
-            break
+        converged = energy <= tolerance * scale or change <= ROUND_OFF * reach
         previous = energy
-    if converged:
-        step_force(x, terms, friction, viscosity, work, solver, t0, tau, discrete, False)
-        solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
-        lost = step_force(x, terms, friction, viscosity, work, solver, t0, tau, discrete, False)
-        lost += twist_step_force(x, terms.twist, friction, work, solver, n, dim, tau)
-        finish_momentum(state.w, terms.drive, terms.mass, solver, work, n, tau)
-        book_step(terms, terms.drive, terms.loads, work, state, lost, n)
-        return True, iterations
-    for d in range(rows):
-        for i in range(n):
-            x[d, i] = solver.start[d, i]
-    return False, iterations
+    if not converged:
+        for d in range(rows):
+            for i in range(n):
+                x[d, i] = solver.start[d, i]
+    return converged, iterations
 
 
-@kernel
+@inlined
 def implicit_step_halving(
-    state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance
+    state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance, halvings
 ):
     """One step, done in smaller pieces where Newton does not converge: (status, iterations)."""
     total = 0
@@ -363,14 +387,14 @@ def implicit_step_halving(
             # Grow again only where the larger piece is aligned, so that pieces nest.
             if level > 0 and done % (2 * piece) == 0:
                 level -= 1
-        elif level == MAX_HALVINGS:
+        elif level == halvings:
             return NOT_CONVERGED, total
         else:
             level += 1
     return OK, total
 
 
-@kernel
+@entry
 def advance_implicit(
     state,
     terms,
@@ -383,18 +407,20 @@ def advance_implicit(
     tau,
     discrete,
     tolerance,
+    halvings,
     recorder,
 ):
     """Advance by whole steps; returns (status, steps done, Newton iterations).
 
-    `viscosity` is None without stiffness damping, else beta. The energy account is updated every step.
+    `viscosity` is None without stiffness damping, else beta. `halvings` (at most MAX_HALVINGS) is how
+    often a step may be halved. The energy account is updated every step.
     """
     iterations = 0
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         status, used = implicit_step_halving(
-            state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance
+            state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance, halvings
         )
         iterations += used
         if status != OK:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from dlo_sim.kernels.banded import multiply
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.matrix import add_springs, scatter_matrices, span_matrices
 from dlo_sim.kernels.tangent import span_discrete_gradient
 
@@ -48,7 +50,7 @@ def add_viscosity(v, terms, friction, viscosity, work, solver, out):
                 terms.lattice,
                 terms.stretch,
                 terms.bend,
-                None,
+                terms.rest,
                 viscosity,
                 1.0,
                 terms.axes,
@@ -69,7 +71,7 @@ def add_twist_viscosity(v, twist, viscosity, n, row, out):
         multiply(twist.stiffness, n, v[row], -viscosity, out[row])
 
 
-@kernel
+@entry
 def instant_force(x, v, terms, friction, viscosity, work, solver, t, out):
     """All forces on the control points at one instant, without the ends' reactions."""
     conservative_force(x, terms, work, out)
@@ -78,8 +80,8 @@ def instant_force(x, v, terms, friction, viscosity, work, solver, t, out):
     add_friction(v, terms, friction, viscosity, work, solver, out)
 
 
-@kernel
-def stiffness_band(x, terms, work, solver):
+@entry
+def stiffness_band(x, terms, viscosity, work, solver):
     """Hessian of the potential energy of the spatial rows into solver.band."""
     n = terms.lattice.n
     dim = len(terms.axes)
@@ -88,13 +90,13 @@ def stiffness_band(x, terms, work, solver):
     span_discrete_gradient(
         solver.p1,
         solver.p1,
-        solver.p1,
+        solver.dp,
         terms.lattice,
         terms.stretch,
         terms.bend,
         terms.rest,
-        None,
-        1.0,
+        viscosity,  # without effect at an infinite step; given so that one compiled version serves
+        np.inf,
         terms.axes,
         solver.scratch,
         work.gradient,

@@ -1,12 +1,12 @@
 """The compiler settings shared by every kernel.
 
-`kernel` is numba's njit with
+`kernel` and `entry` are numba's njit with
 - error_model numpy: a division by zero gives inf, which the divergence checks see, not an exception;
 - fastmath {contract}: fused multiply-add only. NaN and the order of sums keep their meaning;
 - noalias: arrays passed to one kernel never overlap. Without it the inner loops over knot spans
   stay scalar, a factor of four to five at 17 samples per span. The flag exists in numba's compiler
   but not among its public options; where a numba release lacks it, kernels are only slower.
-- cache: machine code is kept per user in a directory named after everything it depends on.
+- cache (entries): machine code is kept per user in a directory named after everything it depends on.
 """
 
 from __future__ import annotations
@@ -62,11 +62,33 @@ def _cached_under(directory: Path) -> Iterator[None]:
 
 
 def kernel(function: F) -> F:
-    """Compile `function` on first call, separately for each combination of present terms."""
-    directory = cache_directory()
-    with _cached_under(directory):
+    """A compiled function that only other kernels call.
+
+    It gets no wrapper for calls from Python: unpacking a scene's terms there costs more compile time
+    than the function itself. Tests and tools reach it through `.py_func`.
+    """
+    compiled: F = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    return compiled
+
+
+def inlined(function: F) -> F:
+    """A kernel whose body is copied into its callers.
+
+    For functions that only call others in turn. Every compiled level generates the code of all
+    levels below it again, so flat is faster to build. Such a function may not test a term for None
+    (absent terms are pruned before bodies are copied).
+    """
+    compiled: F = numba.njit(
+        inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS
+    )(function)
+    return compiled
+
+
+def entry(function: F) -> F:
+    """A kernel that Python calls. It is kept on disk with everything it calls."""
+    with _cached_under(cache_directory()):
         try:
-            compiled: F = numba.njit(cache=True, **_OPTIONS)(function)
+            compiled: F = numba.njit(cache=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
         except RuntimeError:  # no writable cache anywhere: compile in memory, every time
-            compiled = numba.njit(**_OPTIONS)(function)
+            compiled = numba.njit(no_cfunc_wrapper=True, **_OPTIONS)(function)
     return compiled

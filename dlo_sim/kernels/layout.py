@@ -198,6 +198,7 @@ class Solver(NamedTuple):
     matrices: Array
     band: Array
     residual: Array
+    rhs: Array
     damping_force: Array
     twist_band: Array
     twist_lower: Array

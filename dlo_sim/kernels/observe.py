@@ -7,7 +7,7 @@ import numpy as np
 from dlo_sim.kernels.banded import quadratic_form
 from dlo_sim.kernels.elastic import elastic_energy, tangent_coefficients
 from dlo_sim.kernels.ends import end_velocities
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import (
     BOOKED,
     DISSIPATED,
@@ -44,7 +44,7 @@ def add_drive_velocity(drive, free, t, n, axes, out):
                         out[d, i] -= drive.shift[d, j, i] * rate
 
 
-@kernel
+@entry
 def velocities(w, terms, t, out):
     """Velocities of all control points at time t, from the momentum variable w."""
     n = terms.lattice.n
@@ -86,7 +86,7 @@ def spring_energy(x, springs, n):
     return total
 
 
-@kernel
+@entry
 def potentials(x, terms, work):
     """Stretch, bend, twist, gravity and spring energy [J]."""
     n = terms.lattice.n
@@ -103,7 +103,7 @@ def potentials(x, terms, work):
     )
 
 
-@kernel
+@entry
 def kinetic_energy(w, mass, n):
     """w^T M w / 2 [J]. For w it is the energy of the free motion, for velocities all of it."""
     total = 0.0
@@ -112,7 +112,7 @@ def kinetic_energy(w, mass, n):
     return total
 
 
-@kernel
+@entry
 def start_account(state, terms, work):
     """Open the energy account at the present state."""
     ledger = state.ledger

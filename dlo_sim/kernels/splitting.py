@@ -13,7 +13,7 @@ import numpy as np
 from dlo_sim.kernels.banded import solve_rows
 from dlo_sim.kernels.ends import move_anchors, place_ends
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import entry, inlined, kernel
 from dlo_sim.kernels.layout import BOOKED, DISSIPATED, DRIVE_WORK, LOAD_WORK
 from dlo_sim.kernels.observe import (
     begin_sample,
@@ -46,7 +46,7 @@ def drive_ends(x, drive, springs, mass, axes, n, t, ends):
                         x[d, i] -= drive.shift[d, j, i] * moved
 
 
-@kernel
+@inlined
 def drift(state, terms, work, t, dt):
     """Move every DOF over dt to time t: free ones at rate w, driven ends to their place."""
     n = terms.lattice.n
@@ -122,7 +122,7 @@ def remember(state, loads, drive, n, work):
         state.ledger[BOOKED] = 1.0
 
 
-@kernel
+@inlined
 def evaluate(state, terms, work, t):
     """All forces at the present configuration into work.force; their work into the ledger."""
     n = terms.lattice.n
@@ -147,7 +147,7 @@ def decay_flow(state, mass, decay, n, dt):
         state.ledger[DISSIPATED] += lost
 
 
-@kernel
+@inlined
 def splitting_step(state, terms, work, drift_weights, kick_weights, t0, tau, fresh):
     """One step; `fresh` says that work.force holds the accelerations of the present state.
 
@@ -177,7 +177,7 @@ def splitting_step(state, terms, work, drift_weights, kick_weights, t0, tau, fre
     return fresh, evaluations
 
 
-@kernel
+@entry
 def advance_splitting(
     state, terms, work, drift_weights, kick_weights, first_step, steps, tau, guard, recorder
 ):

@@ -1,8 +1,9 @@
 """Bags on disk: the only place that knows the bag library. Raw CDR in, raw CDR out.
 
-Reads rosbag2 directories and single `.mcap` or `.db3` files. A bag that was cut off (a full disk, a killed recorder) is read as
-far as it goes; `Bag.damage` says what is missing. Written bags hold neither the wall time nor the path they were written to, so
-the same messages give the same bytes wherever they go.
+Reads rosbag2 directories and single `.mcap` or `.db3` files. A bag that was cut off (a full disk, a
+killed recorder) is read as far as it goes; `Bag.damage` says what is missing. Written bags hold
+neither the wall time nor the path they were written to, so the same messages give the same bytes
+wherever they go.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ Storage = Literal["mcap", "sqlite3"]
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _SUFFIXES = {".mcap": "mcap", ".db3": "sqlite3"}
-# The data file's name is part of the bytes (it is in the metadata), so it must not depend on the output path.
+# The data file's name is part of the bytes (it is in the metadata), so it must not depend on the
+# output path.
 _FILE_NAME = "dlo_sim_0"
 
 
@@ -100,7 +102,9 @@ class Bag:
                 self.topics[record.topic] = (*self.topics.get(record.topic, ()), record.type)
 
     def messages(self, wanted: Mapping[str, str]) -> Iterator[BagMessage]:
-        """Messages of these topics (topic -> type) in the order of recording; sets `damage` if the bag breaks off."""
+        """Messages of these topics (topic -> type) in the order of recording; sets `damage` if the
+        bag breaks off.
+        """
         if self._reader is None:
             for record in self._salvaged:
                 if wanted.get(record.topic) == record.type:
@@ -120,7 +124,9 @@ class Bag:
             self._close()
             self._rescue(f"{type(error).__name__}: {_one_line(error)}")
             for record in self._salvaged:
-                if wanted.get(record.topic) == record.type and (last is None or record.time_ns > last):
+                if wanted.get(record.topic) == record.type and (
+                    last is None or record.time_ns > last
+                ):
                     yield BagMessage(*record)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,8 +29,10 @@ class AxisComparison:
         rms_error: root mean square of predicted - measured [N].
         bias: mean of predicted - measured [N].
         rms_measured: root mean square of the measured force [N].
-        spread_measured: standard deviation of the measured force [N]; an error below it says more than a constant.
-        lag: delay of the prediction [s] that correlates best, within +-0.15 s; positive = the measurement is later.
+        spread_measured: standard deviation of the measured force [N]; an error below it says more
+            than a constant.
+        lag: delay of the prediction [s] that correlates best, within +-0.15 s; positive = the
+            measurement is later.
         lag_correlation: the correlation at that delay.
         lag_rms_error: the rms error at that delay [N].
     """
@@ -57,22 +59,27 @@ def compare_reaction(
     """Compare axis by axis at the measured times that the prediction covers at every lag.
 
     Args:
-        predicted_times: increasing [s], shape (n,); predicted_force: [N], shape (n, 3), load ON THE CABLE BY the end effector.
+        predicted_times: increasing [s], shape (n,); predicted_force: [N], shape (n, 3), load ON THE
+            CABLE BY the end effector.
         measured_times: increasing [s], shape (m,); measured_force: [N], shape (m, 3), same axes.
-        sign: the measurement is this times what was predicted; -1 for a sensor that reads the load of the cable ON THE ROBOT.
+        sign: the measurement is this times what was predicted; -1 for a sensor that reads the load
+            of the cable ON THE ROBOT.
 
     Raises:
-        ValueError: fewer than three measured samples overlap the prediction (both time spans are named).
+        ValueError: fewer than three measured samples overlap the prediction (both time spans are
+            named).
     """
     times, force = np.asarray(predicted_times, float), np.asarray(predicted_force, float)
     at, measured = np.asarray(measured_times, float), sign * np.asarray(measured_force, float)
     if len(times) < 2 or len(at) < 3:
-        raise ValueError(f"{len(times)} predicted and {len(at)} measured samples are too few to compare")
-    # Margins only where the recording has samples beyond them; a short bag is compared without.
+        raise ValueError(
+            f"{len(times)} predicted and {len(at)} measured samples are too few to compare"
+        )
     inside = (at >= times[0]) & (at <= times[-1])
     if np.count_nonzero(inside) < 3:
         raise ValueError(
-            f"prediction ({times[0]:.3f} to {times[-1]:.3f} s) and measurement ({at[0]:.3f} to {at[-1]:.3f} s) do not overlap"
+            f"prediction ({times[0]:.3f} to {times[-1]:.3f} s) and measurement "
+            f"({at[0]:.3f} to {at[-1]:.3f} s) do not overlap"
         )
     rows = []
     for k, axis in enumerate("xyz"):
@@ -97,7 +104,7 @@ def compare_reaction(
     return rows
 
 
-def comparison_table(rows_by_end: dict[str, Sequence[AxisComparison]]) -> str:
+def comparison_table(rows_by_end: Mapping[str, Sequence[AxisComparison]]) -> str:
     """The rows as a text table, without a trailing newline."""
     lines = [
         f"{'reaction':<9} {'axis':<4} {'corr':>6} {'rms error':>10} {'bias':>8} {'rms meas.':>10} "
@@ -114,7 +121,9 @@ def comparison_table(rows_by_end: dict[str, Sequence[AxisComparison]]) -> str:
 
 
 def _best_lag(times: Array, force: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
-    """Delay of the prediction with the largest correlation, that correlation, and the rms error there."""
+    """Delay of the prediction with the largest correlation, that correlation, and the rms error
+    there.
+    """
     reach = min(LONGEST_LAG, 0.25 * (at[-1] - at[0]))
     inner = (at - reach >= times[0]) & (at + reach <= times[-1])
     if np.count_nonzero(inner) < 3:

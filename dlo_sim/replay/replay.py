@@ -1,8 +1,9 @@
-"""Replay: a recorded bag through a session into a new bag, offline, deterministic, as fast as it can.
+"""Replay: a recorded bag through a session into a new bag, offline, deterministic, as fast as it
+can.
 
-Ticks follow the scene's rate in the time of the bag (the time of recording counts as arrival), so that a replay computes what the
-node would have computed live, bit for bit wherever arrival jitter stayed below `inputs.latency`. Nothing of the wall clock
-gets into the output.
+Ticks follow the scene's rate in the time of the bag (the time of recording counts as arrival), so
+that a replay computes what the node would have computed live, bit for bit wherever arrival jitter
+stayed below `inputs.latency`. Nothing of the wall clock gets into the output.
 """
 
 from __future__ import annotations
@@ -10,71 +11,38 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from dlo_sim.replay.bags import Bag, BagError, BagMessage, BagWriter, topic_list
-from dlo_sim.replay.comparison import AxisComparison, compare_reaction
+from dlo_sim.replay.comparison import compare_reaction
+from dlo_sim.replay.summary import Recording, ReplaySummary, summary_values
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.drive import SimulatorFactory
+from dlo_sim.session.intake import input_topics
 from dlo_sim.session.outputs import DIAGNOSTICS, output_topics
 from dlo_sim.session.session import Session, SessionStatus
+
+__all__ = ["ReplayError", "ReplaySummary", "replay_bag", "resolved", "summary_values"]
 
 NODE_NAME = "dlo_sim"
 
 SECOND = 1_000_000_000
 _DIAGNOSTICS_PERIOD = 1 * SECOND
-# A gap in the recording longer than this is not simulated through: the session starts over after it.
+# A longer gap in the recording is not simulated through: the session starts over after it.
 LONGEST_GAP = 600 * SECOND
 _PROGRESS_TICKS = 100
 
 
 class ReplayError(Exception):
-    """A replay that is refused; one line names the bag or topic, and the cure. Nothing was written."""
-
-
-@dataclass
-class ReplaySummary:
-    """What a replay did.
-
-    Attributes:
-        status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`: the simulator gave up.
-        message: one line that explains any status but `done`, else "".
-        output: the bag written.
-        messages_used, messages_refused: input messages; refused_by_reason: the latter by reason.
-        events: what else was counted (silences, resets, ...).
-        messages_written: output messages.
-        ticks: ticks of the session.
-        simulated_s: simulated time [s]; wall_s: time for reading, stepping and writing [s] without building the simulator;
-            compile_s: time for building it [s]; real_time_factor: simulated_s / wall_s.
-        comparison: end -> rows per axis, for the ends asked for.
-        warnings: one line each.
-    """
-
-    status: str = "done"
-    message: str = ""
-    output: str = ""
-    messages_used: int = 0
-    messages_refused: int = 0
-    refused_by_reason: dict[str, int] = field(default_factory=dict)
-    events: dict[str, int] = field(default_factory=dict)
-    messages_written: int = 0
-    ticks: int = 0
-    simulated_s: float = 0.0
-    wall_s: float = 0.0
-    compile_s: float = 0.0
-    real_time_factor: float = 0.0
-    comparison: dict[str, list[AxisComparison]] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    """A replay that is refused: one line names bag or topic and the cure. Nothing was written."""
 
 
 def replay_bag(
     bag: str | os.PathLike[str],
     scene: Scene,
-    output: str | os.PathLike[str],
+    output: str | os.PathLike[str] | None,
     *,
     compare: Mapping[str, str] | None = None,
     progress: Callable[[float], None] | None = None,
@@ -86,33 +54,38 @@ def replay_bag(
         bag: rosbag2 directory, `.mcap` or `.db3` file.
         scene: what is simulated; its topics are looked up in the bag, `~/x` as `/dlo_sim/x`.
         output: directory to create; must not exist.
-        compare: end (`start`, `end`) -> recorded WrenchStamped topic, load of the cable on the robot, to compare the
-            predicted reaction with.
+        compare: end (`start`, `end`) -> recorded WrenchStamped topic, load of the cable on the
+            robot, to compare the predicted reaction with.
         progress: called now and then with the fraction done.
         simulator_factory: as for `Session`.
 
     Raises:
-        ReplayError: refused input or output, before anything is written; or not one message of the bag was usable.
+        ReplayError: refused input or output, before anything is written; or not one message of the
+            bag was usable.
         ValueError: the simulator refuses the scene.
     """
     compare = dict(compare or {})
     try:
         with Bag(bag) as source:
             wanted = _wanted_topics(source, scene, compare)
-            writer = BagWriter(output, _output_topics(scene), source.storage)
+            writer = (
+                None if output is None else BagWriter(output, _output_topics(scene), source.storage)
+            )
             try:
                 run = _Replay(source, scene, writer, compare, progress, simulator_factory)
                 run.execute(wanted)
                 summary = run.summary
-                if not summary.messages_written:
+                if not summary.simulated_s:
                     raise ReplayError(run.why_nothing())
-                writer.finish()
+                if writer is not None:
+                    writer.finish()
             except BaseException:
-                writer.discard()
+                if writer is not None:
+                    writer.discard()
                 raise
     except BagError as error:
         raise ReplayError(str(error)) from None
-    summary.output = str(output)
+    summary.output = "" if output is None else str(output)
     return summary
 
 
@@ -134,26 +107,32 @@ def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[s
     present = topic_list(bag.topics)
     inputs: dict[str, str] = {}
     driven: list[str] = []
-    from dlo_sim.session.intake import input_topics
-
     for entry in input_topics(scene):
         inputs[resolved(entry.topic)] = entry.type
         if entry.kind == "pose":
             driven.append(resolved(entry.topic))
     if not inputs:
-        raise ReplayError("the scene listens to no topic: give an end a pose_topic or add a load with a topic")
+        raise ReplayError(
+            "the scene listens to no topic: give an end a pose_topic or add a load with a topic"
+        )
     for end, topic in compare.items():
         if end not in scene.ends:
             raise ReplayError(f"compare '{end}': the ends are start and end")
         if not scene.ends[end].held:
-            raise ReplayError(f"compare '{end}': this end is free, it has no reaction; hold it or drop the comparison")
+            raise ReplayError(
+                f"compare '{end}': this end is free and has no reaction; hold it or do not compare"
+            )
         if resolved(topic) not in bag.topics:
-            raise ReplayError(f"compare: no topic {resolved(topic)} in bag {bag.path}; it has {present}")
+            raise ReplayError(
+                f"compare: no topic {resolved(topic)} in bag {bag.path}; it has {present}"
+            )
     wanted = inputs | {resolved(topic): cdr.WRENCH_STAMPED for topic in compare.values()}
     for topic, kind in wanted.items():
         types = bag.topics.get(topic, (kind,))
         if kind not in types:
-            raise ReplayError(f"topic {topic} of bag {bag.path} is {', '.join(types)}, the scene needs {kind}")
+            raise ReplayError(
+                f"topic {topic} of bag {bag.path} is {', '.join(types)}, the scene needs {kind}"
+            )
     if not any(topic in bag.topics for topic in inputs):
         names = ", ".join(inputs)
         raise ReplayError(f"bag {bag.path} has no message on {names}; it has {present}")
@@ -170,7 +149,7 @@ class _Replay:
         self,
         bag: Bag,
         scene: Scene,
-        writer: BagWriter,
+        writer: BagWriter | None,
         compare: Mapping[str, str],
         progress: Callable[[float], None] | None,
         factory: SimulatorFactory | None,
@@ -183,8 +162,10 @@ class _Replay:
         self.summary.compile_s = time.perf_counter() - begin
         self._inputs = {resolved(entry.topic): entry.topic for entry in self._session.inputs}
         self._names = {topic: resolved(topic) for topic in output_topics(scene)}
-        self._recordings = {resolved(topic): _Recording(end) for end, topic in compare.items()}
-        self._predictions = {f"~/{end}/reaction": _Recording(end) for end in compare}
+        # Without an output only what is compared has to be computed.
+        self._wanted = None if writer is not None else [f"~/{end}/reaction" for end in compare]
+        self._recordings = {resolved(topic): Recording(end) for end, topic in compare.items()}
+        self._predictions = {f"~/{end}/reaction": Recording(end) for end in compare}
         self._next_diagnostics_ns: int | None = None
 
     def execute(self, wanted: Mapping[str, str]) -> None:
@@ -204,13 +185,15 @@ class _Replay:
             first, last = self._bag.span_ns
             summary.status = "truncated"
             summary.message = (
-                f"bag {self._bag.path} is damaged ({self._bag.damage}); {read}{of} messages could be read, "
-                f"{(last - first) * 1e-9:.3f} s"
+                f"bag {self._bag.path} is damaged ({self._bag.damage}); {read}{of} messages could "
+                f"be read, {(last - first) * 1e-9:.3f} s"
             )
         self._compare()
 
     def _run(self, messages: Iterator[BagMessage]) -> None:
-        """Hand over what has arrived, tick, write; until the bag is exhausted and its last stamp simulated."""
+        """Hand over what has arrived, tick, write; until the bag is exhausted and its last stamp
+        simulated.
+        """
         session, summary = self._session, self.summary
         period = 1e9 / self._scene.rate
         message = next(messages, None)
@@ -234,7 +217,9 @@ class _Replay:
             now = origin + round(count * period)
             if message is not None and message.time_ns - now > LONGEST_GAP:
                 gap = (message.time_ns - now) * 1e-9
-                summary.warnings.append(f"a gap of {gap:.1f} s in the bag was left out; simulation reset")
+                summary.warnings.append(
+                    f"a gap of {gap:.1f} s in the bag was left out; simulation reset"
+                )
                 session.reset()
                 origin = now = message.time_ns
                 count = 0
@@ -256,13 +241,14 @@ class _Replay:
                 recording.add(stamped.stamp_ns or message.time_ns, stamped.values[:3])
 
     def _tick(self, now: int) -> None:
-        session, summary, write = self._session, self.summary, self._writer.write
+        session, summary, writer = self._session, self.summary, self._writer
         report = session.tick(now)
         summary.ticks += 1
         summary.simulated_s += report.advanced_steps * session.simulator.step
-        for topic, _, stamp_ns, data in session.messages():
-            write(self._names[topic], now, data)
-            summary.messages_written += 1
+        for topic, _, stamp_ns, data in session.messages(self._wanted):
+            if writer is not None:
+                writer.write(self._names[topic], now, data)
+                summary.messages_written += 1
             if topic in self._predictions:
                 force = np.frombuffer(data, "<f8", 3, len(data) - 48)
                 self._predictions[topic].add(stamp_ns - session.offset_ns, force)
@@ -270,7 +256,9 @@ class _Replay:
             self._next_diagnostics_ns = now + _DIAGNOSTICS_PERIOD
         if now >= self._next_diagnostics_ns:
             self._next_diagnostics_ns += _DIAGNOSTICS_PERIOD
-            write(self._names[DIAGNOSTICS], now, session.diagnostics(now))
+            if writer is not None:
+                writer.write(self._names[DIAGNOSTICS], now, session.diagnostics(now))
+                summary.messages_written += 1
         if report.status is SessionStatus.FAILED:
             summary.status = "diverged"
             summary.message = report.message
@@ -282,8 +270,8 @@ class _Replay:
             strange = recording.frames - {"", self._scene.frame_id}
             if strange:
                 self.summary.warnings.append(
-                    f"compare {recording.end}: recorded in frame {', '.join(sorted(strange))}, predicted in "
-                    f"{self._scene.frame_id}; compared as if they were the same"
+                    f"compare {recording.end}: recorded in frame {', '.join(sorted(strange))}, "
+                    f"predicted in {self._scene.frame_id}; compared as if they were the same"
                 )
             try:
                 rows = compare_reaction(*prediction.arrays(), *recording.arrays())
@@ -297,47 +285,7 @@ class _Replay:
         if self.summary.status == "diverged":
             return f"nothing could be simulated: {self.summary.message}"
         records = [r for r in self._session.journal.topics.values() if r.refusals]
-        reasons = "; ".join(f"{r.topic}: {r.refusals} refused, last {r.last_refusal}" for r in records)
+        reasons = "; ".join(
+            f"{r.topic}: {r.refusals} refused, last {r.last_refusal}" for r in records
+        )
         return f"no message of bag {self._bag.path} could be used ({reasons or 'it has none'})"
-
-
-class _Recording:
-    """Times and forces being collected."""
-
-    def __init__(self, end: str) -> None:
-        self.end = end
-        self.frames: set[str] = set()
-        self._times: list[int] = []
-        self._forces: list[object] = []
-
-    def add(self, stamp_ns: int, force: object) -> None:
-        """Append a sample; one that is not newer than the last replaces nothing and is left out."""
-        if not self._times or stamp_ns > self._times[-1]:
-            self._times.append(stamp_ns)
-            self._forces.append(force)
-
-    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times [s], shape (n,), and forces [N], shape (n, 3)."""
-        return np.array(self._times, dtype=float) * 1e-9, np.array(self._forces, dtype=float).reshape(-1, 3)
-
-
-def summary_values(summary: ReplaySummary) -> dict[str, object]:
-    """The summary as plain values, for JSON (numbers that are not finite become None)."""
-
-    def plain(value: object) -> object:
-        if isinstance(value, float):
-            return value if np.isfinite(value) else None
-        if isinstance(value, dict):
-            return {key: plain(item) for key, item in value.items()}
-        if isinstance(value, list):
-            return [plain(item) for item in value]
-        if isinstance(value, AxisComparison):
-            return {key: plain(item) for key, item in vars(value).items()}
-        return value
-
-    return {key: plain(value) for key, value in vars(summary).items()}
-
-
-def output_bag_files(output: str | os.PathLike[str]) -> list[Path]:
-    """The files of a written bag, in a fixed order."""
-    return sorted(Path(output).iterdir())

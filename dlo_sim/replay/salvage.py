@@ -1,19 +1,25 @@
-"""What can still be read of a bag file that was cut off: messages one after the other, without any index.
+"""What can still be read of a bag file that was cut off: messages one after the other, without any
+index.
 
-MCAP: the records from the start of the file; in a chunk that is cut, as far as it goes. sqlite3: the rows in the order of
-writing, until a page is missing. Nothing is guessed: a message that is not whole is left out.
+MCAP: the records from the start of the file; in a chunk that is cut, as far as it goes. sqlite3:
+the rows in the order of writing, until a page is missing. Nothing is guessed: a message that is not
+whole is left out.
 """
 
 from __future__ import annotations
 
 import sqlite3
 import struct
+import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 _MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
+# Both decompressors come with the bag library.
+_STANDARD_ZSTD = sys.version_info >= (3, 14)
 _RECORD = struct.Struct("<BQ")
 
 
@@ -27,7 +33,9 @@ class Record(NamedTuple):
 
 
 def records(path: Path) -> list[Record]:
-    """Every whole message that can still be read of a `.mcap` or `.db3` file, in the order of writing."""
+    """Every whole message that can still be read of a `.mcap` or `.db3` file, in the order of
+    writing.
+    """
     try:
         return list(_sqlite3_records(path) if path.suffix == ".db3" else _mcap_records(path))
     except OSError:
@@ -49,7 +57,9 @@ class _Mcap:
         self._channels: dict[int, tuple[str, str]] = {}
 
     def scan(self, data: bytes) -> Iterator[Record]:
-        """Messages of whole records; stops at the first that is cut, at nonsense or at the end of the data section."""
+        """Messages of whole records; stops at the first that is cut, at nonsense or at the end of
+        the data section.
+        """
         at = 0
         while at + _RECORD.size <= len(data):
             kind, size = _RECORD.unpack_from(data, at)
@@ -93,15 +103,11 @@ def _decompressed(compression: str, data: bytes) -> bytes:
         return data
     try:
         if compression == "zstd":
-            try:
-                from compression import zstd  # Python 3.14
-            except ImportError:
-                from backports import zstd  # comes with the bag library
+            zstd = import_module("compression.zstd" if _STANDARD_ZSTD else "backports.zstd")
             return bytes(zstd.ZstdDecompressor().decompress(data))
         if compression == "lz4":
-            import lz4.frame
-
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data))
+            lz4 = import_module("lz4.frame")
+            return bytes(lz4.LZ4FrameDecompressor().decompress(data))
     except Exception:  # each library has its own errors for damaged data
         return b""
     return b""
@@ -110,7 +116,8 @@ def _decompressed(compression: str, data: bytes) -> bytes:
 def _sqlite3_records(path: Path) -> Iterator[Record]:
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
-        # A file shorter than its header says is refused as a whole, unless the schema may be repaired.
+        # A file shorter than its header says is refused as a whole, unless the schema may be
+        # repaired.
         connection.execute("PRAGMA writable_schema=ON")
         topics = {
             number: (name, kind)

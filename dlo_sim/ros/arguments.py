@@ -1,7 +1,8 @@
 """Command line and environment of the node, before rclpy sees them.
 
-rcl refuses a list that mixes integers and decimals ("[0, 0, -9.81]"), which everywhere else in a scene file is fine;
-such lists are written out as decimals for it. A params file that does not exist or is not YAML is refused in one line.
+rcl refuses a list that mixes integers and decimals ("[0, 0, -9.81]"), which in a scene file is
+fine everywhere else; such lists are written out as decimals for it. A params file that does not
+exist or is not YAML is refused in one line.
 """
 
 import tempfile
@@ -24,7 +25,8 @@ def arguments_for_rcl(arguments: Sequence[str]) -> Iterator[list[str]]:
     """The arguments as rcl can read them; rewritten files live as long as the context.
 
     Args:
-        arguments: command line without the program's name, for example `--ros-args --params-file scene.yaml`.
+        arguments: command line without the program's name, for example
+            `--ros-args --params-file scene.yaml`.
 
     Raises:
         SceneError: an argument that is not for ROS, or a params file that cannot be read.
@@ -87,15 +89,18 @@ def _write_out_decimals(node: Any) -> bool:
         Whether anything was changed.
     """
     if isinstance(node, dict):
-        return any([_write_out_decimals(item) for item in node.values()])
+        changed = [_write_out_decimals(item) for item in node.values()]
+        return any(changed)
     if not isinstance(node, list):
         return False
-    kinds = {bool if isinstance(item, bool) else type(item) for item in node}
-    numbers = all(issubclass(kind, int | float) and kind is not bool for kind in kinds)
-    if not (numbers and any(issubclass(k, int) for k in kinds) and any(issubclass(k, float) for k in kinds)):
-        return any([_write_out_decimals(item) for item in node])
-    node[:] = [float(item) for item in node]
-    return True
+    integers = [isinstance(item, int) and not isinstance(item, bool) for item in node]
+    decimals = [isinstance(item, float) for item in node]
+    mixed = any(integers) and any(decimals) and sum(integers) + sum(decimals) == len(node)
+    if mixed:
+        node[:] = [float(item) for item in node]
+        return True
+    changed = [_write_out_decimals(item) for item in node]
+    return any(changed)
 
 
 def _where(error: Exception) -> str:

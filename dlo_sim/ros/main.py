@@ -1,7 +1,8 @@
 """Entry point of the node: `ros2 run dlo_sim node` and `dlo_sim node` end here.
 
-Exit status: 0 after SIGINT or SIGTERM; 2 refused input or no ROS (one line on stderr); 3 the simulator failed and
-`integrator.on_failure` is `stop`. Top-level imports stay light, so that the signal handlers are in place early.
+Exit status: 0 after SIGINT or SIGTERM; 2 refused input or no ROS (one line on stderr); 3 the
+simulator failed and `integrator.on_failure` is `stop`. Top-level imports stay light, so that the
+signal handlers are in place early.
 """
 
 import gc
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 
 DONE, REFUSED, FAILED = 0, 2, 3
 
-_LONGEST_SPIN = 0.2  # [s]; a signal is noticed at the latest after this long, also when no timer fires
+_RETRY = 0.1  # [s]; until a lost `Terminated` is raised again
+_LONGEST_SPIN = 0.2  # [s]; a signal is noticed after this long also when no timer fires
 
 
 class Terminated(BaseException):
@@ -30,8 +32,10 @@ class Terminated(BaseException):
 class Termination:
     """Remembers that a signal asked the process to end.
 
-    While starting up (imports and compiling can take many seconds) the signal also raises `Terminated`; afterwards
-    the executor loop looks at `requested`, so that no callback is cut in two.
+    While starting up (imports and compiling can take many seconds) the signal also raises
+    `Terminated`; afterwards the executor loop looks at `requested`, so that no callback is cut in
+    two. An exception that happens to be raised inside a callback from C, as compilers make them, is
+    lost; so it is raised again until start-up has ended.
     """
 
     def __init__(self) -> None:
@@ -39,18 +43,19 @@ class Termination:
         self._raises = True
 
     def install(self) -> None:
-        """Take over SIGINT and SIGTERM."""
-        signal.signal(signal.SIGINT, self._note)
-        signal.signal(signal.SIGTERM, self._note)
+        """Take over SIGINT and SIGTERM (and SIGALRM, to try again)."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+            signal.signal(number, self._note)
 
     def only_note(self) -> None:
         """End of start-up: signals raise nothing from now on."""
         self._raises = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
         if self._raises:
-            self._raises = False
+            signal.setitimer(signal.ITIMER_REAL, _RETRY)
             raise Terminated
 
 
@@ -68,6 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return DONE
     except SceneError as refusal:
         return _refuse(str(refusal))
+    finally:
+        termination.only_note()
 
 
 def _run(arguments: list[str], termination: Termination) -> int:
@@ -106,7 +113,8 @@ def _spin(node: "CableNode", termination: Termination) -> int:
     executor.add_node(node)
     try:
         termination.only_note()
-        # What start-up has allocated (modules, compiled code) stays; scanning it would stop a tick for 50 ms.
+        # What start-up has allocated (modules, compiled code) stays; scanning it for garbage would
+        # hold up a tick.
         gc.collect()
         gc.freeze()
         while not termination.requested and node.failure is None:

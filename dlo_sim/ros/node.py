@@ -1,25 +1,32 @@
 """The node `dlo_sim`: time, topics, parameters and services around one session.
 
-A callback hands over, asks the session to advance to a time, publishes. What a message means, how far a tick goes and
-what is worth a warning is decided in `dlo_sim.session`, which the bag replay shares.
+A callback hands over, asks the session to advance to a time, publishes. What a message means, how
+far a tick goes and what is worth a warning is decided in `dlo_sim.session`, which the bag replay
+shares.
 """
 
 import time
 from typing import Any
 
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
-from dlo_sim.ros.parameters import SceneParameters, one_line, refuse_unknown_overrides
-from dlo_sim.ros.status import NodeStatus
+from dlo_sim.ros.parameters import SceneParameters, refuse_unknown_overrides
+from dlo_sim.ros.rehearsal import rehearse
+from dlo_sim.ros.status import ClockWatch, node_status
 from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.session import Session
+from dlo_sim.session.cdr import encode_diagnostic_array
+from dlo_sim.session.session import Session, SessionStatus
+
+NODE_NAME = "dlo_sim"
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
+_STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
 
 
 class CableNode(Node):
@@ -30,15 +37,222 @@ class CableNode(Node):
     """
 
     def __init__(self, **options: Any) -> None:
-        """Read the parameters, build and compile the simulator, then open topics, services and timers.
+        """Read the parameters, build and compile the simulator, then open topics, services, timers.
 
         Args:
             options: passed to `rclpy.node.Node`.
 
         Raises:
-            SceneError: a parameter is refused.
-            ValueError: the scene cannot be simulated.
+            SceneError: a parameter is refused, or the scene cannot be simulated.
         """
-        super().__init__("dlo_sim", **options)
+        super().__init__(NODE_NAME, **options)
         self.failure: str | None = None
-        self._parameters: SceneParameters[Scene] = SceneParameters(self)
+        self._scene_parameters: SceneParameters[None] = SceneParameters(self)
+        scene = self._scene_parameters.scene
+        self._session = self._built(scene)
+        self._status = self._session.status
+        self._times = TickTimes()
+        self._clock_watch = ClockWatch()
+        self._clock_jumps = 0
+        self._late_reported = 0
+        self._early: dict[str, bytes] = {}
+        self._outputs = Outputs(self, scene)
+        self._inputs = Inputs(self, self._session.inputs, self._receive)
+        refuse_unknown_overrides(self)
+        self._scene_parameters.follow(self._prepare, self._adopt)
+        self._serve()
+        self._keep_time(scene)
+        self._log_topics()
+
+    # -- start-up -------------------------------------------------------------------------------
+
+    def _built(self, scene: Scene) -> Session:
+        """The session, with everything compiled that a tick can need."""
+        log = self.get_logger()
+        log.info("building the simulator; the first start with a new kind of scene compiles it")
+        begin = time.perf_counter()
+        session = Session(scene)
+        rehearse(scene)
+        log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
+        return session
+
+    def _serve(self) -> None:
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/step", self._on_step)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+
+    def _keep_time(self, scene: Scene) -> None:
+        """Ticks on the node's clock; diagnostics on a clock that runs when /clock does not."""
+        threshold = JumpThreshold(
+            min_forward=_STEP_AHEAD, min_backward=Duration(nanoseconds=-1), on_clock_change=True
+        )
+        self._jump_handle = self.get_clock().create_jump_callback(
+            threshold, post_callback=self._on_jump
+        )
+        self._timer = self._tick_timer(scene)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._report, clock=steady)
+
+    def _tick_timer(self, scene: Scene) -> Timer:
+        self._period_ns = round(1e9 / scene.rate)
+        return self.create_timer(1.0 / scene.rate, self._tick)
+
+    def _log_topics(self) -> None:
+        log = self.get_logger()
+        log.info(f"listens to {', '.join(self._inputs.topics) or 'no topic'}")
+        log.info(f"publishes {', '.join(self._outputs.topics)}")
+
+    # -- ticks ----------------------------------------------------------------------------------
+
+    def _now(self) -> int:
+        """The node's clock [ns]; 0 while simulated time has not begun."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def _receive(self, topic: str, raw: bytes) -> None:
+        """Hand a serialised message to the session.
+
+        Before the first /clock nothing can be dated: the newest message of each topic waits for it.
+        """
+        now = self._now()
+        if now == 0:
+            self._early[topic] = raw
+        else:
+            self._session.receive(topic, raw, now)
+
+    def _tick(self) -> None:
+        """Advance the session to now and publish."""
+        now = self._now()
+        if now == 0:
+            return
+        begin = time.perf_counter_ns()
+        if self._early:
+            self._hand_over_early(now)
+        report = self._session.tick(now)
+        stepped = time.perf_counter_ns()
+        self._outputs.publish(self._session.messages(self._outputs.wanted(now)))
+        end = time.perf_counter_ns()
+        self._times.record(now, begin, stepped, end, report.advanced_steps, self._period_ns)
+        if report.status is not self._status:
+            self._log_status(report.status, report.message)
+        if report.stop:
+            self.failure = report.message
+
+    def _hand_over_early(self, now: int) -> None:
+        for topic, raw in self._early.items():
+            self._session.receive(topic, raw, now)
+        self._early.clear()
+
+    def _log_status(self, status: SessionStatus, message: str) -> None:
+        self._status = status
+        text = message or status.value
+        log = self.get_logger()
+        if status is SessionStatus.FAILED:
+            log.error(f"failed: {text}")
+        else:
+            log.info(text)
+
+    def _on_jump(self, jump: TimeJump) -> None:
+        """Start over when the clock was set back or exchanged; a step ahead is the session's."""
+        self._times.interrupt()
+        exchanged = jump.clock_change in (
+            ClockChange.ROS_TIME_ACTIVATED,
+            ClockChange.ROS_TIME_DEACTIVATED,
+        )
+        if not exchanged and jump.delta.nanoseconds >= 0:
+            return
+        self._clock_jumps += 1
+        what = "was exchanged" if exchanged else f"went back {-jump.delta.nanoseconds * 1e-9:.3f} s"
+        self.get_logger().warning(f"the clock {what}; the simulation starts over")
+        self._start_over()
+
+    def _start_over(self) -> None:
+        self._early.clear()
+        self._session.reset()
+        self._outputs.delete_markers(self._now())
+
+    # -- parameters -----------------------------------------------------------------------------
+
+    def _prepare(self, scene: Scene) -> None:
+        """Build the simulator of a changed scene to see whether it can be; compiles what is new.
+
+        Raises:
+            SceneError: the simulator refuses the scene, in one line.
+        """
+        self._session.simulator.reconfigured(scene)
+
+    def _adopt(self, scene: Scene, prepared: None) -> None:
+        """Go on with a changed scene; callbacks take turns, so this is between two ticks."""
+        before = self._session.scene
+        self._session.reconfigure(scene)
+        self._outputs.follow(scene)
+        if scene.rate != before.rate:
+            self.destroy_timer(self._timer)
+            self._timer = self._tick_timer(scene)
+        self._times.interrupt()
+        self.get_logger().info(f"parameters changed: {_summary(self._session)}")
+
+    # -- services -------------------------------------------------------------------------------
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """~/reset: place the cable anew and forget the inputs."""
+        self._start_over()
+        response.success = True
+        response.message = "reset"
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """~/pause: stop (true) or go on (false)."""
+        self._session.pause(request.data)
+        response.success = True
+        response.message = self._session.status.value
+        return response
+
+    def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """~/step: while paused, advance by one timer period."""
+        if self._session.status is not SessionStatus.PAUSED:
+            response.message = "not paused; call ~/pause with data: true first"
+            return response
+        report = self._session.step_once()
+        self._outputs.publish(self._session.messages())
+        response.success = report.advanced_steps > 0
+        simulator = self._session.simulator
+        response.message = report.message or (
+            f"{report.advanced_steps} steps to {simulator.time:.6f} s"
+            if response.success
+            else "the cable has not been placed yet; wait for the first pose, or unpause once"
+        )
+        return response
+
+    # -- diagnostics ----------------------------------------------------------------------------
+
+    def _report(self) -> None:
+        """Publish /diagnostics: what the session counts, and what only the node can measure."""
+        now = self._now()
+        steady = time.perf_counter_ns()
+        self._clock_watch.look(now, steady * 1e-9)
+        fresh_late = self._times.late - self._late_reported
+        self._late_reported = self._times.late
+        status = node_status(
+            self._times.report(steady, self._session.simulator.step),
+            fresh_late,
+            self._clock_watch.problem,
+            self._clock_jumps,
+            self._inputs.publisher_counts(),
+        )
+        self._outputs.publish_diagnostics(self._session.diagnostics(now))
+        self._outputs.publish_diagnostics(encode_diagnostic_array(now, [status]))
+
+    def say_goodbye(self) -> None:
+        """Remove the markers from every viewer; call it last."""
+        self._outputs.say_goodbye(self._now())
+
+
+def _summary(session: Session) -> str:
+    """What the simulator of a session computes and how, in one line."""
+    simulator = session.simulator
+    left_out = "; ".join(f"{name} ({why})" for name, why in simulator.left_out.items())
+    return (
+        f"{simulator.method}, step {simulator.step:.6g} s ({simulator.choice.reason}); "
+        f"{len(simulator.greville)} control points; computes {', '.join(simulator.active_terms)}; "
+        f"leaves out {left_out or 'nothing'}"
+    )

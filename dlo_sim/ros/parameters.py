@@ -1,7 +1,8 @@
 """The scene as the parameters of a node: declared from the table, changed as a whole or not at all.
 
-The parameter table and its checks are those of `dlo_sim.scene`; a change is judged by building the whole scene that
-it leads to, so what the node refuses at run time is what the offline commands refuse, with the same line.
+The parameter table and its checks are those of `dlo_sim.scene`; a change is judged by building the
+whole scene that it leads to, so what the node refuses at run time is what the offline commands
+refuse, with the same line.
 """
 
 import sys
@@ -41,8 +42,8 @@ _LARGEST_INTEGER = 2**63 - 1
 class ParameterRefused(ParameterNotDeclaredException):
     """A parameter that cannot be set, with a reason of our own.
 
-    rclpy's parameter services answer with the text of exactly this exception, and only with it; its own text for an
-    unknown parameter leaves the name out, and for a wrong type too.
+    rclpy's parameter services answer with the text of the exception that this one is derived from,
+    and of no other; rclpy's own texts for an unknown parameter and a wrong type leave the name out.
     """
 
     def __init__(self, reason: str) -> None:
@@ -83,7 +84,8 @@ class SceneParameters(Generic[Prepared]):
         """Accept changes from now on.
 
         Args:
-            prepare: builds what the new scene needs and changes nothing; a ValueError refuses the change.
+            prepare: builds what the new scene needs and changes nothing; a ValueError refuses the
+                change.
             adopt: puts in place what `prepare` returned; called between two ticks, must not fail.
         """
         self._prepare = prepare
@@ -143,7 +145,7 @@ def scene_from_overrides(node: Node) -> Scene:
     Raises:
         SceneError: one line with the key, the value and the cure.
     """
-    # rclpy offers no public view of overrides that were not declared: it would ignore a misspelt key.
+    # rclpy ignores overrides that nothing declares, and shows them nowhere else.
     overrides: Mapping[str, NodeParameter] = node._parameter_overrides
     table = {row.key: row for row in scene_parameters()}
     values: dict[str, object] = {}
@@ -166,8 +168,8 @@ def refuse_unknown_overrides(node: Node) -> None:
     for name in node._parameter_overrides:
         if not node.has_parameter(name):
             raise SceneError(
-                f"{name}: is for no input of this scene; name the topic as the node logs it at start-up, "
-                "or remove the key"
+                f"{name}: is for no input of this scene; name the topic as the node logs it at "
+                "start-up, or remove the key"
             )
 
 
@@ -219,8 +221,8 @@ def _constraints(row: Parameter) -> str:
 def _declare(node: Node, row: Parameter, value: Any) -> None:
     """Declare one parameter with its checked value.
 
-    The override has been read already: rclpy would refuse 5 for 5.0 here. An empty list has no type of its own for
-    rclpy, so it is set after a declaration by type, and made read-only last.
+    The override has been read already: rclpy would refuse 5 for 5.0 here. An empty list has no type
+    of its own for rclpy, so it is set after a declaration by type, and made read-only last.
     """
     described = descriptor(row)
     if value != []:
@@ -231,7 +233,9 @@ def _declare(node: Node, row: Parameter, value: Any) -> None:
     node.declare_parameter(row.key, kind, described, ignore_override=True)
     node.set_parameters([NodeParameter(row.key, kind, [])])
     if row.read_only:
-        node.set_descriptor(row.key, descriptor(row))
+        described = descriptor(row)
+        described.type = kind.value
+        node.set_descriptor(row.key, described)
 
 
 def _plain(value: Any) -> Any:

@@ -11,7 +11,7 @@ class TickTimes:
 
     Attributes:
         ticks: ticks made, in all.
-        dropped: timer periods in which no tick was made, in all; their time was simulated by the next tick.
+        dropped: timer periods without a tick, in all; the next tick has simulated their time.
         late: gaps between ticks of more than 2.5 periods, in all.
     """
 
@@ -26,21 +26,25 @@ class TickTimes:
     _previous: int | None = None
     _interval_begin: int | None = None
 
-    def record(self, begin: int, stepped: int, end: int, steps: int, period: int) -> None:
+    def record(
+        self, clock: int, begin: int, stepped: int, end: int, steps: int, period: int
+    ) -> None:
         """Add one tick.
 
         Args:
-            begin, stepped, end: steady clock when the tick began, when the steps were done, when all was published.
+            clock: the clock that the timer follows, at this tick.
+            begin, stepped, end: steady clock when the tick began, the steps were done, and all was
+                published.
             steps: steps made.
             period: timer period wanted.
         """
         if self._interval_begin is None:
             self._interval_begin = begin
         if self._previous is not None:
-            gap = begin - self._previous
+            gap = clock - self._previous
             self.dropped += max(0, round(gap / period) - 1)
             self.late += gap > _LATE * period
-        self._previous = begin
+        self._previous = clock
         self.ticks += 1
         self._count += 1
         self._busy += end - begin

@@ -1,4 +1,4 @@
-"""The node's publishers and subscriptions: serialised messages both ways, QoS stated here and nowhere else."""
+"""The node's publishers and subscriptions, all on serialised messages; their QoS is stated here."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -22,8 +22,8 @@ _REACTIONS = {"start": "~/start/reaction", "end": "~/end/reaction"}
 
 INPUT_TYPES = {"pose": PoseStamped, "wrench": WrenchStamped, "force": Vector3Stamped}
 
-# Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual 5: a tick that
-# takes 20 ms must not lose a 500 Hz wrench.
+# Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual
+# 5: a tick that takes 20 ms must not lose a 500 Hz wrench.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 # The newest state also for readers that come later; a slow reader never blocks the node.
 OUTPUT_QOS = QoSProfile(
@@ -46,9 +46,7 @@ class Outputs:
         self._add(CONTROL_POINTS, PoseArray)
         for topic in MARKERS:
             self._add(topic, Marker)
-        self._diagnostics = node.create_publisher(
-            DiagnosticArray, "/diagnostics", DIAGNOSTICS_QOS
-        )
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS_QOS)
         self.follow(scene)
 
     def follow(self, scene: Scene) -> None:
@@ -97,7 +95,7 @@ class Outputs:
             self._publishers[topic].publish(data)
 
     def say_goodbye(self, stamp_ns: int) -> None:
-        """Remove the markers and give viewers a moment to hear it, since the publishers end with the node."""
+        """Remove the markers; gives viewers a moment to hear it before the publishers end."""
         self.delete_markers(stamp_ns)
         for topic in MARKERS:
             self._publishers[topic].wait_for_all_acked(_GOODBYE)
@@ -109,9 +107,10 @@ class Outputs:
         wait = self._marker_due_ns - now_ns
         if 0 < wait <= self._marker_period_ns:
             return False
-        # A longer wait means that the clock was set back; a lapse starts a new rhythm instead of a burst.
+        # A longer wait means that the clock was set back; a lapse starts a new rhythm, not a burst.
         on_rhythm = 0 >= wait > -self._marker_period_ns
-        self._marker_due_ns = (self._marker_due_ns if on_rhythm else now_ns) + self._marker_period_ns
+        begin_ns = self._marker_due_ns if on_rhythm else now_ns
+        self._marker_due_ns = begin_ns + self._marker_period_ns
         return True
 
 

@@ -129,8 +129,7 @@ class _Writer:
         return len(self.data)
 
     def numbers(self, code: str, *values: float) -> int:
-        """Append values of one struct code, for example `numbers("i", 1, 2)`; returns the offset.
-        """
+        """Append values of one struct code, as in `numbers("i", 1, 2)`; returns the offset."""
         offset = self.align(struct.calcsize(code))
         self.data.extend(struct.pack(f"<{len(values)}{code}", *values))
         return offset
@@ -162,7 +161,11 @@ class StampedEncoder:
         self._data = writer.data
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
-        """The message with this stamp [ns] and these numbers (force, torque | vector | position, quaternion)."""
+        """The message with this stamp [ns].
+
+        Args:
+            values: force and torque, or vector, or position and quaternion x, y, z, w.
+        """
         _STAMP.pack_into(self._data, 4, *divmod(stamp_ns, _NANO))
         self._numbers.pack_into(self._data, self._begin, *values)
         return bytes(self._data)

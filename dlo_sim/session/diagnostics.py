@@ -19,7 +19,7 @@ OK, WARN, ERROR, STALE = 0, 1, 2, 3
 REASONS: dict[str, str] = {
     "undecodable": "not a whole message of the expected type",
     "not_finite": "a NaN or infinite number",
-    "too_large": "force, torque or position beyond any sensible size (inputs.max_force, .max_torque)",
+    "too_large": "a force, torque or position beyond inputs.max_force, inputs.max_torque, 1e6 m",
     "bad_quaternion": "an orientation whose norm is not 1",
     "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",
     "too_old": "a stamp more than 1 s behind",

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
@@ -58,6 +59,7 @@ class Drive:
         self.grid: StepGrid | None = None
         self.index = 0
         self._knots: dict[str, int | None] = {}
+        self._motions: dict[str, EndMotion] = {}
 
     @property
     def now_ns(self) -> int:
@@ -101,8 +103,7 @@ class Drive:
         for path in self.paths.values():
             path.clear()
         for schedule in self.schedules.values():
-            schedule.clear()
-            self.simulator.set_load(schedule.name, force=None, torque=None)
+            schedule.remove(self.simulator)
         self.grid = None
 
     def advance(self, wanted_ns: int, most_steps: int, silence_ns: int | None = None) -> Advance:
@@ -139,6 +140,7 @@ class Drive:
                 waiting += (name,)
             else:
                 self._knots[name] = segment.last
+                self._motions[name] = segment.motion
                 self.simulator.set_motion(name, segment.motion)
         return waiting
 
@@ -177,8 +179,10 @@ class Drive:
         """Relabel every time by delta [ns]."""
         if self.grid is not None:
             self.grid.origin_ns += delta_ns
-        for item in (*self.paths.values(), *self.schedules.values()):
-            item.shift_time(delta_ns)
+        for path in self.paths.values():
+            path.shift_time(delta_ns)
+        for schedule in self.schedules.values():
+            schedule.shift_time(delta_ns)
 
     def reconfigure(self, scene: Scene) -> None:
         """Continue from the same state with another scene that has the same driven ends and loads.
@@ -189,17 +193,27 @@ class Drive:
         old, grid = self.simulator, self.grid
         simulator = self._factory(scene) if grid is None else old.reconfigured(scene)
         if grid is not None:
-            now_ns = self.now_ns
-            ends = {n: None if k is None else grid.time_of(k) for n, k in self._knots.items()}
-            self.grid = StepGrid(now_ns, simulator.step)
-            self.index = 0
-            self._knots = {
-                name: None if end is None else self.grid.first_at_or_after(end)
-                for name, end in ends.items()
-            }
+            self._continue_motions(grid, old.time, simulator)
         self.simulator, self._scene = simulator, scene
         for name, path in self.paths.items():
             path.timeout_ns = round(scene.ends[name].pose_timeout * SECOND)
         for schedule in self.schedules.values():
             schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
             schedule.resend(simulator)
+
+    def _continue_motions(self, old: StepGrid, old_time: float, simulator: Any) -> None:
+        """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
+        were.
+        """
+        now_ns = self.now_ns
+        grid = self.grid = StepGrid(now_ns, simulator.step)
+        for name, knot in self._knots.items():
+            if knot is None or knot <= self.index or name not in self._motions:
+                self._knots[name] = None if knot is None else 0
+                continue
+            last = grid.first_at_or_after(old.time_of(knot))
+            motion = self._motions[name]
+            segment = self.paths[name].replan(motion, old_time, grid, last, simulator.time)
+            self._knots[name], self._motions[name] = last, segment.motion
+            simulator.set_motion(name, segment.motion)
+        self.index = 0

@@ -137,7 +137,26 @@ class GripperPath:
         if self._center is not None:
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
-    def next_segment(self, grid: StepGrid, index: int, time: float, wanted_ns: int) -> Segment | None:
+    def replan(
+        self, motion: EndMotion, now: float, grid: StepGrid, last: int, time: float
+    ) -> Segment:
+        """The rest of the present motion on another grid: from where it is at `now` to its end.
+
+        Args:
+            motion: the motion under way, given out by `next_segment`, on the old simulator's time
+                `now` [s].
+            last: step of the new grid at which it ends; it goes on at step 0, simulator time `time`
+                [s].
+        """
+        target = self._position, self._velocity, self._orientation, self._spin
+        self._position, self._velocity = motion.position_at(now), motion.velocity_at(now)
+        self._orientation = rotations.normalized(motion.orientation_at(now))
+        self._spin = motion.angular_velocity_at(now)
+        return self._move_to(*target, 0, last, grid.step, time)
+
+    def next_segment(
+        self, grid: StepGrid, index: int, time: float, wanted_ns: int
+    ) -> Segment | None:
         """The motion that begins at step `index` (simulator time `time` [s]), or None: wait for a
         pose.
 
@@ -147,22 +166,24 @@ class GripperPath:
         while self._queue:
             pose, center = self._queue[0], self._center
             assert center is not None, "next_segment() needs begin()"
-            if self.silent or pose.stamp_ns - center.stamp_ns > self.timeout_ns:
-                if not self.silent:
-                    return self._come_to_rest(grid, index, time)
-                held = self._resume(grid, index, time)
-                if held is not None:
-                    return held
-                continue
-            self._queue.popleft()
-            self._center = pose
-            segment = self._segment_between(center, pose, grid, index, time)
+            if self.silent:
+                segment = self._resume(grid, index, time)
+            elif pose.stamp_ns - center.stamp_ns > self.timeout_ns:
+                segment = self._come_to_rest(grid, index, time)
+            else:
+                self._queue.popleft()
+                self._center = pose
+                segment = self._segment_between(center, pose, grid, index, time)
             if segment is not None:
                 return segment
-        if self.silent or self._center is None:
+        if self._center is None:
+            return None
+        if not self.silent and wanted_ns - self._center.stamp_ns > self.timeout_ns:
+            segment = self._come_to_rest(grid, index, time)
+            if segment is not None:
+                return segment
+        if self.silent:
             return Segment(index, None, EndMotion.resting(self._position, self._orientation, time))
-        if wanted_ns - self._center.stamp_ns > self.timeout_ns:
-            return self._come_to_rest(grid, index, time)
         return None
 
     def _segment_between(
@@ -185,7 +206,9 @@ class GripperPath:
         second_p, second_q = self._shifted(pose)
         rate = 1e9 / interval_ns
         velocity = (second_p - first_p) * rate
-        turn = rotations.to_rotation_vector(rotations.multiply(second_q, rotations.conjugate(first_q)))
+        turn = rotations.to_rotation_vector(
+            rotations.multiply(second_q, rotations.conjugate(first_q))
+        )
         spin = turn * rate
         ahead = (grid.time_of(last) - middle_ns) * 1e-9
         position = 0.5 * (first_p + second_p) + ahead * velocity
@@ -216,9 +239,15 @@ class GripperPath:
         # Angular velocity -> rate of the rotation vector at `way`: inverse left Jacobian to second
         # order.
         cross = np.cross(way, spin)
-        w1, w2 = _parabola(way, self._spin, spin - 0.5 * cross + np.cross(way, cross) / 12.0, duration)
+        w1, w2 = _parabola(
+            way, self._spin, spin - 0.5 * cross + np.cross(way, cross) / 12.0, duration
+        )
         motion = EndMotion(
-            time, duration, np.array([self._position, p1, p2]), self._orientation, np.array([w1, w2])
+            time,
+            duration,
+            np.array([self._position, p1, p2]),
+            self._orientation,
+            np.array([w1, w2]),
         )
         self._position = self._position + duration * (p1 + duration * p2)
         self._velocity = p1 + 2.0 * duration * p2
@@ -229,9 +258,8 @@ class GripperPath:
         )
         return Segment(first, last, motion)
 
-    def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment:
-        """As if the last pose were repeated: one segment to it, one to absorb the miss, then rest.
-        """
+    def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment | None:
+        """As if the last pose were repeated: to it, then absorb the miss; None: at rest."""
         center = self._center
         assert center is not None
         moving = bool(np.any(self._velocity) or np.any(self._spin))
@@ -239,7 +267,7 @@ class GripperPath:
             self.silent = True
             timeout = self.timeout_ns / SECOND
             self._note("silent", f"no pose of {self.end} for {timeout:g} s; the last one is held")
-            return Segment(index, None, EndMotion.resting(self._position, self._orientation, time))
+            return None
         interval = max(1e-9 * self._interval_ns, 2.0 * grid.step)
         last = index + max(1, round(interval / grid.step))
         position, orientation = self._shifted(center)

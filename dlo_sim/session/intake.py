@@ -25,6 +25,7 @@ import numpy as np
 
 from dlo_sim.scene.description import Load, Scene
 from dlo_sim.session import cdr
+from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.gripper_path import Pose
 from dlo_sim.session.load_schedule import LoadMessage
@@ -39,15 +40,11 @@ MOST_BEHIND = 1 * SECOND
 # agree on it.
 JUMP_AGREEMENT = 3
 
-# Positions beyond this cannot be meant [m].
-MOST_DISTANT = 1e6
-
-# A quaternion may be this far from unit length; within it is normalised.
-NORM_TOLERANCE = 1e-3
-
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.
 SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
+
+_CURE = "synchronise the clocks or set inputs.time: arrival"
 
 _TYPES = {
     "pose": cdr.POSE_STAMPED,
@@ -88,8 +85,8 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
         other = types.setdefault(entry.topic, entry)
         if other.type != entry.type:
             raise ValueError(
-                f"topic {entry.topic} is used for {other.target} as {other.type} and for {entry.target} as "
-                f"{entry.type}; give one of them another topic"
+                f"topic {entry.topic} is used for {other.target} as {other.type} and for "
+                f"{entry.target} as {entry.type}; give one of them another topic"
             )
     return tuple(found)
 
@@ -106,14 +103,6 @@ class Accepted:
     poses: dict[str, Pose]
     loads: dict[str, LoadMessage]
     restart: bool
-
-
-class _Refused(Exception):
-    """Reason and one line of detail; never leaves this module."""
-
-    def __init__(self, reason: str, detail: str) -> None:
-        super().__init__(reason, detail)
-        self.reason, self.detail = reason, detail
 
 
 class _Topic:
@@ -167,10 +156,7 @@ class Intake:
     def configure(self, scene: Scene) -> None:
         """Take limits, frames, signs and timeouts from this scene; its topics are the same."""
         self._limits = scene.inputs
-        self._frames: dict[str, str] = {scene.frame_id: "", "": ""}
-        for name, end in scene.ends.items():
-            if end.frame:
-                self._frames.setdefault(end.frame, name)
+        self._content = ContentCheck(scene)
         for topic in self._topics.values():
             topic.configure(scene)
 
@@ -190,21 +176,22 @@ class Intake:
     def accept(self, name: str, raw: cdr.Bytes, arrival_ns: int) -> Accepted | None:
         """Check one message; None = refused and counted.
 
-        Raises: KeyError: if the scene has no such input topic (a mistake of the caller, not of a
-            message).
+        Raises:
+            KeyError: if the scene has no such input topic (a mistake of the caller, not of a
+                message).
         """
         topic = self._topics[name]
         topic.record.last_arrival_ns = arrival_ns
         try:
             message = cdr.decode(topic.type, raw)
-            end = self._check_content(topic, message)
+            end = self._content.check(message, topic.is_pose)
             stamp_ns, restart = self._check_time(topic, message, arrival_ns)
             if topic.is_pose:
                 self._check_speed(topic, message.values, stamp_ns, restart)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
             return None
-        except _Refused as refused:
+        except Refused as refused:
             topic.record.refuse(refused.reason, refused.detail)
             return None
         topic.record.accepted += 1
@@ -230,43 +217,7 @@ class Intake:
             found[load.name] = LoadMessage(stamp_ns, (fx, fy, fz), (tx, ty, tz), end)
         return found
 
-    def _check_content(self, topic: _Topic, message: cdr.Stamped) -> str:
-        """Finite, not absurd, in a known frame; returns the end whose frame it is, "" = world."""
-        values = message.values
-        if not math.isfinite(sum(values)):  # a sum of finite numbers overflows only beyond any limit
-            raise _Refused("not_finite", f"{_shown(values)}; repair the publisher")
-        if topic.is_pose:
-            if math.hypot(*values[:3]) > MOST_DISTANT:
-                raise _Refused("too_large", f"position {_shown(values[:3])} is beyond {MOST_DISTANT:g} m")
-            norm = math.hypot(*values[3:])
-            if abs(norm - 1.0) > NORM_TOLERANCE:
-                raise _Refused(
-                    "bad_quaternion", f"orientation {_shown(values[3:])} has norm {norm:.6g}, needs 1"
-                )
-        else:
-            self._check_size(values)
-        end = self._frames.get(message.frame_id)
-        if end is None or (end and topic.is_pose):
-            known = "', '".join(n for n, e in self._frames.items() if n and not (e and topic.is_pose))
-            raise _Refused(
-                "unknown_frame", f"frame_id '{message.frame_id}', known: '{known}'; transform before publishing"
-            )
-        return end
-
-    def _check_size(self, values: tuple[float, ...]) -> None:
-        force, torque = math.hypot(*values[:3]), math.hypot(*values[3:])
-        if force > self._limits.max_force:
-            limit = self._limits.max_force
-            raise _Refused("too_large", f"force {force:.6g} N exceeds inputs.max_force {limit:g} N")
-        if torque > self._limits.max_torque:
-            limit = self._limits.max_torque
-            raise _Refused(
-                "too_large", f"torque {torque:.6g} N m exceeds inputs.max_torque {limit:g} N m"
-            )
-
-    def _check_time(
-        self, topic: _Topic, message: cdr.Stamped, arrival_ns: int
-    ) -> tuple[int, bool]:
+    def _check_time(self, topic: _Topic, message: cdr.Stamped, arrival_ns: int) -> tuple[int, bool]:
         """Place the message in the time base; returns its stamp there and whether time has jumped
         back.
         """
@@ -280,17 +231,15 @@ class Intake:
         try:
             ahead = stamp_ns - base.from_clock(arrival_ns)
             if ahead > MOST_AHEAD:
-                raise _Refused(
-                    "in_future",
-                    f"stamp is {ahead * 1e-9:.3f} s ahead of its arrival; synchronise the clocks or set inputs.time: arrival",
+                raise Refused(
+                    "in_future", f"stamp is {ahead * 1e-9:.3f} s ahead of its arrival; {_CURE}"
                 )
             if -ahead > MOST_BEHIND:
-                raise _Refused(
-                    "too_old",
-                    f"stamp is {-ahead * 1e-9:.3f} s behind its arrival; synchronise the clocks or set inputs.time: arrival",
+                raise Refused(
+                    "too_old", f"stamp is {-ahead * 1e-9:.3f} s behind its arrival; {_CURE}"
                 )
             self._check_order(topic, stamp_ns)
-        except _Refused as refused:
+        except Refused as refused:
             if self._jumped(topic, refused.reason, stamp_ns, arrival_ns):
                 base.forget()
                 base.decide(stamp_ns, arrival_ns, MOST_AHEAD)
@@ -305,8 +254,9 @@ class Intake:
     def _check_order(self, topic: _Topic, stamp_ns: int) -> None:
         last = topic.last_stamp_ns
         if last is not None and stamp_ns <= last:
-            raise _Refused(
-                "out_of_order", f"stamp is {(last - stamp_ns) * 1e-9:.6f} s before the last one used"
+            raise Refused(
+                "out_of_order",
+                f"stamp is {(last - stamp_ns) * 1e-9:.6f} s before the last one used",
             )
 
     def _jumped(self, topic: _Topic, reason: str, stamp_ns: int, arrival_ns: int) -> bool:
@@ -338,7 +288,7 @@ class Intake:
     def _check_speed(
         self, topic: _Topic, values: tuple[float, ...], stamp_ns: int, restart: bool
     ) -> None:
-        """Refuse |p - p_last| > inputs.max_speed * min(dt, 0.1 s) + 1 mm; p_last = last pose used."""
+        """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm; p_last = last one used."""
         last, last_stamp = topic.last_position, topic.last_stamp_ns
         if last is None or last_stamp is None or restart:
             topic.too_fast_since_ns = None
@@ -348,16 +298,11 @@ class Intake:
         if distance <= self._limits.max_speed * min(passed, SPEED_WINDOW) + SPEED_SLACK:
             topic.too_fast_since_ns = None
             return
-        detail = (
-            f"pose jumps {distance:.6g} m in {passed:.4g} s, inputs.max_speed is {self._limits.max_speed:g} m/s"
-        )
+        limit = self._limits.max_speed
+        detail = f"pose jumps {distance:.6g} m in {passed:.4g} s, inputs.max_speed is {limit:g} m/s"
         if topic.too_fast_since_ns is None:
             topic.too_fast_since_ns = stamp_ns
         elif stamp_ns - topic.too_fast_since_ns > SECOND:
             since = (stamp_ns - topic.too_fast_since_ns) * 1e-9
             detail += f"; for {since:.1f} s now: if the gripper really is there, call ~/reset"
-        raise _Refused("too_fast", detail)
-
-
-def _shown(values: tuple[float, ...]) -> str:
-    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
+        raise Refused("too_fast", detail)

@@ -21,6 +21,7 @@ from dlo_sim.session.time_base import SECOND
 _MOST_WAITING = 20_000
 
 Triple = tuple[float, float, float]
+_ZERO: Triple = (0.0, 0.0, 0.0)
 
 
 class LoadMessage(NamedTuple):
@@ -43,7 +44,7 @@ class LoadTarget(Protocol):
     """The part of the simulator that takes loads."""
 
     def set_load(self, name: str, force: object = None, torque: object = None) -> None:
-        """Hold this load from now on; None = none."""
+        """Hold this load from now on; None = as it is."""
 
     def end_pose(self, end: str) -> tuple[object, object]:
         """Position and orientation of an end effector now."""
@@ -62,6 +63,11 @@ class LoadSchedule:
         self.timeout_ns = round(load.timeout * SECOND)
         self._note = note
         self.clear()
+
+    def remove(self, simulator: LoadTarget) -> None:
+        """Forget all messages and take the load off."""
+        self.clear()
+        simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
 
     def clear(self) -> None:
         """Forget all messages."""
@@ -96,7 +102,9 @@ class LoadSchedule:
         while self._pending and self._pending[0].stamp_ns <= now_ns:
             newest = self._pending.popleft()
             if now_ns - newest.stamp_ns > step_ns:
-                self._note("late", f"load {self.name} came after the simulation had passed its stamp")
+                self._note(
+                    "late", f"load {self.name} came after the simulation had passed its stamp"
+                )
         if newest is not None:
             self._held = newest
             force, torque = newest.force, newest.torque
@@ -110,7 +118,7 @@ class LoadSchedule:
             self._held = None
             timeout = self.timeout_ns / SECOND
             self._note("load_removed", f"load {self.name}: no message for {timeout:g} s; removed")
-            simulator.set_load(self.name, force=None, torque=None)
+            simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
 
     def resend(self, simulator: LoadTarget) -> None:
         """Apply the load that is held again (to a new simulator)."""

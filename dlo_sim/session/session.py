@@ -47,10 +47,14 @@ class SessionStatus(Enum):
 class TickReport(NamedTuple):
     """What a tick did.
 
-    Attributes: advanced_steps: steps taken. lag_ns: how far the state is behind the time it should
-        have [ns]: missing poses, or too slow a computer. status: what the session is doing.
+    Attributes:
+        advanced_steps: steps taken.
+        lag_ns: how far the state is behind the time it should have [ns]: missing poses, or too slow
+            a computer.
+        status: what the session is doing.
         message: one line when there is something to say (why it failed, what it waits for), else
-        "". stop: the simulator failed and `integrator.on_failure` is `stop`.
+            "".
+        stop: the simulator failed and `integrator.on_failure` is `stop`.
     """
 
     advanced_steps: int
@@ -63,8 +67,10 @@ class TickReport(NamedTuple):
 class Session:
     """One scene being simulated from messages.
 
-    Args: scene: what is simulated. simulator_factory: builds the simulator, `Simulator` by default:
-        factory(scene, end_poses=None).
+    Args:
+        scene: what is simulated.
+        simulator_factory: builds the simulator, `Simulator` by default: factory(scene,
+            end_poses=None).
 
     Attributes:
         scene: the scene as configured now.
@@ -77,7 +83,8 @@ class Session:
 
     def __init__(self, scene: Scene, simulator_factory: SimulatorFactory | None = None) -> None:
         if simulator_factory is None:
-            from dlo_sim.simulation.simulator import Simulator  # compiles; importing this module does not
+            # Here, because it brings the compiler along; importing this module must stay light.
+            from dlo_sim.simulation.simulator import Simulator
 
             simulator_factory = Simulator
         self.scene = scene
@@ -142,18 +149,16 @@ class Session:
             return
         offset = self._time.offset_ns
         if accepted.restart:
-            self._restart("time_jump", f"stamps of {topic} jumped by more than 1 s; simulation reset")
+            self._restart(
+                "time_jump", f"stamps of {topic} jumped by more than 1 s; simulation reset"
+            )
         elif offset != before:
             # Until now everything was dated by the clock; the same instants have other names from
             # here on.
             self._drive.shift_time(before - offset)
             self._intake.shift_time(before - offset, topic)
         if offset and offset != before:
-            side = "behind" if offset > 0 else "ahead of"
-            self.journal.event(
-                "other_epoch",
-                f"stamps of {topic} are {abs(offset) * 1e-9:.6g} s {side} the clock; using their own time base",
-            )
+            self._note_epoch(topic, offset)
         for end, pose in accepted.poses.items():
             self._drive.paths[end].add(pose)
         for name, load in accepted.loads.items():
@@ -167,7 +172,10 @@ class Session:
         if last is not None and now_ns < last - CLOCK_JUMP:
             self._time.forget()
             self._intake.clear()
-            self._restart("time_jump", f"the clock went back by {(last - now_ns) * 1e-9:.3f} s; simulation reset")
+            self._restart(
+                "time_jump",
+                f"the clock went back by {(last - now_ns) * 1e-9:.3f} s; simulation reset",
+            )
         self._last_tick_ns = now_ns
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         self._markers_due, self._marker_count = count != self._marker_count, count
@@ -185,17 +193,18 @@ class Session:
             skipped = self._drive.skip_to(wanted_ns)
             self.journal.skipped_ns += skipped
             self.journal.event(
-                "time_skipped", f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped"
+                "time_skipped",
+                f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped",
             )
         return self._report(steps)
 
     def messages(self, wanted: Collection[str] | None = None) -> list[OutgoingMessage]:
         """The present state as serialised messages; empty until the cable is placed.
 
-        Args: wanted: topics to build (whoever asks for a marker by name gets it now); None = all
-            that are due after this
-                tick, that is everything, and the markers at outputs.marker_rate. Diagnostics are
-                made by `diagnostics`.
+        Args:
+            wanted: topics to build (whoever asks for a marker by name gets it now); None = all that
+                are due after this tick, that is everything, and the markers at outputs.marker_rate.
+                Diagnostics are made by `diagnostics`.
         """
         if not self.started:
             return []
@@ -261,13 +270,16 @@ class Session:
     def reconfigure(self, scene: Scene) -> None:
         """Continue with other parameters from the same state, between two ticks.
 
-        Raises: ValueError: the topics, loads or driven ends differ, or the simulator refuses the
-            scene; nothing is changed.
+        Raises:
+            ValueError: the topics, loads or driven ends differ, or the simulator refuses the scene;
+                nothing is changed.
         """
         now, then = _wiring(self.scene), _wiring(scene)
         if now != then:
             changed = ", ".join(sorted(key for key in now | then if now.get(key) != then.get(key)))
-            raise ValueError(f"{changed}: cannot change while the session runs; restart with the new scene")
+            raise ValueError(
+                f"{changed}: cannot change while the session runs; restart with the new scene"
+            )
         self._drive.reconfigure(scene)
         time_mode_changed = scene.inputs.time != self.scene.inputs.time
         self.scene = scene
@@ -278,9 +290,16 @@ class Session:
             self._time.set_mode(scene.inputs.time)
             self.reset()
 
+    def _note_epoch(self, topic: str, offset_ns: int) -> None:
+        side = "behind" if offset_ns > 0 else "ahead of"
+        self.journal.event(
+            "other_epoch",
+            f"stamps of {topic} are {abs(offset_ns) * 1e-9:.6g} s {side} the clock; "
+            "using their own time base",
+        )
+
     def _begin(self, wanted_ns: int) -> bool:
-        """Place the cable if every driven end has had a pose by now; returns whether it is placed.
-        """
+        """Place the cable if every driven end has had a pose; returns whether it is placed."""
         drive = self._drive
         begin_ns = wanted_ns
         if drive.paths:

@@ -20,9 +20,10 @@ OTHER_EPOCH = 1 * SECOND
 class TimeBase:
     """Converts between the clock and the time base, and decides their offset once.
 
-    Args: mode: `auto` = stamps; the first stamped message fixes an offset if it is more than 1 s
-        from the clock;
-            `stamp` = stamps, never an offset; `arrival` = stamps are ignored, arrival times count.
+    Args:
+        mode: `auto` = stamps; the first stamped message fixes an offset if it is more than 1 s from
+            the clock; `stamp` = stamps, never an offset; `arrival` = stamps are ignored, arrival
+            times count.
     """
 
     def __init__(self, mode: str) -> None:
@@ -50,8 +51,9 @@ class TimeBase:
     def decide(self, stamp_ns: int, arrival_ns: int, tolerance_ns: int = OTHER_EPOCH) -> int:
         """Fix the offset by a message that is known to be sound.
 
-        Returns: How much the offset changed [ns]; 0 if it was decided before or the stamps agree
-            with the clock.
+        Returns:
+            How much the offset changed [ns]; 0 if it was decided before or the stamps agree with
+            the clock.
         """
         if self.decided:
             return 0

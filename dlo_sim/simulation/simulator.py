@@ -83,7 +83,7 @@ class Simulator:
     @property
     def time(self) -> float:
         """Simulated time [s]: whole steps since the start."""
-        return self._steps * self._choice.step
+        return self._steps * self._choice.step if self._steps else 0.0
 
     @property
     def steps(self) -> int:
@@ -169,8 +169,9 @@ class Simulator:
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
         ledger = self._state.ledger
-        exchanged = ledger[layout.EXCHANGED]
-        return float(ledger[layout.ENERGY_ERROR] / exchanged) if exchanged > 0.0 else 0.0
+        return float(
+            ledger[layout.ENERGY_ERROR] / max(ledger[layout.EXCHANGED], ledger[layout.FLOOR])
+        )
 
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels import layout
-from dlo_sim.kernels.implicit import implicit_step
+from dlo_sim.kernels.implicit import NOT_CONVERGED, advance_implicit
 from dlo_sim.simulation.model import Model
 
 MAX_STEPS = 400
@@ -23,16 +23,27 @@ def relax(model: Model, state: layout.State, work: layout.Work, solver: layout.S
     n = model.n
     length = float(model.knots[-1])
     step = 1e-3
-    terms = model.terms._replace(loads=None, drive=None)
     for _ in range(MAX_STEPS):
         before = state.position.copy()
         state.w[:] = 0.0
         state.ledger[:] = 0.0
         state.ledger[layout.FLOOR] = 1e-30
-        converged, iterations = implicit_step(
-            state, terms, None, None, work, solver, 0.0, step, False, 1e-14
+        status, _, iterations = advance_implicit(
+            state,
+            model.terms,
+            model.friction,
+            model.viscosity,
+            work,
+            solver,
+            0,
+            1,
+            step,
+            False,
+            1e-14,
+            0,
+            None,
         )
-        if not converged:
+        if status == NOT_CONVERGED:
             step *= 0.25
             continue
         state.position[:] = 0.5 * (state.position + before)

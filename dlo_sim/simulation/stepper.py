@@ -9,7 +9,7 @@ import numpy as np
 from dlo_sim.core import spectrum
 from dlo_sim.core.methods import METHODS, SPLITTING, Method
 from dlo_sim.kernels import layout
-from dlo_sim.kernels.implicit import advance_implicit
+from dlo_sim.kernels.implicit import MAX_HALVINGS, advance_implicit
 from dlo_sim.kernels.instant import stiffness_band
 from dlo_sim.kernels.splitting import advance_splitting
 from dlo_sim.scene.description import Scene
@@ -34,7 +34,7 @@ class Choice:
 def largest_frequency(model: Model, state: layout.State, work: layout.Work, solver: layout.Solver) -> float:
     """Largest natural frequency [rad/s] of the scene linearised at its present configuration."""
     dim = len(model.terms.axes)
-    stiffness_band(state.position, model.terms, work, solver)
+    stiffness_band(state.position, model.terms, model.viscosity, work, solver)
     free = model.terms.mass.free != 0.0
     value = spectrum.largest_frequency(
         solver.band.copy(), model.terms.mass.band[:dim], free[:dim]
@@ -170,5 +170,6 @@ class Stepper:
             choice.step,
             choice.method.conserves_energy,
             self._tolerance,
+            MAX_HALVINGS,
             recorder,
         )

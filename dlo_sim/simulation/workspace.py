@@ -53,6 +53,7 @@ def new_solver(model: Model) -> layout.Solver:
         matrices=np.zeros((blocks, 16 * dim * dim, layout.LANES)),
         band=np.zeros((n * dim, 8 * dim - 1)),
         residual=np.zeros(n * dim),
+        rhs=np.zeros(n * dim),
         damping_force=np.zeros(shape),
         twist_band=np.zeros((4, n)),
         twist_lower=np.zeros((3, n)),

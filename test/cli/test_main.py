@@ -1,6 +1,7 @@
 """The command as a whole: subcommands, exit status, one line for what is refused."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -62,19 +63,22 @@ def test_module_runs_as_a_program(tmp_path):
     )
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr == (
-        "dlo_sim: error: nowhere.yaml: does not exist; give a scene file or a shipped scene's name\n"
-    )
+    assert done.stderr.startswith("dlo_sim: error: nowhere.yaml: does not exist; give a scene")
+    assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
 def test_reader_that_goes_away_is_no_error():
-    program = f"{sys.executable} -m dlo_sim parameters"
+    reading, writing = os.pipe()
+    os.close(reading)
     done = subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {program} | head -n 1"], capture_output=True, text=True
+        [sys.executable, "-m", "dlo_sim", "parameters"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
     )
-    assert done.stderr == ""
-    assert done.stdout.startswith("| parameter |")
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_interrupt_ends_without_a_traceback(monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""`dlo_sim simulate`: arguments, files, report and exit status, with a recording that is made up."""
+"""`dlo_sim simulate`: arguments, files, report and exit status, with a made-up recording."""
 
 import json
 import math
@@ -110,7 +110,10 @@ def test_json_is_the_last_line_and_complete(recorder, capsys):
 
 def test_json_is_strict_where_numbers_are_not_finite(recorder, capsys):
     recorder.result = MadeUp(
-        energy_error_max=math.nan, real_time_factor=math.inf, steps=np.int64(3), wall_s=np.float64(1)
+        energy_error_max=math.nan,
+        real_time_factor=math.inf,
+        steps=np.int64(3),
+        wall_s=np.float64(1),
     )
 
     def no_constant(text):

@@ -88,6 +88,7 @@ def test_huge_value_is_shown_shortened():
     ("values", "complaint"),
     [
         ({"end.clamped": True}, "end.clamped: true needs end.fixed: [true, true, true]"),
+        ({"start.clamped": True, "start.fixed": [True, False, True]}, "start.clamped: true needs"),
         ({"start.spring": [0, 5, 0]}, "start.spring[1]: 5.0 N/m would do nothing"),
         ({"end.pose_topic": "/pose"}, "end.pose_topic: '/pose' would move nothing"),
         ({"start.pose_topic": "a b"}, "start.pose_topic: 'a b' is not a topic name"),
@@ -146,7 +147,11 @@ def test_conflict(values, complaint):
         {**HELD, "start.pose_topic": "/pose", "end.pose_topic": "/pose"},  # one gripper, two ends
         {"inputs.catch_up": 0.005},
         {"discretization.quadrature": "uniform", "discretization.samples": 4},
-        {"start.position": [0, 0, 0.0], "start.fixed": [False, True, True], "start.spring": [9, 0, 0]},
+        {
+            "start.position": [0, 0, 0.0],
+            "start.fixed": [False, True, True],
+            "start.spring": [9, 0, 0],
+        },
     ],
 )
 def test_unusual_but_possible(values):

@@ -20,11 +20,11 @@ BLOCK = "ros__parameters: {cable: {length: 2.5}}"
 
 @pytest.fixture
 def write(tmp_path: Path):
-    """Write a scene file and return its path."""
+    """Write a scene file, `BLOCK` standing for a usual block, and return its path."""
 
     def write_text(text: str | bytes) -> Path:
         path = tmp_path / "scene.yaml"
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        path.write_bytes(text if isinstance(text, bytes) else text.replace("BLOCK", BLOCK).encode())
         return path
 
     return write_text
@@ -33,18 +33,18 @@ def write(tmp_path: Path):
 @pytest.mark.parametrize(
     "text",
     [
-        "/**: {%s}" % BLOCK,
-        "/*: {%s}" % BLOCK,
-        "dlo_sim: {%s}" % BLOCK,
-        "/dlo_sim: {%s}" % BLOCK,
-        "/cell/left/dlo_sim: {%s}" % BLOCK,
-        "cell: {left: {dlo_sim: {%s}}}" % BLOCK,
-        "/**/dlo_sim: {%s}" % BLOCK,
-        "left_cable: {%s}" % BLOCK,
+        "/**: {BLOCK}",
+        "/*: {BLOCK}",
+        "dlo_sim: {BLOCK}",
+        "/dlo_sim: {BLOCK}",
+        "/cell/left/dlo_sim: {BLOCK}",
+        "cell: {left: {dlo_sim: {BLOCK}}}",
+        "/**/dlo_sim: {BLOCK}",
+        "left_cable: {BLOCK}",
         "/**: {ros__parameters: {cable.length: 2.5}}",
-        "/**: {ros__parameters: {cable: {length: 9.0}}}\ndlo_sim: {%s}" % BLOCK,
-        "dlo_sim: {%s}\n/**: {ros__parameters: {cable: {length: 9.0}}}" % BLOCK,
-        "dlo_sim: {%s}\ncamera: {ros__parameters: {exposure: 5}}" % BLOCK,
+        "/**: {ros__parameters: {cable: {length: 9.0}}}\ndlo_sim: {BLOCK}",
+        "dlo_sim: {BLOCK}\n/**: {ros__parameters: {cable: {length: 9.0}}}",
+        "dlo_sim: {BLOCK}\ncamera: {ros__parameters: {exposure: 5}}",
         "/**: {ros__parameters: {use_sim_time: true, cable.length: 2.5}}",
         '/**: {ros__parameters: {"qos_overrides./clock.depth": 1, cable.length: 2.5}}',
     ],
@@ -54,14 +54,16 @@ def test_layout(write, text):
 
 
 def test_numbers_of_yaml_1_2(write):
-    path = write("/**: {ros__parameters: {cable: {youngs_modulus: 2e9, length: 3, diameter: 1e-3}}}")
+    path = write(
+        "/**: {ros__parameters: {cable: {youngs_modulus: 2e9, length: 3, diameter: 1e-3}}}"
+    )
     cable = load_scene(path).cable
     assert (cable.youngs_modulus, cable.length, cable.diameter) == (2e9, 3.0, 1e-3)
 
 
 @pytest.mark.parametrize("value", ["off", '"off"', "false"])
 def test_off_quoted_or_not(write, value):
-    path = write("/**: {ros__parameters: {terms: {twist: %s}}}" % value)
+    path = write(f"/**: {{ros__parameters: {{terms: {{twist: {value}}}}}}}")
     assert load_scene(path).terms.twist == "off"
 
 
@@ -76,11 +78,11 @@ def test_off_quoted_or_not(write, value):
         ("[1, 2]", "holds [1, 2] instead of nodes"),
         ("cable: {length: 2.0}", "holds 2.0 instead of nodes; put the keys under '/**:'"),
         ("/**: {}", "has no 'ros__parameters'"),
-        ("/cell/*: {%s}" % BLOCK, "holds nothing for the node dlo_sim"),
+        ("/cell/*: {BLOCK}", "holds nothing for the node dlo_sim"),
         ("/**: {ros__parameters: }", "ros__parameters: None is not a mapping"),
         ("/**: {ros__parameters: {cable: }}", "stands for a group of keys; give cable.length"),
-        ("a: {%s}\nb: {%s}" % (BLOCK, BLOCK), "holds several nodes (/a, /b)"),
-        ("a/dlo_sim: {%s}\nb/dlo_sim: {%s}" % (BLOCK, BLOCK), "holds several nodes"),
+        ("a: {BLOCK}\nb: {BLOCK}", "holds several nodes (/a, /b)"),
+        ("a/dlo_sim: {BLOCK}\nb/dlo_sim: {BLOCK}", "holds several nodes"),
         ("/**: {ros__parameters: {rate: 9, rate: 8}}", "line 1: key rate is there twice"),
         (
             "/**: {ros__parameters: {cable.length: 1, cable: {length: 2}}}",
@@ -118,7 +120,7 @@ def test_missing_file_and_folder(tmp_path):
 
 
 def test_overrides_win_and_are_checked(write):
-    path = write("/**: {%s}" % BLOCK)
+    path = write("/**: {BLOCK}")
     assert load_scene(path, {"cable.length": 4}).cable.length == 4.0
     with pytest.raises(SceneError, match="did you mean cable.length"):
         load_scene(path, {"cable.lenth": 4})

@@ -81,7 +81,11 @@ def test_hanging_cable_is_the_identified_cable():
     )
     scene = load_scene(shipped_scene("hanging_cable"))
     assert scene.cable.mu * scene.cable.length == pytest.approx(mass)
-    assert (scene.end.mass, scene.cable.length, scene.cable.diameter) == (end_mass, length, diameter)
+    assert (scene.end.mass, scene.cable.length, scene.cable.diameter) == (
+        end_mass,
+        length,
+        diameter,
+    )
     assert scene.cable.EI == pytest.approx(k * length, rel=1e-6)
     assert scene.cable.rest_curvature == pytest.approx(
         (theta0 / length, (theta0 + theta1) / length), rel=2e-4

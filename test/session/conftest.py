@@ -47,8 +47,12 @@ class Bench:
         self.scene = scene_from_values({**values, **changes})
         self.session = Session(self.scene, FakeSimulator)
 
-    def pose(self, stamp_ns, position=(0, 0, 0), orientation=(0, 0, 0, 1), *, arrival=None, frame="world"):
-        raw = cdr.StampedEncoder(cdr.POSE_STAMPED, frame).encode(stamp_ns, (*position, *orientation))
+    def pose(
+        self, stamp_ns, position=(0, 0, 0), orientation=(0, 0, 0, 1), *, arrival=None, frame="world"
+    ):
+        raw = cdr.StampedEncoder(cdr.POSE_STAMPED, frame).encode(
+            stamp_ns, (*position, *orientation)
+        )
         self.session.receive("/gripper_pose", raw, stamp_ns if arrival is None else arrival)
 
     def wrench(self, stamp_ns, force=(0, 0, 0), torque=(0, 0, 0), *, arrival=None, frame="world"):

@@ -1,7 +1,7 @@
 """A simulator with the simulator's interface and next to no physics, for testing what surrounds it.
 
-Control point 0 follows the start end-effector exactly; the last one is a free 1 kg point mass that the loads accelerate. Every
-call that changes something is recorded with the step at which it came.
+Control point 0 follows the start end-effector exactly; the last one is a free 1 kg point mass that
+the loads accelerate. Every call that changes something is recorded with the step at which it came.
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ class FakeSimulator:
 
     def set_load(self, name, force=None, torque=None):
         self.calls.append(("load", self.steps, name, force, torque))
-        self.loads[name] = np.zeros(3) if force is None else np.array(force, dtype=float)
+        if force is not None:
+            self.loads[name] = np.array(force, dtype=float)
 
     def set_motion(self, end, motion):
         self.calls.append(("motion", self.steps, end, motion))
@@ -102,7 +103,6 @@ class FakeSimulator:
     def reconfigured(self, scene):
         if scene.cable.diameter > 0.5:
             raise ValueError("fake: too thick")
-        other = FakeSimulator(scene)
-        other.motions, other.tip, other.speed = self.motions, self.tip, self.speed
-        other.steps = round(self.time / other.step)
+        other = FakeSimulator(scene, {end: self.end_pose(end) for end in ("start", "end")})
+        other.tip, other.speed = self.tip, self.speed
         return other

@@ -1,0 +1,93 @@
+"""What a replay did, as data: for people, for JSON, for the comparison with a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.replay.comparison import AxisComparison
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class ReplaySummary:
+    """What a replay did.
+
+    Attributes:
+        status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
+            the simulator gave up.
+        message: one line that explains any status but `done`, else "".
+        output: the bag written.
+        messages_used, messages_refused: input messages; refused_by_reason: the latter by reason.
+        events: what else was counted (silences, resets, ...).
+        messages_written: output messages.
+        ticks: ticks of the session.
+        simulated_s: simulated time [s]; wall_s: time for reading, stepping and writing [s] without
+            building the simulator; compile_s: time for building it [s]; real_time_factor:
+            simulated_s / wall_s.
+        comparison: end -> rows per axis, for the ends asked for.
+        warnings: one line each.
+    """
+
+    status: str = "done"
+    message: str = ""
+    output: str = ""
+    messages_used: int = 0
+    messages_refused: int = 0
+    refused_by_reason: dict[str, int] = field(default_factory=dict)
+    events: dict[str, int] = field(default_factory=dict)
+    messages_written: int = 0
+    ticks: int = 0
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    compile_s: float = 0.0
+    real_time_factor: float = 0.0
+    comparison: dict[str, list[AxisComparison]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the whole bag was replayed."""
+        return self.status == "done"
+
+
+class Recording:
+    """Times and forces being collected."""
+
+    def __init__(self, end: str) -> None:
+        self.end = end
+        self.frames: set[str] = set()
+        self._times: list[int] = []
+        self._forces: list[object] = []
+
+    def add(self, stamp_ns: int, force: object) -> None:
+        """Append a sample; one that is not newer than the last replaces nothing and is left out."""
+        if not self._times or stamp_ns > self._times[-1]:
+            self._times.append(stamp_ns)
+            self._forces.append(force)
+
+    def arrays(self) -> tuple[Array, Array]:
+        """Times [s], shape (n,), and forces [N], shape (n, 3)."""
+        return np.array(self._times, dtype=float) * 1e-9, np.array(
+            self._forces, dtype=float
+        ).reshape(-1, 3)
+
+
+def summary_values(summary: ReplaySummary) -> dict[str, object]:
+    """The summary as plain values, for JSON (numbers that are not finite become None)."""
+
+    def plain(value: object) -> object:
+        if isinstance(value, float):
+            return value if np.isfinite(value) else None
+        if isinstance(value, dict):
+            return {key: plain(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [plain(item) for item in value]
+        if isinstance(value, AxisComparison):
+            return {key: plain(item) for key, item in vars(value).items()}
+        return value
+
+    return {key: plain(value) for key, value in vars(summary).items()}

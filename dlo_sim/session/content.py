@@ -1,0 +1,91 @@
+"""Whether the numbers and the frame of a message can be used, whenever it came."""
+
+from __future__ import annotations
+
+import math
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.session.cdr import Stamped
+
+# Positions beyond this cannot be meant [m].
+MOST_DISTANT = 1e6
+
+# A quaternion may be this far from unit length; within it is normalised.
+NORM_TOLERANCE = 1e-3
+
+
+class Refused(Exception):
+    """A message that is not used: a reason (`diagnostics.REASONS`) and one line of detail."""
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(reason, detail)
+        self.reason, self.detail = reason, detail
+
+
+class ContentCheck:
+    """The limits and frames of a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._limits = scene.inputs
+        self._frames: dict[str, str] = {scene.frame_id: "", "": ""}
+        for name, end in scene.ends.items():
+            if end.frame:
+                self._frames.setdefault(end.frame, name)
+
+    def check(self, message: Stamped, is_pose: bool) -> str:
+        """Finite, not absurd, in a known frame.
+
+        Returns:
+            The end in whose frame the message is, "" = the world frame.
+
+        Raises:
+            Refused: it cannot be used.
+        """
+        values = message.values
+        # The sum of finite numbers overflows only far beyond every limit.
+        if not math.isfinite(sum(values)):
+            raise Refused("not_finite", f"{_shown(values)}; repair the publisher")
+        if is_pose:
+            _check_pose(values)
+        else:
+            self._check_size(values)
+        return self._check_frame(message.frame_id, is_pose)
+
+    def _check_size(self, values: tuple[float, ...]) -> None:
+        for name, unit, vector, limit in (
+            ("force", "N", values[:3], self._limits.max_force),
+            ("torque", "N m", values[3:], self._limits.max_torque),
+        ):
+            size = math.hypot(*vector)
+            if size > limit:
+                raise Refused(
+                    "too_large",
+                    f"{name} {size:.6g} {unit} exceeds inputs.max_{name} {limit:g} {unit}",
+                )
+
+    def _check_frame(self, frame_id: str, is_pose: bool) -> str:
+        end = self._frames.get(frame_id)
+        if end is not None and not (end and is_pose):  # a pose in the frame it moves says nothing
+            return end
+        known = [name for name, of in self._frames.items() if name and not (of and is_pose)]
+        raise Refused(
+            "unknown_frame",
+            f"frame_id '{frame_id}', known: {', '.join(known)}; transform before publishing",
+        )
+
+
+def _check_pose(values: tuple[float, ...]) -> None:
+    if math.hypot(*values[:3]) > MOST_DISTANT:
+        raise Refused(
+            "too_large",
+            f"position {_shown(values[:3])} is beyond {MOST_DISTANT:g} m; check its unit",
+        )
+    norm = math.hypot(*values[3:])
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise Refused(
+            "bad_quaternion", f"orientation {_shown(values[3:])} has norm {norm:.6g}, needs 1"
+        )
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

@@ -1,0 +1,104 @@
+"""`dlo_sim replay`: arguments, report and exit status, with a replay that is made up."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from dlo_sim.cli.main import main
+from dlo_sim.replay import replay
+from dlo_sim.replay.comparison import AxisComparison
+
+JSON_KEYS = {"status", "message", "messages_used", "messages_refused", "real_time_factor"}
+ARGUMENTS = ["replay", "in.bag", "--params", "hanging_cable", "--output", "out.bag"]
+
+
+@pytest.fixture
+def replayer(monkeypatch):
+    """Stands in for the replay; `result` is returned or raised, `calls` remembers the question."""
+
+    class StandIn:
+        result = replay.ReplaySummary(
+            output="out.bag",
+            messages_used=600,
+            messages_refused=3,
+            refused_by_reason={"not_finite": 2, "too_fast": 1},
+            simulated_s=9.9,
+            wall_s=0.1,
+            real_time_factor=99.0,
+        )
+        calls: list[tuple] = []
+
+        def __call__(self, bag, scene, output, *, compare=None, progress=None):
+            self.calls.append((bag, scene, output, compare))
+            if isinstance(self.result, Exception):
+                raise self.result
+            return self.result
+
+    stand_in = StandIn()
+    stand_in.calls = []
+    monkeypatch.setattr(replay, "replay_bag", stand_in)
+    return stand_in
+
+
+def test_arguments_reach_the_replay(replayer):
+    more = ["--set", "rate=100", "--compare", "start=/ft_compensated"]
+    assert main([*ARGUMENTS, *more]) == 0
+    ((bag, scene, output, compare),) = replayer.calls
+    assert (bag, output) == (Path("in.bag"), Path("out.bag"))
+    assert scene.rate == 100.0 and scene.start.pose_topic == "/gripper_pose"
+    assert compare == {"start": "/ft_compensated"}
+
+
+def test_report_for_people_with_the_comparison(replayer, capsys):
+    numbers = dict.fromkeys(AxisComparison.__dataclass_fields__, 0.5)
+    replayer.result.comparison = {"start": [AxisComparison(**{**numbers, "axis": "x"})]}
+    replayer.result.warnings = ["a silence of 5.0 s"]
+    assert main(ARGUMENTS) == 0
+    shown = capsys.readouterr().out
+    for part in ("done, 9.900 s", "600 messages", "not_finite: 2", "99 x real", "silence of 5.0"):
+        assert part in shown
+    assert any(line.startswith("start ") for line in shown.splitlines())
+
+
+def test_json_is_the_last_line_and_strict(replayer, capsys):
+    replayer.result.real_time_factor = math.inf
+    assert main([*ARGUMENTS, "--json"]) == 0
+    values = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert JSON_KEYS <= set(values)
+    assert (values["messages_used"], values["messages_refused"]) == (600, 3)
+    assert values["real_time_factor"] is None
+
+
+@pytest.mark.parametrize("status", ["diverged", "truncated"])
+def test_part_of_a_replay_is_reported_with_its_reason(replayer, capsys, status):
+    replayer.result.status = status
+    replayer.result.message = "only 3.2 s could be used"
+    assert main(ARGUMENTS) == 3
+    assert "only 3.2 s could be used" in capsys.readouterr().out
+
+
+def test_refused_bag_is_one_line(replayer, capsys):
+    replayer.result = replay.ReplayError("bag in.bag is empty: it has\nno topic")
+    assert main([*ARGUMENTS, "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == "dlo_sim: error: bag in.bag is empty: it has no topic\n"
+
+
+@pytest.mark.parametrize(
+    "pairs", [["start"], ["middle=/x"], ["start="], ["start=/a", "start=/b"], ["=/x"]]
+)
+def test_bad_comparison(replayer, capsys, pairs):
+    arguments = [word for pair in pairs for word in ("--compare", pair)]
+    assert main([*ARGUMENTS, *arguments]) == 2
+    assert "--compare" in capsys.readouterr().err
+    assert replayer.calls == []
+
+
+def test_output_is_optional_and_the_scene_is_not(replayer, capsys):
+    assert main(["replay", "in.bag"]) == 2
+    assert "required: --params" in capsys.readouterr().err
+    assert main(["replay", "in.bag", "--params", "hanging_cable"]) == 0
+    assert replayer.calls[0][2] is None

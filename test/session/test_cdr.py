@@ -1,0 +1,254 @@
+"""Byte codecs against an independent implementation (rosbags) and, where installed, rclpy."""
+
+import struct
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from dlo_sim.session import cdr
+
+FRAMES = ["", "a", "ab", "abc", "abcd", "world", "fr3_link0", "x" * 61, "größe"]
+STAMP = 1_700_000_000_123_456_789
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
+
+
+def header(frame, stamp=STAMP):
+    time = TYPES["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return TYPES["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+
+
+def vector(v):
+    return TYPES["geometry_msgs/msg/Vector3"](*map(float, v))
+
+
+def pose(v):
+    point = TYPES["geometry_msgs/msg/Point"](*map(float, v[:3]))
+    quaternion = TYPES["geometry_msgs/msg/Quaternion"](*map(float, v[3:]))
+    return TYPES["geometry_msgs/msg/Pose"](position=point, orientation=quaternion)
+
+
+def stamped(kind, frame, values):
+    """A message object of the reference library."""
+    if kind == cdr.WRENCH_STAMPED:
+        body = TYPES["geometry_msgs/msg/Wrench"](vector(values[:3]), vector(values[3:]))
+    elif kind == cdr.VECTOR3_STAMPED:
+        body = vector(values)
+    else:
+        body = pose(values)
+    return TYPES[kind](header(frame), body)
+
+
+def numbers(message):
+    """All numbers behind the header of a message object, in order."""
+    if hasattr(message, "x"):
+        return [message.x, message.y, message.z, *([message.w] if hasattr(message, "w") else [])]
+    names = [n for n in ("wrench", "vector", "pose", "force", "torque") if hasattr(message, n)]
+    names += [n for n in ("position", "orientation") if hasattr(message, n)]
+    return [x for name in names for x in numbers(getattr(message, name))]
+
+
+KINDS = [(cdr.WRENCH_STAMPED, 6), (cdr.VECTOR3_STAMPED, 3), (cdr.POSE_STAMPED, 7)]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize(("kind", "count"), KINDS)
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_decodes_what_the_reference_writes(kind, count, frame, little_endian):
+    values = np.random.default_rng(len(frame)).normal(size=count)
+    raw = STORE.serialize_cdr(stamped(kind, frame, values), kind, little_endian=little_endian)
+    message = cdr.decode(kind, bytes(raw))
+    assert message.stamp_ns == STAMP
+    assert message.frame_id == frame
+    assert message.values == tuple(values)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize(("kind", "count"), KINDS)
+def test_reference_decodes_what_we_write(kind, count, frame):
+    encoder = cdr.StampedEncoder(kind, frame)
+    encoder.encode(5, [9.0] * count)  # a template must not remember
+    values = np.random.default_rng(1).normal(size=count).tolist()
+    message = STORE.deserialize_cdr(encoder.encode(STAMP, values), kind)
+    assert message.header == header(frame)
+    assert numbers(message) == values
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("count", [1, 13, 50])
+def test_pose_array_both_ways(frame, count):
+    rng = np.random.default_rng(count)
+    positions, orientations = rng.normal(size=(count, 3)), rng.normal(size=(count, 4))
+    encoder = cdr.PoseArrayEncoder(frame, count)
+    encoder.encode(1, np.ones((count, 3)), np.ones((count, 4)))
+    raw = encoder.encode(STAMP, positions, orientations)
+    message = STORE.deserialize_cdr(raw, cdr.POSE_ARRAY)
+    assert message.header == header(frame)
+    rows = np.hstack([positions, orientations])
+    assert np.array_equal([numbers(p) for p in message.poses], rows)
+    for little_endian in (True, False):
+        reference = bytes(STORE.serialize_cdr(message, cdr.POSE_ARRAY, little_endian=little_endian))
+        back = cdr.decode_pose_array(reference)
+        assert (back.stamp_ns, back.frame_id) == (STAMP, frame)
+        assert np.array_equal(back.poses, rows)
+
+
+def test_empty_pose_array():
+    message = TYPES[cdr.POSE_ARRAY](header("world"), [])
+    assert cdr.decode_pose_array(
+        bytes(STORE.serialize_cdr(message, cdr.POSE_ARRAY))
+    ).poses.shape == (0, 7)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("namespace", ["", "a", "ab", "centerline"])
+def test_line_strip(frame, namespace):
+    points = np.random.default_rng(2).normal(size=(17, 3))
+    encoder = cdr.LineStripEncoder(
+        frame, namespace, 7, 17, 0.02, (0.25, 0.5, 0.75, 1.0), 1_500_000_000
+    )
+    encoder.encode(1, np.ones((17, 3)))
+    marker = STORE.deserialize_cdr(encoder.encode(STAMP, points), cdr.MARKER)
+    assert marker.header == header(frame)
+    assert (marker.ns, marker.id, marker.type, marker.action) == (namespace, 7, 4, 0)
+    assert numbers(marker.pose) == [0, 0, 0, 0, 0, 0, 1]
+    assert (marker.scale.x, marker.color.r, marker.color.b, marker.color.a) == (
+        0.02,
+        0.25,
+        0.75,
+        1.0,
+    )
+    assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 500_000_000)
+    assert np.array_equal([[p.x, p.y, p.z] for p in marker.points], points)
+    assert len(marker.colors) == 0
+    assert marker.text == marker.mesh_resource == marker.texture_resource == ""
+    assert not marker.mesh_use_embedded_materials
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_marker_delete_all(frame):
+    marker = STORE.deserialize_cdr(cdr.encode_marker_delete_all(frame, STAMP), cdr.MARKER)
+    assert (marker.header, marker.action, len(marker.points)) == (header(frame), 3, 0)
+
+
+@pytest.mark.parametrize("text", ["", "a", "ab", "abc", "abcd"])
+def test_diagnostic_array(text):
+    statuses = [
+        cdr.DiagnosticStatus(1, "one" + text, text, (("key" + text, text), ("k", "v"))),
+        cdr.DiagnosticStatus(3, text, "two", ()),
+    ]
+    raw = cdr.encode_diagnostic_array(STAMP, statuses, text)
+    message = STORE.deserialize_cdr(raw, cdr.DIAGNOSTIC_ARRAY)
+    assert message.header == header("")
+    found = [
+        (s.level, s.name, s.message, tuple((v.key, v.value) for v in s.values), s.hardware_id)
+        for s in message.status
+    ]
+    assert found == [(*status, text) for status in statuses]
+
+
+@pytest.mark.parametrize("frame", FRAMES[:6])
+@pytest.mark.parametrize(("kind", "count"), KINDS)
+def test_every_truncation_is_an_error(kind, count, frame):
+    raw = cdr.StampedEncoder(kind, frame).encode(STAMP, [1.0] * count)
+    for length in range(len(raw)):
+        with pytest.raises(cdr.DecodeError):
+            cdr.decode(kind, raw[:length])
+    assert cdr.decode(kind, raw + bytes(7)).values == (1.0,) * count  # padding is none
+    with pytest.raises(cdr.DecodeError, match="has"):
+        cdr.decode(kind, raw + bytes(8))
+
+
+def test_pose_array_truncations():
+    raw = cdr.PoseArrayEncoder("world", 3).encode(STAMP, np.ones((3, 3)), np.ones((3, 4)))
+    for length in range(len(raw)):
+        with pytest.raises(cdr.DecodeError):
+            cdr.decode_pose_array(raw[:length])
+
+
+def test_garbage_is_a_decode_error_or_a_message_and_nothing_else():
+    rng = np.random.default_rng(6)
+    refused = 0
+    for _ in range(3000):
+        raw = rng.integers(0, 256, size=int(rng.integers(0, 120)), dtype=np.uint8).tobytes()
+        raw = (b"\x00\x01\x00\x00" + raw) if rng.random() < 0.5 else raw
+        for kind, _count in KINDS:
+            try:
+                cdr.decode(kind, raw)
+            except cdr.DecodeError:
+                refused += 1
+        try:
+            cdr.decode_pose_array(raw)
+        except cdr.DecodeError:
+            refused += 1
+    assert refused > 11_000
+
+
+@pytest.mark.parametrize(
+    ("patch", "text"),
+    [
+        ((1, b"\x07"), "encapsulation"),
+        ((8, struct.pack("<I", 10**9)), "nanoseconds"),
+        ((12, struct.pack("<I", 2**31)), "frame_id"),
+        ((12, struct.pack("<I", 3)), "NUL"),
+    ],
+)
+def test_impossible_headers(patch, text):
+    raw = bytearray(cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world").encode(STAMP, [1.0] * 6))
+    raw[patch[0] : patch[0] + len(patch[1])] = patch[1]
+    with pytest.raises(cdr.DecodeError, match=text):
+        cdr.decode(cdr.WRENCH_STAMPED, bytes(raw))
+
+
+def test_times_before_zero():
+    raw = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "").encode(-60_000_000, [0.0] * 6)
+    assert cdr.decode(cdr.WRENCH_STAMPED, raw).stamp_ns == -60_000_000
+
+
+class TestAgainstRclpy:
+    """The same with the real thing."""
+
+    @pytest.fixture(autouse=True)
+    def ros(self):
+        pytest.importorskip("rclpy", reason="rclpy is not installed")
+        self.serialization = pytest.importorskip("rclpy.serialization")
+        self.geometry = pytest.importorskip("geometry_msgs.msg")
+        self.visualization = pytest.importorskip("visualization_msgs.msg")
+        self.diagnostic = pytest.importorskip("diagnostic_msgs.msg")
+
+    @pytest.mark.parametrize("frame", FRAMES)
+    def test_stamped(self, frame):
+        for kind, count in KINDS:
+            message_type = getattr(self.geometry, kind.rsplit("/", 1)[1])
+            values = np.random.default_rng(count).normal(size=count).tolist()
+            raw = cdr.StampedEncoder(kind, frame).encode(STAMP, values)
+            message = self.serialization.deserialize_message(raw, message_type)
+            assert message.header.frame_id == frame
+            assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == STAMP
+            assert numbers(message) == values
+            back = cdr.decode(kind, self.serialization.serialize_message(message))
+            assert back == (STAMP, frame, tuple(values))
+
+    @pytest.mark.parametrize("frame", FRAMES)
+    def test_outputs(self, frame):
+        points = np.random.default_rng(3).normal(size=(5, 3))
+        turns = np.random.default_rng(4).normal(size=(5, 4))
+        raw = cdr.PoseArrayEncoder(frame, 5).encode(STAMP, points, turns)
+        array = self.serialization.deserialize_message(raw, self.geometry.PoseArray)
+        assert np.array_equal([numbers(p) for p in array.poses], np.hstack([points, turns]))
+        back = cdr.decode_pose_array(self.serialization.serialize_message(array))
+        assert np.array_equal(back.poses, np.hstack([points, turns]))
+        encoder = cdr.LineStripEncoder(frame, "ns", 1, 5, 0.1, (1, 0, 0, 1), 10**9)
+        raw = encoder.encode(STAMP, points)
+        marker = self.serialization.deserialize_message(raw, self.visualization.Marker)
+        assert np.array_equal([[p.x, p.y, p.z] for p in marker.points], points)
+        assert marker.header.frame_id == frame
+        raw = cdr.encode_marker_delete_all(frame, STAMP)
+        marker = self.serialization.deserialize_message(raw, self.visualization.Marker)
+        assert marker.action == marker.DELETEALL
+        status = cdr.DiagnosticStatus(2, "name", frame, (("a", "b"), (frame, "ccc")))
+        raw = cdr.encode_diagnostic_array(STAMP, [status, status], "hw")
+        array = self.serialization.deserialize_message(raw, self.diagnostic.DiagnosticArray)
+        assert [s.level for s in array.status] == [b"\x02", b"\x02"]
+        assert [(v.key, v.value) for v in array.status[1].values] == [("a", "b"), (frame, "ccc")]
