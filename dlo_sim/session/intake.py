@@ -73,21 +73,9 @@ class InputTopic(NamedTuple):
 
 
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
-    """Every topic that this scene listens to, poses first.
-
-    Raises:
-        ValueError: if one topic is used with two message types.
-    """
+    """Every topic that this scene listens to, poses first; a topic may drive several targets."""
     found = [InputTopic(e.pose_topic, "pose", name) for name, e in scene.ends.items() if e.driven]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
-    types: dict[str, InputTopic] = {}
-    for entry in found:
-        other = types.setdefault(entry.topic, entry)
-        if other.type != entry.type:
-            raise ValueError(
-                f"topic {entry.topic} is used for {other.target} as {other.type} and for "
-                f"{entry.target} as {entry.type}; give one of them another topic"
-            )
     return tuple(found)
 
 

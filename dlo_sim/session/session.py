@@ -78,7 +78,7 @@ class Session:
         journal: counters of everything accepted, refused, held, skipped.
 
     Raises:
-        ValueError: the simulator refuses the scene, or one topic is used with two types.
+        ValueError: the simulator refuses the scene.
     """
 
     def __init__(self, scene: Scene, simulator_factory: SimulatorFactory | None = None) -> None:
@@ -143,6 +143,7 @@ class Session:
             raw: CDR bytes.
             arrival_ns: when it came, on the clock [ns].
         """
+        self._notice_clock_jump(arrival_ns)
         before = self._time.offset_ns
         accepted = self._intake.accept(topic, raw, arrival_ns)
         if accepted is None:
@@ -168,14 +169,7 @@ class Session:
         """Advance the simulation to `now_ns` (clock) minus the latency, as far as inputs and limits
         allow.
         """
-        last = self._last_tick_ns
-        if last is not None and now_ns < last - CLOCK_JUMP:
-            self._time.forget()
-            self._intake.clear()
-            self._restart(
-                "time_jump",
-                f"the clock went back by {(last - now_ns) * 1e-9:.3f} s; simulation reset",
-            )
+        self._notice_clock_jump(now_ns)
         self._last_tick_ns = now_ns
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         self._markers_due, self._marker_count = count != self._marker_count, count
@@ -289,6 +283,15 @@ class Session:
         if time_mode_changed:
             self._time.set_mode(scene.inputs.time)
             self.reset()
+
+    def _notice_clock_jump(self, now_ns: int) -> None:
+        last = self._last_tick_ns
+        if last is not None and now_ns < last - CLOCK_JUMP:
+            back = (last - now_ns) * 1e-9
+            self._last_tick_ns = None
+            self._time.forget()
+            self._intake.clear()
+            self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
     def _note_epoch(self, topic: str, offset_ns: int) -> None:
         side = "behind" if offset_ns > 0 else "ahead of"

@@ -64,7 +64,7 @@ class Driver:
 
 
 def test_uniform_poses_give_the_quadratic_b_spline():
-    """At a stamp: p + (second difference)/8; half-way: the mean. Stamps on the grid, so to rounding."""
+    """At a stamp: p + (second difference)/8; half-way: the mean. Stamps lie on the grid."""
     rng = np.random.default_rng(1)
     poses = np.cumsum(rng.normal(size=(40, 3)), axis=0) * 1e-3
     poses[:4] = poses[3]  # from rest
@@ -117,7 +117,7 @@ def test_constant_velocity_is_exact_whatever_the_stamps():
 
 
 def test_uneven_stamps_do_not_ring():
-    """Alternating intervals and a real acceleration: the miss stays of the order of the smoothing."""
+    """Alternating intervals and an acceleration: the miss stays of the smoothing's order."""
     driver = Driver()
     times = np.cumsum(np.tile([0.01, 0.04], 60))
     for t in times:

@@ -1,14 +1,12 @@
-"""Bad input: refused with its reason, counted, the state unchanged and finite, and the session goes on."""
+"""Bad input: refused with its reason, counted, no trace in the state, and the session goes on."""
 
 import math
 
 import numpy as np
 import pytest
 
-from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import REASONS
-from dlo_sim.session.intake import input_topics
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -17,7 +15,7 @@ INF, NAN = math.inf, math.nan
 
 
 def feed(bench, begin, end, bad=None, at=None):
-    """Good messages at 50 Hz and ticks at 200 Hz from begin to end; `bad(stamp)` is sent once, at `at`."""
+    """Good messages at 50 Hz, ticks at 200 Hz from begin to end; `bad(now)` once, at `at`."""
     states = []
     for now in range(begin, end, 5 * MS):
         if now % (20 * MS) == 0:
@@ -153,7 +151,9 @@ def test_slightly_long_quaternion_is_normalised(loaded):
     loaded.pose(T0 + 20 * MS, (0, 0, 0), (0, 0, 0, 0.9995))
     loaded.run(T0, T0 + 200 * MS)
     assert not loaded.refused("/gripper_pose")
-    assert np.linalg.norm(loaded.simulator.motions["start"].orientation) == pytest.approx(1, abs=1e-12)
+    assert np.linalg.norm(loaded.simulator.motions["start"].orientation) == pytest.approx(
+        1, abs=1e-12
+    )
 
 
 def test_persistent_jump_names_the_cure_and_reset_accepts_it(loaded):
@@ -215,18 +215,12 @@ def test_force_topic_takes_a_vector(bench):
     assert (call[3], call[4]) == ((1, 2, 3), (0, 0, 0))
 
 
-def test_one_topic_with_two_types_is_refused():
-    scene = scene_from_values(
-        {"start.pose_topic": "/x", "loads.names": ["tip"], "loads.tip.topic": "/x"}
-    )
-    with pytest.raises(ValueError, match="/x is used for start as .*PoseStamped and for tip as"):
-        input_topics(scene)
-
-
 def test_one_topic_may_drive_two_loads(bench):
     from conftest import FREE
 
-    both = bench(FREE, **{"loads.names": ["a", "b"], "loads.a.topic": "/wrench", "loads.b.topic": "/wrench"} | {k: None for k in ()})
+    values = {k: v for k, v in FREE.items() if not k.startswith("loads")}
+    loads = {"loads.names": ["a", "b"], "loads.a.topic": "/wrench", "loads.b.topic": "/wrench"}
+    both = bench(values, **loads)
     both.wrench(T0, (1, 0, 0))
     both.run(T0, T0 + 100 * MS)
     assert {c[2] for c in both.simulator.calls if c[0] == "load"} == {"a", "b"}
@@ -243,7 +237,7 @@ class TestTimeBase:
             loaded.session.tick(clock + k * 20 * MS)
         assert loaded.session.started
         assert loaded.events == {"other_epoch": 1}
-        assert "1.699999e+09 s behind the clock" in loaded.session.journal.last_event
+        assert "1.7e+09 s behind the clock" in loaded.session.journal.last_event
         now = clock + 99 * 20 * MS
         assert 0 < now - loaded.session.stamp_ns < 100 * MS  # published on the clock
         assert loaded.session.offset_ns == clock - T0
@@ -319,7 +313,7 @@ class TestTimeBase:
         assert not loaded.events
         assert loaded.simulator.steps > 3500
 
-    @pytest.mark.parametrize("nonsense", [-10**6, 10**6])
+    @pytest.mark.parametrize("nonsense", [-(10**6), 10**6])
     def test_a_first_stamp_that_is_nonsense_heals(self, loaded, nonsense):
         loaded.wrench(T0 + nonsense * SECOND, (1, 0, 0), arrival=T0)
         states = feed(loaded, T0, T0 + 3 * SECOND)

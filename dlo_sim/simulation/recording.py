@@ -1,0 +1,197 @@
+"""Running a scene for a while and keeping samples of it: what `dlo_sim simulate` shows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline
+from dlo_sim.kernels import layout
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.report import Report, Status
+from dlo_sim.simulation.simulator import CHUNK, Simulator
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-9  # shares of a step or of a sample interval below this are rounding
+_FEWEST_STEPS = 256  # per call of the stepping loop: calling costs some 10 us
+_PIECES = 100  # calls per run, for the progress
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A run and its samples.
+
+    Attributes:
+        time: k * every [s], shape (T,).
+        control_points: x, y, z [m] and theta [rad], shape (T, n_u, 4).
+        centerline: points of the cable [m] at `centerline_u`, shape (T, n_c, 3).
+        centerline_u: material coordinates [m], shape (n_c,).
+        energy: kinetic and potential energy [J], shape (T,): at the end of the step that holds the
+            sample, or between two such where samples are closer than steps.
+        status: ok, diverged or not_converged; message: one line, empty if all is well.
+        simulated_s: whole steps that cover the duration [s], or up to the last good state.
+        wall_s: time for stepping [s]; compile_s: for building the simulator before it [s].
+        steps, step_s, method, force_evaluations: what was done; implicit methods count Newton
+            iterations as force evaluations.
+        real_time_factor: simulated_s / wall_s.
+        energy_error_max: largest |energy - work done + energy lost| relative to the largest energy
+            exchanged; None if it has no finite value.
+        active_terms, left_out: terms in the step, and the others with the reason.
+    """
+
+    time: Array
+    control_points: Array
+    centerline: Array
+    centerline_u: Array
+    energy: Array
+    status: str
+    message: str
+    simulated_s: float
+    wall_s: float
+    compile_s: float
+    steps: int
+    step_s: float
+    method: str
+    force_evaluations: int
+    real_time_factor: float
+    energy_error_max: float | None
+    active_terms: tuple[str, ...]
+    left_out: dict[str, str]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run got to its end."""
+        return self.status == "ok"
+
+
+def record(
+    scene: Scene,
+    duration: float,
+    every: float,
+    progress: Callable[[float], None] | None = None,
+) -> Recording:
+    """Run a scene from its initial shape and sample it.
+
+    A sample inside a step is the cubic through positions and velocities at the step's two ends. A
+    run that fails keeps the samples up to its last good state.
+
+    Args:
+        scene: what to simulate; ends with a pose topic rest where the scene puts them.
+        duration: simulated time [s], above 0; covered by whole steps.
+        every: time between samples [s], above 0.
+        progress: called now and then with the fraction done.
+
+    Raises:
+        SceneError: the scene cannot be simulated.
+    """
+    began = time.perf_counter()
+    simulator = Simulator(scene)
+    _compile(simulator)
+    compile_s = time.perf_counter() - began
+    recorder = _recorder(simulator, _sample_times(duration, every))
+    wall_s, report, evaluations = _run(simulator, duration, recorder, progress)
+    count = _good_samples(simulator, recorder)
+    control_points = _columns(recorder.positions[:count])
+    u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
+    basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
+    error = simulator.energy_error
+    return Recording(
+        time=recorder.times[:count],
+        control_points=control_points,
+        centerline=basis @ control_points[:, :, :3],
+        centerline_u=u,
+        energy=_energies(recorder, count, simulator.step, every),
+        status=report.status.name.lower(),
+        message=report.message,
+        simulated_s=simulator.time,
+        wall_s=wall_s,
+        compile_s=compile_s,
+        steps=simulator.steps,
+        step_s=simulator.step,
+        method=simulator.method,
+        force_evaluations=evaluations,
+        real_time_factor=simulator.time / wall_s,
+        energy_error_max=error if np.isfinite(error) else None,
+        active_terms=simulator.active_terms,
+        left_out=simulator.left_out,
+    )
+
+
+def _sample_times(duration: float, every: float) -> Array:
+    """Multiples of `every` [s] from 0 up to the duration."""
+    return np.arange(int(np.floor(duration / every + _ROUNDING)) + 1) * every
+
+
+def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:
+    """Room for samples at these times; the first, at time zero, is the present state."""
+    model = simulator.model
+    recorder = layout.Recorder(
+        times=times,
+        positions=np.zeros((len(times), model.rows, model.n)),
+        energies=np.zeros(len(times)),
+        next=np.zeros(1, dtype=np.int64),
+        before=np.zeros((model.rows, model.width)),
+    )
+    if len(times):
+        recorder.positions[0] = simulator.control_points.T[: model.rows]
+        recorder.energies[0] = simulator.energy().total
+        recorder.next[0] = 1
+    return recorder
+
+
+def _compile(simulator: Simulator) -> None:
+    """Have the recording version of the stepping loop ready, so that no timed step waits for it."""
+    simulator.advance_steps(1, _recorder(simulator, np.zeros(0)))
+    simulator.reset()
+
+
+def _run(
+    simulator: Simulator,
+    duration: float,
+    recorder: layout.Recorder,
+    progress: Callable[[float], None] | None,
+) -> tuple[float, Report, int]:
+    """Step over the duration; returns the time it took [s], the last report, force evaluations.
+
+    The pieces depend on the scene alone, never on the clock: a failed run goes back to the start of
+    one, and must do so to the same place every time.
+    """
+    total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
+    piece = min(max(total // _PIECES, _FEWEST_STEPS), CHUNK)
+    wall, evaluations = 0.0, 0
+    report = Report(Status.OK, "", 0, 0.0, 0)
+    while report.status.ok and simulator.steps < total:
+        began = time.perf_counter()
+        report = simulator.advance_steps(min(piece, total - simulator.steps), recorder)
+        wall += time.perf_counter() - began
+        evaluations += report.force_evaluations
+        if progress is not None:
+            progress(simulator.steps / total)
+    return wall, report, evaluations
+
+
+def _good_samples(simulator: Simulator, recorder: layout.Recorder) -> int:
+    """Number of samples that are not beyond the last good state."""
+    reached = simulator.time + _ROUNDING * simulator.step
+    return min(int(recorder.next[0]), int(np.searchsorted(recorder.times, reached, side="right")))
+
+
+def _columns(positions: Array) -> Array:
+    """(T, rows, n) -> (T, n, 4), theta zero where the scene has no twist."""
+    samples, rows, n = positions.shape
+    out = np.zeros((samples, n, 4))
+    out[:, :, :rows] = positions.transpose(0, 2, 1)
+    return out
+
+
+def _energies(recorder: layout.Recorder, count: int, step: float, every: float) -> Array:
+    """Energy [J] at the samples, from those at the ends of the steps that hold them."""
+    times, energies = recorder.times[:count], recorder.energies[:count]
+    if every >= step:
+        return energies
+    return np.interp(times, np.ceil(times / step - _ROUNDING) * step, energies)

@@ -1,0 +1,163 @@
+"""Reading and writing bags, whole and damaged."""
+
+import pytest
+
+from dlo_sim.replay.bags import Bag, BagError, BagWriter
+from dlo_sim.replay.salvage import records
+from dlo_sim.session import cdr
+
+TOPICS = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
+STORAGES = ["mcap", "sqlite3"]
+
+
+def data_file(bag):
+    (file,) = (f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
+    return file
+
+
+def cut(file, share):
+    with file.open("r+b") as handle:
+        handle.truncate(int(file.stat().st_size * share))
+
+
+def read(path, wanted=TOPICS):
+    with Bag(path) as bag:
+        return bag, [(m.topic, m.time_ns, m.data) for m in bag.messages(wanted)]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_what_is_written_is_read(make_bag, recorded, storage):
+    bag, found = read(make_bag(storage=storage))
+    assert sorted(found) == sorted(recorded)
+    assert [m[1] for m in found] == [m[1] for m in recorded]
+    assert (bag.storage, bag.damage, bag.promised) == (storage, "", len(recorded))
+    assert bag.topics == {topic: (kind,) for topic, kind in TOPICS.items()}
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_only_wanted_topics_of_the_right_type(make_bag, storage):
+    path = make_bag(storage=storage)
+    _, found = read(path, {"/wrench": cdr.WRENCH_STAMPED})
+    assert {m[0] for m in found} == {"/wrench"}
+    assert read(path, {"/wrench": cdr.POSE_STAMPED})[1] == []
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_single_files_are_bags_too(make_bag, recorded, storage):
+    _, found = read(data_file(make_bag(storage=storage)))
+    assert len(found) == len(recorded)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_bytes_do_not_depend_on_the_path_or_the_time(make_bag, tmp_path, storage):
+    (tmp_path / "sub").mkdir()
+    one = make_bag(storage=storage, name="one")
+    two = make_bag(storage=storage, name="sub/another_name")
+    names = sorted(f.name for f in one.iterdir())
+    assert names == sorted(f.name for f in two.iterdir())
+    assert len(names) == 2
+    for name in names:
+        assert (one / name).read_bytes() == (two / name).read_bytes()
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("share", [0.5, 0.8, 0.97])
+def test_a_bag_cut_off_is_read_as_far_as_it_goes(make_bag, recorded, storage, share):
+    path = make_bag(storage=storage)
+    cut(data_file(path), share)
+    bag, found = read(path)
+    assert 0.2 * share * len(recorded) < len(found) < len(recorded) + 1
+    assert found == sorted(found, key=lambda m: m[1])
+    assert set(found) <= set(recorded)  # whole messages only
+    assert bag.damage
+    assert "\n" not in bag.damage
+    assert bag.promised == len(recorded)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_bag_of_which_nothing_is_left_is_refused(make_bag, storage):
+    path = make_bag(storage=storage)
+    cut(data_file(path), 0.01)
+    with pytest.raises(BagError, match="cannot be read"):
+        Bag(path)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_recorder_that_was_killed_leaves_no_metadata(make_bag, recorded, storage):
+    path = make_bag(storage=storage)
+    (path / "metadata.yaml").unlink()
+    bag, found = read(path)
+    assert len(found) == len(recorded)
+    assert "metadata" in bag.damage
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_damage_in_the_middle_is_noticed_while_reading(make_bag, recorded, storage):
+    path = make_bag(storage=storage)
+    file = data_file(path)
+    raw = bytearray(file.read_bytes())
+    middle = len(raw) // 2
+    raw[middle : middle + 4096] = b"\xff" * 4096
+    file.write_bytes(raw)
+    bag, found = read(path)
+    assert bag.damage
+    assert 0 < len(found) < len(recorded)
+    assert set(found) <= set(recorded)
+
+
+def test_compressed_chunks_are_salvaged(tmp_path, recorded):
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    path = tmp_path / "compressed"
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        connections = {t: writer.add_connection(t, k, typestore=store) for t, k in TOPICS.items()}
+        for topic, time_ns, data in recorded:
+            writer.write(connections[topic], time_ns, data)
+    file = data_file(path)
+    assert len(records(file)) == len(recorded)
+    cut(file, 0.6)
+    assert len(records(file)) < len(recorded)
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.db3"])
+@pytest.mark.parametrize("content", [b"", b"nonsense" * 100, b"\x89MCAP0\r\n\x06\xff\xff"])
+def test_files_that_are_no_bags(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BagError, match="cannot be read"):
+        Bag(tmp_path / name)
+
+
+def test_paths_that_are_no_bags(tmp_path):
+    with pytest.raises(BagError, match="does not exist"):
+        Bag(tmp_path / "missing")
+    with pytest.raises(BagError, match="no .mcap or .db3 file in it"):
+        Bag(tmp_path)
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(BagError, match="is no bag"):
+        Bag(tmp_path / "notes.txt")
+
+
+class TestWriter:
+    def test_refuses_a_place_that_is_taken(self, tmp_path):
+        (tmp_path / "taken").mkdir()
+        with pytest.raises(BagError, match="exists"):
+            BagWriter(tmp_path / "taken", TOPICS, "mcap")
+        assert [p.name for p in tmp_path.iterdir()] == ["taken"]
+
+    @pytest.mark.parametrize("place", ["file/bag", "missing/bag"])
+    def test_refuses_a_place_that_cannot_be_written(self, tmp_path, place):
+        (tmp_path / "file").write_text("")
+        with pytest.raises(BagError, match="cannot be written"):
+            BagWriter(tmp_path / place, TOPICS, "mcap")
+        assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+    def test_nothing_is_there_before_the_end_and_nothing_is_left_of_a_discarded_one(self, tmp_path):
+        writer = BagWriter(tmp_path / "bag", TOPICS, "mcap")
+        writer.write("/wrench", 1, b"1234")
+        assert not (tmp_path / "bag").exists()
+        writer.discard()
+        assert not list(tmp_path.iterdir())

@@ -1,0 +1,88 @@
+"""A ROS domain of its own for every test module, the node in a process, a peer to talk to it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from node_harness import NodeProcess, Peer
+
+sys.path.append(str(Path(__file__).parent))  # tests are imported without a package
+
+# This host only, and no shared memory: a killed node would leave its segments behind.
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
+
+NO_ROS = "needs rclpy: pip install 'dlo_sim[ros]', or source a ROS 2 Jazzy installation"
+_DOMAINS = 100  # 1 to 100 are free of the ports that the system gives away
+_modules = count()
+
+
+@pytest.fixture(scope="module")
+def domain() -> int:
+    """A ROS domain for this module; test runs beside this one very likely have others."""
+    return 1 + (7 * os.getpid() + next(_modules)) % _DOMAINS
+
+
+@pytest.fixture(scope="module")
+def peer(domain: int) -> Iterator[Peer]:
+    pytest.importorskip("rclpy", reason=NO_ROS)
+    from node_harness import Peer
+
+    peer = Peer(domain)
+    yield peer
+    peer.close()
+
+
+@pytest.fixture(scope="module")
+def launch(
+    domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., NodeProcess]]:
+    """`launch(values, *arguments)`: a node with these parameters; ended after the module."""
+    pytest.importorskip("rclpy", reason=NO_ROS)
+    from node_harness import NodeProcess, write_params
+
+    processes: list[NodeProcess] = []
+
+    def start(values: dict[str, Any] | None, *arguments: str) -> NodeProcess:
+        folder = tmp_path_factory.mktemp("node")
+        params = [] if values is None else ["--params-file", str(write_params(folder, values))]
+        command = ["--ros-args", *params] if params else []
+        process = NodeProcess(domain, folder / "log.txt", [*command, *arguments])
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        process.kill()
+
+
+@pytest.fixture
+def started(
+    launch: Callable[..., NodeProcess], peer: Peer
+) -> Iterator[Callable[..., NodeProcess]]:
+    """`started(values, *arguments)`: the same, up and running; ended after the test."""
+    from node_harness import START
+
+    processes: list[NodeProcess] = []
+
+    def start(values: dict[str, Any], *arguments: str) -> NodeProcess:
+        node = launch(values, *arguments)
+        processes.append(node)
+        peer.watched = node
+        peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
+        return node
+
+    yield start
+    peer.watched = None
+    for process in processes:
+        process.kill()
+    if processes:
+        peer.until(lambda: not peer.node.count_services("/dlo_sim/reset"), "end of the node", 60.0)

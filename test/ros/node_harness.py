@@ -1,0 +1,188 @@
+"""The node in its own process, and a peer that talks to it from the test's process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile
+from ruamel.yaml import YAML
+
+START = 240.0  # [s]; a first start compiles
+SOON = 20.0  # [s]
+
+# A soft cable that steps fast and compiles what most scenes need: clamped at the start, free end,
+# a wrench on the tip and a force in the middle.
+CABLE: dict[str, Any] = {
+    "cable.length": 1,
+    "start.clamped": True,
+    "start.tangent": [1, 0, 0],
+    "damping.stiffness": 0.01,
+    "discretization.control_points": 7,
+    "loads.names": ["tip", "force"],
+    "loads.force.type": "force",
+    "loads.force.position": 0.5,
+}
+# The same cable in the hand of a gripper.
+HELD: dict[str, Any] = {
+    **{key: value for key, value in CABLE.items() if not key.startswith("loads.")},
+    "start.pose_topic": "/gripper_pose",
+}
+
+
+def write_params(folder: Path, values: Mapping[str, Any]) -> Path:
+    """A params file with these parameters for any node."""
+    path = folder / "params.yaml"
+    document = {"/**": {"ros__parameters": dict(values)}}
+    with path.open("w", encoding="utf-8") as stream:
+        YAML(typ="safe").dump(document, stream)
+    return path
+
+
+class NodeProcess:
+    """`dlo_sim node` as a child process.
+
+    Attributes:
+        process: the child; its stderr goes to a file, so that it never blocks.
+    """
+
+    def __init__(self, domain: int, log: Path, arguments: Sequence[str] = ()) -> None:
+        self._log = log
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        with log.open("wb") as stream:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "dlo_sim.ros.main", *arguments],
+                env=environment,
+                stdout=stream,
+                stderr=stream,
+            )
+
+    @property
+    def output(self) -> str:
+        """Everything it has said so far."""
+        return self._log.read_text(encoding="utf-8", errors="replace")
+
+    def wait(self, timeout: float = SOON) -> int:
+        """Its exit status.
+
+        Raises:
+            AssertionError: it does not end in time.
+        """
+        try:
+            return self.process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"the node does not end:\n{self.output}") from None
+
+    def stop(self, number: int = signal.SIGINT, timeout: float = SOON) -> int:
+        """Send a signal; returns the exit status."""
+        self.process.send_signal(number)
+        return self.wait(timeout)
+
+    def kill(self) -> None:
+        """End of the test, whatever happened."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+class Peer:
+    """A ROS node in the test's process."""
+
+    def __init__(self, domain: int) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = Node("peer", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.watched: NodeProcess | None = None
+        self._diagnostics: list[DiagnosticArray] | None = None
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def until(self, condition: Callable[[], Any], what: str, timeout: float = SOON) -> Any:
+        """Spin until the condition holds; returns its value.
+
+        Raises:
+            AssertionError: it does not in time, or the watched node has died.
+        """
+        deadline = time.monotonic() + timeout
+        while not (value := condition()):
+            assert time.monotonic() < deadline, f"no {what} within {timeout} s\n{self._said()}"
+            died = self.watched is not None and self.watched.process.poll() is not None
+            assert not died, f"the node ended while waiting for {what}\n{self._said()}"
+            self._executor.spin_once(timeout_sec=0.05)
+        return value
+
+    def _said(self) -> str:
+        return self.watched.output if self.watched is not None else ""
+
+    def collect(self, message_type: type, topic: str, depth: int = 100, **options: Any) -> list:
+        """Everything that comes on a topic from now on."""
+        received: list[Any] = []
+        self.node.create_subscription(
+            message_type, topic, received.append, QoSProfile(depth=depth), **options
+        )
+        return received
+
+    def publisher(self, message_type: type, topic: str) -> Any:
+        """A publisher that the node listens to already."""
+        publisher = self.node.create_publisher(message_type, topic, 10)
+        self.until(publisher.get_subscription_count, f"subscriber of {topic}")
+        return publisher
+
+    def call(self, service_type: type, name: str, request: Any, timeout: float = SOON) -> Any:
+        """The response of a service."""
+        client = self.node.create_client(service_type, name)
+        self.until(client.service_is_ready, f"service {name}", timeout)
+        future = client.call_async(request)
+        self.until(future.done, f"response of {name}", timeout)
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set(self, values: Mapping[str, Any]) -> SetParametersResult:
+        """Set parameters of the node, all together."""
+        messages = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
+        request = SetParametersAtomically.Request(parameters=messages)
+        name = "/dlo_sim/set_parameters_atomically"
+        return self.call(SetParametersAtomically, name, request, START).result
+
+    def get(self, *names: str) -> list[Any]:
+        """Values of parameters of the node."""
+        request = GetParameters.Request(names=names)
+        values = self.call(GetParameters, "/dlo_sim/get_parameters", request).values
+        return [parameter_value_to_python(value) for value in values]
+
+    def status(
+        self, name: str, condition: Callable[[dict[str, str], DiagnosticStatus], Any], what: str
+    ) -> dict[str, str]:
+        """The values of the diagnostic status of this name, once they fulfil the condition."""
+        if self._diagnostics is None:
+            self._diagnostics = self.collect(DiagnosticArray, "/diagnostics")
+        diagnostics = self._diagnostics
+
+        def found() -> dict[str, str] | None:
+            for status in (s for array in diagnostics for s in array.status if s.name == name):
+                values = {item.key: item.value for item in status.values}
+                if condition(values, status):
+                    return values
+            return None
+
+        diagnostics.clear()
+        return self.until(found, f"{what} in diagnostics")

@@ -1,0 +1,179 @@
+"""What the node publishes and takes in, between two processes, with ROS's own message classes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseArray, Vector3Stamped, WrenchStamped
+from node_harness import CABLE, START, NodeProcess, Peer
+from visualization_msgs.msg import Marker
+
+
+@pytest.fixture(scope="module", autouse=True)
+def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
+    node = launch(CABLE)
+    peer.watched = node
+    peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
+    return node
+
+
+def wrench(frame: str = "world", **force: float) -> WrenchStamped:
+    message = WrenchStamped()
+    message.header.frame_id = frame
+    for axis, value in force.items():
+        setattr(message.wrench.force, axis, value)
+    return message
+
+
+def test_control_points(peer: Peer) -> None:
+    received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    peer.until(lambda: len(received) >= 10, "control points")
+    stamps = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in received]
+    assert stamps == sorted(stamps)
+    assert stamps[-1] > stamps[0]
+    now = peer.node.get_clock().now().nanoseconds * 1e-9
+    assert 0.0 < now - stamps[-1] < 10.0
+    last = received[-1]
+    assert last.header.frame_id == "world"
+    assert len(last.poses) == CABLE["discretization.control_points"]
+    assert last.poses[0].position.x == 0.0
+    assert last.poses[-1].position.x > 0.5
+    assert last.poses[-1].position.z < 0.0  # it sags
+    for pose in last.poses:
+        q = pose.orientation
+        assert math.hypot(q.x, q.y, q.z, q.w) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_markers(peer: Peer) -> None:
+    lines = peer.collect(Marker, "/dlo_sim/centerline")
+    polygons = peer.collect(Marker, "/dlo_sim/control_polygon")
+    peer.until(lambda: len(lines) >= 3 and len(polygons) >= 3, "markers")
+    line, polygon = lines[-1], polygons[-1]
+    assert (line.type, line.action) == (Marker.LINE_STRIP, Marker.ADD)
+    assert line.header.frame_id == polygon.header.frame_id == "world"
+    assert len(line.points) == 50
+    assert len(polygon.points) == CABLE["discretization.control_points"]
+    assert line.scale.x == pytest.approx(0.005)
+    assert line.pose.orientation.w == 1.0
+    assert line.color.a > 0.0
+    assert line.lifetime.sec + line.lifetime.nanosec * 1e-9 > 1.0 / 30.0
+    assert {(m.ns, m.id) for m in lines} == {(line.ns, line.id)}
+
+
+def test_reaction_of_the_held_end_only(peer: Peer) -> None:
+    received = peer.collect(WrenchStamped, "/dlo_sim/start/reaction")
+    peer.until(lambda: len(received) >= 3, "reactions")
+    assert received[-1].header.frame_id == "world"
+    assert received[-1].wrench.force.z > 0.0  # the clamp carries the weight
+    topics = [name for name, _ in peer.node.get_topic_names_and_types()]
+    assert "/dlo_sim/start/reaction" in topics
+    assert "/dlo_sim/end/reaction" not in topics
+
+
+@pytest.mark.parametrize(
+    ("topic", "message_type"),
+    [("/dlo_sim/tip/wrench", WrenchStamped), ("/dlo_sim/force", Vector3Stamped)],
+)
+def test_a_load_moves_the_cable(peer: Peer, topic: str, message_type: type) -> None:
+    publisher = peer.publisher(message_type, topic)
+    received = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
+    message = message_type()
+    vector = message.wrench.force if message_type is WrenchStamped else message.vector
+    vector.y = 0.05
+    timer = peer.node.create_timer(0.02, lambda: publisher.publish(message))
+    peer.until(lambda: received and received[-1].poses[-1].position.y > 0.01, "motion")
+    peer.node.destroy_timer(timer)
+    peer.node.destroy_publisher(publisher)
+
+
+def refusals(reason: str) -> Callable[[dict[str, str], DiagnosticStatus], Any]:
+    return lambda values, status: int(values.get(f"refused {reason}", "0")) >= 1
+
+
+@pytest.mark.parametrize(
+    ("reason", "message"),
+    [
+        ("not_finite", wrench(x=math.nan)),
+        ("not_finite", wrench(x=math.inf)),
+        ("too_large", wrench(x=1e9)),
+        ("unknown_frame", wrench("nowhere", x=1.0)),
+    ],
+)
+def test_a_bad_wrench_is_refused_and_counted(
+    peer: Peer, reason: str, message: WrenchStamped
+) -> None:
+    poses = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
+    publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
+    name = "dlo_sim: input ~/tip/wrench"
+    before = peer.status(name, lambda values, status: True, "the input")
+    publisher.publish(message)
+    count = int(before.get(f"refused {reason}", "0"))
+    values = peer.status(
+        name,
+        lambda values, status: (
+            int(values.get(f"refused {reason}", "0")) == count + 1
+            and status.level != DiagnosticStatus.OK
+        ),
+        f"one more {reason}",
+    )
+    assert reason in values["last refusal"]
+    poses.clear()
+    peer.until(lambda: poses, "control points after it")
+    assert all(math.isfinite(p.position.x) for p in poses[-1].poses)
+    peer.node.destroy_publisher(publisher)
+
+
+def test_bytes_that_are_no_message_are_refused(peer: Peer) -> None:
+    publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
+    publisher.publish(b"\x00\x01\x00\x00\x01\x02\x03\x04")
+    peer.status("dlo_sim: input ~/tip/wrench", refusals("undecodable"), "an undecodable message")
+    peer.node.destroy_publisher(publisher)
+
+
+def test_two_publishers_are_a_warning(peer: Peer) -> None:
+    name, key = "dlo_sim: node", "publishers on /dlo_sim/tip/wrench"
+    first = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
+    peer.status(name, lambda values, status: values[key] == "1", "one publisher")
+    second = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
+    peer.status(
+        name,
+        lambda values, status: (
+            values[key] == "2"
+            and status.level == DiagnosticStatus.WARN
+            and "2 publishers on /dlo_sim/tip/wrench" in status.message
+        ),
+        "a warning of two publishers",
+    )
+    peer.node.destroy_publisher(second)
+    peer.status(name, lambda values, status: values[key] == "1", "one publisher again")
+    peer.node.destroy_publisher(first)
+
+
+def test_diagnostics_tell_how_the_ticks_keep_up(peer: Peer) -> None:
+    values = peer.status(
+        "dlo_sim: node", lambda values, status: float(values["tick rate [Hz]"]) > 0.0, "ticks"
+    )
+    assert float(values["tick time mean [ms]"]) > 0.0
+    assert float(values["step time mean [us]"]) > 0.0
+    assert float(values["real-time factor"]) > 0.0
+    assert int(values["dropped ticks"]) >= 0
+    session = peer.status(
+        "dlo_sim: session", lambda values, status: values["status"] == "running", "the session"
+    )
+    assert float(session["simulated time [s]"]) > 0.0
+    assert session["method"]
+
+
+def test_everything_is_said_at_the_start(node: NodeProcess) -> None:
+    assert "listens to /dlo_sim/tip/wrench, /dlo_sim/force" in node.output
+    for topic in ("control_points", "centerline", "control_polygon", "start/reaction"):
+        assert f"/dlo_sim/{topic}" in node.output
+    assert "computes " in node.output
+    assert "leaves out " in node.output

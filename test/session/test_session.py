@@ -1,0 +1,414 @@
+"""The session: determinism, waiting, silence, catching up, pause, reset, failure, changes."""
+
+import math
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from dlo_sim.session import cdr
+from dlo_sim.session.session import Session, SessionStatus
+
+MS = 1_000_000
+SECOND = 1_000_000_000
+T0 = 1000 * SECOND
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+@pytest.fixture
+def scenes():
+    import conftest
+
+    return conftest
+
+
+def motion(now):
+    return 0.05 * math.sin((now - T0) * 4e-9), 0.02 * math.sin((now - T0) * 7e-9), 0.0
+
+
+def play(bench, seconds, jitter=None, gap=(0.0, 0.0), tick=5 * MS):
+    """Poses at 30 Hz and wrenches at 100 Hz, with jitter; returns (topic, stamp) -> bytes."""
+    rng = np.random.default_rng(jitter)
+    arrivals = []
+    for kind, period in (("pose", 33_333_333), ("wrench", 10 * MS)):
+        for stamp in range(T0, T0 + round(seconds * SECOND), period):
+            if not gap[0] <= (stamp - T0) * 1e-9 < gap[1] or kind == "wrench":
+                delay = 0 if jitter is None else int(rng.uniform(0, 8 * MS))
+                arrivals.append((stamp + delay, kind, stamp))
+    arrivals.sort()
+    out = {}
+    for now in range(T0, T0 + round(seconds * SECOND), tick):
+        while arrivals and arrivals[0][0] <= now:
+            arrival, kind, stamp = arrivals.pop(0)
+            if kind == "pose":
+                turn = 0.2 * math.sin((stamp - T0) * 3e-9)
+                quaternion = (0, math.sin(turn), 0, math.cos(turn))
+                bench.pose(stamp, motion(stamp), quaternion, arrival=arrival)
+            else:
+                force = (0.1 * math.sin((stamp - T0) * 5e-9), 0, 0.02)
+                bench.wrench(stamp, force, arrival=arrival)
+        bench.session.tick(now)
+        for message in bench.session.messages():
+            if message.topic in ("~/control_points", "~/start/reaction"):
+                out.setdefault((message.topic, message.stamp_ns), message.data)
+    return out
+
+
+class TestDeterminism:
+    def test_jitter_below_the_latency_changes_no_byte(self, bench, scenes):
+        first = play(bench(scenes.LOADED), 6.0)
+        for seed in (1, 2):
+            assert play(bench(scenes.LOADED), 6.0, jitter=seed) == first
+        assert len(first) > 2000
+        assert len(set(first.values())) > 1500  # it moves
+
+    def test_jitter_around_a_silence_neither(self, bench, scenes):
+        first = play(bench(scenes.LOADED), 6.0, gap=(1.5, 3.7))
+        for seed in (1, 2):
+            other = play(bench(scenes.LOADED), 6.0, jitter=seed, gap=(1.5, 3.7))
+            shared = first.keys() & other.keys()  # while it waits, the last state may be due or not
+            assert len(shared) > 1400
+            assert all(first[key] == other[key] for key in shared)
+
+    def test_other_ticks_give_the_same_states(self, bench, scenes):
+        first = play(bench(scenes.LOADED), 4.0)
+        other = play(bench(scenes.LOADED), 4.0, tick=7 * MS)
+        shared = first.keys() & other.keys()
+        assert len(shared) > 150
+        assert all(first[key] == other[key] for key in shared)
+
+
+class TestWaiting:
+    def test_waits_for_the_first_pose_and_says_so(self, loaded):
+        report = loaded.run(T0, T0 + SECOND)
+        assert report.status is SessionStatus.WAITING
+        assert report.message == "waiting for the first pose on /gripper_pose"
+        assert loaded.session.messages() == []
+
+    def test_needs_the_first_pose_of_every_driven_end(self, bench, scenes):
+        two = bench(
+            scenes.GRIPPER,
+            **{"end.pose_topic": "/other", "end.fixed": [True] * 3, "end.position": [0.9, 0, 0]},
+        )
+        for k in range(50):
+            two.pose(T0 + k * 20 * MS)
+        report = two.run(T0, T0 + SECOND)
+        assert report.message == "waiting for the first pose on /other"
+        encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+        for k in range(50, 100):
+            stamp = T0 + k * 20 * MS
+            two.pose(stamp)
+            two.session.receive("/other", encoder.encode(stamp, (0.9, 0, 0, 0, 0, 0, 1)), stamp)
+            report = two.session.tick(stamp)
+        assert report.status is SessionStatus.RUNNING
+        assert two.session.simulator.steps > 900 - 80
+        assert set(two.simulator.end_poses) == {"start", "end"}
+
+    def test_begins_at_a_multiple_of_the_step_with_the_first_pose(self, loaded):
+        loaded.pose(T0 + 123_456, (0.1, 0.2, 0.3))
+        loaded.pose(T0 + 20 * MS, (0.1, 0.2, 0.3))
+        loaded.pose(T0 + 40 * MS, (0.1, 0.2, 0.3))
+        loaded.run(T0, T0 + 100 * MS)
+        steps = loaded.simulator.steps
+        assert loaded.session.stamp_ns == T0 + MS + steps * MS
+        assert np.array_equal(loaded.simulator.control_points[0, :3], [0.1, 0.2, 0.3])
+
+    def test_never_runs_ahead_of_its_poses(self, loaded):
+        for k in range(10):
+            loaded.pose(T0 + k * 20 * MS, motion(T0 + k * 20 * MS))
+        report = loaded.run(T0, T0 + 900 * MS)
+        # Known up to the middle of the last two poses, 170 ms.
+        assert loaded.session.stamp_ns == T0 + 170 * MS
+        assert report.message == "waiting for the next pose on /gripper_pose"
+        assert report.lag_ns == (895 - 60 - 170) * MS
+
+    def test_runs_the_latency_behind(self, loaded):
+        play(loaded, 2.0)
+        report = loaded.session.tick(T0 + 2000 * MS)
+        assert loaded.session.stamp_ns == T0 + 1940 * MS
+        assert report.lag_ns == 0
+
+
+class TestSilence:
+    def test_five_seconds_of_silence(self, loaded):
+        """Held after pose_timeout, load removed, both said; everything goes on and comes back."""
+        play(loaded, 2.0)
+        tip = loaded.simulator.tip.copy()
+        report = loaded.run(T0 + 2000 * MS, T0 + 7000 * MS)
+        assert report.lag_ns < 2 * MS  # caught up after waiting
+        assert loaded.events == {"silent": 1, "load_removed": 1}
+        held = motion(T0 + 1_966_666_647)  # the last pose sent
+        assert loaded.simulator.control_points[0, :3] == pytest.approx(held, abs=1e-12)
+        assert not np.array_equal(loaded.simulator.tip, tip)
+        for k in range(100):
+            stamp = T0 + 7000 * MS + k * 20 * MS
+            loaded.pose(stamp, (0.3, 0, 0))
+            loaded.wrench(stamp, (0.1, 0, 0))
+            loaded.session.tick(stamp)
+        assert loaded.events == {"silent": 1, "load_removed": 1, "rejoined": 1}
+        assert loaded.simulator.control_points[0, 0] == pytest.approx(0.3)
+        assert loaded.session.journal.refused.total() == 0
+
+    def test_diagnostics_call_it_stale(self, loaded):
+        play(loaded, 1.0)
+        loaded.run(T0 + SECOND, T0 + 6 * SECOND)
+        raw = loaded.session.diagnostics(T0 + 6 * SECOND)
+        levels = {s.name: s.level for s in STORE.deserialize_cdr(raw, cdr.DIAGNOSTIC_ARRAY).status}
+        assert levels["dlo_sim: input /gripper_pose"] == 3
+        assert levels["dlo_sim: input /wrench"] == 3
+
+
+class TestCatchingUp:
+    def test_at_most_catch_up_per_tick(self, free):
+        free.session.tick(T0)
+        report = free.session.tick(T0 + 450 * MS)
+        assert report.advanced_steps == 100
+        assert report.lag_ns == pytest.approx(350 * MS, abs=MS)
+        assert free.session.tick(T0 + 450 * MS).advanced_steps == 100
+
+    def test_beyond_that_time_is_skipped_and_said(self, free):
+        free.session.tick(T0)
+        free.session.tick(T0 + 100 * SECOND)
+        assert free.events == {"time_skipped": 1}
+        assert free.session.journal.skipped_ns == pytest.approx(99.9 * SECOND, abs=2 * MS)
+        report = free.session.tick(T0 + 100 * SECOND + 5 * MS)
+        assert report.lag_ns < 2 * MS
+        assert free.simulator.steps == pytest.approx(105, abs=2)
+
+    def test_a_tick_is_never_capped_below_its_own_period(self, bench, scenes):
+        slow = bench(scenes.FREE, **{"rate": 2.0, "inputs.catch_up": 0.5})
+        slow.run(T0, T0 + 10 * SECOND, 500 * MS)
+        assert slow.simulator.steps == pytest.approx(9500, abs=2)
+
+    def test_time_standing_still_is_harmless(self, free):
+        free.session.tick(T0)
+        for _ in range(10):
+            assert free.session.tick(T0).advanced_steps == 0
+        assert not free.events
+
+
+class TestPause:
+    def test_nothing_moves_and_the_time_is_left_out(self, loaded):
+        play(loaded, 1.0)
+        before = loaded.simulator.steps
+        loaded.session.pause(True)
+        for k in range(50, 150):
+            stamp = T0 + k * 20 * MS
+            loaded.pose(stamp, motion(stamp))
+            report = loaded.session.tick(stamp)
+        assert report.status is SessionStatus.PAUSED
+        assert loaded.simulator.steps == before
+        loaded.session.pause(False)
+        for k in range(150, 250):
+            stamp = T0 + k * 20 * MS
+            loaded.pose(stamp, motion(stamp))
+            loaded.session.tick(stamp)
+        assert loaded.simulator.steps == pytest.approx(before + 2000, abs=60)
+        assert loaded.session.journal.skipped_ns == 0
+        now = loaded.session.stamp_ns
+        assert now == T0 + 4980 * MS - 60 * MS
+        assert loaded.simulator.control_points[0, :3] == pytest.approx(motion(now), abs=1e-4)
+
+    def test_single_steps(self, loaded):
+        play(loaded, 1.0)
+        assert loaded.session.step_once().advanced_steps == 0  # not paused
+        loaded.session.pause(True)
+        before = loaded.simulator.steps
+        assert loaded.session.step_once().advanced_steps == 5  # 1/200 s of 1 ms steps
+        for _ in range(400):  # far beyond the poses: the end stays at its last one
+            loaded.session.step_once()
+        assert loaded.simulator.steps == before + 401 * 5
+        assert len(loaded.session.messages()) == 4
+
+    def test_unpausing_without_pause_changes_nothing(self, loaded):
+        play(loaded, 1.0)
+        steps = loaded.simulator.steps
+        loaded.session.pause(False)
+        loaded.session.tick(T0 + SECOND)
+        assert loaded.simulator.steps == pytest.approx(steps + 5, abs=1)
+        assert not loaded.events
+
+
+class TestReset:
+    def test_places_the_cable_anew(self, loaded):
+        play(loaded, 1.0)
+        loaded.session.reset()
+        assert loaded.session.messages() == []
+        assert not loaded.simulator.loads["tip"].any()
+        for k in range(50, 100):
+            loaded.pose(T0 + k * 20 * MS, (0.5, 0, 0))
+            loaded.session.tick(T0 + k * 20 * MS)
+        assert loaded.simulator.end_poses["start"][0] == pytest.approx([0.5, 0, 0])
+        assert loaded.events == {"reset": 1}
+
+    def test_at_once_without_a_driven_end(self, free):
+        free.wrench(T0, (1, 0, 0))
+        free.run(T0, T0 + SECOND)
+        assert free.simulator.steps > 900
+        free.session.reset()
+        free.session.tick(T0 + SECOND)
+        assert free.simulator.steps == 0
+        assert free.session.started
+
+
+class TestFailure:
+    def test_hold_keeps_the_last_good_state_until_reset(self, loaded):
+        play(loaded, 1.0)
+        loaded.simulator.fail_at = loaded.simulator.steps + 7
+        report = loaded.run(T0 + SECOND, T0 + 1200 * MS)
+        assert report.status is SessionStatus.FAILED
+        assert not report.stop
+        assert "diverged: fake (at 0.9" in report.message
+        steps = loaded.simulator.steps
+        (points, *_) = loaded.session.messages()
+        assert np.isfinite(cdr.decode_pose_array(points.data).poses).all()
+        loaded.run(T0 + 1200 * MS, T0 + 1300 * MS)
+        assert loaded.simulator.steps == steps
+        status = STORE.deserialize_cdr(loaded.session.diagnostics(T0), cdr.DIAGNOSTIC_ARRAY).status[
+            0
+        ]
+        assert (status.level, status.message) == (2, report.message)
+        assert loaded.events == {"failed": 1}
+        loaded.session.reset()
+        loaded.pose(T0 + 1300 * MS)
+        loaded.pose(T0 + 1320 * MS)
+        report = loaded.run(T0 + 1300 * MS, T0 + 1400 * MS)
+        assert report.status is SessionStatus.RUNNING
+
+    def test_stop_asks_the_shell_to_end(self, bench, scenes):
+        free = bench(scenes.FREE, **{"integrator.on_failure": "stop"})
+        free.session.tick(T0)
+        free.simulator.fail_at = 10
+        assert free.run(T0, T0 + 200 * MS).stop
+
+    def test_a_cable_that_cannot_be_placed(self, scenes, bench):
+        from fake_simulator import FakeSimulator
+
+        def picky(scene, end_poses=None):
+            if end_poses:
+                raise ValueError("ends are 3 m apart, the cable is 1 m long")
+            return FakeSimulator(scene)
+
+        loaded = bench(scenes.LOADED)
+        loaded.session = Session(loaded.scene, picky)
+        loaded.pose(T0)
+        report = loaded.run(T0, T0 + 200 * MS)
+        assert report.status is SessionStatus.FAILED
+        assert "cannot be placed: ends are 3 m apart" in report.message
+        assert loaded.session.messages() == []
+
+    def test_numbers_that_are_not_finite_are_not_published(self, loaded):
+        play(loaded, 1.0)
+        loaded.simulator.tip[1] = math.nan
+        topics = {m.topic for m in loaded.session.messages()}
+        assert topics == {"~/start/reaction"}
+        assert loaded.events == {"not_published": 1}
+
+
+class TestReconfigure:
+    def test_goes_on_from_the_same_state(self, loaded):
+        play(loaded, 2.0)
+        points = loaded.simulator.control_points
+        stamp = loaded.session.stamp_ns
+        loaded.session.reconfigure(loaded.scene.with_values({"integrator.step": 5e-4}))
+        assert loaded.session.stamp_ns == stamp
+        assert np.allclose(loaded.simulator.control_points, points, atol=1e-12)
+        assert loaded.simulator.loads["tip"].any()
+        places = []
+        for k in range(60, 160):
+            now = T0 + k * 33_333_333
+            loaded.pose(now, motion(now))
+            for tick in range(now, now + 33 * MS, 3 * MS):
+                loaded.session.tick(tick)
+                places.append((loaded.session.stamp_ns, loaded.simulator.control_points[0, 0]))
+        error = [x - motion(stamp)[0] for stamp, x in places]
+        assert np.abs(error).max() < 5e-4
+        assert loaded.simulator.step == 5e-4
+
+    def test_limits_change_too(self, loaded):
+        play(loaded, 1.0)
+        loaded.session.reconfigure(loaded.scene.with_values({"inputs.max_force": 0.5}))
+        loaded.wrench(T0 + SECOND, (1, 0, 0))
+        assert loaded.refused("/wrench") == {"too_large": 1}
+
+    def test_a_refused_scene_changes_nothing(self, loaded):
+        play(loaded, 1.0)
+        simulator, scene = loaded.simulator, loaded.session.scene
+        with pytest.raises(ValueError, match="too thick"):
+            loaded.session.reconfigure(loaded.scene.with_values({"cable.diameter": 0.9}))
+        with pytest.raises(ValueError, match=r"start\.pose_topic: cannot change"):
+            loaded.session.reconfigure(loaded.scene.with_values({"start.pose_topic": "/other"}))
+        assert loaded.simulator is simulator
+        assert loaded.session.scene is scene
+        assert loaded.session.tick(T0 + SECOND).advanced_steps > 0
+
+    def test_before_the_first_pose(self, loaded):
+        loaded.session.reconfigure(loaded.scene.with_values({"discretization.control_points": 9}))
+        play(loaded, 0.5)
+        (points, *_) = loaded.session.messages()
+        assert len(cdr.decode_pose_array(points.data).poses) == 9
+
+
+class TestMessages:
+    def test_wanted_topics_only(self, loaded):
+        play(loaded, 1.0)
+        found = loaded.session.messages(["~/centerline", "/diagnostics"])
+        assert [m.topic for m in found] == ["~/centerline"]
+        found = loaded.session.messages(["~/control_points"])
+        assert [m.topic for m in found] == ["~/control_points"]
+
+    def test_markers_at_their_own_rate(self, loaded):
+        play(loaded, 1.0)
+        counts = {}
+        for now in range(T0 + SECOND, T0 + 2 * SECOND, 5 * MS):
+            loaded.session.tick(now)
+            for message in loaded.session.messages():
+                counts[message.topic] = counts.get(message.topic, 0) + 1
+        assert counts["~/control_points"] == counts["~/start/reaction"] == 200
+        assert counts["~/centerline"] == counts["~/control_polygon"] == 30
+
+    def test_contents(self, loaded):
+        play(loaded, 1.0)
+        loaded.session.step_once()
+        by_topic = {m.topic: m for m in loaded.session.messages(None)}
+        by_topic |= {m.topic: m for m in loaded.session.messages(["~/centerline"])}
+        points = STORE.deserialize_cdr(by_topic["~/control_points"].data, cdr.POSE_ARRAY)
+        assert points.header.frame_id == "world"
+        stamp = points.header.stamp.sec * SECOND + points.header.stamp.nanosec
+        assert stamp == loaded.session.stamp_ns
+        first = loaded.simulator.control_points[0]
+        assert points.poses[0].position.x == first[0]
+        line = STORE.deserialize_cdr(by_topic["~/centerline"].data, cdr.MARKER)
+        assert len(line.points) == 50
+        assert line.scale.x == 0.005
+        assert line.lifetime.sec + line.lifetime.nanosec * 1e-9 == pytest.approx(5 / 30)
+        force, _ = loaded.simulator.reaction("start")
+        wrench = STORE.deserialize_cdr(by_topic["~/start/reaction"].data, cdr.WRENCH_STAMPED)
+        assert (wrench.wrench.force.x, wrench.wrench.force.y) == (force[0], force[1])
+
+    def test_no_reaction_of_a_free_end(self, loaded):
+        play(loaded, 1.0)
+        assert "~/end/reaction" not in {m.topic for m in loaded.session.messages()}
+
+
+def test_diagnostics_name_every_refusal_with_its_reason(loaded):
+    play(loaded, 1.0)
+    for k in range(3):
+        loaded.wrench(T0 + SECOND + k * MS, (math.nan, 0, 0))
+    loaded.wrench(T0 + SECOND, (1e9, 0, 0))
+    raw = loaded.session.diagnostics(T0 + SECOND, {"step time": "7 us"})
+    session, pose, wrench = STORE.deserialize_cdr(raw, cdr.DIAGNOSTIC_ARRAY).status
+    values = {v.key: v.value for v in wrench.values}
+    assert wrench.level == 1
+    assert values["refused"] == "4"
+    assert values["refused not_finite"] == "3"
+    assert values["refused too_large"] == "1"
+    assert values["last refusal"].startswith("too_large: force 1e+09 N exceeds inputs.max_force")
+    assert pose.level == 0
+    values = {v.key: v.value for v in session.values}
+    assert values["step time"] == "7 us"
+    assert values["method"] == "fake"
+    assert values["messages refused"] == "4"
+    # The next report has no news.
+    raw = loaded.session.diagnostics(T0 + SECOND)
+    assert STORE.deserialize_cdr(raw, cdr.DIAGNOSTIC_ARRAY).status[2].level == 0
