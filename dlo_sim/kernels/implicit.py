@@ -16,7 +16,7 @@ from dlo_sim.kernels.banded import factorize_row, multiply, quadratic_form, solv
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.forces import clear, load_force
 from dlo_sim.kernels.jit import entry, inlined, kernel
-from dlo_sim.kernels.layout import DISSIPATED, DRIVE_WORK, EXCHANGED, FLOOR, LOAD_WORK
+from dlo_sim.kernels.layout import DISSIPATED, DRIVE_WORK, EXCHANGED, FLOOR, HISTORY, LOAD_WORK
 from dlo_sim.kernels.matrix import (
     add_load_stiffness,
     add_mass,
@@ -40,6 +40,8 @@ from dlo_sim.kernels.tangent import span_discrete_gradient
 NOT_CONVERGED = 2
 MAX_ITERATIONS = 14
 MAX_HALVINGS = 12
+SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
+SAFETY = 10.0  # on the shrinking of the next correction
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 
 
@@ -169,7 +171,7 @@ def momentum_residual(terms, work, solver, n, dim, tau):
                 if j >= 0 and j < n:
                     mass = band[k, i] if k >= 0 else band[-k, j]
                     value += mass * (a * dx[j] - 2.0 / tau * w[j])
-            solver.residual[i * dim + d] = work.force[d, i] - value
+            solver.residual[i * dim + d] = (work.force[d, i] - value) * terms.mass.free[d, i]
 
 
 @inlined
@@ -283,79 +285,140 @@ def finish_momentum(w, drive, mass, solver, work, n, tau):
 
 
 @kernel
-def newton_correction(x, solver, n, dim):
-    """Solve for the correction and apply it; returns |residual . correction| and its largest entry."""
+def correct(x, moved, solver, n, dim):
+    """Solve for the correction and apply it.
+
+    Returns |residual . correction|, the energy defect |residual . moved| that the residual would leave
+    in a step of displacement `moved`, and the largest entry of the correction.
+    """
     size = n * dim
     for r in range(size):
         solver.rhs[r] = solver.residual[r]
-    if not eliminate(solver.band, size, 4 * dim - 1):
-        return np.inf, np.inf
     substitute(solver.band, size, 4 * dim - 1, solver.residual)
     energy = 0.0
+    defect = 0.0
     change = 0.0
     for i in range(n):
         for d in range(dim):
             correction = solver.residual[i * dim + d]
+            residual = solver.rhs[i * dim + d]
             x[d, i] += correction
-            energy += abs(correction * solver.rhs[i * dim + d])
+            energy += abs(correction * residual)
+            defect += abs((moved[d, i] + correction) * residual)
             change = max(change, abs(correction))
-    return energy, change
+    return energy, defect, change
+
+
+@kernel
+def predict(x, w, history, steps_known, n, dim, tau):
+    """First guess of the free DOFs: the parabola through the last three configurations, or constant w.
+
+    Shifts the history: history[0] becomes the present configuration, history[1] the one before.
+    """
+    for d in range(dim):
+        for i in range(n):
+            now = x[d, i]
+            if steps_known >= 2:
+                x[d, i] = 3.0 * (now - history[0, d, i]) + history[1, d, i]
+            else:
+                x[d, i] += tau * w[d, i]
+            history[1, d, i] = history[0, d, i]
+            history[0, d, i] = now
 
 
 @inlined
 def implicit_step(state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance):
-    """One step in place; returns (converged, iterations). On failure the state is unchanged."""
+    """One step in place; returns (converged, iterations). On failure the state is unchanged.
+
+    The matrix is factorised at the first guess and kept while corrections shrink fast.
+    """
     n = terms.lattice.n
     dim = len(terms.axes)
     x = state.position
     rows = x.shape[0]
-    for d in range(rows):
-        for i in range(n):
-            solver.start[d, i] = x[d, i]
-            solver.start_w[d, i] = state.w[d, i]
+    copy_rows(x, n, solver.start)
+    copy_rows(state.w, n, solver.start_w)
     tangent_coefficients(x, terms.lattice, terms.axes, solver.p0)
-    # Predictor: ends where they will be, free DOFs at constant w.
+    predict(x, state.w, state.history, state.ledger[HISTORY], n, dim, tau)
+    restore_prescribed(x, solver.start, terms.mass.free, n, dim)
     drive_ends(x, terms.drive, terms.springs, terms.mass, terms.axes, n, t0 + tau, work.ends)
-    for d in range(dim):
-        for i in range(n):
-            x[d, i] += tau * state.w[d, i]
     scale = max(
         max(state.ledger[EXCHANGED], kinetic_energy(state.w, terms.mass, n)), state.ledger[FLOOR]
     )
-    reach = 0.0  # size of the configuration, for the round-off floor of the iteration
-    for d in range(dim):
-        for i in range(n):
-            reach = max(reach, abs(x[d, i]))
+    reach = largest(x, n, dim)  # size of the configuration, for the iteration's round-off floor
     converged = False
     iterations = 0
     previous = np.inf
-    while True:
-        lost = step_force(
-            x, terms, friction, viscosity, work, solver, t0, tau, discrete, not converged
-        )
-        if converged:
-            lost += solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
-            finish_momentum(state.w, terms.drive, terms.mass, solver, work, n, tau)
-            book_step(terms, terms.drive, terms.loads, work, state, lost, n)
-            break
-        if iterations == MAX_ITERATIONS:
-            break
+    linearize = True
+    lost = 0.0
+    while iterations < MAX_ITERATIONS and not converged:
         iterations += 1
+        lost = step_force(
+            x, terms, friction, viscosity, work, solver, t0, tau, discrete, linearize
+        )
         momentum_residual(terms, work, solver, n, dim, tau)
-        newton_matrix(terms, friction, solver, n, dim, t0, tau)
-        hold_prescribed(terms.mass.free, n, dim, solver.band, solver.residual)
-        energy, change = newton_correction(x, solver, n, dim)
+        if linearize:
+            newton_matrix(terms, friction, solver, n, dim, t0, tau)
+            hold_prescribed(terms.mass.free, n, dim, solver.band)
+            if not eliminate(solver.band, n * dim, 4 * dim - 1):
+                break
+        energy, defect, change = correct(x, work.before, solver, n, dim)
         if not energy < 1e300 or (iterations > 6 and energy > 4.0 * previous):
             break
-        if iterations == 1:
-            scale = max(scale, energy)
-        converged = energy <= tolerance * scale or change <= ROUND_OFF * reach
+        scale = max(scale, energy) if iterations == 1 else scale
+        # The correction just made leaves about `shrinking` of the defect.
+        shrinking = np.sqrt(energy / previous) if iterations > 1 else 1.0
+        converged = (
+            min(SAFETY * shrinking, 1.0) * defect <= tolerance * scale
+            or change <= ROUND_OFF * reach
+        )
+        linearize = energy > SLOW * previous
         previous = energy
-    if not converged:
-        for d in range(rows):
-            for i in range(n):
-                x[d, i] = solver.start[d, i]
+    if converged:
+        difference(x, solver.start, n, work.before)
+        lost += solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
+        finish_momentum(state.w, terms.drive, terms.mass, solver, work, n, tau)
+        book_step(terms, terms.drive, terms.loads, work, state, lost, n)
+        state.ledger[HISTORY] += 1.0
+    else:
+        copy_rows(solver.start, n, x)
+        state.ledger[HISTORY] = 0.0
     return converged, iterations
+
+
+@kernel
+def restore_prescribed(x, start, free, n, dim):
+    """Undo a prediction where nothing is free."""
+    for d in range(dim):
+        for i in range(n):
+            if free[d, i] == 0.0:
+                x[d, i] = start[d, i]
+
+
+@kernel
+def copy_rows(source, n, target):
+    """target = source."""
+    for d in range(source.shape[0]):
+        for i in range(n):
+            target[d, i] = source[d, i]
+
+
+@kernel
+def difference(a, b, n, out):
+    """out = a - b."""
+    for d in range(a.shape[0]):
+        for i in range(n):
+            out[d, i] = a[d, i] - b[d, i]
+
+
+@kernel
+def largest(x, n, dim):
+    """Largest coordinate."""
+    value = 0.0
+    for d in range(dim):
+        for i in range(n):
+            value = max(value, abs(x[d, i]))
+    return value
 
 
 @inlined
@@ -387,6 +450,7 @@ def implicit_step_halving(
             # Grow again only where the larger piece is aligned, so that pieces nest.
             if level > 0 and done % (2 * piece) == 0:
                 level -= 1
+                state.ledger[HISTORY] = 0.0
         elif level == halvings:
             return NOT_CONVERGED, total
         else:

@@ -163,6 +163,8 @@ class Work(NamedTuple):
 class State(NamedTuple):
     """Configuration and momentum, each of shape (rows, width), and the energy account.
 
+    history: the two configurations before, shape (2, rows, width), for the implicit predictor.
+
     The velocity-like variable is w = M_ff^-1 p_f, where p_f = (M v)_f is the momentum conjugate to
     the free DOFs: v_f = w - M_ff^-1 M_fp v_p. For ends at rest w is the velocity; for driven ends it
     makes the drift exact (q_f + M_ff^-1 M_fp q_p moves at constant rate w).
@@ -170,6 +172,7 @@ class State(NamedTuple):
 
     position: Array
     w: Array
+    history: Array
     ledger: Array
 
 
@@ -228,4 +231,5 @@ EXCHANGED = 5  # largest kinetic energy, work or change of one potential so far
 FLOOR = 6  # energy below which differences mean nothing
 BOOKED = 7  # 1 once Work holds the forces of an earlier evaluation
 POTENTIAL_START = 8  # stretch, bend, twist, gravity, spring
-LEDGER_SIZE = 13
+HISTORY = 13  # configurations known to the implicit predictor
+LEDGER_SIZE = 14

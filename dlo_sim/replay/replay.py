@@ -102,8 +102,8 @@ def _output_topics(scene: Scene) -> dict[str, str]:
 
 def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[str, str]:
     """Topic -> type of everything to be read; refuses a bag that cannot drive the scene."""
-    if not bag.topics:
-        raise ReplayError(f"bag {bag.path} is empty: it has no topic")
+    if not bag.topics or bag.promised == 0:
+        raise ReplayError(f"bag {bag.path} is empty: there is no message in it")
     present = topic_list(bag.topics)
     inputs: dict[str, str] = {}
     driven: list[str] = []

@@ -8,9 +8,12 @@ whole is left out.
 
 from __future__ import annotations
 
+import os
+import shutil
 import sqlite3
 import struct
 import sys
+import tempfile
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -114,6 +117,34 @@ def _decompressed(compression: str, data: bytes) -> bytes:
 
 
 def _sqlite3_records(path: Path) -> Iterator[Record]:
+    """Rows of a database without its last page, if that page is not whole.
+
+    The database would be read as if zeros followed, which makes false messages, not missing ones.
+    """
+    size = path.stat().st_size
+    page = _page_size(path)
+    if not page or size < page:
+        return
+    if size % page == 0:
+        yield from _sqlite3_rows(path)
+        return
+    with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+        whole = Path(shutil.copy(path, folder))
+        os.truncate(whole, size - size % page)
+        yield from _sqlite3_rows(whole)
+
+
+def _page_size(path: Path) -> int:
+    """Bytes per page according to the header; 0 = this is no database."""
+    with path.open("rb") as file:
+        head = file.read(18)
+    if not head.startswith(b"SQLite format 3\x00") or len(head) < 18:
+        return 0
+    size = int.from_bytes(head[16:18], "big")
+    return 65536 if size == 1 else size
+
+
+def _sqlite3_rows(path: Path) -> Iterator[Record]:
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
         # A file shorter than its header says is refused as a whole, unless the schema may be

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.report import Report, Status
+from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.simulator import CHUNK, Simulator
 
 Array = NDArray[np.float64]
@@ -158,21 +158,24 @@ def _run(
 ) -> tuple[float, Report, int]:
     """Step over the duration; returns the time it took [s], the last report, force evaluations.
 
-    The pieces depend on the scene alone, never on the clock: a failed run goes back to the start of
-    one, and must do so to the same place every time.
+    A piece that fails is taken back and done again in smaller ones, down to the last good step.
+    Pieces depend on the scene alone, never on the clock, so a run that fails does so in one way.
     """
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
     piece = min(max(total // _PIECES, _FEWEST_STEPS), CHUNK)
     wall, evaluations = 0.0, 0
-    report = Report(Status.OK, "", 0, 0.0, 0)
-    while report.status.ok and simulator.steps < total:
+    while True:
         began = time.perf_counter()
         report = simulator.advance_steps(min(piece, total - simulator.steps), recorder)
         wall += time.perf_counter() - began
         evaluations += report.force_evaluations
         if progress is not None:
             progress(simulator.steps / total)
-    return wall, report, evaluations
+        if simulator.steps >= total or (piece == 1 and not report.status.ok):
+            return wall, report, evaluations
+        if not report.status.ok:
+            recorder.next[0] = _good_samples(simulator, recorder)
+            piece = max(piece // 4, 1)
 
 
 def _good_samples(simulator: Simulator, recorder: layout.Recorder) -> int:

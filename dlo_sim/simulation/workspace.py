@@ -11,7 +11,12 @@ from dlo_sim.simulation.model import Model
 def new_state(model: Model) -> layout.State:
     """All-zero state."""
     shape = (model.rows, model.width)
-    return layout.State(np.zeros(shape), np.zeros(shape), np.zeros(layout.LEDGER_SIZE))
+    return layout.State(
+        position=np.zeros(shape),
+        w=np.zeros(shape),
+        history=np.zeros((2, *shape)),
+        ledger=np.zeros(layout.LEDGER_SIZE),
+    )
 
 
 def new_work(model: Model) -> layout.Work:

@@ -78,3 +78,9 @@ def make_bag(tmp_path):
 def recorded():
     """The messages of the standard bag."""
     return messages()
+
+
+@pytest.fixture
+def long_recording():
+    """Enough messages for many pages of a database."""
+    return messages(8.0)

@@ -61,17 +61,17 @@ def test_bytes_do_not_depend_on_the_path_or_the_time(make_bag, tmp_path, storage
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("share", [0.5, 0.8, 0.97])
-def test_a_bag_cut_off_is_read_as_far_as_it_goes(make_bag, recorded, storage, share):
-    path = make_bag(storage=storage)
+@pytest.mark.parametrize("share", [0.35, 0.5, 0.777, 0.97])
+def test_a_bag_cut_off_is_read_as_far_as_it_goes(make_bag, long_recording, storage, share):
+    path = make_bag(long_recording, storage=storage)
     cut(data_file(path), share)
     bag, found = read(path)
-    assert 0.2 * share * len(recorded) < len(found) < len(recorded) + 1
+    assert 0.3 * share * len(long_recording) < len(found) <= len(long_recording)
     assert found == sorted(found, key=lambda m: m[1])
-    assert set(found) <= set(recorded)  # whole messages only
+    assert set(found) <= set(long_recording)  # whole messages only
     assert bag.damage
     assert "\n" not in bag.damage
-    assert bag.promised == len(recorded)
+    assert bag.promised == len(long_recording)
 
 
 @pytest.mark.parametrize("storage", STORAGES)
@@ -91,9 +91,9 @@ def test_a_recorder_that_was_killed_leaves_no_metadata(make_bag, recorded, stora
     assert "metadata" in bag.damage
 
 
-@pytest.mark.parametrize("storage", STORAGES)
-def test_damage_in_the_middle_is_noticed_while_reading(make_bag, recorded, storage):
-    path = make_bag(storage=storage)
+def test_damage_in_the_middle_is_noticed_while_reading(make_bag, recorded):
+    """Nonsense over records of an MCAP file. (In a payload, or in sqlite3, nothing could tell.)"""
+    path = make_bag()
     file = data_file(path)
     raw = bytearray(file.read_bytes())
     middle = len(raw) // 2
@@ -102,10 +102,10 @@ def test_damage_in_the_middle_is_noticed_while_reading(make_bag, recorded, stora
     bag, found = read(path)
     assert bag.damage
     assert 0 < len(found) < len(recorded)
-    assert set(found) <= set(recorded)
 
 
-def test_compressed_chunks_are_salvaged(tmp_path, recorded):
+def test_compressed_chunks_are_salvaged(tmp_path, long_recording):
+    recorded = long_recording * 5  # several blocks of the compressor
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -119,8 +119,11 @@ def test_compressed_chunks_are_salvaged(tmp_path, recorded):
             writer.write(connections[topic], time_ns, data)
     file = data_file(path)
     assert len(records(file)) == len(recorded)
-    cut(file, 0.6)
-    assert len(records(file)) < len(recorded)
+    raw = file.read_bytes()
+    at = raw.index(b"zstd") + 4
+    size = int.from_bytes(raw[at : at + 8], "little")
+    cut(file, (at + 8 + 0.6 * size) / len(raw))
+    assert 100 < len(records(file)) < len(recorded)
 
 
 @pytest.mark.parametrize("name", ["x.mcap", "x.db3"])

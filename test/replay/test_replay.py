@@ -1,0 +1,320 @@
+"""A bag through the real simulator into a bag: what is written, how it is refused, what is kept."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dlo_sim.replay.bags import Bag
+from dlo_sim.replay.replay import ReplayError, replay_bag, resolved, summary_values
+from dlo_sim.session import cdr
+
+MS = 1_000_000
+SECOND = 1_000_000_000
+T0 = 1000 * SECOND
+OUTPUTS = {
+    "/dlo_sim/control_points": cdr.POSE_ARRAY,
+    "/dlo_sim/start/reaction": cdr.WRENCH_STAMPED,
+    "/dlo_sim/centerline": cdr.MARKER,
+    "/dlo_sim/control_polygon": cdr.MARKER,
+    "/diagnostics": cdr.DIAGNOSTIC_ARRAY,
+}
+
+
+def contents(path):
+    """Topic -> list of (time, bytes)."""
+    found = {}
+    with Bag(path) as bag:
+        assert not bag.damage
+        for message in bag.messages({t: k[0] for t, k in bag.topics.items()}):
+            found.setdefault(message.topic, []).append((message.time_ns, message.data))
+    return found
+
+
+def files(path):
+    return {f.name: f.read_bytes() for f in path.iterdir()}
+
+
+def data_file(bag):
+    (file,) = (f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
+    return file
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+class TestDone:
+    def test_writes_what_the_node_would_publish(self, make_bag, scene, tmp_path, storage):
+        path = make_bag(storage=storage)
+        summary = replay_bag(path, scene, tmp_path / "out")
+        assert summary.status == "done" and summary.ok and not summary.message
+        assert summary.messages_used == 196 and summary.messages_refused == 0
+        with Bag(tmp_path / "out") as bag:
+            assert bag.storage == storage
+            assert bag.topics == {topic: (kind,) for topic, kind in OUTPUTS.items()}
+        found = contents(tmp_path / "out")
+        assert sum(map(len, found.values())) == summary.messages_written
+        times = [t for t, _ in found["/dlo_sim/control_points"]]
+        assert set(np.diff(times)) == {5 * MS}  # the scene's rate
+        assert len(found["/dlo_sim/start/reaction"]) == len(times) > 280
+        assert len(found["/diagnostics"]) == 1
+        assert 40 < len(found["/dlo_sim/centerline"]) < 46  # 30 Hz
+        last = cdr.decode_pose_array(found["/dlo_sim/control_points"][-1][1])
+        assert len(last.poses) == 6
+        assert np.isfinite(last.poses).all()
+        assert last.stamp_ns == pytest.approx(T0 + 1.483 * SECOND, abs=5 * MS)
+        assert summary.simulated_s == pytest.approx((last.stamp_ns - T0) * 1e-9, abs=5e-3)
+
+    def test_the_same_bytes_again_wherever_they_go(self, make_bag, scene, tmp_path, storage):
+        path = make_bag(storage=storage)
+        (tmp_path / "deeper").mkdir()
+        replay_bag(path, scene, tmp_path / "one")
+        replay_bag(path, scene, tmp_path / "deeper" / "two")
+        assert files(tmp_path / "one") == files(tmp_path / "deeper" / "two")
+        assert len(files(tmp_path / "one")) == 2
+
+    def test_nothing_temporary_is_left(self, make_bag, scene, tmp_path, storage):
+        replay_bag(make_bag(storage=storage), scene, tmp_path / "out")
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "recorded"]
+
+
+def test_arrival_jitter_does_not_matter(make_bag, recorded, scene, tmp_path):
+    """Recorded later than stamped, in another order: the same states at the same stamps."""
+    rng = np.random.default_rng(5)
+    late = [(topic, t + int(rng.integers(0, 8 * MS)), data) for topic, t, data in recorded]
+    late[0] = recorded[0]  # the first time of recording sets the phase of the ticks
+    late.sort(key=lambda m: m[1])
+    replay_bag(make_bag(), scene, tmp_path / "one")
+    replay_bag(make_bag(late, name="late"), scene, tmp_path / "two")
+
+    def states(path):
+        raw = [data for _, data in contents(path)["/dlo_sim/control_points"]]
+        return {cdr.decode_pose_array(data).stamp_ns: data for data in raw}
+
+    one, two = states(tmp_path / "one"), states(tmp_path / "two")
+    shared = one.keys() & two.keys()
+    assert len(shared) > 250
+    assert all(one[stamp] == two[stamp] for stamp in shared)
+
+
+def test_the_load_and_the_gripper_act(make_bag, recorded, scene, tmp_path):
+    """Without the wrench the cable stays in the gripper's plane; with it, it does not."""
+    replay_bag(make_bag(), scene, tmp_path / "with")
+    poses = [m for m in recorded if m[0] == "/gripper_pose"]
+    replay_bag(make_bag(poses, name="poses"), scene, tmp_path / "without")
+
+    def last(path):
+        data = contents(path)["/dlo_sim/control_points"][-1][1]
+        return cdr.decode_pose_array(data).poses
+
+    assert np.abs(last(tmp_path / "without")[:, 1]).max() < 1e-9
+    assert np.abs(last(tmp_path / "with")[:, 1]).max() > 1e-3
+    gripper = 0.02 * (1 - math.cos(1.483 * 6))
+    assert last(tmp_path / "with")[0, :3] == pytest.approx([gripper, 0, 0.5], abs=5e-4)
+
+
+def test_summary_and_comparison_without_an_output(make_bag, scene, tmp_path):
+    path = make_bag()
+    summary = replay_bag(path, scene, None, compare={"start": "/wrench"})
+    assert [row.axis for row in summary.comparison["start"]] == ["x", "y", "z"]
+    assert summary.comparison["start"][0].samples > 100
+    assert summary.messages_written == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["recorded"]
+    values = summary_values(summary)
+    assert (
+        values["comparison"]["start"][0]["correlation"] is None
+    )  # x is never loaded: no NaN in JSON
+    assert values["refused_by_reason"] == {}
+
+
+def test_refused_messages_are_counted_by_reason(make_bag, recorded, scene, tmp_path):
+    bad = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
+    extra = [
+        ("/wrench", T0 + 500 * MS + 1, bad.encode(T0 + 500 * MS + 1, (math.nan, 0, 0, 0, 0, 0))),
+        ("/wrench", T0 + 500 * MS + 2, bad.encode(T0 + 500 * MS + 2, (1e9, 0, 0, 0, 0, 0))),
+        ("/wrench", T0 + 500 * MS + 3, b"rubbish"),
+        ("/gripper_pose", T0 + 500 * MS + 3, b""),
+    ]
+    found = sorted(recorded + extra, key=lambda m: m[1])
+    summary = replay_bag(make_bag(found, name="bad"), scene, tmp_path / "bad_out")
+    assert summary.ok
+    assert summary.refused_by_reason == {"not_finite": 1, "too_large": 1, "undecodable": 2}
+    assert summary.messages_refused == 4
+    replay_bag(make_bag(), scene, tmp_path / "out")
+    good, other = contents(tmp_path / "out"), contents(tmp_path / "bad_out")
+    assert good["/dlo_sim/control_points"] == other["/dlo_sim/control_points"]
+    assert good["/diagnostics"] != other["/diagnostics"]
+
+
+class TestRefused:
+    """One line, nothing written."""
+
+    def refuse(self, bag, scene, output, text, **options):
+        before = sorted(p.name for p in output.parent.iterdir()) if output.parent.is_dir() else None
+        with pytest.raises(ReplayError, match=text) as refusal:
+            replay_bag(bag, scene, output, **options)
+        assert "\n" not in str(refusal.value)
+        if before is not None:
+            assert sorted(p.name for p in output.parent.iterdir()) == before
+
+    def test_missing(self, scene, tmp_path):
+        self.refuse(tmp_path / "no", scene, tmp_path / "out", "does not exist")
+
+    @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+    def test_empty(self, make_bag, scene, tmp_path, storage):
+        nothing = make_bag([], topics={}, storage=storage, name="nothing")
+        self.refuse(nothing, scene, tmp_path / "out", "is empty")
+        topics = make_bag([], storage=storage, name="only_topics")
+        self.refuse(topics, scene, tmp_path / "out", "is empty")
+
+    def test_other_topics(self, make_bag, recorded, scene, tmp_path):
+        found = [("/elsewhere", t, data) for topic, t, data in recorded if topic == "/wrench"]
+        bag = make_bag(found, topics={"/elsewhere": cdr.WRENCH_STAMPED})
+        text = r"no message on /gripper_pose, /wrench; it has /elsewhere \(geometry_msgs/msg/Wrench"
+        self.refuse(bag, scene, tmp_path / "out", text)
+
+    def test_no_pose_for_a_driven_end(self, make_bag, recorded, scene, tmp_path):
+        found = [m for m in recorded if m[0] == "/wrench"]
+        bag = make_bag(found, topics={"/wrench": cdr.WRENCH_STAMPED})
+        self.refuse(bag, scene, tmp_path / "out", "no pose on /gripper_pose; it has /wrench")
+
+    def test_another_type(self, make_bag, recorded, scene, tmp_path):
+        topics = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.VECTOR3_STAMPED}
+        text = (
+            "topic /wrench of bag .* is geometry_msgs/msg/Vector3Stamped, the scene needs .*Wrench"
+        )
+        self.refuse(make_bag(recorded, topics=topics), scene, tmp_path / "out", text)
+
+    def test_output_that_exists(self, make_bag, scene, tmp_path):
+        (tmp_path / "out").mkdir()
+        self.refuse(make_bag(), scene, tmp_path / "out", "out exists")
+
+    def test_output_that_cannot_be_written(self, make_bag, scene, tmp_path):
+        (tmp_path / "file").write_text("")
+        self.refuse(make_bag(), scene, tmp_path / "file" / "out", "cannot be written")
+        self.refuse(make_bag(name="b"), scene, tmp_path / "none" / "out", "cannot be written")
+
+    def test_comparisons_that_make_no_sense(self, make_bag, scene, tmp_path):
+        bag = make_bag()
+        out = tmp_path / "out"
+        self.refuse(bag, scene, out, "no topic /other in bag", compare={"start": "/other"})
+        self.refuse(bag, scene, out, "'end': this end is free", compare={"end": "/wrench"})
+        self.refuse(bag, scene, out, "the ends are", compare={"middle": "/wrench"})
+        self.refuse(
+            bag, scene, out, "is geometry_msgs/msg/Pose", compare={"start": "/gripper_pose"}
+        )
+
+    def test_scene_without_inputs(self, make_bag, scene, tmp_path):
+        from dlo_sim.scene.loading import scene_from_values
+
+        self.refuse(make_bag(), scene_from_values({}), tmp_path / "out", "listens to no topic")
+
+    def test_not_one_usable_message(self, make_bag, recorded, scene, tmp_path):
+        strange = scene.with_values({"frame_id": "map"})
+        self.refuse(
+            make_bag(), strange, tmp_path / "out", "46 refused, last unknown_frame: .*'world'"
+        )
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+class TestCutInHalf:
+    def cut(self, bag, share):
+        file = data_file(bag)
+        with file.open("r+b") as handle:
+            handle.truncate(int(file.stat().st_size * share))
+
+    def test_uses_what_is_readable_and_says_what_is_lost(
+        self, make_bag, long_recording, scene, tmp_path, storage
+    ):
+        bag = make_bag(long_recording, storage=storage)
+        self.cut(bag, 0.5)
+        summary = replay_bag(bag, scene, tmp_path / "out")
+        assert summary.status == "truncated" and not summary.ok
+        assert f"of {len(long_recording)} messages could be read" in summary.message
+        assert "\n" not in summary.message
+        assert 200 < summary.messages_used < 700
+        assert 1.0 < summary.simulated_s < 6.0
+        assert len(contents(tmp_path / "out")["/dlo_sim/control_points"]) > 200
+
+    def test_the_part_that_is_left_gives_the_same_states(
+        self, make_bag, long_recording, scene, tmp_path, storage
+    ):
+        whole = make_bag(long_recording, storage=storage)
+        replay_bag(whole, scene, tmp_path / "whole_out")
+        self.cut(whole, 0.5)
+        replay_bag(whole, scene, tmp_path / "half_out")
+        one = contents(tmp_path / "whole_out")["/dlo_sim/control_points"]
+        half = contents(tmp_path / "half_out")["/dlo_sim/control_points"]
+        same = len(half) - 20  # at the end it waits for poses that are lost
+        assert same > 200
+        assert one[:same] == half[:same]
+
+    def test_nothing_left(self, make_bag, scene, tmp_path, storage):
+        bag = make_bag(storage=storage)
+        self.cut(bag, 0.01)
+        with pytest.raises(ReplayError, match="cannot be read"):
+            replay_bag(bag, scene, tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_diverged_run_is_kept_with_its_reason(make_bag, scene, tmp_path):
+    """The simulator is made to fail; the states up to there are in the bag."""
+    from dlo_sim.simulation.simulator import Simulator
+
+    class Failing(Simulator):
+        def advance_steps(self, steps, *rest):
+            report = super().advance_steps(steps, *rest)
+            if self.time > 0.5:
+                from types import SimpleNamespace
+
+                return SimpleNamespace(
+                    status=SimpleNamespace(ok=False),
+                    message="diverged: made to",
+                    steps=report.steps,
+                )
+            return report
+
+    summary = replay_bag(make_bag(), scene, tmp_path / "out", simulator_factory=Failing)
+    assert summary.status == "diverged"
+    assert "diverged: made to (at 0.5" in summary.message
+    assert 90 < len(contents(tmp_path / "out")["/dlo_sim/control_points"]) < 130
+
+
+def test_interruption_leaves_nothing_behind(make_bag, scene, tmp_path):
+    def interrupt(share):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        replay_bag(make_bag(), scene, tmp_path / "out", progress=interrupt)
+    assert [p.name for p in tmp_path.iterdir()] == ["recorded"]
+
+
+def test_progress_grows_to_one(make_bag, scene, tmp_path):
+    shares = []
+    replay_bag(make_bag(), scene, tmp_path / "out", progress=shares.append)
+    assert len(shares) > 2
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_a_gap_of_hours_is_left_out(make_bag, recorded, scene, tmp_path):
+    pause = 5 * 3600 * SECOND
+    pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+    again = [
+        (
+            "/gripper_pose",
+            T0 + pause + k * 33 * MS,
+            pose.encode(T0 + pause + k * 33 * MS, (0.3, 0, 0.5, 0, 0, 0, 1)),
+        )
+        for k in range(30)
+    ]
+    summary = replay_bag(make_bag(recorded + again), scene, tmp_path / "out")
+    assert summary.ok
+    assert summary.ticks < 700
+    assert "a gap of 17998" in summary.warnings[0]
+    last = contents(tmp_path / "out")["/dlo_sim/control_points"][-1][1]
+    assert cdr.decode_pose_array(last).poses[0, 0] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_topic_names():
+    assert resolved("~/start/pose") == "/dlo_sim/start/pose"
+    assert resolved("/a/b") == "/a/b"
+    assert resolved("a/b") == "/a/b"

@@ -1,0 +1,151 @@
+"""Ending: status 0 on SIGINT and SIGTERM with the markers gone, 3 when the simulation fails."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+
+from geometry_msgs.msg import PoseArray, WrenchStamped
+from node_harness import CABLE, START, NodeProcess, Peer
+from rosgraph_msgs.msg import Clock
+from visualization_msgs.msg import Marker
+
+from dlo_sim.ros.main import FAILED
+
+# DLO_SIM_EXITS=20 repeats every way to end so often.
+TIMES = int(os.environ.get("DLO_SIM_EXITS", "1"))
+SIGNALS = [signal.SIGINT, signal.SIGTERM] * TIMES
+
+
+def collect_markers(peer: Peer) -> list[list[Marker]]:
+    return [
+        peer.collect(Marker, f"/dlo_sim/{name}", depth=100)
+        for name in ("centerline", "control_polygon")
+    ]
+
+
+def gone(markers: list[list[Marker]]) -> bool:
+    return all(m and m[-1].action == Marker.DELETEALL for m in markers)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_ends_it_with_status_0_and_without_markers(
+    started: Callable[..., NodeProcess], peer: Peer, number: int
+) -> None:
+    node = started(CABLE)
+    markers = collect_markers(peer)
+    peer.until(lambda: all(m and m[-1].action == Marker.ADD for m in markers), "markers")
+    node.process.send_signal(number)
+    peer.watched = None
+    peer.until(lambda: gone(markers), "DELETEALL on both topics")
+    assert node.wait() == 0
+    assert "Traceback" not in node.output
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("clock", [False, True])
+def test_it_ends_while_simulated_time_stands_still(
+    started: Callable[..., NodeProcess], peer: Peer, number: int, clock: bool
+) -> None:
+    node = started({**CABLE, "use_sim_time": True})
+    markers = collect_markers(peer)
+    peer.until(
+        lambda: all(peer.node.count_publishers(f"/dlo_sim/{n}") for n in ("centerline",)), "topics"
+    )
+    if clock:
+        publisher = peer.publisher(Clock, "/clock")
+        message = Clock()
+        message.clock.sec = 100
+
+        def ticking() -> bool:
+            message.clock.nanosec += 10_000_000
+            publisher.publish(message)
+            return all(m and m[-1].action == Marker.ADD for m in markers)
+
+        peer.until(ticking, "markers")
+        peer.node.destroy_publisher(publisher)
+    node.process.send_signal(number)
+    peer.watched = None
+    if clock:
+        peer.until(lambda: gone(markers), "DELETEALL on both topics")
+    assert node.wait() == 0
+    assert "Traceback" not in node.output
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_while_it_builds_ends_it_too(
+    launch: Callable[..., NodeProcess], peer: Peer, number: int
+) -> None:
+    node = launch(CABLE)
+    peer.watched = node
+    peer.until(lambda: "building the simulator" in node.output, "begin of the build", START)
+    assert node.stop(number) == 0
+    peer.watched = None
+
+
+def test_a_second_signal_changes_nothing(
+    started: Callable[..., NodeProcess], peer: Peer
+) -> None:
+    node = started(CABLE)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+        node.process.send_signal(number)
+    assert node.wait() == 0
+    peer.watched = None
+
+
+# Velocity Verlet at a step far beyond its stability limit: the first push makes it diverge.
+UNSTABLE = {
+    **{key: value for key, value in CABLE.items() if key != "damping.stiffness"},
+    "integrator.method": "energy_momentum",
+    "integrator.step": 0.002,
+    "integrator.on_failure": "stop",
+    "inputs.max_force": 1e9,
+}
+
+
+def test_a_failed_simulation_stops_the_node_if_asked(
+    started: Callable[..., NodeProcess], peer: Peer
+) -> None:
+    node = started(UNSTABLE)
+    publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
+    message = WrenchStamped()
+    message.wrench.force.y = 1e9
+    peer.watched = None
+
+    def ended() -> bool:
+        publisher.publish(message)
+        return node.process.poll() is not None
+
+    peer.until(ended, "end of the node")
+    assert node.wait() == FAILED
+    assert node.output.splitlines()[-1].startswith("dlo_sim: ")
+    assert "Traceback" not in node.output
+    peer.node.destroy_publisher(publisher)
+
+
+def test_a_failed_simulation_is_held_and_can_be_reset(
+    started: Callable[..., NodeProcess], peer: Peer
+) -> None:
+    from std_srvs.srv import Trigger
+
+    node = started({**UNSTABLE, "integrator.on_failure": "hold"})
+    publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
+    message = WrenchStamped()
+    message.wrench.force.y = 1e9
+
+    def failed() -> bool:
+        publisher.publish(message)
+        return "failed: " in node.output
+
+    peer.until(failed, "a failure")
+    received = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
+    peer.until(lambda: len(received) > 5, "control points of the last good state")
+    peer.status("dlo_sim: session", lambda v, s: v["status"].startswith("failed"), "the failure")
+    assert peer.call(Trigger, "/dlo_sim/reset", Trigger.Request()).success
+    peer.status("dlo_sim: session", lambda v, s: v["status"] == "running", "a running session")
+    peer.node.destroy_publisher(publisher)

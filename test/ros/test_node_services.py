@@ -1,0 +1,79 @@
+"""~/pause, ~/step and ~/reset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+
+from geometry_msgs.msg import PoseArray
+from node_harness import CABLE, START, NodeProcess, Peer
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker
+
+
+@pytest.fixture(scope="module", autouse=True)
+def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
+    node = launch({**CABLE, "rate": 100})
+    peer.watched = node
+    peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
+    return node
+
+
+def pause(peer: Peer, flag: bool) -> None:
+    response = peer.call(SetBool, "/dlo_sim/pause", SetBool.Request(data=flag))
+    assert response.success
+    assert response.message == ("paused" if flag else "running")
+
+
+def trigger(peer: Peer, name: str) -> Trigger.Response:
+    return peer.call(Trigger, f"/dlo_sim/{name}", Trigger.Request())
+
+
+def stamp(message: PoseArray) -> int:
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def test_a_pause_holds_the_state_and_a_step_moves_it(peer: Peer) -> None:
+    received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    peer.until(lambda: len(received) > 5, "control points")
+    pause(peer, True)
+    received.clear()
+    peer.until(lambda: len(received) > 5, "control points of the pause")
+    held = received[-1]
+    assert {stamp(m) for m in received[1:]} == {stamp(held)}
+    assert received[1].poses == held.poses
+
+    response = trigger(peer, "step")
+    assert response.success, response.message
+    peer.until(lambda: stamp(received[-1]) > stamp(held), "control points of the step")
+    assert stamp(received[-1]) - stamp(held) == pytest.approx(10_000_000, abs=2_000_000)
+    assert received[-1].poses != held.poses
+
+    pause(peer, False)
+    moved = stamp(received[-1])
+    peer.until(lambda: stamp(received[-1]) > moved + 50_000_000, "motion after the pause")
+
+
+def test_a_step_without_a_pause_is_refused(peer: Peer) -> None:
+    response = trigger(peer, "step")
+    assert not response.success
+    assert "~/pause" in response.message
+
+
+def test_a_reset_puts_the_cable_back_and_removes_the_markers(peer: Peer) -> None:
+    received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    lines = peer.collect(Marker, "/dlo_sim/centerline")
+    polygons = peer.collect(Marker, "/dlo_sim/control_polygon")
+    peer.until(
+        lambda: received and received[-1].poses[-1].position.z < -0.05 and lines and polygons,
+        "a cable that sags",
+    )
+    response = trigger(peer, "reset")
+    assert response.success
+    peer.until(lambda: abs(received[-1].poses[-1].position.z) < 0.02, "a straight cable")
+    for markers in (lines, polygons):
+        peer.until(lambda m=markers: Marker.DELETEALL in [x.action for x in m], "DELETEALL")
+        peer.until(lambda m=markers: m[-1].action == Marker.ADD, "the marker again")

@@ -1,0 +1,162 @@
+"""`record`: samples at exact times, honest numbers about the run, and what is left of a failed one."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from dlo_sim.core import bspline
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
+from dlo_sim.simulation import recording
+from dlo_sim.simulation.recording import record
+from dlo_sim.simulation.simulator import Simulator
+
+
+def wire(**changes: object) -> Scene:
+    """The paper's wire, implicit at 2 ms unless told otherwise; `a__b` stands for the key `a.b`."""
+    values: dict[str, object] = {"integrator.method": "energy_momentum", "integrator.step": 2e-3}
+    values |= {key.replace("__", "."): value for key, value in changes.items()}
+    return load_scene(shipped_scene("paper_wire"), values)
+
+
+def states(scene: Scene, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Control points, their velocities and the energy after 0, 1, ..., `steps` single steps."""
+    simulator = Simulator(scene)
+    points, rates = [simulator.control_points], [simulator.velocities]
+    energies = [simulator.energy().total]
+    for _ in range(steps):
+        simulator.advance_steps(1)
+        points.append(simulator.control_points)
+        rates.append(simulator.velocities)
+        energies.append(simulator.energy().total)
+    return np.array(points), np.array(rates), np.array(energies)
+
+
+@pytest.fixture(scope="module")
+def swinging() -> recording.Recording:
+    """0.1 s of the wire: 50 steps of 2 ms, a sample every 0.5 ms."""
+    return record(wire(), 0.1, 5e-4)
+
+
+def test_samples_are_at_exact_multiples(swinging):
+    assert swinging.time.tolist() == [k * 5e-4 for k in range(201)]
+    assert swinging.control_points.shape == (201, 9, 4)
+    assert swinging.centerline.shape == (201, 50, 3)
+    assert swinging.energy.shape == (201,)
+    np.testing.assert_allclose(swinging.centerline_u, np.linspace(0.0, 2.0, 50), atol=1e-15)
+
+
+def test_samples_at_the_ends_of_steps_are_the_states(swinging):
+    points, _, energies = states(wire(), 50)
+    assert np.ptp(points[:, 4, 2]) > 0.01, "the wire must have moved"
+    np.testing.assert_array_equal(swinging.control_points[::4], points)
+    np.testing.assert_allclose(swinging.energy[::4], energies, rtol=0, atol=1e-12)
+
+
+def test_samples_inside_a_step_are_the_cubic_between_the_states(swinging):
+    points, rates, _ = states(wire(), 50)
+    for share in (0.25, 0.5, 0.75):
+        s, tau = share, 2e-3
+        cubic = (1 + 2 * s) * (1 - s) ** 2 * points[:-1] + s * (1 - s) ** 2 * tau * rates[:-1]
+        cubic += s**2 * (3 - 2 * s) * points[1:] + s**2 * (s - 1) * tau * rates[1:]
+        inside = swinging.control_points[int(4 * share) :: 4]
+        np.testing.assert_allclose(inside, cubic, rtol=0, atol=1e-14)
+
+
+def test_energy_between_two_states_is_between_theirs():
+    force = {"loads__names": ["pull"], "loads__pull__type": "force", "loads__pull__position": 0.5}
+    scene = wire(**force, loads__pull__signal="constant", loads__pull__force=[0.0, 5.0, 0.0])
+    run = record(scene, 0.02, 5e-4)
+    _, _, energies = states(scene, 10)
+    assert energies[-1] - energies[0] > 1e-3, "the load must do work"
+    expected = np.interp(run.time, 2e-3 * np.arange(11), energies)
+    np.testing.assert_allclose(run.energy, expected, rtol=0, atol=1e-12)
+
+
+def test_centerline_is_the_spline_of_the_control_points(swinging):
+    knots = bspline.clamped_knots(9, 2.0)
+    for k in (0, 100, 200):
+        line = bspline.evaluate(swinging.control_points[k, :, :3], knots, swinging.centerline_u)
+        np.testing.assert_allclose(swinging.centerline[k], line, rtol=0, atol=1e-14)
+
+
+def test_whole_steps_cover_a_duration_that_they_do_not_divide():
+    run = record(wire(), 0.0093, 1e-3)
+    assert run.steps == 5
+    assert run.simulated_s == 5 * 2e-3
+    assert run.time.tolist() == [k * 1e-3 for k in range(10)]
+    assert np.abs(run.control_points[-1]).sum() > 0.0, "the last sample was taken"
+
+
+def test_duration_that_is_a_multiple_only_up_to_rounding():
+    run = record(wire(), 0.3, 0.1)
+    assert run.time.tolist() == [0.0, 0.1, 0.2, 3 * 0.1]
+    assert run.steps == 150
+
+
+def test_report_agrees_with_the_simulator(swinging):
+    simulator = Simulator(wire())
+    report = simulator.advance_steps(50)
+    assert (swinging.status, swinging.message, swinging.ok) == ("ok", "", True)
+    assert (swinging.steps, swinging.step_s, swinging.simulated_s) == (50, 2e-3, 50 * 2e-3)
+    assert swinging.method == "energy_momentum"
+    assert swinging.force_evaluations == report.force_evaluations > 50
+    assert swinging.energy_error_max == pytest.approx(simulator.energy_error, rel=0.5)
+    assert swinging.active_terms == simulator.active_terms
+    assert swinging.left_out == simulator.left_out
+    assert swinging.real_time_factor == swinging.simulated_s / swinging.wall_s
+
+
+def test_report_is_json(swinging):
+    arrays = ("time", "control_points", "centerline", "centerline_u", "energy")
+    report = {k: v for k, v in dataclasses.asdict(swinging).items() if k not in arrays}
+    assert json.loads(json.dumps(report, allow_nan=False))["steps"] == 50
+
+
+def test_recording_and_progress_change_nothing(swinging):
+    fractions: list[float] = []
+    scene = wire(integrator__step=1e-4)
+    run = record(scene, 0.1, 1e-2, progress=fractions.append)
+    assert len(fractions) > 2, "more than one piece"
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+    simulator = Simulator(scene)
+    simulator.advance_steps(1000)
+    np.testing.assert_array_equal(run.control_points[-1], simulator.control_points)
+
+
+def test_run_starts_at_time_zero_after_the_recording_loop_was_compiled(monkeypatch):
+    calls: list[tuple[int, int, bool]] = []
+    advance = Simulator.advance_steps
+
+    def noted(self, steps, recorder=None):
+        calls.append((self.steps, steps, recorder is not None))
+        return advance(self, steps, recorder)
+
+    monkeypatch.setattr(Simulator, "advance_steps", noted)
+    record(wire(), 0.01, 1e-3)
+    assert calls == [(0, 1, True), (0, 5, True)]
+
+
+def test_failed_run_keeps_what_was_good():
+    scene = wire(integrator__method="implicit_midpoint", integrator__step=2e-2)
+    run = record(scene, 4.0, 1e-3)
+    assert (run.status, run.ok) == ("diverged", False)
+    assert "the last good state is kept" in run.message and "\n" not in run.message
+    assert 0.0 < run.simulated_s < 4.0
+    assert run.simulated_s == run.steps * 2e-2
+    assert run.time[-1] == pytest.approx(run.simulated_s, abs=1e-3)
+    assert run.time[-1] <= run.simulated_s + 1e-9
+    assert len(run.time) == len(run.control_points) == len(run.centerline) == len(run.energy)
+    assert np.isfinite(run.control_points).all() and np.isfinite(run.energy).all()
+    again = record(scene, 4.0, 1e-3)
+    np.testing.assert_array_equal(again.control_points, run.control_points)
+    simulator = Simulator(scene)
+    simulator.advance_steps(run.steps)
+    np.testing.assert_array_equal(run.control_points[-1], simulator.control_points)
+
+
+def test_scene_that_cannot_be_simulated_is_refused():
+    with pytest.raises(SceneError, match="integrator.step: 0.01 s exceeds the stability limit"):
+        record(wire(integrator__method="forest_ruth", integrator__step=1e-2), 0.1, 1e-3)
