@@ -3,9 +3,13 @@
 import argparse
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import Parser, add_json_option
-from dlo_sim.cli.output import check_output_folder, print_json, print_rows, readable
+from dlo_sim.cli.arguments import CommandError, Parser, add_json_option
+from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable
+
+if TYPE_CHECKING:
+    from dlo_sim.demo.demo import DemoSummary
 
 FAILED = 3
 
@@ -31,15 +35,37 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the demo and print its summary; returns the exit status."""
-    check_output_folder(options.output)
+    from dlo_sim.demo.demo import DemoError, run_demo
 
-    from dlo_sim.demo.demo import run_demo
-
-    summary = run_demo(options.output)
+    try:
+        with progress_bar("demo") as progress:
+            summary = run_demo(options.output, progress=progress)
+    except DemoError as refusal:
+        raise CommandError(f"--output: {refusal}") from None
     if options.json:
         print_json(dataclasses.asdict(summary))
     else:
-        print(f"{options.output}: {summary.status}")
-        values = dataclasses.asdict(summary)
-        print_rows({name.replace("_", " "): readable(value) for name, value in values.items()})
+        _print_summary(summary)
     return 0 if summary.ok else FAILED
+
+
+def _print_summary(summary: "DemoSummary") -> None:
+    print(f"A cable hangs from a gripper that moves; predicted from a bag: {summary.status}.")
+    if summary.message:
+        print(f"  {summary.message}")
+    rows = {
+        "scene": summary.scene,
+        "input bag": f"{summary.input} ({summary.messages_used} messages used)",
+        "predicted": f"{summary.predicted} ({summary.messages_written} messages)",
+        "picture": summary.picture or "-",
+        "time": f"{summary.simulated_s:.3g} s simulated in {summary.wall_s:.3g} s "
+        f"({summary.real_time_factor:.3g} x real time), after {summary.compile_s:.2g} s to compile",
+        "tip": f"up to {summary.tip_speed_max:.3g} m/s",
+        "reaction": f"up to {summary.reaction_max:.3g} N at the gripper, {summary.reaction_rest:.3g} "
+        "N at rest",
+    }
+    if summary.notes:
+        rows["notes"] = readable(summary.notes)
+    print_rows(rows)
+    print("Try next:")
+    print_rows(summary.try_next)

@@ -36,26 +36,6 @@ def check_output_file(path: Path) -> None:
         ) from None
 
 
-def check_output_folder(path: Path) -> None:
-    """Refuse, before any work, a folder that could not be written; it need not exist yet.
-
-    Raises:
-        CommandError: naming the path, what is wrong and the cure.
-    """
-    folder = path.resolve()
-    while not folder.exists():
-        folder = folder.parent
-    if not folder.is_dir():
-        raise CommandError(f"--output {path}: {folder} is not a folder; choose another one")
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise CommandError(
-            f"--output {path} cannot be written ({error.strerror}); choose another folder"
-        ) from None
-
-
 def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write arrays as a compressed npz under exactly this name; never half a file.
 
@@ -133,6 +113,8 @@ def progress_bar(label: str) -> Iterator[Callable[[float], None] | None]:
         yield None
         return
     drawn = -1
+    sys.stderr.write(f"{label}: preparing ...")  # compiling a scene may take a while
+    sys.stderr.flush()
 
     def draw(fraction: float) -> None:
         nonlocal drawn
@@ -146,6 +128,5 @@ def progress_bar(label: str) -> Iterator[Callable[[float], None] | None]:
     try:
         yield draw
     finally:
-        if drawn >= 0:
-            sys.stderr.write("\r\033[K")
-            sys.stderr.flush()
+        sys.stderr.write("\r\033[K")
+        sys.stderr.flush()

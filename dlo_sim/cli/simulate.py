@@ -123,7 +123,7 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
     left_out = [f"{name}: {reason}" for name, reason in recording.left_out.items()]
     rows = {
         "method": f"{recording.method}, step {recording.step_s * 1e6:.4g} us, "
-        f"{recording.steps} steps, {recording.force_evaluations} force evaluations",
+        f"{recording.steps} steps, {recording.force_evaluations} {_counted(recording.method)}",
         "time": f"{recording.wall_s:.3g} s ({recording.real_time_factor:.3g} x real time), "
         f"after {recording.compile_s:.2g} s to compile",
         "energy error": "-" if error is None else f"{error:.2e} of the largest energy exchanged",
@@ -134,3 +134,10 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
         times, points, _ = recording.control_points.shape
         rows["output"] = f"{output} ({times} times, {points} control points)"
     print_rows(rows)
+
+
+def _counted(method: str) -> str:
+    """What a method's force evaluations are, for people."""
+    from dlo_sim.core.methods import IMPLICIT, METHODS
+
+    return "Newton iterations" if METHODS[method].family == IMPLICIT else "force evaluations"

@@ -1,8 +1,9 @@
 """Time integrators as data: what each one is, and which scenes it is valid for.
 
-A drift/kick (splitting) method is a pair of weight rows that one loop executes. An implicit method
-is a choice of force for the one Newton loop. Everything that speaks of a method - the loops, the
-checks of a scene, the command line's list, the studies - reads it here.
+A drift/kick (splitting) method is a pair of weight rows that one loop executes, a Runge-Kutta method
+a Butcher table for another. Zhai's two-step method has two parameters, which a scene gives. An
+implicit method is a choice of force for the one Newton loop. Everything that speaks of a method - the
+loops, the checks of a scene, the command line's list, the studies - reads it here.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 SPLITTING = "splitting"
+RUNGE_KUTTA = "runge_kutta"
+ZHAI = "zhai"
 IMPLICIT = "implicit"
 
 
@@ -19,15 +22,16 @@ class Method:
 
     Attributes:
         name: key of `integrator.method`.
-        family: `splitting` or `implicit`: which loop executes it.
+        family: `splitting`, `runge_kutta`, `zhai` or `implicit`: which loop executes it.
         order: global order of accuracy in the step.
         symmetric: reversing the velocities and stepping on returns to the start.
         symplectic: conserves a nearby energy at fixed step.
         conserves_energy: conserves the energy itself, to the solver's tolerance, at any step.
         stability_limit: largest stable omega * tau on an undamped oscillator; inf if there is none.
-        drift_weights, kick_weights: c_i and d_i in units of the step, executed drift first.
         mass_damping, stiffness_damping: whether the method is valid with such damping.
         source: where it comes from.
+        drift_weights, kick_weights: c_i and d_i in units of the step, executed drift first.
+        stage_matrix, stage_weights: a_ij and b_j of a Runge-Kutta method.
     """
 
     name: str
@@ -42,10 +46,22 @@ class Method:
     source: str
     drift_weights: tuple[float, ...] = ()
     kick_weights: tuple[float, ...] = ()
+    stage_matrix: tuple[tuple[float, ...], ...] = ()
+    stage_weights: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.family != SPLITTING:
-            return
+        if self.family == RUNGE_KUTTA:
+            self._check_stages()
+        if self.family == SPLITTING:
+            self._check_weights()
+
+    def _check_stages(self) -> None:
+        if abs(sum(self.stage_weights) - 1.0) > 1e-14:
+            raise ValueError(f"{self.name}: stage weights sum to {sum(self.stage_weights)}, not 1")
+        if [len(row) for row in self.stage_matrix] != list(range(len(self.stage_weights))):
+            raise ValueError(f"{self.name}: stage i needs i coefficients, one per earlier stage")
+
+    def _check_weights(self) -> None:
         if len(self.drift_weights) != len(self.kick_weights):
             raise ValueError(f"{self.name}: {len(self.drift_weights)} drifts, other number of kicks")
         for kind, weights in (("drift", self.drift_weights), ("kick", self.kick_weights)):
@@ -56,7 +72,11 @@ class Method:
 
     @property
     def force_evaluations(self) -> int:
-        """Force evaluations per step of a splitting method in a long run; Newton decides otherwise."""
+        """Force evaluations per step of an explicit method in a long run; 0: Newton's method decides."""
+        if self.family == RUNGE_KUTTA:
+            return len(self.stage_weights)
+        if self.family == ZHAI:
+            return 1
         kicks = sum(1 for weight in self.kick_weights if weight)
         # A kick at the very end and one at the very start see the same configuration.
         shared = bool(self.kick_weights and self.kick_weights[-1] and not self.drift_weights[0])
@@ -99,6 +119,33 @@ METHODS: dict[str, Method] = {
             source="Verlet 1967, kick-drift-kick form (Swope et al. 1982)",
             drift_weights=(0.0, 1.0),
             kick_weights=(0.5, 0.5),
+        ),
+        Method(
+            name="rk4",
+            family=RUNGE_KUTTA,
+            order=4,
+            symmetric=False,
+            symplectic=False,
+            conserves_energy=False,
+            stability_limit=2.0 * 2.0**0.5,
+            mass_damping=True,
+            stiffness_damping=False,
+            source="Kutta 1901, the classical table",
+            stage_matrix=((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
+            stage_weights=(1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0),
+        ),
+        Method(
+            # order and limit are those of psi = phi = 1/2; see `core.zhai` for other pairs
+            name="zhai",
+            family=ZHAI,
+            order=2,
+            symmetric=False,
+            symplectic=False,
+            conserves_energy=False,
+            stability_limit=2.0,
+            mass_damping=True,
+            stiffness_damping=False,
+            source="Zhai 1996, Int. J. Numer. Meth. Eng. 39, 4199-4214",
         ),
         Method(
             name="implicit_midpoint",

@@ -90,6 +90,7 @@ class Terms:
     damping: str
     plasticity: str
     contact: str
+    out_of_plane: str
 
 
 @dataclass(frozen=True)
@@ -154,10 +155,13 @@ class Initial:
 
 @dataclass(frozen=True)
 class Integrator:
-    """Time integration: method, step [s] (0 = chosen), solver tolerance, what a failure does."""
+    """Time integration: method, step [s] (0 = chosen), parameters of Zhai's method, solver
+    tolerance, what a failure does."""
 
     method: str
     step: float
+    zhai_psi: float
+    zhai_phi: float
     tolerance: float
     on_failure: str
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from types import MappingProxyType
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 from dlo_sim.scene.description import Scene
 
@@ -14,6 +15,7 @@ class Needs:
 
     Attributes:
         stretch, bend, twist, gravity, springs, loads, drive, damping: present or not.
+        axes: world axes that the motion needs: all three, or the two of a coordinate plane.
         left_out: name of each absent term -> reason.
     """
 
@@ -25,7 +27,24 @@ class Needs:
     loads: bool
     drive: bool
     damping: bool
-    left_out: MappingProxyType[str, str]
+    axes: tuple[int, ...]
+    left_out: dict[str, str]
+
+    def with_drive(self) -> Needs:
+        """The same needs with ends that move."""
+        return self._without("drive", drive=True)
+
+    def with_twist(self) -> Needs:
+        """The same needs with twist."""
+        return self._without("twist", twist=True)
+
+    def spatial(self) -> Needs:
+        """The same needs in all three dimensions."""
+        return self._without("out_of_plane", axes=(0, 1, 2))
+
+    def _without(self, reason: str, **changes: Any) -> Needs:
+        reasons = {key: why for key, why in self.left_out.items() if key != reason}
+        return replace(self, left_out=reasons, **changes)
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -50,7 +69,11 @@ def needs_of(scene: Scene) -> Needs:
     terms = scene.terms
     damping = scene.damping
     damped = bool(damping.mass or damping.stiffness or damping.air_drag)
+    axes = _axes(scene)
+    if len(axes) == 2:
+        reasons["out_of_plane"] = f"everything lies in the {'xyz'[axes[0]]}{'xyz'[axes[1]]} plane"
     return Needs(
+        axes=axes,
         stretch=decide("stretch", terms.stretch, scene.cable.EA > 0.0, "axial stiffness is 0"),
         bend=decide("bend", terms.bend, scene.cable.EI > 0.0, "bending stiffness is 0"),
         twist=decide("twist", terms.twist, _twists(scene), "nothing twists the cable"),
@@ -59,7 +82,7 @@ def needs_of(scene: Scene) -> Needs:
         loads=decide("loads", "auto", bool(scene.loads), "no loads"),
         drive=decide("drive", "auto", _driven(scene), "no gripper moves an end"),
         damping=decide("damping", terms.damping, damped, "no damping"),
-        left_out=MappingProxyType(reasons),
+        left_out=reasons,
     )
 
 
@@ -68,6 +91,58 @@ def _twists(scene: Scene) -> bool:
     turned = any(end.clamped and end.driven for end in scene.ends.values())
     moments = any(load.type == "wrench" for load in scene.loads)
     return turned or moments
+
+
+def needs_of_load(
+    needs: Needs, scene: Scene, force: Sequence[float] | None, torque: Sequence[float] | None
+) -> Needs:
+    """Needs once a load has this force [N] and moment [N m]."""
+    normals = [axis for axis in range(3) if axis not in needs.axes]
+    for normal in normals:
+        across = torque is not None and any(torque[axis] for axis in needs.axes)
+        if across or (force is not None and force[normal]):
+            needs = needs.spatial()
+    if scene.terms.twist == "auto" and torque is not None and any(torque):
+        if len(needs.axes) == 3:
+            needs = needs.with_twist()
+    return needs
+
+
+def _axes(scene: Scene) -> tuple[int, ...]:
+    """All three axes, or two if start, end, forces and moments leave a coordinate plane alone."""
+    everything = (0, 1, 2)
+    free_to_leave = (
+        scene.terms.out_of_plane == "on"
+        or any(load.signal == "none" for load in scene.loads)
+        or _driven(scene)
+        or not (scene.start.held or scene.end.held)
+    )
+    if free_to_leave:
+        return everything
+    for normal in (1, 0, 2):
+        if scene.terms.out_of_plane == "off" and normal != 1:
+            break
+        if scene.terms.out_of_plane == "off" or _stays_in_plane(scene, normal):
+            return tuple(axis for axis in everything if axis != normal)
+    return everything
+
+
+def _stays_in_plane(scene: Scene, normal: int) -> bool:
+    """Whether nothing in the scene has a component along axis `normal`."""
+    ends = [
+        end.position[normal] + end.offset[normal] for end in scene.ends.values() if end.held
+    ]
+    flat = [scene.gravity[normal], max(ends) - min(ends)]
+    if not (scene.start.held and scene.end.held):
+        flat.append(scene.start.position[normal] - scene.end.position[normal])
+    flat += [end.tangent[normal] for end in scene.ends.values() if end.clamped]
+    around = [axis for axis in range(3) if axis != normal]
+    for load in scene.loads:
+        flat.append(load.force[normal])
+        flat += [load.torque[axis] for axis in around]
+    if any(scene.cable.rest_curvature):
+        flat += [scene.cable.rest_curvature_axis[axis] for axis in around]
+    return not any(flat)
 
 
 def _sprung(scene: Scene) -> bool:

@@ -153,6 +153,12 @@ _TERMS = (
     _choice("terms.damping", "auto", _SWITCH, "All damping."),
     _choice("terms.plasticity", "auto", _SWITCH, "Plastic bending."),
     _choice("terms.contact", "auto", _SWITCH, "Contact."),
+    _choice(
+        "terms.out_of_plane",
+        "auto",
+        _SWITCH,
+        "The third coordinate. Auto leaves it out where everything stays in a coordinate plane.",
+    ),
 )
 
 _GRAVITY = (
@@ -248,6 +254,22 @@ _REST = (
         0.0,
         1.0,
         "Time step tau; 0 = chosen from the scene and the accuracy asked for.",
+    ),
+    _number(
+        "integrator.zhai_psi",
+        0.5,
+        "",
+        0.0,
+        1.0,
+        "Parameter psi of Zhai's method; the pair 0.5, 0.5 has the largest stable step.",
+    ),
+    _number(
+        "integrator.zhai_phi",
+        0.5,
+        "",
+        0.0,
+        1.0,
+        "Parameter phi of Zhai's method; second order only with 0.5.",
     ),
     _number(
         "integrator.tolerance",

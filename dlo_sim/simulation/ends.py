@@ -58,19 +58,20 @@ class EndDrive:
         """Direction of the cable at a clamped end, world frame, start towards end."""
         return rotations.rotate(self.pose(end, t)[1], self._geometries[end].tangent)
 
-    def put(self, position: Array, n: int, t: float) -> None:
-        """Write the prescribed control points of both ends at time t, driven or not."""
+    def put(self, points: Array, t: float) -> None:
+        """Write the prescribed entries of control points (n, 4) at time t, ends driven or not."""
+        n = len(points)
         for row in range(2):
             m = self.motion[row]
             values = end_points(m, t)
             outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
             for axis in range(3):
                 if m[HELD][axis]:
-                    position[axis, outer] = values[axis]
+                    points[outer, axis] = values[axis]
                 if m[CLAMPED]:
-                    position[axis, inner] = values[3 + axis]
-            if m[CLAMPED] and position.shape[0] > 3:
-                position[3, outer] = values[6]
+                    points[inner, axis] = values[3 + axis]
+            if m[CLAMPED]:
+                points[outer, 3] = values[6]
 
     def place(
         self,
@@ -114,6 +115,27 @@ class EndDrive:
         row[TWIST] = end_points(row, max(motion.start, row[1]))[6]
         self._write(end, motion)
         row[0] = 1.0
+
+    def stays_in_plane(self, end: str, axes: tuple[int, ...]) -> bool:
+        """Whether this end's motion and tangent keep to the plane of two axes (true for three)."""
+        if len(axes) == 3:
+            return True
+        (normal,) = (axis for axis in range(3) if axis not in axes)
+        motion = self._motions[end]
+        row = self.motion[ENDS.index(end)]
+        level = motion.position[0, normal] - self._geometries[end].position[normal]
+        away = [level, *motion.position[1:, normal], *motion.rotation[:, list(axes)].ravel()]
+        tangent = rotations.rotate(motion.orientation, row[30:33])
+        return not any(away) and abs(tangent[normal]) < 1e-15
+
+    def twists(self, end: str) -> bool:
+        """Whether a clamped end turns, or has turned, about its own tangent."""
+        row = self.motion[ENDS.index(end)]
+        if row[CLAMPED] == 0.0:
+            return False
+        motion = self._motions[end]
+        tangent = rotations.rotate(motion.orientation, row[30:33])
+        return bool(abs(row[TWIST]) > 1e-12 or np.any(np.abs(motion.rotation @ tangent) > 1e-12))
 
     def restored(self) -> None:
         """Rebuild the motions after `motion` was overwritten by a snapshot."""

@@ -15,8 +15,6 @@ from dlo_sim.scene.needs import Needs
 from dlo_sim.simulation.geometry import ENDS, EndGeometry
 
 Array = NDArray[np.float64]
-AXES = (0, 1, 2)
-TWIST_ROW = 3
 
 
 @dataclass(frozen=True)
@@ -29,6 +27,8 @@ class Model:
         friction: linear damping, None where there is none; viscosity: beta [s] or None.
         mass_band: mass without prescribed rows taken out, per row.
         width: padded number of columns of position arrays.
+        rest: where a straight point of the plane is, shape (3,): the constant coordinate of planar
+            motion, zero elsewhere.
     """
 
     knots: Array
@@ -36,6 +36,12 @@ class Model:
     friction: layout.Friction | None
     viscosity: float | None
     width: int
+    rest: Array
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """World axis of every spatial row."""
+        return self.terms.axes
 
     @property
     def n(self) -> int:
@@ -44,8 +50,34 @@ class Model:
 
     @property
     def rows(self) -> int:
-        """Rows of position arrays: three axes, and twist where there is any."""
+        """Rows of position arrays: the spatial axes, and twist where there is any."""
         return self.terms.mass.free.shape[0]
+
+    @property
+    def twist_row(self) -> int | None:
+        """Row of the twist angle, None without twist."""
+        return len(self.axes) if self.terms.twist is not None else None
+
+    def to_columns(self, rows: Array, rest: bool = True) -> Array:
+        """Rows (..., rows, >= n) as control points (..., n, 4): x, y, z, theta; absent ones constant.
+
+        `rest` fills in the constant coordinate of planar motion (leave it out for velocities).
+        """
+        out = np.zeros((*rows.shape[:-2], self.n, 4))
+        if rest:
+            out[..., :3] = self.rest
+        for row, column in enumerate(self.columns):
+            out[..., column] = rows[..., row, : self.n]
+        return out
+
+    def to_rows(self, columns: Array) -> Array:
+        """Control points (n, 4) as rows (rows, n)."""
+        return np.ascontiguousarray(columns[:, list(self.columns)].T)
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Column of x, y, z, theta that each row holds."""
+        return self.axes if self.terms.twist is None else (*self.axes, 3)
 
 
 def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> Model:
@@ -55,25 +87,28 @@ def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> 
     rule = _quadrature(scene, n - bspline.DEGREE)
     lattice = _lattice(knots, rule)
     width = lattice.extraction.shape[0] * layout.LANES + bspline.DEGREE
-    free = _free(scene, n, needs.twist)
-    bands = _mass_bands(scene, knots, needs.twist)
+    axes = needs.axes
+    free = _free(scene, n, axes, needs.twist)
+    bands = _mass_bands(scene, knots, len(axes), needs.twist)
     mass_terms = _mass(bands, free)
     terms = layout.Terms(
         lattice=lattice,
         mass=mass_terms,
         stretch=layout.Stretch(scene.cable.EA) if needs.stretch else None,
         bend=layout.Bend(scene.cable.EI) if needs.bend else None,
-        rest=_rest_curvature(scene, lattice) if needs.bend else None,
+        rest=_rest_curvature(scene, lattice, axes) if needs.bend else None,
         twist=_twist(scene, knots, rule) if needs.twist else None,
-        gravity=_gravity(scene, bands[0], n) if needs.gravity else None,
-        springs=_springs(scene, ends) if needs.springs else None,
-        loads=_loads(scene, knots) if needs.loads else None,
+        gravity=_gravity(scene, bands[0], n, axes) if needs.gravity else None,
+        springs=_springs(scene, ends, axes) if needs.springs else None,
+        loads=_loads(scene, knots, axes) if needs.loads else None,
         drive=_drive(bands, free, width) if needs.drive else None,
         decay=_decay(scene) if needs.damping else None,
-        axes=AXES,
+        axes=axes,
     )
     friction, viscosity = _friction(scene, knots, bands, needs)
-    return Model(knots, terms, friction, viscosity, width)
+    rest = np.array(ends["start"].attachment)
+    rest[list(axes)] = 0.0
+    return Model(knots, terms, friction, viscosity, width, rest)
 
 
 def _quadrature(scene: Scene, n_spans: int) -> quadrature.Quadrature:
@@ -109,22 +144,22 @@ def _by_lanes(per_span: Array, blocks: int) -> Array:
     )
 
 
-def _free(scene: Scene, n: int, twist: bool) -> Array:
+def _free(scene: Scene, n: int, axes: tuple[int, ...], twist: bool) -> Array:
     """1 where a DOF is solved for. A clamp holds the end's tangent and twist as well."""
-    free = np.ones((len(AXES) + twist, n))
+    free = np.ones((len(axes) + twist, n))
     for name, outer, inner in (("start", 0, 1), ("end", n - 1, n - 2)):
         end = scene.ends[name]
-        for axis in AXES:
+        for row, axis in enumerate(axes):
             if end.fixed[axis]:
-                free[axis, outer] = 0.0
+                free[row, outer] = 0.0
             if end.clamped:
-                free[axis, inner] = 0.0
+                free[row, inner] = 0.0
         if twist and end.clamped:
-            free[TWIST_ROW, outer] = 0.0
+            free[len(axes), outer] = 0.0
     return free
 
 
-def _mass_bands(scene: Scene, knots: Array, twist: bool) -> Array:
+def _mass_bands(scene: Scene, knots: Array, dim: int, twist: bool) -> Array:
     """Mass of every row, shape (rows, 4, n): mu times the Gram matrix, plus the end masses."""
     gram = mass.gram(knots)
     if scene.discretization.mass == "lumped":
@@ -132,7 +167,7 @@ def _mass_bands(scene: Scene, knots: Array, twist: bool) -> Array:
     line = scene.cable.mu * gram
     line[0, 0] += scene.start.mass
     line[0, -1] += scene.end.mass
-    bands = [line] * len(AXES)
+    bands = [line] * dim
     if twist:
         bands.append(scene.cable.polar_inertia * gram)
     return np.ascontiguousarray(np.stack(bands))
@@ -150,7 +185,9 @@ def _mass(bands: Array, free: Array) -> layout.Mass:
     )
 
 
-def _rest_curvature(scene: Scene, lattice: layout.Lattice) -> layout.RestCurvature | None:
+def _rest_curvature(
+    scene: Scene, lattice: layout.Lattice, axes: tuple[int, ...]
+) -> layout.RestCurvature | None:
     values = np.asarray(scene.cable.rest_curvature, dtype=float)
     if not values.any():
         return None
@@ -161,25 +198,40 @@ def _rest_curvature(scene: Scene, lattice: layout.Lattice) -> layout.RestCurvatu
     curvature = np.interp(share, np.linspace(0.0, 1.0, len(values)), values)
     axis = np.array(scene.cable.rest_curvature_axis, dtype=float)
     moment = scene.cable.EI * curvature * lattice.weights
-    return layout.RestCurvature(np.ascontiguousarray(moment), axis / np.linalg.norm(axis))
+    axis = local_axis(axis / np.linalg.norm(axis), axes)
+    return layout.RestCurvature(np.ascontiguousarray(moment), axis)
+
+
+def local_axis(axis: Array, axes: tuple[int, ...]) -> Array:
+    """An axis of rotation in the coordinates of the rows.
+
+    In planar motion the third component is the one about the normal e_a x e_b of the two rows.
+    """
+    if len(axes) == 3:
+        return axis
+    normal = np.cross(np.eye(3)[axes[0]], np.eye(3)[axes[1]])
+    return np.array([0.0, 0.0, axis @ normal])
 
 
 def _twist(scene: Scene, knots: Array, rule: quadrature.Quadrature) -> layout.Twist:
     return layout.Twist(scene.cable.GJ * mass.gram(knots, 1, rule))
 
 
-def _gravity(scene: Scene, band: Array, n: int) -> Array:
+def _gravity(scene: Scene, band: Array, n: int, axes: tuple[int, ...]) -> Array:
     """Generalised weight of cable and end masses: M applied to a uniform field."""
-    return np.outer(np.asarray(scene.gravity), mass.multiply(band, np.ones(n)))
+    return np.outer(np.asarray(scene.gravity)[list(axes)], mass.multiply(band, np.ones(n)))
 
 
-def _springs(scene: Scene, ends: Mapping[str, EndGeometry]) -> layout.Springs:
+def _springs(
+    scene: Scene, ends: Mapping[str, EndGeometry], axes: tuple[int, ...]
+) -> layout.Springs:
     stiffness = np.array([scene.ends[name].spring for name in ENDS], dtype=float)
     anchor = np.array([ends[name].attachment for name in ENDS], dtype=float)
-    return layout.Springs(stiffness, anchor)
+    rows = list(axes)
+    return layout.Springs(stiffness[:, rows].copy(), anchor[:, rows].copy())
 
 
-def _loads(scene: Scene, knots: Array) -> layout.Loads:
+def _loads(scene: Scene, knots: Array, axes: tuple[int, ...]) -> layout.Loads:
     u = np.array([load.position for load in scene.loads]) * scene.cable.length
     first, basis = bspline.active_basis(knots, u)
     _, slope = bspline.active_basis(knots, u, 1)
@@ -192,7 +244,7 @@ def _loads(scene: Scene, knots: Array) -> layout.Loads:
         first=first,
         basis=basis,
         slope=slope,
-        force=force * signal[:, None],
+        force=(force * signal[:, None])[:, list(axes)].copy(),
         torque=torque * signal[:, None],
         frequency=np.where(sine, frequency, 0.0),
     )
@@ -225,6 +277,6 @@ def _friction(
         return None, None
     damping = scene.damping
     viscous = damping.mass * bands
-    viscous[: len(AXES)] += damping.air_drag * mass.gram(knots)
+    viscous[: len(needs.axes)] += damping.air_drag * mass.gram(knots)
     friction = layout.Friction(np.ascontiguousarray(viscous), damping.stiffness)
     return friction, damping.stiffness or None

@@ -12,7 +12,7 @@ from dlo_sim.kernels.ends import end_velocities
 from dlo_sim.kernels.instant import instant_force
 from dlo_sim.kernels.observe import velocities
 from dlo_sim.simulation.geometry import ENDS
-from dlo_sim.simulation.model import TWIST_ROW, Model
+from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 RATE_STEP = 1e-6  # [s] for the acceleration of a driven end; exact for quadratic motion
@@ -52,15 +52,18 @@ def reaction(
     missing = (missing - force[:, :n]) * (1.0 - terms.mass.free)
     row = ENDS.index(end)
     outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
-    arm = state.position[:3, inner] - state.position[:3, outer]
-    total = missing[:3, outer] + missing[:3, inner]
-    moment = np.cross(arm, missing[:3, inner])
-    if model.rows > TWIST_ROW:
+    points = model.to_columns(state.position)
+    pulls = model.to_columns(missing, rest=False)
+    arm = points[inner, :3] - points[outer, :3]
+    total = pulls[outer, :3] + pulls[inner, :3]
+    moment = np.cross(arm, pulls[inner, :3])
+    if model.twist_row is not None:
         sign = 1.0 if row == 0 else -1.0
-        moment += missing[TWIST_ROW, outer] * sign * arm / np.linalg.norm(arm)
+        moment += pulls[outer, 3] * sign * arm / np.linalg.norm(arm)
     if terms.springs is not None:
-        total -= terms.springs.stiffness[row] * (
-            state.position[:3, outer] - terms.springs.anchor[row]
+        dim = len(model.axes)
+        total[list(model.axes)] -= terms.springs.stiffness[row] * (
+            state.position[:dim, outer] - terms.springs.anchor[row]
         )
     return total, moment
 

@@ -96,7 +96,7 @@ def record(
     recorder = _recorder(simulator, _sample_times(duration, every))
     wall_s, report, evaluations = _run(simulator, duration, recorder, progress)
     count = _good_samples(simulator, recorder)
-    control_points = _columns(recorder.positions[:count])
+    control_points = simulator.model.to_columns(recorder.positions[:count])
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     error = simulator.energy_error
@@ -182,14 +182,6 @@ def _good_samples(simulator: Simulator, recorder: layout.Recorder) -> int:
     """Number of samples that are not beyond the last good state."""
     reached = simulator.time + _ROUNDING * simulator.step
     return min(int(recorder.next[0]), int(np.searchsorted(recorder.times, reached, side="right")))
-
-
-def _columns(positions: Array) -> Array:
-    """(T, rows, n) -> (T, n, 4), theta zero where the scene has no twist."""
-    samples, rows, n = positions.shape
-    out = np.zeros((samples, n, 4))
-    out[:, :, :rows] = positions.transpose(0, 2, 1)
-    return out
 
 
 def _energies(recorder: layout.Recorder, count: int, step: float, every: float) -> Array:

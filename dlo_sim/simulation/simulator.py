@@ -17,11 +17,11 @@ from dlo_sim.kernels.frames import material_frames
 from dlo_sim.kernels.observe import kinetic_energy, potentials, start_account, velocities
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import needs_of
+from dlo_sim.scene.needs import Needs, needs_of, needs_of_load
 from dlo_sim.simulation import statics, workspace
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Pose, end_geometries, first_shape
-from dlo_sim.simulation.model import TWIST_ROW, Model, build_model
+from dlo_sim.simulation.model import Model, build_model, local_axis
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.report import Energy, Report, Status
 from dlo_sim.simulation.stepper import Choice, Stepper, choose, largest_frequency
@@ -37,6 +37,7 @@ class Snapshot:
 
     steps: int
     remainder: float
+    needs: Needs
     arrays: tuple[Array, ...]
 
 
@@ -125,14 +126,14 @@ class Simulator:
     @property
     def control_points(self) -> Array:
         """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
-        return self._columns(self._state.position)
+        return self._model.to_columns(self._state.position)
 
     @property
     def velocities(self) -> Array:
         """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
         out = np.zeros_like(self._state.w)
         velocities(self._state.w, self._model.terms, self.time, out)
-        return self._columns(out)
+        return self._model.to_columns(out, rest=False)
 
     @property
     def greville(self) -> Array:
@@ -238,16 +239,21 @@ class Simulator:
         """
         if name not in self._load_index:
             raise KeyError(f"no load '{name}'; the scene has {', '.join(self._load_index) or 'none'}")
+        vectors = [
+            None if value is None else np.asarray(value, dtype=float) for value in (force, torque)
+        ]
+        for vector in vectors:
+            if vector is not None and not (vector.shape == (3,) and np.isfinite(vector).all()):
+                raise ValueError(f"load '{name}': needs three finite numbers, got {vector}")
+        self._extend(needs_of_load(self._needs, self.scene, *vectors))
         loads = self._model.terms.loads
         assert loads is not None
         k = self._load_index[name]
-        for value, row in ((force, loads.force), (torque, loads.torque)):
-            if value is not None:
-                vector = np.asarray(value, dtype=float)
-                if vector.shape != (3,) or not np.isfinite(vector).all():
-                    raise ValueError(f"load '{name}': needs three finite numbers, got {value}")
-                row[k] = vector
-                loads.frequency[k] = 0.0
+        if vectors[0] is not None:
+            loads.force[k] = vectors[0][list(self._model.axes)]
+        if vectors[1] is not None:
+            loads.torque[k] = vectors[1]
+        loads.frequency[k] = 0.0
 
     def set_end(
         self,
@@ -263,25 +269,28 @@ class Simulator:
             is. tangent: direction of the cable at this end instead of an orientation.
         """
         self._ends.place(end, self.time, position, orientation, tangent)
-        self._turn_rest_axis()
-        self._need_drive()
+        self._after_end_moved(end)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector follow `motion`; afterwards it rests at its last pose."""
         self._ends.follow(end, self.time, motion)
-        self._turn_rest_axis()
-        self._need_drive()
+        self._after_end_moved(end)
 
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
         return Snapshot(
-            self._steps, self._remainder, tuple(array.copy() for array in self._mutable())
+            self._steps,
+            self._remainder,
+            self._needs,
+            tuple(array.copy() for array in self._mutable()),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of this simulator."""
         self._steps = snapshot.steps
         self._remainder = snapshot.remainder
+        if snapshot.needs != self._needs:
+            self._rebuild(snapshot.needs)
         for array, saved in zip(self._mutable(), snapshot.arrays, strict=True):
             array[:] = saved
         self._ends.restored()
@@ -317,15 +326,15 @@ class Simulator:
             terms = self._model.terms._replace(drive=drive._replace(motion=self._ends.motion))
             self._model = replace(self._model, terms=terms)
 
-    def _need_drive(self) -> None:
-        """An end was moved in a scene that drives none: the term comes into the step."""
-        if self._model.terms.drive is None:
-            self._needs = replace(self._needs, drive=True)
-            model = build_model(self.scene, self._needs, self._geometries)
-            terms = self._model.terms._replace(drive=model.terms.drive)
-            self._model = replace(self._model, terms=terms)
-            self._share_drive()
-            self._stepper = Stepper(self.scene, self._model, self._choice)
+    def _after_end_moved(self, end: str) -> None:
+        """Bring in what a moved end needs: the drive itself, the third coordinate, twist."""
+        needs = self._needs.with_drive()
+        if not self._ends.stays_in_plane(end, self._model.axes):
+            needs = needs.spatial()
+        if self.scene.terms.twist == "auto" and self._ends.twists(end):
+            needs = needs.with_twist()
+        self._extend(needs)
+        self._turn_rest_axis()
 
     def _turn_rest_axis(self) -> None:
         """The natural curvature's axis turns with the start's end effector."""
@@ -333,7 +342,7 @@ class Simulator:
         if rest is not None:
             axis = np.asarray(self.scene.cable.rest_curvature_axis, dtype=float)
             turned = rotations.rotate(self._ends.pose("start", self.time)[1], axis)
-            rest.axis[:] = turned / np.linalg.norm(axis)
+            rest.axis[:] = local_axis(turned / np.linalg.norm(axis), self._model.axes)
 
     def _frame_reference(self) -> Array:
         """A vector that the second axis of the material frame follows at the start."""
@@ -341,16 +350,11 @@ class Simulator:
         helper = np.eye(3)[int(np.argmin(np.abs(tangent)))]
         return rotations.rotate(self._ends.pose("start", self.time)[1], helper)
 
-    def _columns(self, rows: Array) -> Array:
-        n = self._model.n
-        out = np.zeros((n, 4))
-        out[:, : self._model.rows] = rows[:, :n].T
-        return out
-
     def _place(self, scene: Scene) -> None:
-        n = self._model.n
-        self._state.position[:3, :n] = first_shape(scene, self._geometries, self._model.knots).T
-        self._ends.put(self._state.position, n, 0.0)
+        points = np.zeros((self._model.n, 4))
+        points[:, :3] = first_shape(scene, self._geometries, self._model.knots)
+        self._ends.put(points, 0.0)
+        self._state.position[:, : self._model.n] = self._model.to_rows(points)
         if _wants_equilibrium(scene, self._geometries):
             if not statics.relax(self._model, self._state, self._work, self._solver):
                 raise SceneError(
@@ -358,6 +362,7 @@ class Simulator:
                     "check the ends' positions, tangents and the stiffness"
                 )
             self._state.w[:] = 0.0
+        self._state.history[:] = 0.0
 
     def _open_account(self) -> None:
         cable = self.scene.cable
@@ -365,6 +370,45 @@ class Simulator:
         # Kinetic energy of creeping by a millionth of the length per second.
         self._state.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (1e-6 * cable.length) ** 2
         start_account(self._state, self._model.terms, self._work)
+
+    def _set(self, points: Array, rates: Array) -> None:
+        """Take over control points (n, 4) and their velocities."""
+        n = self._model.n
+        self._state.position[:, :n] = self._model.to_rows(points)
+        self._state.w[:, :n] = self._model.to_rows(rates) * self._model.terms.mass.free
+        self._state.history[:] = 0.0
+
+    def _rebuild(self, needs: Needs) -> None:
+        """Arrays and step of other needs; their state is empty."""
+        self._needs = needs
+        self._model = build_model(self.scene, needs, self._geometries)
+        self._share_drive()
+        self._state = workspace.new_state(self._model)
+        self._work = workspace.new_work(self._model)
+        self._solver = workspace.new_solver(self._model)
+        self._stepper = Stepper(self.scene, self._model, self._choice)
+
+    def _extend(self, needs: Needs) -> None:
+        """Something that was left out matters now: it comes into the step, the state stays."""
+        if needs == self._needs:
+            return
+        points, rates = self.control_points, self.velocities
+        old, ledger = self._model.terms, self._state.ledger
+        self._rebuild(needs)
+        new = self._model.terms
+        if old.loads is not None and new.loads is not None:
+            new.loads.force[:] = 0.0
+            columns = [new.axes.index(axis) for axis in old.axes]
+            new.loads.force[:, columns] = old.loads.force
+            new.loads.torque[:] = old.loads.torque
+            new.loads.frequency[:] = old.loads.frequency
+        if old.springs is not None and new.springs is not None:
+            columns = [new.axes.index(axis) for axis in old.axes]
+            new.springs.anchor[:, columns] = old.springs.anchor
+        self._set(points, rates)
+        self._state.ledger[:] = ledger
+        self._state.ledger[[layout.BOOKED, layout.HISTORY]] = 0.0
+        self._turn_rest_axis()
 
     def _adopt(self, other: Simulator) -> None:
         n = self._model.n
@@ -377,10 +421,8 @@ class Simulator:
             rates = bspline.interpolate(
                 self._model.knots, bspline.evaluate(rates, other._model.knots, u)
             )
-        rows = self._model.rows
-        self._state.position[:, :n] = points[:, :rows].T
-        self._state.w[:, :n] = rates[:, :rows].T * self._model.terms.mass.free
-        self._ends.put(self._state.position, n, 0.0)
+        self._ends.put(points, 0.0)
+        self._set(points, rates)
         self._open_account()
         self._initial = self.snapshot()
 

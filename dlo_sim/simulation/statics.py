@@ -21,6 +21,7 @@ def relax(model: Model, state: layout.State, work: layout.Work, solver: layout.S
     A backward Euler step is half of an implicit midpoint step from rest.
     """
     n = model.n
+    dim = len(model.axes)
     length = float(model.knots[-1])
     step = 1e-3
     for _ in range(MAX_STEPS):
@@ -47,7 +48,7 @@ def relax(model: Model, state: layout.State, work: layout.Work, solver: layout.S
             step *= 0.25
             continue
         state.position[:] = 0.5 * (state.position + before)
-        moved = float(np.abs(state.position[:3, :n] - before[:3, :n]).max())
+        moved = float(np.abs(state.position[:dim, :n] - before[:dim, :n]).max())
         state.w[:] = 0.0
         if step > 1e3 and moved < TOLERANCE * length:
             return True

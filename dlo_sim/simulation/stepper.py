@@ -6,15 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_sim.core import spectrum
-from dlo_sim.core.methods import METHODS, SPLITTING, Method
+from dlo_sim.core import spectrum, zhai
+from dlo_sim.core.amplification import largest_step
+from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.kernels import layout
 from dlo_sim.kernels.implicit import MAX_HALVINGS, advance_implicit
 from dlo_sim.kernels.instant import stiffness_band
+from dlo_sim.kernels.runge_kutta import advance_runge_kutta
 from dlo_sim.kernels.splitting import advance_splitting
+from dlo_sim.kernels.zhai import advance_zhai
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.simulation.model import TWIST_ROW, Model
+from dlo_sim.simulation.model import Model
 
 GUARD_STEPS = 16  # explicit steps between two looks at the energy
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
@@ -41,7 +44,7 @@ def largest_frequency(model: Model, state: layout.State, work: layout.Work, solv
     )
     if model.terms.twist is not None:
         twist = _twist_rows(model.terms.twist.stiffness)
-        row = slice(TWIST_ROW, TWIST_ROW + 1)
+        row = slice(dim, dim + 1)
         value = max(
             value, spectrum.largest_frequency(twist, model.terms.mass.band[row], free[row])
         )
@@ -74,14 +77,14 @@ def choose(scene: Scene, frequency: float) -> Choice:
         raise SceneError(
             f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
         )
-    method = METHODS[name]
+    method = _method(scene, name)
     _check_damping(scene, method)
-    limit = method.stability_limit / frequency if frequency > 0.0 else np.inf
+    limit = _step_limit(scene, method, frequency)
     if step == 0.0:
         step = min(SAFETY * limit, IMPLICIT_STEP)
         # Whole nanoseconds: message stamps have no finer unit, so step times are exact in both.
         step = max(np.floor(step * 1e9), 1.0) * 1e-9
-        if method.family == SPLITTING:
+        if method.family != IMPLICIT:
             reason += f"; step {SAFETY:g} of the stability limit {limit:.3g} s"
     elif step > limit:
         raise SceneError(
@@ -90,6 +93,32 @@ def choose(scene: Scene, frequency: float) -> Choice:
             f"energy_momentum"
         )
     return Choice(method, float(step), reason)
+
+
+def _method(scene: Scene, name: str) -> Method:
+    """The method with the scene's parameters."""
+    if METHODS[name].family != ZHAI:
+        return METHODS[name]
+    psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
+    method = zhai.with_parameters(psi, phi)
+    if method.stability_limit == 0.0:
+        raise SceneError(
+            f"integrator.zhai_phi: no step is stable with psi {psi:g} and phi {phi:g}; "
+            f"use 0.5 for both"
+        )
+    return method
+
+
+def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
+    """Largest stable step [s] of the linearised scene."""
+    decay = scene.damping.mass + scene.damping.air_drag / scene.cable.mu
+    if scene.terms.damping == "off":
+        decay = 0.0
+    if decay and method.family in (RUNGE_KUTTA, ZHAI):
+        # These take damping as a force; splitting methods solve it exactly.
+        psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
+        return largest_step(method, frequency, decay, psi, phi)
+    return method.stability_limit / frequency if frequency > 0.0 else np.inf
 
 
 def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
@@ -117,7 +146,7 @@ def _check_damping(scene: Scene, method: Method) -> None:
             f"integrator.method: {method.name} has negative sub-steps, which make damping grow; "
             f"use velocity_verlet or energy_momentum, or set damping.mass and air_drag to 0"
         )
-    if damping.air_drag and method.family == SPLITTING and (scene.start.mass or scene.end.mass):
+    if damping.air_drag and method.family != IMPLICIT and (scene.start.mass or scene.end.mass):
         raise SceneError(
             f"integrator.method: {method.name} is not valid with damping.air_drag beside a point "
             f"mass (start.mass, end.mass); use energy_momentum"
@@ -133,6 +162,10 @@ class Stepper:
         self._tolerance = scene.integrator.tolerance
         self._drift = np.array(choice.method.drift_weights)
         self._kick = np.array(choice.method.kick_weights)
+        self._zhai = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
+        if choice.method.family == RUNGE_KUTTA:
+            self._table, self._nodes = _butcher_table(choice.method)
+            self._slopes = np.zeros((len(self._table), 2, model.rows, model.width))
 
     def advance(
         self,
@@ -158,6 +191,32 @@ class Stepper:
                 GUARD_STEPS,
                 recorder,
             )
+        if choice.method.family == RUNGE_KUTTA:
+            return advance_runge_kutta(
+                state,
+                model.terms,
+                work,
+                self._table,
+                self._nodes,
+                self._slopes,
+                first,
+                steps,
+                choice.step,
+                GUARD_STEPS,
+                recorder,
+            )
+        if choice.method.family == ZHAI:
+            return advance_zhai(
+                state,
+                model.terms,
+                work,
+                *self._zhai,
+                first,
+                steps,
+                choice.step,
+                GUARD_STEPS,
+                recorder,
+            )
         return advance_implicit(
             state,
             model.terms,
@@ -173,3 +232,12 @@ class Stepper:
             MAX_HALVINGS,
             recorder,
         )
+
+
+def _butcher_table(method: Method) -> tuple[np.ndarray, np.ndarray]:
+    """Rows a_ij and, last, b_j, shape (s + 1, s), and the times c_i and 1 that they lead to."""
+    stages = len(method.stage_weights)
+    table = np.zeros((stages + 1, stages))
+    for i, row in enumerate((*method.stage_matrix, method.stage_weights)):
+        table[i, : len(row)] = row
+    return table, table.sum(axis=1)

@@ -1,0 +1,128 @@
+"""One step of an explicit method on a damped oscillator, as a matrix: stability without a cable.
+
+The oscillator is x'' = -omega^2 x - decay x'. With the step as unit of time the state is (x, x'), and
+for Zhai's two-step method (x, x', x''_before). A method is stable where the spectral radius of this
+matrix is at most 1; a cable is stable where all its modes are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core.methods import RUNGE_KUTTA, SPLITTING, ZHAI, Method
+
+Array = NDArray[np.float64]
+
+ROUND_OFF = 1e-9  # of the spectral radius; a double root on the unit circle costs half the digits
+SCAN_STEP = 0.01  # of omega tau, in the search for the first unstable value
+SCAN_END = 6.0
+MODES = 40  # samples of the spectrum below the largest frequency of a damped cable
+
+
+def amplification(
+    method: Method, omega: float, decay: float = 0.0, psi: float = 0.5, phi: float = 0.5
+) -> Array:
+    """Matrix of one step of an explicit method.
+
+    Args:
+        method: its family decides what is computed.
+        omega, decay: omega tau [-] and decay tau [-].
+        psi, phi: parameters of Zhai's method.
+
+    Returns:
+        Shape (2, 2), or (3, 3) for Zhai's method.
+
+    Raises:
+        ValueError: for an implicit method, which has no limit.
+    """
+    if method.family == SPLITTING:
+        return _splitting(method, omega, decay)
+    if method.family == RUNGE_KUTTA:
+        return _runge_kutta(method, omega, decay)
+    if method.family == ZHAI:
+        return _zhai(omega, decay, psi, phi)
+    raise ValueError(f"{method.name} is implicit: any step is stable on an oscillator")
+
+
+def _splitting(method: Method, omega: float, decay: float) -> Array:
+    half = np.diag([1.0, np.exp(-0.5 * decay)])
+    step = half
+    for drift, kick in zip(method.drift_weights, method.kick_weights, strict=True):
+        step = np.array([[1.0, drift], [0.0, 1.0]]) @ step
+        step = np.array([[1.0, 0.0], [-kick * omega * omega, 1.0]]) @ step
+    return half @ step
+
+
+def _runge_kutta(method: Method, omega: float, decay: float) -> Array:
+    system = np.array([[0.0, 1.0], [-omega * omega, -decay]])
+    slopes: list[Array] = []
+    for row in method.stage_matrix:
+        stage = np.eye(2)
+        for weight, slope in zip(row, slopes, strict=True):
+            stage = stage + weight * slope
+        slopes.append(system @ stage)
+    step = np.eye(2)
+    for weight, slope in zip(method.stage_weights, slopes, strict=True):
+        step = step + weight * slope
+    return step
+
+
+def _zhai(omega: float, decay: float, psi: float, phi: float) -> Array:
+    now = np.array([-omega * omega, -decay, 0.0])
+    before = np.array([0.0, 0.0, 1.0])
+    place = np.array([1.0, 1.0, 0.0]) + (0.5 + psi) * now - psi * before
+    speed = np.array([0.0, 1.0, 0.0]) + (1.0 + phi) * now - phi * before
+    return np.stack([place, speed, now])
+
+
+def spectral_radius(matrix: Array) -> float:
+    """Largest magnitude of the eigenvalues."""
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+
+def stability_limit(method: Method, psi: float = 0.5, phi: float = 0.5) -> float:
+    """Largest omega tau up to which every undamped oscillator is stable; 0 if there is none."""
+
+    def stable(omega: float) -> bool:
+        return spectral_radius(amplification(method, omega, 0.0, psi, phi)) <= 1.0 + ROUND_OFF
+
+    low = 0.0
+    while low < SCAN_END and stable(low + SCAN_STEP):
+        low += SCAN_STEP
+    if low < 5.0 * SCAN_STEP:
+        return 0.0  # growth at any step; near omega = 0 it hides below the round-off
+    return _bisect(stable, low, low + SCAN_STEP)
+
+
+def largest_step(
+    method: Method, omega: float, decay: float, psi: float = 0.5, phi: float = 0.5
+) -> float:
+    """Largest stable step [s] of a cable with modes up to omega [rad/s] and uniform decay [1/s].
+
+    A sampled spectrum stands for the cable's own: damping that a method does not solve exactly can
+    make a mode unstable that is slower than the fastest.
+    """
+    modes = np.linspace(1.0 / MODES, 1.0, MODES) * omega
+
+    def stable(tau: float) -> bool:
+        return all(
+            spectral_radius(amplification(method, w * tau, decay * tau, psi, phi)) <= 1.0 + ROUND_OFF
+            for w in modes
+        )
+
+    high = SCAN_END / max(omega, decay)
+    steps = np.linspace(0.0, high, int(SCAN_END / (4.0 * SCAN_STEP)))
+    low = 0.0
+    for step in steps[1:]:
+        if not stable(step):
+            return _bisect(stable, low, step)
+        low = float(step)
+    return low
+
+
+def _bisect(stable, low: float, high: float) -> float:  # type: ignore[no-untyped-def]
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low

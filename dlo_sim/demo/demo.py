@@ -1,0 +1,176 @@
+"""The demo from end to end: make a bag, replay it through a scene, draw and summarise the result."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from dlo_sim.demo import scenario
+from dlo_sim.demo.prediction import Prediction, read_prediction
+from dlo_sim.replay.bags import BagError, BagWriter
+from dlo_sim.replay.replay import ReplayError, ReplaySummary, replay_bag
+from dlo_sim.scene.loading import load_scene
+
+SCENE, INPUT, PREDICTED, PICTURE = "scene.yaml", "input", "predicted", "motion.png"
+
+
+class DemoError(Exception):
+    """A demo that is refused: one line that names the folder and the cure."""
+
+
+@dataclass
+class DemoSummary:
+    """What the demo did.
+
+    Attributes:
+        status, message: as of the replay (`done` if all went well).
+        scene, input, predicted, picture: files written; picture is empty without matplotlib.
+        notes: what is missing, and the cure.
+        messages_used, messages_written: of the replay.
+        simulated_s, wall_s, compile_s, real_time_factor: of the replay.
+        tip_speed_max: largest speed of the free end [m/s].
+        reaction_max: largest force at the gripper [N]; reaction_rest: at the end of the bag [N].
+        try_next: what else can be done -> the command.
+    """
+
+    status: str = "done"
+    message: str = ""
+    scene: str = ""
+    input: str = ""
+    predicted: str = ""
+    picture: str = ""
+    notes: list[str] = field(default_factory=list)
+    messages_used: int = 0
+    messages_written: int = 0
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    compile_s: float = 0.0
+    real_time_factor: float = 0.0
+    tip_speed_max: float = 0.0
+    reaction_max: float = 0.0
+    reaction_rest: float = 0.0
+    try_next: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the whole bag was predicted."""
+        return self.status == "done"
+
+
+def run_demo(
+    output_dir: str | Path,
+    *,
+    duration: float = scenario.DURATION,
+    progress: Callable[[float], None] | None = None,
+) -> DemoSummary:
+    """Run the demo into a folder.
+
+    Args:
+        output_dir: made if it does not exist; the results of an earlier demo in it are replaced.
+        duration: of the generated bag [s].
+        progress: called now and then with the fraction done.
+
+    Raises:
+        DemoError: the folder holds something else, or cannot be written; nothing was changed.
+    """
+    folder = Path(output_dir)
+    _make_room(folder)
+    (folder / SCENE).write_text(scenario.SCENE, encoding="utf-8")
+    scene = load_scene(folder / SCENE)
+    try:
+        _write_input(folder / INPUT, duration)
+        replay = replay_bag(folder / INPUT, scene, folder / PREDICTED, progress=progress)
+    except (BagError, ReplayError) as error:
+        raise DemoError(str(error)) from None
+    prediction = read_prediction(folder / PREDICTED, scene.cable.length)
+    summary = _summary(folder, replay, prediction)
+    _draw(folder / PICTURE, prediction, duration, summary)
+    return summary
+
+
+def _make_room(folder: Path) -> None:
+    """Make the folder; clear what an earlier demo has left in it and refuse anything else."""
+    mine = {SCENE, INPUT, PREDICTED, PICTURE}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        found = {path.name for path in folder.iterdir()}
+        if found - mine or (found and not _written_by_demo(folder / SCENE)):
+            raise DemoError(
+                f"{folder} holds {sorted(found - mine or found)[0]}, which is not of a demo; give "
+                "an empty or a new folder"
+            )
+        for name in (PREDICTED, INPUT):
+            if name in found:
+                shutil.rmtree(folder / name)
+        for name in (PICTURE, SCENE):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise DemoError(
+            f"{folder} cannot be written ({error.strerror}); choose another folder"
+        ) from None
+
+
+def _written_by_demo(scene: Path) -> bool:
+    try:
+        return scene.read_text(encoding="utf-8").startswith(scenario.SIGNATURE)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _write_input(path: Path, duration: float) -> None:
+    writer = BagWriter(path, scenario.TOPICS, "mcap")
+    try:
+        for message in scenario.messages(duration):
+            writer.write(message.topic, message.time_ns, message.data)
+        writer.finish()
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def _summary(folder: Path, replay: ReplaySummary, prediction: Prediction) -> DemoSummary:
+    tip = prediction.centerline[:, -1]
+    speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.diff(prediction.time)
+    force = np.linalg.norm(prediction.reaction, axis=1)
+    scene, bag = folder / SCENE, folder / INPUT
+    again = f"dlo_sim replay {bag} --params {scene} --output {folder / 'again'}"
+    return DemoSummary(
+        status=replay.status,
+        message=replay.message,
+        scene=str(scene),
+        input=str(bag),
+        predicted=str(folder / PREDICTED),
+        notes=list(replay.warnings),
+        messages_used=replay.messages_used,
+        messages_written=replay.messages_written,
+        simulated_s=replay.simulated_s,
+        wall_s=replay.wall_s,
+        compile_s=replay.compile_s,
+        real_time_factor=replay.real_time_factor,
+        tip_speed_max=float(speed.max()),
+        reaction_max=float(force.max()),
+        reaction_rest=float(force[-1]),
+        try_next={
+            "a stiffer cable": f"{again} --set cable.bending_stiffness=0.1",
+            "your own bag": "dlo_sim replay BAG --params SCENE.yaml --output OUT",
+            "live": f"ros2 run dlo_sim node --ros-args --params-file {scene}",
+            "without a bag": "dlo_sim simulate paper_wire --duration 2",
+        },
+    )
+
+
+def _draw(path: Path, prediction: Prediction, duration: float, summary: DemoSummary) -> None:
+    try:
+        from dlo_sim.demo.picture import draw_motion
+    except ImportError as error:
+        if not (error.name or "").startswith("matplotlib"):
+            raise
+        summary.notes.append("no picture: matplotlib is missing; pip install matplotlib")
+        return
+    gripper, _ = scenario.gripper_pose(np.arange(0.0, duration, 0.01))
+    draw_motion(prediction, gripper, scenario.PULL, path)
+    summary.picture = str(path)
