@@ -61,8 +61,8 @@ def _print_summary(summary: "DemoSummary") -> None:
         "time": f"{summary.simulated_s:.3g} s simulated in {summary.wall_s:.3g} s "
         f"({summary.real_time_factor:.3g} x real time), after {summary.compile_s:.2g} s to compile",
         "tip": f"up to {summary.tip_speed_max:.3g} m/s",
-        "reaction": f"up to {summary.reaction_max:.3g} N at the gripper, {summary.reaction_rest:.3g} "
-        "N at rest",
+        "reaction": f"up to {summary.reaction_max:.3g} N at the gripper, "
+        f"{summary.reaction_rest:.3g} N at rest",
     }
     if summary.notes:
         rows["notes"] = readable(summary.notes)

@@ -171,5 +171,18 @@ METHODS: dict[str, Method] = {
             stiffness_damping=True,
             source="discrete gradient per quadrature point; Simo & Tarnow 1992, Gonzalez 1996",
         ),
+        Method(
+            # dissipates the frequencies that the step does not resolve (integrator.spectral_radius)
+            name="generalized_alpha",
+            family=IMPLICIT,
+            order=2,
+            symmetric=False,
+            symplectic=False,
+            conserves_energy=False,
+            stability_limit=float("inf"),
+            mass_damping=True,
+            stiffness_damping=True,
+            source="Chung & Hulbert 1993, J. Appl. Mech. 60, 371-375",
+        ),
     )
 }

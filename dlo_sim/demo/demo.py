@@ -33,7 +33,7 @@ class DemoSummary:
         messages_used, messages_written: of the replay.
         simulated_s, wall_s, compile_s, real_time_factor: of the replay.
         tip_speed_max: largest speed of the free end [m/s].
-        reaction_max: largest force at the gripper [N]; reaction_rest: at the end of the bag [N].
+        reaction_max: largest force at the gripper [N]; reaction_rest: before it moves [N].
         try_next: what else can be done -> the command.
     """
 
@@ -153,7 +153,7 @@ def _summary(folder: Path, replay: ReplaySummary, prediction: Prediction) -> Dem
         real_time_factor=replay.real_time_factor,
         tip_speed_max=float(speed.max()),
         reaction_max=float(force.max()),
-        reaction_rest=float(force[-1]),
+        reaction_rest=float(force[0]),
         try_next={
             "a stiffer cable": f"{again} --set cable.bending_stiffness=0.1",
             "your own bag": "dlo_sim replay BAG --params SCENE.yaml --output OUT",
@@ -171,6 +171,8 @@ def _draw(path: Path, prediction: Prediction, duration: float, summary: DemoSumm
             raise
         summary.notes.append("no picture: matplotlib is missing; pip install matplotlib")
         return
-    gripper, _ = scenario.gripper_pose(np.arange(0.0, duration, 0.01))
-    draw_motion(prediction, gripper, scenario.PULL, path)
+    t = np.arange(0.0, duration, 0.01)
+    gripper, _ = scenario.gripper_pose(t)
+    force = scenario.hand_wrench(t)[:, :3]
+    draw_motion(prediction, np.column_stack((t, gripper)), np.column_stack((t, force)), path)
     summary.picture = str(path)

@@ -18,69 +18,71 @@ from dlo_sim.demo.prediction import Prediction
 Array = NDArray[np.float64]
 
 _EVERY = 0.1  # s between two cables drawn
-_MAP = "viridis"
+_MAP = "plasma"
 _NAMES = "xyz"
+_COLORS = ("tab:blue", "tab:orange", "tab:green")
 
 
-def draw_motion(
-    prediction: Prediction, gripper: Array, hand: tuple[float, float], path: Path
-) -> None:
-    """Draw the cable from two sides with time as colour, and the force at the gripper.
+def draw_motion(prediction: Prediction, gripper: Array, hand: Array, path: Path) -> None:
+    """Draw the cable from two sides with time as colour; beside it the inputs and the reaction.
 
     Args:
-        gripper: path of the gripper [m], shape (n, 3).
-        hand: when the hand pulls, from and to [s].
+        gripper: time [s] and position of the gripper [m], shape (n, 4).
+        hand: time [s] and force of the hand on the cable [N], shape (m, 4).
         path: PNG to write.
     """
-    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
-    grid = figure.add_gridspec(2, 2, height_ratios=(2.3, 1.0))
-    above, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
-    scale = Normalize(0.0, float(prediction.time[-1]))
-    _draw_view(above, prediction, gripper, (0, 1), scale)
+    figure = Figure(figsize=(12.0, 7.4), layout="constrained")
+    views, curves = figure.subfigures(1, 2, width_ratios=(1.5, 1.0))
+    front, above = views.subplots(2, 1, sharex=True)
+    scale = Normalize(0.0, float(prediction.time[-1]), clip=True)
+    _draw_view(front, prediction, gripper[:, 1:], (1, 2), scale)
+    front.set_title("the cable from the front (gravity points down)")
+    front.legend(loc="lower right", fontsize="small", framealpha=0.9)
+    _draw_view(above, prediction, gripper[:, 1:], (1, 0), scale)
     above.set_title("from above")
-    above.legend(loc="upper left", fontsize="small", framealpha=0.9)
-    _draw_view(side, prediction, gripper, (1, 2), scale)
-    side.set_title("from the front")
-    colorbar = figure.colorbar(ScalarMappable(scale, _MAP), ax=[above, side], pad=0.01)
+    colorbar = views.colorbar(ScalarMappable(scale, _MAP), ax=[front, above], pad=0.02, aspect=35)
     colorbar.set_label("time [s]")
-    _draw_reaction(figure.add_subplot(grid[1, :]), prediction, hand)
-    figure.suptitle("Cable predicted from the gripper's poses and the hand's wrenches")
-    figure.savefig(path, dpi=110)
+    rows = curves.subplots(3, 1, sharex=True)
+    _draw_components(rows[0], gripper, "in: position\nof the gripper [m]")
+    _draw_components(rows[1], hand, "in: force of the hand\non the cable [N]")
+    reaction = np.column_stack((prediction.time, prediction.reaction))
+    _draw_components(rows[2], reaction, "out: force of the gripper\non the cable [N]")
+    rows[2].set_xlabel("time [s]")
+    rows[2].set_xlim(0.0, float(prediction.time[-1]))
+    figure.savefig(path, dpi=100)
 
 
 def _draw_view(
     axes: Axes, prediction: Prediction, gripper: Array, plane: Sequence[int], scale: Normalize
 ) -> None:
-    """Cables at equal time steps in one plane of the world."""
+    """Cables at equal time steps in one plane of the world, and the paths of both their ends."""
     step = max(1, round(_EVERY / float(np.median(np.diff(prediction.time)))))
-    lines = LineCollection(
-        list(prediction.centerline[::step][:, :, plane]),
-        array=prediction.time[::step],
-        cmap=_MAP,
-        norm=scale,
-        linewidths=1.1,
-        alpha=0.75,
-    )
-    axes.add_collection(lines)
-    axes.plot(*gripper[:, plane].T, color="black", linewidth=1.4, label="path of the gripper")
-    axes.plot(
-        *prediction.centerline[-1][:, plane].T, color="crimson", linewidth=2.5, label="cable, last"
-    )
+    cables = prediction.centerline[:, :, plane]
+    _add_lines(axes, cables[::step], prediction.time[::step], scale, linewidths=1.0, alpha=0.55)
+    tip = np.stack((cables[:-1, -1], cables[1:, -1]), axis=1)
+    _add_lines(axes, tip, prediction.time[:-1], scale, linewidths=2.2)
+    axes.plot(*gripper[:, plane].T, color="black", linewidth=1.8, label="path of the gripper")
+    axes.plot([], [], color="0.5", linewidth=2.2, label="path of the free end")
+    axes.plot([], [], color="0.5", linewidth=1.0, label=f"cable, every {_EVERY:g} s")
     axes.set_aspect("equal")
-    axes.margins(0.05)
+    axes.margins(0.04)
     axes.autoscale_view()
     axes.grid(alpha=0.3)
     axes.set_xlabel(f"{_NAMES[plane[0]]} [m]")
     axes.set_ylabel(f"{_NAMES[plane[1]]} [m]")
 
 
-def _draw_reaction(axes: Axes, prediction: Prediction, hand: tuple[float, float]) -> None:
-    """Force at the gripper over time."""
-    axes.axvspan(*hand, color="0.85", label="the hand pulls")
-    for k, name in enumerate(_NAMES):
-        axes.plot(prediction.time, prediction.reaction[:, k], linewidth=1.2, label=f"F{name}")
-    axes.margins(x=0.0)
+def _add_lines(
+    axes: Axes, lines: Array, time: Array, scale: Normalize, **style: float | str
+) -> None:
+    """Lines (k, points, 2) whose colour is their time."""
+    axes.add_collection(LineCollection(list(lines), array=time, cmap=_MAP, norm=scale, **style))
+
+
+def _draw_components(axes: Axes, rows: Array, label: str) -> None:
+    """Three components over time; rows hold the time and x, y, z."""
+    for k, color in enumerate(_COLORS):
+        axes.plot(rows[:, 0], rows[:, k + 1], color=color, linewidth=1.2, label=_NAMES[k])
     axes.grid(alpha=0.3)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("force on the cable\nby the gripper [N]")
-    axes.legend(loc="upper right", ncols=4, fontsize="small")
+    axes.set_ylabel(label)
+    axes.legend(loc="upper right", ncols=3, fontsize="small", handlelength=1.2)

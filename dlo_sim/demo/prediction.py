@@ -54,9 +54,11 @@ def read_prediction(bag: Path, length: float) -> Prediction:
                 points.append(decoded.poses[:, :3])
             else:
                 forces.append(cdr.decode(cdr.WRENCH_STAMPED, message.data).values[:3])
-    control_points = np.array(points)
+    # While a tick waits for a pose the same state is published again.
+    _, new = np.unique(stamps, return_index=True)
+    control_points = np.array(points)[new]
     n = control_points.shape[1]
     knots = bspline.clamped_knots(n, length)
     basis = bspline.evaluate(np.eye(n), knots, np.linspace(0.0, length, _POINTS))
-    time = (np.array(stamps) - stamps[0]) * 1e-9
-    return Prediction(time, basis @ control_points, np.array(forces))
+    time = (np.array(stamps)[new] - stamps[0]) * 1e-9
+    return Prediction(time, basis @ control_points, np.array(forces)[new])

@@ -34,8 +34,8 @@ SCENE = f"""{SIGNATURE}: a rubber-sheathed cable leaves a gripper along the grip
       bending_stiffness: 0.015  # N m^2
       torsional_stiffness: 0.01 # N m^2
     damping:
-      stiffness: 0.02           # s
-      air_drag: 0.02            # N s/m^2
+      stiffness: 0.004          # s
+      air_drag: 0.12            # N s/m^2
     start:
       fixed: [true, true, true]
       clamped: true
@@ -59,11 +59,11 @@ SECOND = 1_000_000_000
 EPOCH_NS = 1_700_000_000 * SECOND  # of the first stamp
 
 _REST = 0.5  # s before the gripper moves
-_MOVING = 4.5  # s
-_LOOPS = 2
-PULL = (5.6, 6.4)  # s; when the hand pulls
-_PULL_FORCE = np.array([0.25, 0.9, 0.2])  # N
-_PULL_TORQUE = np.array([0.0, 0.0, 0.02])  # N m
+_MOVING = 4.0  # s
+_LOOPS = 1
+PULL = (5.4, 6.4)  # s; when the hand pulls
+_PULL_FORCE = np.array([0.1, 0.4, 0.15])  # N
+_PULL_TORQUE = np.array([0.0, 0.0, 0.01])  # N m
 
 
 class Message(NamedTuple):
@@ -84,7 +84,7 @@ def gripper_pose(t: Array) -> tuple[Array, Array]:
     # The polynomial of least jerk from 0 to 1 with velocity and acceleration zero at both ends.
     phase = 2.0 * np.pi * _LOOPS * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
     across, along = np.sin(phase), np.sin(2.0 * phase)
-    position = np.stack((0.1 * along, 0.3 * across, 1.0 + 0.08 * along), axis=-1)
+    position = np.stack((0.08 * along, 0.35 * across, 1.0 + 0.08 * along), axis=-1)
     zero = np.zeros_like(s)
     yaw = rotations.from_rotation_vector(np.stack((zero, zero, 0.7 * across), axis=-1))
     pitch = rotations.from_rotation_vector(np.stack((zero, 0.4 * along, zero), axis=-1))

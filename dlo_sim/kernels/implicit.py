@@ -1,11 +1,14 @@
-"""Implicit steps: one Newton loop for the energy-momentum method and the implicit midpoint rule.
+"""Implicit steps: one Newton loop for the energy-momentum method, the implicit midpoint rule and the
+generalised-alpha method.
 
-With v_m = (q1 - q0) / tau and v_m = (v0 + v1) / 2 the momentum balance of the free DOFs is
-    (2 / tau^2) M (q1 - q0) - (2 / tau) M v0 = f(q0, q1),
-where f is minus the discrete gradient (`energy_momentum`) or the force at the midpoint
-(`implicit_midpoint`), plus loads and damping at the midpoint. Newton's method uses the exact
-tangent of everything but the geometry inside the viscosity. A step whose iteration does not
-converge is taken back and done in halves, quarters, ... down to 2^-MAX_HALVINGS.
+All three are a momentum balance of the free DOFs in the unknown q1,
+    M (a (q1 - q0) - b w0 - c a0) = f(q0, q1),
+where f is minus the discrete gradient (`energy_momentum`) or the force at q0 + theta (q1 - q0), plus
+loads and damping there. The midpoint rule and the energy-momentum method have theta = 1/2,
+a = 2 / tau^2, b = 2 / tau, c = 0; `layout.Alpha` holds the generalised-alpha constants. Newton's
+method uses the exact tangent of everything but the geometry inside the viscosity. A step whose
+iteration does not converge is taken back and done in halves, quarters, ... of its length.
+The twist row is linear and always integrated by the midpoint rule.
 """
 
 from __future__ import annotations
@@ -16,7 +19,15 @@ from dlo_sim.kernels.banded import factorize_row, multiply, quadratic_form, solv
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.forces import clear, load_force
 from dlo_sim.kernels.jit import entry, inlined, kernel
-from dlo_sim.kernels.layout import DISSIPATED, DRIVE_WORK, EXCHANGED, FLOOR, HISTORY, LOAD_WORK
+from dlo_sim.kernels.layout import (
+    DISSIPATED,
+    DRIVE_WORK,
+    ENERGY_START,
+    EXCHANGED,
+    FLOOR,
+    HISTORY,
+    LOAD_WORK,
+)
 from dlo_sim.kernels.matrix import (
     add_load_stiffness,
     add_mass,
@@ -31,6 +42,7 @@ from dlo_sim.kernels.observe import (
     begin_sample,
     end_sample,
     kinetic_energy,
+    potentials,
     prescribed_column,
     update_account,
 )
@@ -90,28 +102,44 @@ def gravity_and_springs(x, gravity, springs, n, out):
             out[d, n - 1] -= springs.stiffness[1, d] * (x[d, n - 1] - springs.anchor[1, d])
 
 
+@kernel
+def span_configurations(solver, theta, discrete):
+    """Turn p1 into the configuration whose force is wanted, dp into the change over the step."""
+    for b in range(solver.p0.shape[0]):
+        for row in range(solver.p0.shape[1]):
+            for lane in range(solver.p0.shape[2]):
+                change = solver.p1[b, row, lane] - solver.p0[b, row, lane]
+                solver.dp[b, row, lane] = change
+                if not discrete:
+                    solver.p1[b, row, lane] = solver.p0[b, row, lane] + theta * change
+
+
+@kernel
+def extrapolated_increments(viscosity, moved, lattice, axes, theta, dp):
+    """Span coefficients of 2 theta times the velocity at theta times tau (see `step_force`)."""
+    if viscosity is not None:
+        tangent_coefficients(moved, lattice, axes, dp)
+        for b in range(dp.shape[0]):
+            for lane in range(dp.shape[2]):
+                dp[b, 0, lane] -= lattice.padding[b, lane]
+            for row in range(dp.shape[1]):
+                for lane in range(dp.shape[2]):
+                    dp[b, row, lane] *= 2.0 * theta
+
+
 @inlined
 def elastic_discrete_force(
-    x, terms, work, solver, viscosity, tau, discrete, linearize, out
+    x, terms, work, solver, viscosity, theta, tau, discrete, linearize, out
 ):
     """out -= discrete gradient between solver.start and x; returns the energy lost to viscosity.
 
-    Leaves the span Jacobian in solver.jacobian if `linearize`.
+    Leaves the span Jacobian, divided by 2 theta, in solver.jacobian if `linearize`.
     """
     lattice, axes = terms.lattice, terms.axes
     tangent_coefficients(x, lattice, axes, solver.p1)
-    if discrete:
-        for b in range(solver.p0.shape[0]):
-            for row in range(solver.p0.shape[1]):
-                for lane in range(solver.p0.shape[2]):
-                    solver.dp[b, row, lane] = solver.p1[b, row, lane] - solver.p0[b, row, lane]
-    else:
-        for b in range(solver.p0.shape[0]):
-            for row in range(solver.p0.shape[1]):
-                for lane in range(solver.p0.shape[2]):
-                    a, c = solver.p0[b, row, lane], solver.p1[b, row, lane]
-                    solver.dp[b, row, lane] = c - a
-                    solver.p1[b, row, lane] = 0.5 * (a + c)
+    span_configurations(solver, theta, discrete)
+    if theta != 0.5:
+        extrapolated_increments(viscosity, solver.moved, lattice, axes, theta, solver.dp)
     lost = span_discrete_gradient(
         solver.p0 if discrete else solver.p1,
         solver.p1,
@@ -121,7 +149,7 @@ def elastic_discrete_force(
         terms.bend,
         terms.rest,
         viscosity,
-        tau,
+        2.0 * theta * tau,
         axes,
         solver.scratch,
         work.gradient,
@@ -133,22 +161,30 @@ def elastic_discrete_force(
 
 
 @inlined
-def step_force(x, terms, friction, viscosity, work, solver, t, tau, discrete, linearize):
-    """All forces of the step between solver.start and x into work.force; energy lost to damping."""
+def step_force(
+    x, acceleration, terms, friction, viscosity, work, solver, t, tau, theta, discrete, linearize
+):
+    """All forces of the step between solver.start and x into work.force; energy lost to damping.
+
+    Damping sees the velocity at theta, (q1 - q0) / tau + (theta - 1/2) tau a0 to second order; tau
+    times it is kept in solver.moved.
+    """
     n = terms.lattice.n
     clear(work.force)
     clear(work.load)
     clear(solver.damping_force)
     for d in range(x.shape[0]):
         for i in range(n):
-            solver.middle[d, i] = 0.5 * (x[d, i] + solver.start[d, i])
-            work.before[d, i] = x[d, i] - solver.start[d, i]
+            change = x[d, i] - solver.start[d, i]
+            solver.middle[d, i] = solver.start[d, i] + theta * change
+            work.before[d, i] = change
+            solver.moved[d, i] = change + (theta - 0.5) * tau * tau * acceleration[d, i]
     lost = elastic_discrete_force(
-        x, terms, work, solver, viscosity, tau, discrete, linearize, work.force
+        x, terms, work, solver, viscosity, theta, tau, discrete, linearize, work.force
     )
     gravity_and_springs(solver.middle, terms.gravity, terms.springs, n, work.force)
-    load_force(solver.middle, terms.loads, terms.axes, t + 0.5 * tau, work.load)
-    friction_force(friction, work.before, n, tau, solver.damping_force)
+    load_force(solver.middle, terms.loads, terms.axes, t + theta * tau, work.load)
+    friction_force(friction, solver.moved, n, tau, solver.damping_force)
     for d in range(x.shape[0]):
         for i in range(n):
             lost -= solver.damping_force[d, i] * work.before[d, i]
@@ -157,32 +193,34 @@ def step_force(x, terms, friction, viscosity, work, solver, t, tau, discrete, li
 
 
 @kernel
-def momentum_residual(terms, work, solver, n, dim, tau):
+def momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c):
     """Residual of the momentum balance on the spatial rows, interleaved by control point."""
-    a = 2.0 / (tau * tau)
     for d in range(dim):
         band = terms.mass.band[d]
         dx = work.before[d]
         w = solver.start_w[d]
+        a0 = acceleration[d]
         for i in range(n):
             value = 0.0
             for k in range(-3, 4):
                 j = i + k
                 if j >= 0 and j < n:
                     mass = band[k, i] if k >= 0 else band[-k, j]
-                    value += mass * (a * dx[j] - 2.0 / tau * w[j])
+                    value += mass * (a * dx[j] - b * w[j] - c * a0[j])
             solver.residual[i * dim + d] = (work.force[d, i] - value) * terms.mass.free[d, i]
 
 
 @inlined
-def newton_matrix(terms, friction, solver, n, dim, t, tau):
+def newton_matrix(terms, friction, solver, n, dim, t, tau, a, theta):
     """Tangent of the momentum balance into solver.band."""
-    add_mass(terms.mass.band, n, dim, 2.0 / (tau * tau), solver.band)
+    add_mass(terms.mass.band, n, dim, a, solver.band)
     friction_stiffness(friction, n, dim, tau, solver.band)
     span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
-    scatter_matrices(solver.matrices, n, dim, 1.0, solver.band)
-    add_springs(terms.springs, n, dim, 0.5, solver.band)
-    add_load_stiffness(solver.middle, terms.loads, terms.axes, t + 0.5 * tau, 0.5, solver.band)
+    scatter_matrices(solver.matrices, n, dim, 2.0 * theta, solver.band)
+    add_springs(terms.springs, n, dim, theta, solver.band)
+    add_load_stiffness(
+        solver.middle, terms.loads, terms.axes, t + theta * tau, theta, solver.band
+    )
 
 
 @kernel
@@ -268,20 +306,50 @@ def book_step(terms, drive, loads, work, state, lost, n):
 
 
 @kernel
-def finish_momentum(w, drive, mass, solver, work, n, tau):
-    """w1 = 2 (dq_f + shift dq_p) / tau - w0."""
-    for d in range(w.shape[0]):
+def free_travel(drive, mass, work, n, out):
+    """out = dq_f + shift dq_p of the step on free DOFs, 0 on prescribed ones."""
+    for d in range(out.shape[0]):
         for i in range(n):
-            if mass.free[d, i] != 0.0:
-                w[d, i] = 2.0 / tau * work.before[d, i] - solver.start_w[d, i]
+            out[d, i] = work.before[d, i] * mass.free[d, i]
     if drive is not None:
-        for d in range(w.shape[0]):
+        for d in range(out.shape[0]):
             for j in range(4):
                 column = prescribed_column(j, n)
                 moved = work.before[d, column]
                 if mass.free[d, column] == 0.0 and moved != 0.0:
                     for i in range(n):
-                        w[d, i] += 2.0 / tau * drive.shift[d, j, i] * moved
+                        out[d, i] += drive.shift[d, j, i] * moved
+
+
+@kernel
+def finish_momentum(w, acceleration, travel, mass, solver, alpha, newmark, n, dim, tau):
+    """w1 = 2 travel / tau - w0, or the generalised-alpha update of w and the acceleration."""
+    for d in range(w.shape[0]):
+        for i in range(n):
+            w0 = solver.start_w[d, i]
+            a0 = acceleration[d, i]
+            if newmark and d < dim:
+                a1 = (travel[d, i] / tau - w0 - tau * (0.5 - alpha.beta) * a0) / (tau * alpha.beta)
+                w[d, i] = w0 + tau * ((1.0 - alpha.gamma) * a0 + alpha.gamma * a1)
+                acceleration[d, i] = a1
+            else:
+                w[d, i] = (2.0 / tau * travel[d, i] - w0) * mass.free[d, i]
+                if alpha.theta != 0.5 and d < dim:
+                    acceleration[d, i] = (w[d, i] - w0) / tau
+
+
+@kernel
+def absorb_loss(state, terms, work):
+    """Book what the method itself dissipated; energy it adds stays an error."""
+    ledger = state.ledger
+    total = kinetic_energy(state.w, terms.mass, terms.lattice.n)
+    for part in potentials(state.position, terms, work):
+        total += part
+    missing = (
+        ledger[ENERGY_START] + ledger[LOAD_WORK] + ledger[DRIVE_WORK] - ledger[DISSIPATED] - total
+    )
+    if missing > 0.0:
+        ledger[DISSIPATED] += missing
 
 
 @kernel
@@ -327,11 +395,20 @@ def predict(x, w, history, steps_known, n, dim, tau):
 
 
 @inlined
-def implicit_step(state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance):
+def implicit_step(
+    state, terms, friction, viscosity, work, solver, t0, tau, discrete, alpha, tolerance
+):
     """One step in place; returns (converged, iterations). On failure the state is unchanged.
 
     The matrix is factorised at the first guess and kept while corrections shrink fast.
     """
+    acceleration = state.history[2]
+    # The generalised-alpha method needs an acceleration; its first step is one by the midpoint rule.
+    newmark = alpha.theta != 0.5 and state.ledger[HISTORY] > 0.0
+    theta = alpha.theta if newmark else 0.5
+    a = alpha.inertia / (tau * tau) if newmark else 2.0 / (tau * tau)
+    b = a * tau
+    c = alpha.inertia * (0.5 - alpha.beta) - alpha.mass_weight if newmark else 0.0
     n = terms.lattice.n
     dim = len(terms.axes)
     x = state.position
@@ -354,11 +431,22 @@ def implicit_step(state, terms, friction, viscosity, work, solver, t0, tau, disc
     while iterations < MAX_ITERATIONS and not converged:
         iterations += 1
         lost = step_force(
-            x, terms, friction, viscosity, work, solver, t0, tau, discrete, linearize
+            x,
+            acceleration,
+            terms,
+            friction,
+            viscosity,
+            work,
+            solver,
+            t0,
+            tau,
+            theta,
+            discrete,
+            linearize,
         )
-        momentum_residual(terms, work, solver, n, dim, tau)
+        momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c)
         if linearize:
-            newton_matrix(terms, friction, solver, n, dim, t0, tau)
+            newton_matrix(terms, friction, solver, n, dim, t0, tau, a, theta)
             hold_prescribed(terms.mass.free, n, dim, solver.band)
             if not eliminate(solver.band, n * dim, 4 * dim - 1):
                 break
@@ -377,7 +465,12 @@ def implicit_step(state, terms, friction, viscosity, work, solver, t0, tau, disc
     if converged:
         difference(x, solver.start, n, work.before)
         lost += solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
-        finish_momentum(state.w, terms.drive, terms.mass, solver, work, n, tau)
+        free_travel(terms.drive, terms.mass, work, n, solver.moved)
+        finish_momentum(
+            state.w, acceleration, solver.moved, terms.mass, solver, alpha, newmark, n, dim, tau
+        )
+        if alpha.theta != 0.5:
+            lost = 0.0  # booked by `absorb_loss` with what the method itself dissipates
         book_step(terms, terms.drive, terms.loads, work, state, lost, n)
         state.ledger[HISTORY] += 1.0
     else:
@@ -423,7 +516,7 @@ def largest(x, n, dim):
 
 @inlined
 def implicit_step_halving(
-    state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance, halvings
+    state, terms, friction, viscosity, work, solver, t0, tau, discrete, alpha, tolerance, halvings
 ):
     """One step, done in smaller pieces where Newton does not converge: (status, iterations)."""
     total = 0
@@ -442,6 +535,7 @@ def implicit_step_halving(
             t0 + tau * done / whole,
             tau * piece / whole,
             discrete,
+            alpha,
             tolerance,
         )
         total += used
@@ -470,6 +564,7 @@ def advance_implicit(
     steps,
     tau,
     discrete,
+    alpha,
     tolerance,
     halvings,
     recorder,
@@ -484,11 +579,24 @@ def advance_implicit(
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         status, used = implicit_step_halving(
-            state, terms, friction, viscosity, work, solver, t0, tau, discrete, tolerance, halvings
+            state,
+            terms,
+            friction,
+            viscosity,
+            work,
+            solver,
+            t0,
+            tau,
+            discrete,
+            alpha,
+            tolerance,
+            halvings,
         )
         iterations += used
         if status != OK:
             return status, step - first_step, iterations
+        if alpha.theta != 0.5:
+            absorb_loss(state, terms, work)
         _, sane = update_account(state, terms, work)
         if not sane:
             return DIVERGED, step - first_step, iterations

@@ -163,7 +163,8 @@ class Work(NamedTuple):
 class State(NamedTuple):
     """Configuration and momentum, each of shape (rows, width), and the energy account.
 
-    history: the two configurations before, shape (2, rows, width), for the implicit predictor.
+    history, shape (3, rows, width): two configurations before, for the implicit predictor, and the
+    acceleration of w (generalised-alpha); the Zhai method keeps its acceleration in history[0].
 
     The velocity-like variable is w = M_ff^-1 p_f, where p_f = (M v)_f is the momentum conjugate to
     the free DOFs: v_f = w - M_ff^-1 M_fp v_p. For ends at rest w is the velocity; for driven ends it
@@ -183,6 +184,20 @@ class Friction(NamedTuple):
     stiffness: float
 
 
+class Alpha(NamedTuple):
+    """Constants of an implicit method; theta = 1/2 means the midpoint family and nothing else counts.
+
+    theta = 1 - alpha_f, mass_weight = alpha_m, beta and gamma of Newmark's formulas, and
+    inertia = (1 - alpha_m) / beta.
+    """
+
+    theta: float
+    mass_weight: float
+    beta: float
+    gamma: float
+    inertia: float
+
+
 class Solver(NamedTuple):
     """Scratch of the implicit step (see `kernels.matrix` for the band storage).
 
@@ -200,6 +215,7 @@ class Solver(NamedTuple):
     jacobian: Array
     matrices: Array
     band: Array
+    moved: Array
     residual: Array
     rhs: Array
     damping_force: Array
@@ -231,5 +247,6 @@ EXCHANGED = 5  # largest kinetic energy, work or change of one potential so far
 FLOOR = 6  # energy below which differences mean nothing
 BOOKED = 7  # 1 once Work holds the forces of an earlier evaluation
 POTENTIAL_START = 8  # stretch, bend, twist, gravity, spring
-HISTORY = 13  # configurations known to the implicit predictor
-LEDGER_SIZE = 14
+HISTORY = 13  # entries of State.history that are known
+PENDING = 14  # work since the last evaluation of forces, until that is booked properly
+LEDGER_SIZE = 15

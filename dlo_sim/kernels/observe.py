@@ -17,6 +17,7 @@ from dlo_sim.kernels.layout import (
     EXCHANGED,
     FLOOR,
     LOAD_WORK,
+    PENDING,
     POTENTIAL_START,
 )
 
@@ -147,6 +148,7 @@ def update_account(state, terms, work):
         - ledger[ENERGY_START]
         - ledger[LOAD_WORK]
         - ledger[DRIVE_WORK]
+        - ledger[PENDING]
         + ledger[DISSIPATED]
     )
     ledger[EXCHANGED] = exchanged

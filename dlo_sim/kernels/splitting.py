@@ -14,7 +14,7 @@ from dlo_sim.kernels.banded import solve_rows
 from dlo_sim.kernels.ends import move_anchors, place_ends
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
 from dlo_sim.kernels.jit import entry, inlined, kernel
-from dlo_sim.kernels.layout import BOOKED, DISSIPATED, DRIVE_WORK, LOAD_WORK
+from dlo_sim.kernels.layout import BOOKED, DISSIPATED, DRIVE_WORK, LOAD_WORK, PENDING
 from dlo_sim.kernels.observe import (
     begin_sample,
     end_sample,
@@ -120,6 +120,24 @@ def remember(state, loads, drive, n, work):
             for i in range(n):
                 work.before[d, i] = state.position[d, i]
         state.ledger[BOOKED] = 1.0
+        state.ledger[PENDING] = 0.0
+
+
+@kernel
+def foresee_work(state, loads, drive, n, work):
+    """Work since the last evaluation with the forces of that: for a step that ends with a drift."""
+    if loads is not None or drive is not None:
+        done = 0.0
+        for d in range(state.position.shape[0]):
+            if loads is not None:
+                for i in range(n):
+                    done += work.load[d, i] * (state.position[d, i] - work.before[d, i])
+            if drive is not None:
+                for j in range(4):
+                    column = prescribed_column(j, n)
+                    moved = state.position[d, column] - work.before[d, column]
+                    done -= work.pull[0, d, j] * moved
+        state.ledger[PENDING] = done
 
 
 @inlined
@@ -173,6 +191,8 @@ def splitting_step(state, terms, work, drift_weights, kick_weights, t0, tau, fre
             for d in range(state.w.shape[0]):
                 for i in range(n):
                     state.w[d, i] += dt * work.force[d, i]
+    if not fresh:
+        foresee_work(state, terms.loads, terms.drive, n, work)
     decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
     return fresh, evaluations
 

@@ -162,6 +162,7 @@ class Integrator:
     step: float
     zhai_psi: float
     zhai_phi: float
+    spectral_radius: float
     tolerance: float
     on_failure: str
 

@@ -256,6 +256,14 @@ _REST = (
         "Time step tau; 0 = chosen from the scene and the accuracy asked for.",
     ),
     _number(
+        "integrator.spectral_radius",
+        0.8,
+        "",
+        0.0,
+        1.0,
+        "Spectral radius of generalized_alpha at infinite frequency: 1 keeps all, 0 kills it in a step.",
+    ),
+    _number(
         "integrator.zhai_psi",
         0.5,
         "",

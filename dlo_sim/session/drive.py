@@ -126,6 +126,9 @@ class Drive:
             self.index += report.steps
             if not report.status.ok:
                 return Advance(self.index - begin, (), report.message)
+        # A state at a knot belongs to the motion that begins there (its velocity is the same, its
+        # acceleration is not), so whoever looks at it now must find that motion if it is known.
+        self._renew_motions(grid, silence_ns)
         return Advance(self.index - begin, (), "")
 
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:

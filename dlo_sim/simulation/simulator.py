@@ -48,12 +48,19 @@ class Simulator:
         scene: what to simulate, from `dlo_sim.load_scene`.
         end_poses: end-effector poses at time 0, {"start": (position [m] (3,), quaternion x, y, z, w
             (4,)), ...}; ends that are not named are where the scene says.
+        unchecked_step: take integrator.step even beyond the stability limit (to study stability).
 
     Raises:
         SceneError: a scene that cannot be simulated, in one line.
     """
 
-    def __init__(self, scene: Scene, end_poses: Mapping[str, Pose] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        end_poses: Mapping[str, Pose] | None = None,
+        *,
+        unchecked_step: bool = False,
+    ) -> None:
         self.scene = scene
         needs = needs_of(scene)
         _refuse_unbuilt(scene)
@@ -71,7 +78,7 @@ class Simulator:
         self._turn_rest_axis()
         self._place(scene)
         frequency = largest_frequency(self._model, self._state, self._work, self._solver)
-        self._choice = choose(scene, frequency)
+        self._choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self._model, self._choice)
         self._open_account()
         started = time.perf_counter()

@@ -9,6 +9,7 @@ from dlo_sim.kernels.implicit import NOT_CONVERGED, advance_implicit
 from dlo_sim.simulation.model import Model
 
 MAX_STEPS = 400
+MIDPOINT = layout.Alpha(0.5, 0.5, 0.25, 0.5, 2.0)
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
 
 
@@ -40,6 +41,7 @@ def relax(model: Model, state: layout.State, work: layout.Work, solver: layout.S
             1,
             step,
             False,
+            MIDPOINT,
             1e-14,
             0,
             None,

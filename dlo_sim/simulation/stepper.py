@@ -27,11 +27,15 @@ EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is pre
 
 @dataclass(frozen=True)
 class Choice:
-    """Method and step of a run, and one line that says why."""
+    """Method and step of a run, and one line that says why.
+
+    limit: largest stable step [s] of the linearised scene, inf for an implicit method.
+    """
 
     method: Method
     step: float
     reason: str
+    limit: float
 
 
 def largest_frequency(model: Model, state: layout.State, work: layout.Work, solver: layout.Solver) -> float:
@@ -61,8 +65,10 @@ def _twist_rows(band: np.ndarray) -> np.ndarray:
     return rows
 
 
-def choose(scene: Scene, frequency: float) -> Choice:
+def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choice:
     """Method and step of a scene whose largest frequency is known.
+
+    `unchecked_step` takes integrator.step as it is, even beyond the stability limit.
 
     Raises:
         SceneError: unknown method, a method that is not valid with the scene's damping, or a step
@@ -86,13 +92,13 @@ def choose(scene: Scene, frequency: float) -> Choice:
         step = max(np.floor(step * 1e9), 1.0) * 1e-9
         if method.family != IMPLICIT:
             reason += f"; step {SAFETY:g} of the stability limit {limit:.3g} s"
-    elif step > limit:
+    elif step > limit and not unchecked_step:
         raise SceneError(
             f"integrator.step: {step:g} s exceeds the stability limit {limit:.4g} s of {name} "
             f"(largest frequency {frequency:.4g} rad/s); lower it, set it to 0, or use "
             f"energy_momentum"
         )
-    return Choice(method, float(step), reason)
+    return Choice(method, float(step), reason, float(limit))
 
 
 def _method(scene: Scene, name: str) -> Method:
@@ -162,6 +168,7 @@ class Stepper:
         self._tolerance = scene.integrator.tolerance
         self._drift = np.array(choice.method.drift_weights)
         self._kick = np.array(choice.method.kick_weights)
+        self._alpha = alpha_constants(choice.method, scene.integrator.spectral_radius)
         self._zhai = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
         if choice.method.family == RUNGE_KUTTA:
             self._table, self._nodes = _butcher_table(choice.method)
@@ -228,10 +235,27 @@ class Stepper:
             steps,
             choice.step,
             choice.method.conserves_energy,
+            self._alpha,
             self._tolerance,
             MAX_HALVINGS,
             recorder,
         )
+
+
+def alpha_constants(method: Method, spectral_radius: float) -> layout.Alpha:
+    """Constants of an implicit method.
+
+    Generalised-alpha: second order, with the given spectral radius at infinite frequency
+    (Chung & Hulbert 1993, eqs. 25 and 17).
+    """
+    if method.name != "generalized_alpha":
+        return layout.Alpha(0.5, 0.5, 0.25, 0.5, 2.0)
+    alpha_m = (2.0 * spectral_radius - 1.0) / (spectral_radius + 1.0)
+    alpha_f = spectral_radius / (spectral_radius + 1.0)
+    beta = 0.25 * (1.0 - alpha_m + alpha_f) ** 2
+    return layout.Alpha(
+        1.0 - alpha_f, alpha_m, beta, 0.5 - alpha_m + alpha_f, (1.0 - alpha_m) / beta
+    )
 
 
 def _butcher_table(method: Method) -> tuple[np.ndarray, np.ndarray]:

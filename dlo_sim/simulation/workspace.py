@@ -14,7 +14,7 @@ def new_state(model: Model) -> layout.State:
     return layout.State(
         position=np.zeros(shape),
         w=np.zeros(shape),
-        history=np.zeros((2, *shape)),
+        history=np.zeros((3, *shape)),
         ledger=np.zeros(layout.LEDGER_SIZE),
     )
 
@@ -57,6 +57,7 @@ def new_solver(model: Model) -> layout.Solver:
         jacobian=np.zeros((blocks, 9 * dim * dim, layout.LANES)),
         matrices=np.zeros((blocks, 16 * dim * dim, layout.LANES)),
         band=np.zeros((n * dim, 8 * dim - 1)),
+        moved=np.zeros(shape),
         residual=np.zeros(n * dim),
         rhs=np.zeros(n * dim),
         damping_force=np.zeros(shape),

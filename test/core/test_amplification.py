@@ -1,0 +1,90 @@
+"""Explicit methods on one oscillator: order, stability limit, and Zhai's two parameters."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.core import zhai
+from dlo_sim.core.amplification import (
+    amplification,
+    largest_step,
+    spectral_radius,
+    stability_limit,
+)
+from dlo_sim.core.methods import IMPLICIT, METHODS, Method
+
+EXPLICIT = [method for method in METHODS.values() if method.family != IMPLICIT]
+
+
+def exact(omega: float, decay: float) -> np.ndarray:
+    """exp of the oscillator's matrix over one step, by eigenvalues."""
+    values, vectors = np.linalg.eig(np.array([[0.0, 1.0], [-omega * omega, -decay]], dtype=complex))
+    return (vectors @ np.diag(np.exp(values)) @ np.linalg.inv(vectors)).real
+
+
+def error_after(method: Method, steps: int, omega: float, decay: float) -> float:
+    """Position error at time 1 of an oscillator that starts at (1, 0.3)."""
+    matrix = amplification(method, omega / steps, decay / steps)
+    scaled = np.array([1.0, 0.3 / steps, 0.0])[: len(matrix)]
+    if len(matrix) == 3:
+        # the first step takes the present acceleration for the one before
+        scaled[2] = -((omega / steps) ** 2) * scaled[0] - decay / steps * scaled[1]
+    state = np.linalg.matrix_power(matrix, steps) @ scaled
+    return abs(state[0] - (exact(omega, decay) @ [1.0, 0.3])[0])
+
+
+@pytest.mark.parametrize("method", EXPLICIT, ids=lambda m: m.name)
+@pytest.mark.parametrize("decay", [0.0, 0.7])
+def test_order_on_an_oscillator(method: Method, decay: float) -> None:
+    if decay and not method.mass_damping:
+        pytest.skip(f"{method.name} is not valid with damping")
+    errors = [error_after(method, steps, 3.0, decay) for steps in (80, 160, 320, 640)]
+    slopes = np.diff(np.log2(errors))
+    np.testing.assert_allclose(-slopes, method.order, atol=0.15)
+
+
+@pytest.mark.parametrize("method", EXPLICIT, ids=lambda m: m.name)
+def test_recorded_limit_is_where_the_radius_leaves_one(method: Method) -> None:
+    limit = method.stability_limit
+    assert stability_limit(method) == pytest.approx(limit, rel=1e-4)
+    assert spectral_radius(amplification(method, 0.99 * limit)) <= 1.0 + 1e-9
+    assert spectral_radius(amplification(method, 1.01 * limit)) > 1.01
+
+
+def test_splitting_methods_keep_area_and_rk4_does_not() -> None:
+    for method in EXPLICIT:
+        determinant = np.linalg.det(amplification(method, 1.1))
+        if method.symplectic:
+            assert determinant == pytest.approx(1.0, abs=1e-14)
+        else:
+            assert abs(determinant - 1.0) > 1e-3
+
+
+def test_damping_is_solved_exactly_by_a_splitting_and_costs_rk4_a_little() -> None:
+    verlet, rk4 = METHODS["velocity_verlet"], METHODS["rk4"]
+    assert np.linalg.det(amplification(verlet, 1.0, 0.3)) == pytest.approx(np.exp(-0.3), rel=1e-14)
+    assert largest_step(rk4, 1.0, 0.0) == pytest.approx(rk4.stability_limit, rel=1e-3)
+    # on the negative real axis the limit is 2.785; between the axes it is lower
+    assert largest_step(rk4, 1e-3, 1.0) == pytest.approx(2.7853, abs=1e-3)
+    assert 2.5 < largest_step(rk4, 1.0, 1.0) < 2.7
+
+
+def test_implicit_methods_have_no_matrix() -> None:
+    with pytest.raises(ValueError, match="implicit"):
+        amplification(METHODS["implicit_midpoint"], 1.0)
+
+
+def test_search_finds_the_pair_with_the_largest_limit() -> None:
+    psi, phi, limit = zhai.best_pair()
+    assert (psi, phi) == pytest.approx((0.5, 0.5), abs=2e-3)
+    assert limit == pytest.approx(2.0, abs=2e-2)
+
+
+def test_zhai_pair_decides_order_and_limit() -> None:
+    assert zhai.with_parameters(0.5, 0.5) is METHODS["zhai"]
+    assert zhai.with_parameters(0.25, 0.5).stability_limit == 0.0  # grows at any step
+    assert zhai.with_parameters(7.0 / 12.0, 0.5).stability_limit == pytest.approx(3.0**0.5)
+    assert zhai.with_parameters(0.6, 0.6).order == 1
+    matrix = [amplification(METHODS["zhai"], w, 0.0, 0.6, 0.5) for w in (0.05, 0.1)]
+    decay = [-np.log(spectral_radius(a)) for a in matrix]
+    # numerical damping delta omega^4 tau^4 / 2 per step, delta = psi - 1/2
+    np.testing.assert_allclose(decay, [0.1 * w**4 / 2.0 for w in (0.05, 0.1)], rtol=0.02)
