@@ -86,7 +86,7 @@ def run_demo(
         replay = replay_bag(folder / INPUT, scene, folder / PREDICTED, progress=progress)
     except (BagError, ReplayError) as error:
         raise DemoError(str(error)) from None
-    prediction = read_prediction(folder / PREDICTED, scene.cable.length)
+    prediction = read_prediction(folder / PREDICTED, scene.cable.length, scenario.EPOCH_NS)
     summary = _summary(folder, replay, prediction)
     _draw(folder / PICTURE, prediction, duration, summary)
     return summary

@@ -25,7 +25,7 @@ class Prediction:
     """What a replay predicted, at the times of its outputs.
 
     Attributes:
-        time: [s] since the first output, shape (T,).
+        time: [s] since the origin asked for, shape (T,).
         centerline: points of the cable from start to end [m], shape (T, n, 3).
         reaction: force [N] on the cable by the gripper, world frame, shape (T, 3).
     """
@@ -35,12 +35,13 @@ class Prediction:
     reaction: Array
 
 
-def read_prediction(bag: Path, length: float) -> Prediction:
+def read_prediction(bag: Path, length: float, origin_ns: int) -> Prediction:
     """Read the control points and the reaction of a predicted bag.
 
     Args:
         bag: written by a replay whose start is held.
         length: rest length of the cable [m].
+        origin_ns: stamp that counts as time zero [ns].
     """
     stamps: list[int] = []
     points: list[Array] = []
@@ -60,5 +61,5 @@ def read_prediction(bag: Path, length: float) -> Prediction:
     n = control_points.shape[1]
     knots = bspline.clamped_knots(n, length)
     basis = bspline.evaluate(np.eye(n), knots, np.linspace(0.0, length, _POINTS))
-    time = (np.array(stamps)[new] - stamps[0]) * 1e-9
+    time = (np.array(stamps)[new] - origin_ns) * 1e-9
     return Prediction(time, basis @ control_points, np.array(forces)[new])

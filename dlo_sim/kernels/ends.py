@@ -116,8 +116,10 @@ def move_anchors(motion, springs, t, axes):
 def end_rates(m, t):
     """Velocities of `end_points`: attachment (3), neighbour (3), twist rate [rad/s]."""
     s = t - m[1]
-    if s < 0.0 or s > m[2]:
+    slack = 1e-9 * m[2]  # t is rounded: a step that ends with the motion still moves with it
+    if s < -slack or s > m[2] + slack:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    s = min(max(s, 0.0), m[2])
     w0 = s * (m[21] + s * m[24])
     w1 = s * (m[22] + s * m[25])
     w2 = s * (m[23] + s * m[26])

@@ -115,8 +115,8 @@ def span_configurations(solver, theta, discrete):
 
 
 @kernel
-def extrapolated_increments(viscosity, moved, lattice, axes, theta, dp):
-    """Span coefficients of 2 theta times the velocity at theta times tau (see `step_force`)."""
+def rate_increments(viscosity, moved, lattice, axes, scale, dp):
+    """Span coefficients of scale times `moved`."""
     if viscosity is not None:
         tangent_coefficients(moved, lattice, axes, dp)
         for b in range(dp.shape[0]):
@@ -124,12 +124,12 @@ def extrapolated_increments(viscosity, moved, lattice, axes, theta, dp):
                 dp[b, 0, lane] -= lattice.padding[b, lane]
             for row in range(dp.shape[1]):
                 for lane in range(dp.shape[2]):
-                    dp[b, row, lane] *= 2.0 * theta
+                    dp[b, row, lane] *= scale
 
 
 @inlined
 def elastic_discrete_force(
-    x, terms, work, solver, viscosity, theta, tau, discrete, linearize, out
+    x, terms, work, solver, viscosity, theta, rate, tau, discrete, linearize, out
 ):
     """out -= discrete gradient between solver.start and x; returns the energy lost to viscosity.
 
@@ -139,7 +139,8 @@ def elastic_discrete_force(
     tangent_coefficients(x, lattice, axes, solver.p1)
     span_configurations(solver, theta, discrete)
     if theta != 0.5:
-        extrapolated_increments(viscosity, solver.moved, lattice, axes, theta, solver.dp)
+        # d moved / d q1 is `rate`: scaled so that force and Jacobian come out right together
+        rate_increments(viscosity, solver.moved, lattice, axes, 2.0 * theta / rate, solver.dp)
     lost = span_discrete_gradient(
         solver.p0 if discrete else solver.p1,
         solver.p1,
@@ -149,7 +150,7 @@ def elastic_discrete_force(
         terms.bend,
         terms.rest,
         viscosity,
-        2.0 * theta * tau,
+        2.0 * theta * tau / rate,
         axes,
         solver.scratch,
         work.gradient,
@@ -162,12 +163,12 @@ def elastic_discrete_force(
 
 @inlined
 def step_force(
-    x, acceleration, terms, friction, viscosity, work, solver, t, tau, theta, discrete, linearize
+    x, acceleration, terms, friction, viscosity, work, solver, t, tau, theta, rate, g, discrete, linearize
 ):
     """All forces of the step between solver.start and x into work.force; energy lost to damping.
 
-    Damping sees the velocity at theta, (q1 - q0) / tau + (theta - 1/2) tau a0 to second order; tau
-    times it is kept in solver.moved.
+    Damping sees the velocity at theta; tau times it is kept in solver.moved. By Newmark's formulas it
+    is rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0, which is q1 - q0 for the midpoint family.
     """
     n = terms.lattice.n
     clear(work.force)
@@ -178,9 +179,13 @@ def step_force(
             change = x[d, i] - solver.start[d, i]
             solver.middle[d, i] = solver.start[d, i] + theta * change
             work.before[d, i] = change
-            solver.moved[d, i] = change + (theta - 0.5) * tau * tau * acceleration[d, i]
+            solver.moved[d, i] = (
+                rate * change
+                + (1.0 - rate) * solver.coast[d, i]
+                + g * tau * tau * acceleration[d, i]
+            )
     lost = elastic_discrete_force(
-        x, terms, work, solver, viscosity, theta, tau, discrete, linearize, work.force
+        x, terms, work, solver, viscosity, theta, rate, tau, discrete, linearize, work.force
     )
     gravity_and_springs(solver.middle, terms.gravity, terms.springs, n, work.force)
     load_force(solver.middle, terms.loads, terms.axes, t + theta * tau, work.load)
@@ -211,10 +216,10 @@ def momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c):
 
 
 @inlined
-def newton_matrix(terms, friction, solver, n, dim, t, tau, a, theta):
+def newton_matrix(terms, friction, solver, n, dim, t, tau, a, theta, rate):
     """Tangent of the momentum balance into solver.band."""
     add_mass(terms.mass.band, n, dim, a, solver.band)
-    friction_stiffness(friction, n, dim, tau, solver.band)
+    friction_stiffness(friction, n, dim, tau / rate, solver.band)
     span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
     scatter_matrices(solver.matrices, n, dim, 2.0 * theta, solver.band)
     add_springs(terms.springs, n, dim, theta, solver.band)
@@ -409,6 +414,8 @@ def implicit_step(
     a = alpha.inertia / (tau * tau) if newmark else 2.0 / (tau * tau)
     b = a * tau
     c = alpha.inertia * (0.5 - alpha.beta) - alpha.mass_weight if newmark else 0.0
+    rate = theta * alpha.gamma / alpha.beta if newmark else 1.0
+    g = theta * (1.0 - alpha.gamma) - rate * (0.5 - alpha.beta) if newmark else 0.0
     n = terms.lattice.n
     dim = len(terms.axes)
     x = state.position
@@ -418,7 +425,9 @@ def implicit_step(
     tangent_coefficients(x, terms.lattice, terms.axes, solver.p0)
     predict(x, state.w, state.history, state.ledger[HISTORY], n, dim, tau)
     restore_prescribed(x, solver.start, terms.mass.free, n, dim)
+    copy_rows(x, n, solver.coast)
     drive_ends(x, terms.drive, terms.springs, terms.mass, terms.axes, n, t0 + tau, work.ends)
+    coasting(x, solver.start_w, n, tau, solver.coast)
     scale = max(
         max(state.ledger[EXCHANGED], kinetic_energy(state.w, terms.mass, n)), state.ledger[FLOOR]
     )
@@ -441,12 +450,14 @@ def implicit_step(
             t0,
             tau,
             theta,
+            rate,
+            g,
             discrete,
             linearize,
         )
         momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c)
         if linearize:
-            newton_matrix(terms, friction, solver, n, dim, t0, tau, a, theta)
+            newton_matrix(terms, friction, solver, n, dim, t0, tau, a, theta, rate)
             hold_prescribed(terms.mass.free, n, dim, solver.band)
             if not eliminate(solver.band, n * dim, 4 * dim - 1):
                 break
@@ -477,6 +488,14 @@ def implicit_step(
         copy_rows(solver.start, n, x)
         state.ledger[HISTORY] = 0.0
     return converged, iterations
+
+
+@kernel
+def coasting(x, w, n, tau, coast):
+    """Change over the step at constant w: what the driven ends did to x since `coast`, plus tau w."""
+    for d in range(x.shape[0]):
+        for i in range(n):
+            coast[d, i] = x[d, i] - coast[d, i] + tau * w[d, i]
 
 
 @kernel

@@ -216,6 +216,7 @@ class Solver(NamedTuple):
     matrices: Array
     band: Array
     moved: Array
+    coast: Array
     residual: Array
     rhs: Array
     damping_force: Array

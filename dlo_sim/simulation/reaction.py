@@ -74,14 +74,17 @@ def _prescribed_acceleration(model: Model, t: float, shape: tuple[int, ...]) -> 
     terms = model.terms
     if terms.drive is None:
         return result
-    # A state often lies where one motion ends and the next begins, where the end's velocity is that
-    # of neither side: let a motion that reaches up to now go on for a moment.
-    motion = terms.drive.motion.copy()
-    motion[t <= motion[:, 1] + motion[:, 2] + RATE_STEP, 2] += 10.0 * RATE_STEP
-    rates = []
-    for shift in (RATE_STEP, 2.0 * RATE_STEP):
-        out = np.zeros(shape)
-        end_velocities(motion, t + shift, model.n, terms.axes, terms.mass.free, out)
-        rates.append(out)
-    result = (rates[1] - rates[0]) / RATE_STEP
+    for row in range(len(ENDS)):
+        motion = terms.drive.motion
+        start, stop = motion[row, 1], motion[row, 1] + motion[row, 2]
+        # Both samples inside the motion: a jump of velocity at its border is no acceleration.
+        before, after = max(t - RATE_STEP, start), min(t + RATE_STEP, stop)
+        if motion[row, 0] == 0.0 or after - before < 0.5 * RATE_STEP:
+            continue
+        alone = motion.copy()
+        alone[1 - row, 0] = 0.0
+        rates = np.zeros((2, *shape))
+        for instant, out in zip((before, after), rates, strict=True):
+            end_velocities(alone, instant, model.n, terms.axes, terms.mass.free, out)
+        result += (rates[1] - rates[0]) / (after - before)
     return result

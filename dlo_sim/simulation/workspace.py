@@ -58,6 +58,7 @@ def new_solver(model: Model) -> layout.Solver:
         matrices=np.zeros((blocks, 16 * dim * dim, layout.LANES)),
         band=np.zeros((n * dim, 8 * dim - 1)),
         moved=np.zeros(shape),
+        coast=np.zeros(shape),
         residual=np.zeros(n * dim),
         rhs=np.zeros(n * dim),
         damping_force=np.zeros(shape),

@@ -1,0 +1,153 @@
+"""The spline basis against the definition, against differences, and at its borders."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.core import bspline
+
+SIZES = [4, 5, 11, 12, 20]
+LENGTH = 1.7
+
+
+def coordinates(n, count=57):
+    """Material coordinates between the knots, and the knots themselves."""
+    rng = np.random.default_rng(n)
+    breaks = np.linspace(0.0, LENGTH, n - 2)
+    return np.concatenate((rng.uniform(0.0, LENGTH, count), breaks))
+
+
+def cox_de_boor(knots, i, degree, u):
+    """The recursion as it is defined, for u inside [0, L)."""
+    if degree == 0:
+        return float(knots[i] <= u < knots[i + 1])
+    value = 0.0
+    if knots[i + degree] > knots[i]:
+        left = cox_de_boor(knots, i, degree - 1, u)
+        value += (u - knots[i]) / (knots[i + degree] - knots[i]) * left
+    if knots[i + degree + 1] > knots[i + 1]:
+        right = cox_de_boor(knots, i + 1, degree - 1, u)
+        value += (knots[i + degree + 1] - u) / (knots[i + degree + 1] - knots[i + 1]) * right
+    return value
+
+
+def full_basis(knots, u, derivative=0):
+    """Values of all basis functions, shape (m, n)."""
+    n = len(knots) - 4
+    return bspline.evaluate(np.eye(n), knots, u, derivative)
+
+
+def test_knots_are_clamped_and_uniform():
+    knots = bspline.clamped_knots(7, 2.0)
+    assert np.allclose(knots, [0, 0, 0, 0, 0.5, 1.0, 1.5, 2, 2, 2, 2], atol=1e-15)
+
+
+def test_fewer_than_four_control_points_are_refused():
+    with pytest.raises(ValueError, match="at least 4 control points, got 3"):
+        bspline.clamped_knots(3, 1.0)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_values_follow_the_definition(n):
+    knots = bspline.clamped_knots(n, LENGTH)
+    u = coordinates(n)
+    u = u[u < LENGTH]
+    expected = [[cox_de_boor(knots, i, 3, x) for i in range(n)] for x in u]
+    assert np.allclose(full_basis(knots, u), expected, rtol=0, atol=5e-15)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_values_and_derivatives_agree_with_scipy(n):
+    interpolate = pytest.importorskip("scipy.interpolate")
+    knots = bspline.clamped_knots(n, LENGTH)
+    u = coordinates(n)
+    points = np.random.default_rng(1).normal(size=(n, 3))
+    spline = interpolate.BSpline(knots, points, 3)
+    for derivative in range(3):
+        ours = bspline.evaluate(points, knots, u, derivative)
+        scale = (n / LENGTH) ** derivative
+        assert np.allclose(ours / scale, spline(u, derivative) / scale, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_partition_of_unity(n):
+    knots = bspline.clamped_knots(n, LENGTH)
+    basis = full_basis(knots, coordinates(n))
+    assert np.allclose(basis.sum(axis=1), 1.0, rtol=0, atol=4e-15)
+    assert basis.min() >= -1e-15
+
+
+@pytest.mark.parametrize("derivative", [1, 2, 3])
+@pytest.mark.parametrize("n", SIZES)
+def test_derivatives_sum_to_zero(n, derivative):
+    knots = bspline.clamped_knots(n, LENGTH)
+    basis = full_basis(knots, coordinates(n), derivative)
+    assert np.abs(basis).max() > 1.0
+    assert np.abs(basis.sum(axis=1)).max() < 1e-13 * np.abs(basis).max()
+
+
+@pytest.mark.parametrize("derivative", [1, 2, 3])
+def test_derivatives_are_limits_of_differences(derivative):
+    """Central differences away from the knots: second order, then round-off."""
+    knots = bspline.clamped_knots(9, LENGTH)
+    u = (np.arange(6) + 0.4) * LENGTH / 6
+    exact = full_basis(knots, u, derivative)
+    errors = []
+    for step in (1e-2, 1e-3, 1e-4, 1e-12):
+        above, below = (full_basis(knots, u + s * step, derivative - 1) for s in (1, -1))
+        errors.append(np.abs((above - below) / (2 * step) - exact).max() / np.abs(exact).max())
+    assert min(errors) < 3e-7
+    if derivative == 1:  # higher ones are differences of a parabola or a line: exact at once
+        assert errors[0] > 50 * errors[1] > 2500 * errors[2]
+    assert errors[3] > 3 * min(errors)
+
+
+def test_second_derivative_is_continuous_and_third_jumps_at_knots():
+    knots = bspline.clamped_knots(8, 5.0)
+    around = np.array([2.0 - 1e-9, 2.0 + 1e-9])
+    for derivative in (0, 1, 2):
+        left, right = full_basis(knots, around, derivative)
+        assert np.allclose(left, right, rtol=0, atol=1e-7)
+    left, right = full_basis(knots, around, 3)
+    assert np.abs(left - right).max() > 1.0
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_greville_points_make_a_straight_cable_of_rest_length(n):
+    knots = bspline.clamped_knots(n, LENGTH)
+    line = np.outer(bspline.greville(knots), [0.6, 0.0, 0.8])
+    u = coordinates(n)
+    assert np.allclose(bspline.evaluate(line, knots, u), np.outer(u, [0.6, 0, 0.8]), atol=2e-15)
+    assert np.allclose(bspline.evaluate(line, knots, u, 1), [0.6, 0, 0.8], atol=1e-13)
+    assert np.allclose(bspline.evaluate(line, knots, u, 2), 0.0, atol=1e-10)
+
+
+def test_ends_hold_the_curve_and_its_tangent():
+    knots = bspline.clamped_knots(9, 1.2)
+    points = np.random.default_rng(2).normal(size=(9, 3))
+    ends = np.array([0.0, 1.2])
+    assert np.allclose(bspline.evaluate(points, knots, ends), points[[0, -1]], atol=1e-15)
+    slopes = np.array([points[1] - points[0], points[-1] - points[-2]]) * 3 / 0.2
+    assert np.allclose(bspline.evaluate(points, knots, ends, 1), slopes, rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_interpolation_reproduces_every_cubic(n):
+    knots = bspline.clamped_knots(n, LENGTH)
+
+    def cubic(u):
+        return np.stack((1 - 2 * u + u**3, u**2 - 0.3 * u**3), axis=1)
+
+    points = bspline.interpolate(knots, cubic(bspline.greville(knots)))
+    u = coordinates(n)
+    assert np.allclose(bspline.evaluate(points, knots, u), cubic(u), rtol=0, atol=1e-13)
+    assert np.allclose(bspline.evaluate(points, knots, u, 3)[:, 0], 6.0, rtol=1e-7)
+
+
+def test_coordinates_beyond_the_cable_are_refused_but_round_off_is_not():
+    knots = bspline.clamped_knots(6, LENGTH)
+    inside = bspline.active_basis(knots, [-1e-12, LENGTH + 1e-12])[1]
+    assert np.allclose(inside, [[1, 0, 0, 0], [0, 0, 0, 1]], atol=1e-10)
+    with pytest.raises(ValueError, match=r"outside \[0, 1.7\] m: .* 1.8"):
+        bspline.active_basis(knots, [0.1, 1.8])
+    with pytest.raises(ValueError, match="outside"):
+        bspline.active_basis(knots, [-0.01])

@@ -1,0 +1,68 @@
+"""Weights, places and degrees of the two quadratures."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.core import quadrature
+
+LENGTH = 2.4
+
+
+def places(rule):
+    """Material coordinates of all samples, padding included, shape (n_spans, m)."""
+    n_spans = len(rule.xi)
+    return (np.arange(n_spans)[:, None] + 0.5 * (rule.xi + 1)) * LENGTH / n_spans
+
+
+@pytest.mark.parametrize("points", [1, 2, 3, 4, 10])
+@pytest.mark.parametrize("n_spans", [1, 2, 9])
+def test_gauss_is_exact_to_its_degree_and_no_further(n_spans, points):
+    rule = quadrature.gauss(n_spans, LENGTH, points)
+    assert rule.samples == n_spans * points
+    assert rule.weights.sum() == pytest.approx(LENGTH, rel=1e-14)
+    u = places(rule)
+    for degree in range(2 * points):
+        exact = LENGTH ** (degree + 1) / (degree + 1)
+        assert np.sum(rule.weights * u**degree) == pytest.approx(exact, rel=1e-13)
+    # The square of the Legendre polynomial, of degree 2 points: its integral is L / (2 points + 1),
+    # but every sample is one of its zeros.
+    legendre = np.polynomial.legendre.Legendre.basis(points)(rule.xi)
+    assert np.sum(rule.weights * legendre**2) < 1e-12
+
+
+@pytest.mark.parametrize(("n_spans", "samples"), [(1, 2), (3, 7), (6, 101), (9, 10), (8, 8), (17, 4)])
+def test_uniform_is_the_trapezoidal_rule_on_equal_steps(n_spans, samples):
+    rule = quadrature.uniform(n_spans, LENGTH, samples)
+    used = rule.weights > 0
+    u = np.sort(places(rule)[used])
+    assert rule.samples == samples == used.sum()
+    assert np.allclose(u, np.linspace(0, LENGTH, samples), rtol=0, atol=1e-14)
+    assert np.all(np.abs(rule.xi) <= 1.0 + 1e-12)
+    assert rule.weights.sum() == pytest.approx(LENGTH, rel=1e-14)
+    expected = np.trapezoid(np.exp(u) * np.cos(3 * u), u)
+    values = np.exp(places(rule)) * np.cos(3 * places(rule))
+    assert np.sum(rule.weights * values) == pytest.approx(expected, rel=1e-13)
+
+
+def test_a_sample_on_a_knot_counts_once_with_its_whole_weight():
+    """Seven samples on three spans: every knot carries one."""
+    rule = quadrature.uniform(3, LENGTH, 7)
+    step = LENGTH / 6
+    assert rule.weights.shape == (3, 3)
+    assert np.allclose(rule.xi, [[-1, 0, 0], [-1, 0, 0], [-1, 0, 1]], atol=1e-15)
+    expected = [[0.5, 1, 0], [1, 1, 0], [1, 1, 0.5]]
+    assert np.allclose(rule.weights, step * np.array(expected), atol=1e-15)
+
+
+def test_knots_are_found_at_every_size():
+    """samples = 10 spans + 1: each inner knot belongs to the span on its right, at xi = -1."""
+    for n_spans in range(1, 60):
+        rule = quadrature.uniform(n_spans, LENGTH, 10 * n_spans + 1)
+        count = (rule.weights > 0).sum(axis=1)
+        assert list(count) == [10] * (n_spans - 1) + [11]
+        assert np.allclose(rule.xi[:, 0], -1.0, atol=1e-12)
+
+
+def test_a_single_uniform_sample_is_refused():
+    with pytest.raises(ValueError, match="at least 2 samples, got 1"):
+        quadrature.uniform(3, LENGTH, 1)

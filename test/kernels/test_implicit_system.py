@@ -1,0 +1,164 @@
+"""The equations of an implicit step: the discrete gradient's identity, and Newton's matrix."""
+
+import numba
+import numpy as np
+import pytest
+from cables import FLAT, FULL, Bench, straight, wild
+from differences import assert_limit
+
+from dlo_sim.core import spectrum
+from dlo_sim.kernels.elastic import tangent_coefficients
+from dlo_sim.kernels.implicit import momentum_residual, newton_matrix, step_force
+
+QUIET = FULL | {"damping.mass": 1e-300, "damping.stiffness": 1e-300}
+DAMPED = FULL | {"damping.mass": 0.8, "damping.stiffness": 5e-3, "damping.air_drag": 0.05}
+TAU = 5e-3
+
+
+@numba.njit
+def step_system(x, terms, friction, viscosity, work, solver, t, tau, discrete):
+    """Forces, residual and matrix of the step from solver.start to x, as the loop makes them."""
+    n = terms.lattice.n
+    dim = len(terms.axes)
+    tangent_coefficients(solver.start, terms.lattice, terms.axes, solver.p0)
+    lost = step_force(x, terms, friction, viscosity, work, solver, t, tau, discrete, True)
+    momentum_residual(terms, work, solver, n, dim, tau)
+    newton_matrix(terms, friction, solver, n, dim, t, tau)
+    return lost
+
+
+class Step:
+    """The step's equations as functions of the new configuration."""
+
+    def __init__(self, bench, discrete, start):
+        self.bench, self.discrete = bench, discrete
+        self.start = start
+        self.rates = 0.3 * np.random.default_rng(9).normal(size=(bench.n, 4))
+
+    def solve(self, points):
+        bench = self.bench
+        bench.solver.start[:] = bench.pack(self.start)
+        bench.solver.start_w[:] = bench.pack(self.rates)
+        self.lost = step_system(
+            bench.pack(points),
+            bench.terms,
+            bench.model.friction,
+            bench.model.viscosity,
+            bench.work,
+            bench.solver,
+            0.0,
+            TAU,
+            self.discrete,
+        )
+
+    def force(self, points):
+        """Force of the step on x, y, z, shape (n, 3)."""
+        self.solve(points)
+        return self.bench.unpack(self.bench.work.force)[:, :3]
+
+    def residual(self, xyz):
+        """Residual of the momentum balance, shape (3 n,)."""
+        self.solve(np.concatenate((xyz, self.start[:, 3:]), axis=1))
+        return self.bench.solver.residual.copy()
+
+    def matrix(self, points):
+        """Newton's matrix, shape (3 n, 3 n)."""
+        self.solve(points)
+        return spectrum.dense(self.bench.solver.band)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return Bench(QUIET, n=12)
+
+
+def without_twist(bench, points):
+    parts = bench.potentials(points)
+    return parts.sum() - parts[2]
+
+
+@pytest.mark.parametrize("size", [1e-1, 1e-2, 1e-3])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_discrete_gradient_gives_the_exact_change_of_energy(quiet, seed, size):
+    """g . (q1 - q0) = U1 - U0 with stretching, bending, natural curvature, weight and springs."""
+    first = wild(quiet, seed, size=0.02)
+    second = wild(quiet, seed + 10, size=size)
+    second[:, :3] = first[:, :3] + (second - straight(quiet) * [0.8, 1, 1, 1])[:, :3]
+    work = -np.sum(Step(quiet, True, first).force(second) * (second - first)[:, :3])
+    change = without_twist(quiet, second) - without_twist(quiet, first)
+    scale = np.abs(quiet.potentials(first)).sum() + np.abs(quiet.potentials(second)).sum()
+    assert abs(change) > 1e-3
+    assert abs(work - change) < 1e-13 * scale
+    # The force at the midpoint does not have the property: it is the gradient, not a difference.
+    middle = -np.sum(Step(quiet, False, first).force(second) * (second - first)[:, :3])
+    assert abs(middle - change) > 1e-9 * scale
+
+
+def test_discrete_gradient_is_symmetric_and_tends_to_the_gradient(quiet):
+    first, second = wild(quiet, 0), wild(quiet, 1)
+    forward, backward = Step(quiet, True, first), Step(quiet, True, second)
+    assert np.allclose(forward.force(second), backward.force(first), rtol=0, atol=1e-11)
+    exact = quiet.force(first)[:, :3]
+    at_rest = forward.force(first)
+    assert np.abs(at_rest - exact).max() < 1e-12 * np.abs(exact).max()
+    near = first + 1e-7 * (second - first)
+    halfway = quiet.force(0.5 * (first + near))[:, :3]
+    assert np.abs(forward.force(near) - halfway).max() < 1e-10 * np.abs(exact).max()
+
+
+def test_discrete_gradient_has_no_resultant():
+    """No force and no moment about the midpoint configuration: momenta are conserved."""
+    bench = Bench(QUIET, FLAT, {"end.spring": [1e-12, 0, 0], "cable.rest_curvature": [1e-12]}, n=12)
+    first, second = wild(bench, 0), wild(bench, 1)
+    force = Step(bench, True, first).force(second)
+    scale = np.abs(force).sum()
+    middle = 0.5 * (first + second)[:, :3]
+    assert scale > 0.1
+    assert np.abs(force.sum(axis=0)).max() < 1e-13 * scale
+    assert np.abs(np.cross(middle, force).sum(axis=0)).max() < 1e-13 * scale
+
+
+def test_midpoint_force_is_the_force_at_the_midpoint(quiet):
+    first, second = wild(quiet, 0), wild(quiet, 1)
+    expected = quiet.force(0.5 * (first + second))[:, :3]
+    found = Step(quiet, False, first).force(second)
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("discrete", [True, False], ids=["energy_momentum", "implicit_midpoint"])
+@pytest.mark.parametrize("n", [4, 12])
+def test_newtons_matrix_is_the_derivative_of_the_residual(n, discrete):
+    """With loads (a moment turns with the tangent), springs, weight and natural curvature."""
+    bench = Bench(QUIET, n=n)
+    bench.terms.loads.torque[0] = [0.05, -0.08, 0.03]
+    bench.terms.loads.force[0] = [1.0, -2.0, 0.5]
+    first = wild(bench, 0, size=0.1 / n)
+    second = first + 0.3 * (wild(bench, 1, size=0.1 / n) - first)
+    step = Step(bench, discrete, first)
+    found = -step.matrix(second).reshape(3 * n, n, 3)
+    inertia = 2.0 / TAU**2 * bench.terms.mass.band[0, 0].max()
+    assert np.abs(found).max() > 1.3 * inertia  # the stiffness counts beside the inertia
+    assert_limit(found, step.residual, second[:, :3].copy(), bound=1e-8)
+
+
+def test_newtons_matrix_with_damping_at_a_vanishing_increment():
+    """Viscosity is linearised about the geometry of the step, which is exact where nothing moves."""
+    bench = Bench(DAMPED, n=9)
+    points = wild(bench)
+    step = Step(bench, True, points)
+    found = -step.matrix(points).reshape(27, 9, 3)
+    undamped = -Step(Bench(QUIET, n=9), True, points).matrix(points).reshape(27, 9, 3)
+    assert np.abs(found - undamped).max() > 0.3 * np.abs(undamped).max()
+    assert_limit(found, step.residual, points[:, :3].copy(), bound=1e-7)
+
+
+def test_energy_lost_to_damping_is_the_work_of_the_damping_force():
+    """lost = -(damped - undamped force) . increment, and it is positive."""
+    damped, quiet = Bench(DAMPED, n=9), Bench(QUIET, n=9)
+    first, second = wild(damped, 0), wild(damped, 1)
+    first[:, 3] = second[:, 3] = 0.0
+    step = Step(damped, True, first)
+    extra = step.force(second) - Step(quiet, True, first).force(second)
+    taken = -np.sum(extra * (second - first)[:, :3])
+    assert taken > 1e-3
+    assert step.lost == pytest.approx(taken, rel=1e-10)

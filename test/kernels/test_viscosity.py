@@ -1,0 +1,86 @@
+"""Internal (Kelvin-Voigt) damping at one instant."""
+
+import numpy as np
+import pytest
+from cables import FLAT, FULL, Bench, straight, wild
+
+BETA = 3e-3
+STIFF = FULL | {"damping.mass": 1e-300, "damping.stiffness": BETA}
+PLAIN = FLAT | {"end.spring": [1e-12, 0.0, 0.0], "cable.rest_curvature": [1e-12]}
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench(STIFF, PLAIN, n=9)
+
+
+def viscous(bench, points, rates):
+    return bench.force(points, rates) - bench.force(points)
+
+
+def some_rates(seed):
+    return np.random.default_rng(seed).normal(size=(9, 4))
+
+
+def test_rigid_motion_is_not_damped(bench):
+    points = wild(bench)
+    spin, drift = np.array([0.4, -1.3, 0.8]), np.array([0.5, 0.2, -2.0])
+    rates = np.zeros((9, 4))
+    rates[:, :3] = np.cross(spin, points[:, :3]) + drift
+    rates[:, 3] = 0.7
+    scale = np.abs(viscous(bench, points, some_rates(0))).max()
+    assert scale > 1e-2
+    assert np.abs(viscous(bench, points, rates)).max() < 1e-12 * scale
+
+
+def test_every_other_motion_loses_energy(bench):
+    """The matrix of the viscous forces is symmetric with one zero for each of seven rigid motions."""
+    points = wild(bench)
+    matrix = np.zeros((36, 36))
+    for column in range(36):
+        rates = np.zeros(36)
+        rates[column] = 1.0
+        matrix[:, column] = -viscous(bench, points, rates.reshape(9, 4)).ravel()
+    assert np.abs(matrix - matrix.T).max() < 1e-12 * np.abs(matrix).max()
+    values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    assert np.abs(values[:7]).max() < 1e-12 * values[-1]
+    assert values[7] > 1e-8 * values[-1]
+
+
+def test_viscous_forces_are_internal(bench):
+    points = wild(bench)
+    force = viscous(bench, points, some_rates(1))[:, :3]
+    assert np.abs(force.sum(axis=0)).max() < 1e-12 * np.abs(force).sum()
+    moment = np.cross(points[:, :3], force).sum(axis=0)
+    assert np.abs(moment).max() < 1e-12 * np.abs(force).sum()
+
+
+def test_unstressed_cable_has_beta_times_its_stiffness(bench):
+    points = straight(bench)
+    rates = some_rates(2)
+    found = viscous(bench, points, rates)
+    expected = -BETA * bench.stiffness(points) @ rates[:, :3].ravel()
+    assert np.abs(found[:, :3].ravel() - expected).max() < 1e-11 * np.abs(expected).max()
+    turned = np.zeros((9, 4))
+    turned[:, 3] = rates[:, 3]
+    assert np.allclose(found[:, 3], BETA * bench.force(turned + points)[:, 3], rtol=1e-11)
+
+
+def test_viscosity_is_linear_in_the_rates_and_in_beta():
+    points, rates = wild(Bench(STIFF, PLAIN, n=9)), some_rates(3)
+    single, double = (Bench(STIFF, PLAIN, {"damping.stiffness": b}, n=9) for b in (BETA, 2 * BETA))
+    once = viscous(single, points, rates)
+    assert np.allclose(viscous(double, points, rates), 2 * once, rtol=1e-9, atol=1e-12)
+    assert np.allclose(viscous(single, points, -3 * rates), -3 * once, rtol=1e-9, atol=1e-12)
+
+
+def test_external_damping_slows_rigid_motion_too():
+    """alpha on the momentum (twist included), drag on the velocity along the cable."""
+    values = {"damping.mass": 0.8, "damping.air_drag": 0.05, "end.mass": 0.4}
+    bench = Bench(STIFF, PLAIN, values, n=9)
+    rates = np.tile([0.3, -1.0, 2.0, 5.0], (9, 1))
+    found = viscous(bench, wild(bench), rates).sum(axis=0)
+    expected = -np.array([0.3, -1.0, 2.0]) * (0.8 * (0.1 + 0.4) + 0.05 * 1.0)
+    assert np.allclose(found[:3], expected, rtol=1e-10)
+    inertia = 0.1 * 0.02**2 / 8
+    assert found[3] == pytest.approx(-5.0 * 0.8 * inertia, rel=1e-9)
