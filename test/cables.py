@@ -6,13 +6,16 @@ time. So the tests use two combinations, SOFT and FULL, and reach special cases 
 
 import numpy as np
 
-from dlo_sim.core import mass, spectrum
+from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.kernels.ends import end_velocities
 from dlo_sim.kernels.instant import instant_force, stiffness_band
 from dlo_sim.kernels.observe import potentials
 from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation import workspace
 from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.geometry import end_geometries
+from dlo_sim.simulation.model import build_model
 from dlo_sim.simulation.simulator import Simulator
 
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
@@ -45,9 +48,9 @@ FLAT = {"gravity": [0.0, 0.0, 0.0]}
 FREE = {"start.clamped": False, "start.fixed": [False, False, False]}
 
 
-def simulator(*values, **more):
-    """A simulator of merged scene values; underscores of `more` stand for nothing but themselves:
-    method, step and n are the integrator's method and step and the number of control points."""
+def scene_of(*values, **more):
+    """A scene of merged values; method, step and n are short for the integrator's method and step
+    and the number of control points."""
     names = {
         "method": "integrator.method",
         "step": "integrator.step",
@@ -57,21 +60,32 @@ def simulator(*values, **more):
     for part in values:
         merged |= part
     merged |= {names[key]: value for key, value in more.items()}
-    return Simulator(scene_from_values(merged))
+    return scene_from_values(merged)
+
+
+def simulator(*values, **more):
+    """A simulator of merged values, see `scene_of`."""
+    return Simulator(scene_of(*values, **more))
 
 
 class Bench:
-    """Forces, energies and stiffness of a scene at any configuration.
+    """Forces, energies and stiffness of a scene at any configuration, without a simulator.
 
     Configurations are arrays of control points (x, y, z, theta), shape (n, 4).
     """
 
     def __init__(self, *values, **more):
-        self.sim = simulator(*values, **more)
-        self.model = self.sim.model
+        self.scene = scene_of(*values, **more)
+        geometries = end_geometries(self.scene)
+        self.model = build_model(self.scene, needs_of(self.scene), geometries)
+        self.drive = EndDrive(self.scene, geometries)
         self.terms = self.model.terms
+        if self.terms.drive is not None:
+            shared = self.terms.drive._replace(motion=self.drive.motion)
+            self.terms = self.terms._replace(drive=shared)
         self.n = self.model.n
         self.rows = self.model.rows
+        self.greville = bspline.greville(self.model.knots)
         self.work = workspace.new_work(self.model)
         self.solver = workspace.new_solver(self.model)
         self.free = self.terms.mass.free.T != 0.0  # (n, rows)
@@ -79,14 +93,12 @@ class Bench:
     def pack(self, points):
         """(n, 4) -> what kernels read, (rows, width)."""
         out = np.zeros((self.rows, self.model.width))
-        out[:, : self.n] = np.asarray(points)[:, : self.rows].T
+        out[:, : self.n] = self.model.to_rows(np.asarray(points))
         return out
 
     def unpack(self, rows):
-        """(rows, width) -> (n, 4)."""
-        out = np.zeros((self.n, 4))
-        out[:, : self.rows] = rows[:, : self.n].T
-        return out
+        """(rows, width) -> (n, 4), zero where there is no row."""
+        return self.model.to_columns(rows, rest=False)
 
     def potentials(self, points):
         """Stretch, bend, twist, gravity, spring energy [J]."""
@@ -137,33 +149,29 @@ class Reference:
 
     def __init__(self, bench):
         self.bench = bench
-        self.drive = EndDrive(bench.sim.scene, bench.sim._geometries)
-        self.drive.motion[:] = bench.sim._ends.motion
+        self.drive = bench.drive
         self.mask = bench.free.ravel()
         full = bench.mass()
         self.inverse = np.linalg.inv(full[np.ix_(self.mask, self.mask)])
         self.coupling = full[np.ix_(self.mask, ~self.mask)]
 
     def prescribed(self, q, v, t):
-        """Put positions, velocities and accelerations of driven ends; returns the accelerations."""
+        """Put positions and velocities of driven ends at time t; returns their accelerations."""
         bench, terms = self.bench, self.bench.terms
-        x = bench.pack(q)
-        self.drive.put(x, bench.n, t)
-        q[:] = bench.unpack(x)
+        self.drive.put(q, t)
         acceleration = np.zeros((bench.n, 4))
         if terms.drive is not None:
             rates = []
             for shift in (0.0, -1e-5, 1e-5):
-                rows = bench.pack(v) if shift == 0.0 else np.zeros_like(x)
-                end_velocities(self.drive.motion, t + shift, bench.n, terms.axes, terms.mass.free, rows)
+                rows = bench.pack(v if shift == 0.0 else 0.0 * v)
+                motion = self.drive.motion
+                end_velocities(motion, t + shift, bench.n, terms.axes, terms.mass.free, rows)
                 rates.append(bench.unpack(rows))
             v[:] = rates[0]
             acceleration = (rates[2] - rates[1]) / 2e-5
-            for row in range(2):
-                if terms.springs is not None:
-                    terms.springs.anchor[row] = self.bench.sim._ends._motions[
-                        ("start", "end")[row]
-                    ].position_at(t)
+        if terms.springs is not None:
+            for row, end in enumerate(("start", "end")):
+                terms.springs.anchor[row] = self.drive.pose(end, t)[0][list(terms.axes)]
         return acceleration
 
     def rate(self, t, q, v):
@@ -202,7 +210,7 @@ def wild(bench, seed=0, size=0.05, turn=1.0):
     """A bent, stretched and twisted configuration; the same seed gives the same one."""
     rng = np.random.default_rng(seed)
     points = np.zeros((bench.n, 4))
-    points[:, :3] = np.outer(bench.sim.greville, [0.8, 0.0, 0.6])
+    points[:, :3] = np.outer(bench.greville, [0.8, 0.0, 0.6])
     points[:, :3] += size * rng.normal(size=(bench.n, 3))
     points[:, 3] = turn * rng.normal(size=bench.n)
     return points
@@ -211,25 +219,24 @@ def wild(bench, seed=0, size=0.05, turn=1.0):
 def straight(bench):
     """Unstretched along x."""
     points = np.zeros((bench.n, 4))
-    points[:, 0] = bench.sim.greville
+    points[:, 0] = bench.greville
     return points
 
 
 def inflected(bench):
     """An S in the xz plane: the curvature changes sign."""
     points = straight(bench)
-    length = bench.sim.scene.cable.length
+    length = bench.scene.cable.length
     points[:, 2] = 0.1 * length * np.sin(2 * np.pi * points[:, 0] / length)
     return points
 
 
 def set_state(sim, points=None, rates=None):
     """Overwrite configuration and velocities of a simulator whose ends are at rest."""
-    n, rows = sim.model.n, sim.model.rows
-    if points is not None:
-        sim._state.position[:, :n] = np.asarray(points)[:, :rows].T
-    if rates is not None:
-        sim._state.w[:, :n] = np.asarray(rates)[:, :rows].T * sim.model.terms.mass.free
+    sim._set(
+        sim.control_points if points is None else np.asarray(points),
+        sim.velocities if rates is None else np.asarray(rates),
+    )
     sim._open_account()
 
 

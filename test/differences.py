@@ -16,9 +16,10 @@ def central(function, x, step):
     return np.stack(columns, axis=-1).reshape(np.shape(columns[0]) + x.shape)
 
 
-def assert_limit(exact, function, x, *, bound, steps=STEPS, tiny=1e-11):
+def assert_limit(exact, function, x, *, bound, steps=STEPS, tiny=1e-11, rises=True):
     """Assert that differences of `function` tend to `exact`: the error falls with the step squared
-    until it is below `bound` (relative to the largest entry), and rises again at the step `tiny`.
+    until it is below `bound` (relative to the largest entry), and rises again at the step `tiny`,
+    unless `rises` says that the function is so close to zero that it has no round-off.
 
     One step size proves little: a factor that is wrong by 1e-4, or a function that does not depend
     on x, would pass at one of them.
@@ -30,4 +31,5 @@ def assert_limit(exact, function, x, *, bound, steps=STEPS, tiny=1e-11):
     assert lowest < bound, f"relative errors {errors}"
     for coarse, fine in zip(errors[:-1], errors[1:], strict=True):
         assert fine < 0.03 * coarse or fine < bound, f"relative errors {errors}"
-    assert np.abs(central(function, x, tiny) - exact).max() / size > 3 * lowest
+    if rises:
+        assert np.abs(central(function, x, tiny) - exact).max() / size > 3 * lowest

@@ -14,6 +14,7 @@ SPLITTING = "splitting"
 RUNGE_KUTTA = "runge_kutta"
 ZHAI = "zhai"
 IMPLICIT = "implicit"
+CONSTRAINED = "constrained"
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Method:
         """Force evaluations per step of an explicit method in a long run; 0: Newton's method decides."""
         if self.family == RUNGE_KUTTA:
             return len(self.stage_weights)
-        if self.family == ZHAI:
+        if self.family in (ZHAI, CONSTRAINED):
             return 1
         kicks = sum(1 for weight in self.kick_weights if weight)
         # A kick at the very end and one at the very start see the same configuration.
@@ -146,6 +147,19 @@ METHODS: dict[str, Method] = {
             mass_damping=True,
             stiffness_damping=False,
             source="Zhai 1996, Int. J. Numer. Meth. Eng. 39, 4199-4214",
+        ),
+        Method(
+            # inextensible: stretching is left out and the length kept by constraints
+            name="rattle",
+            family=CONSTRAINED,
+            order=2,
+            symmetric=True,
+            symplectic=True,
+            conserves_energy=False,
+            stability_limit=2.0,
+            mass_damping=True,
+            stiffness_damping=False,
+            source="Andersen 1983; Hairer, Lubich & Wanner 2006, VII.1.4",
         ),
         Method(
             name="implicit_midpoint",

@@ -225,6 +225,22 @@ class Solver(NamedTuple):
     twist_diagonal: Array
 
 
+class Chain(NamedTuple):
+    """Scratch of the inextensible step (`kernels.rattle`).
+
+    band: saddle-point matrix, unknowns ordered by control point, shape (n (dim + 1) + 1, band); rhs;
+    multipliers, shape (n - 1,); start, guess, carried, change: shape (dim, width).
+    """
+
+    band: Array
+    rhs: Array
+    multipliers: Array
+    start: Array
+    guess: Array
+    carried: Array
+    change: Array
+
+
 class Recorder(NamedTuple):
     """Samples taken while stepping: times [s], positions (T, rows, n), energies (T,) [J].
 

@@ -107,6 +107,7 @@ class End:
     mass: float
     pose_topic: str
     pose_timeout: float
+    pose_smoothing: float
 
     @property
     def held(self) -> bool:

@@ -74,7 +74,7 @@ def needs_of(scene: Scene) -> Needs:
         reasons["out_of_plane"] = f"everything lies in the {'xyz'[axes[0]]}{'xyz'[axes[1]]} plane"
     return Needs(
         axes=axes,
-        stretch=decide("stretch", terms.stretch, scene.cable.EA > 0.0, "axial stiffness is 0"),
+        stretch=decide("stretch", terms.stretch, *_stretches(scene)),
         bend=decide("bend", terms.bend, scene.cable.EI > 0.0, "bending stiffness is 0"),
         twist=decide("twist", terms.twist, _twists(scene), "nothing twists the cable"),
         gravity=decide("gravity", terms.gravity, any(scene.gravity), "gravity is 0"),
@@ -84,6 +84,13 @@ def needs_of(scene: Scene) -> Needs:
         damping=decide("damping", terms.damping, damped, "no damping"),
         left_out=reasons,
     )
+
+
+def _stretches(scene: Scene) -> tuple[bool, str]:
+    """Whether the cable stretches, and the reason if not."""
+    if scene.integrator.method == "rattle":
+        return False, "constraints keep the rest length (integrator.method: rattle)"
+    return scene.cable.EA > 0.0, "axial stiffness is 0"
 
 
 def _twists(scene: Scene) -> bool:

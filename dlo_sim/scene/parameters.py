@@ -235,6 +235,15 @@ def _end_parameters(
             3600.0,
             "Silence after which the last pose is held and a warning given.",
         ),
+        _number(
+            f"{end}.pose_smoothing",
+            0.0,
+            "s",
+            0.0,
+            1.0,
+            "Half the window over which poses are smoothed by parabolas, for noisy tracking; the "
+            "prediction waits for it (raise inputs.latency by as much), 0 = off.",
+        ),
     )
 
 
@@ -261,7 +270,8 @@ _REST = (
         "",
         0.0,
         1.0,
-        "Spectral radius of generalized_alpha at infinite frequency: 1 keeps all, 0 kills it in a step.",
+        "Spectral radius of generalized_alpha at infinite frequency: 1 keeps all, 0 kills it in a "
+        "step.",
     ),
     _number(
         "integrator.zhai_psi",

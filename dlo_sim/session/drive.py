@@ -51,7 +51,9 @@ class Drive:
         self._scene = scene
         self._factory = factory
         self.paths = {
-            name: GripperPath(name, round(end.pose_timeout * SECOND), note)
+            name: GripperPath(
+                name, round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND), note
+            )
             for name, end in scene.ends.items()
             if end.driven
         }
@@ -72,11 +74,14 @@ class Drive:
         """Driven ends of which no pose is known yet."""
         return tuple(name for name, path in self.paths.items() if path.first_stamp_ns is None)
 
-    @property
-    def ready_ns(self) -> int | None:
-        """Time base [ns] from which every driven end has a pose; None: not yet, or no end is
-        driven.
+    def ready_ns(self, wanted_ns: int) -> int | None:
+        """Time base [ns] from which every driven end has a pose; None: not yet, or none is driven.
+
+        Args:
+            wanted_ns: how far the simulation would like to go, to tell a silence.
         """
+        for path in self.paths.values():
+            path.settle(wanted_ns)
         stamps = [path.first_stamp_ns for path in self.paths.values()]
         known = [stamp for stamp in stamps if stamp is not None]
         return max(known) if known and len(known) == len(stamps) else None
@@ -199,7 +204,8 @@ class Drive:
             self._continue_motions(grid, old.time, simulator)
         self.simulator, self._scene = simulator, scene
         for name, path in self.paths.items():
-            path.timeout_ns = round(scene.ends[name].pose_timeout * SECOND)
+            end = scene.ends[name]
+            path.configure(round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND))
         for schedule in self.schedules.values():
             schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
             schedule.resend(simulator)

@@ -28,7 +28,10 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 from dlo_sim.session.time_base import SECOND, StepGrid
+
+__all__ = ["GripperPath", "Pose", "Segment"]
 
 Array = NDArray[np.float64]
 
@@ -37,16 +40,6 @@ REJOIN_SPEED, REJOIN_TURN, REJOIN_TIME = 1.0, 2.0, 0.1  # m/s, rad/s, s
 
 # Poses waiting to be used; a paused simulation must not collect them for ever.
 _MOST_WAITING = 5000
-
-
-class Pose(NamedTuple):
-    """An accepted pose: stamp in the time base [ns], position (3,) [m], orientation (4,) quaternion
-    x, y, z, w.
-    """
-
-    stamp_ns: int
-    position: Array
-    orientation: Array
 
 
 @dataclass(frozen=True)
@@ -66,24 +59,33 @@ class GripperPath:
     Args:
         end: name of the end, for texts.
         timeout_ns: silence after which the last pose is held.
+        smoothing_ns: half the window over which poses are smoothed, 0 = none.
         note: called with the name of an event and one line of text.
 
     Attributes:
         silent: whether the last pose is being held after a silence.
-        latest: the newest accepted pose.
-        first_stamp_ns: stamp of the first pose since `clear`, None = none yet.
+        first_stamp_ns: stamp of the first usable pose since `clear`, None = none yet.
     """
 
-    def __init__(self, end: str, timeout_ns: int, note: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, end: str, timeout_ns: int, smoothing_ns: int, note: Callable[[str, str], None]
+    ) -> None:
         self.end = end
         self.timeout_ns = timeout_ns
+        self._smoother = PoseSmoother(smoothing_ns, timeout_ns)
         self._note = note
         self.clear()
+
+    def configure(self, timeout_ns: int, smoothing_ns: int) -> None:
+        """Take other settings from the next pose on."""
+        self.timeout_ns = self._smoother.longest_gap_ns = timeout_ns
+        self._smoother.half_window_ns = smoothing_ns
 
     def clear(self) -> None:
         """Forget every pose; the next one starts a new path."""
         self.silent = False
-        self.latest: Pose | None = None
+        self._newest_ns: int | None = None
+        self._smoother.clear()
         self.first_stamp_ns: int | None = None
         self._queue: deque[Pose] = deque(maxlen=_MOST_WAITING)
         self._center: Pose | None = None
@@ -101,10 +103,19 @@ class GripperPath:
 
     def add(self, pose: Pose) -> None:
         """Take an accepted pose; stamps must increase."""
-        if self.first_stamp_ns is None:
-            self.first_stamp_ns = pose.stamp_ns
-        self.latest = pose
-        self._queue.append(pose)
+        self._newest_ns = pose.stamp_ns
+        self._append(self._smoother.add(pose))
+
+    def settle(self, wanted_ns: int) -> None:
+        """After a silence, stop waiting for poses that would complete a smoothing window."""
+        newest = self._newest_ns
+        if newest is not None and wanted_ns - newest > self.timeout_ns and self._smoother.held_back:
+            self._append(self._smoother.flush())
+
+    def _append(self, poses: list[Pose]) -> None:
+        if poses and self.first_stamp_ns is None:
+            self.first_stamp_ns = poses[0].stamp_ns
+        self._queue.extend(poses)
 
     def shift_time(self, delta_ns: int) -> None:
         """Relabel all stamps by delta [ns] (the time base was decided later than the first poses
@@ -112,7 +123,9 @@ class GripperPath:
         """
         self._queue = deque((_moved(p, delta_ns) for p in self._queue), maxlen=_MOST_WAITING)
         self._center = None if self._center is None else _moved(self._center, delta_ns)
-        self.latest = None if self.latest is None else _moved(self.latest, delta_ns)
+        self._smoother.shift_time(delta_ns)
+        if self._newest_ns is not None:
+            self._newest_ns += delta_ns
         if self.first_stamp_ns is not None:
             self.first_stamp_ns += delta_ns
         self._shift = None if self._shift is None else self._shift.moved(delta_ns)
@@ -163,6 +176,7 @@ class GripperPath:
         `wanted_ns` is how far the simulation would like to go; a silence is measured against it, so
         that it is found at the same stamp whatever the arrival times.
         """
+        self.settle(wanted_ns)
         while self._queue:
             pose, center = self._queue[0], self._center
             assert center is not None, "next_segment() needs begin()"
@@ -178,7 +192,8 @@ class GripperPath:
                 return segment
         if self._center is None:
             return None
-        if not self.silent and wanted_ns - self._center.stamp_ns > self.timeout_ns:
+        newest_ns = self._newest_ns or self._center.stamp_ns
+        if not self.silent and wanted_ns - newest_ns > self.timeout_ns:
             segment = self._come_to_rest(grid, index, time)
             if segment is not None:
                 return segment

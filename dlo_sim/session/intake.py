@@ -27,8 +27,8 @@ from dlo_sim.scene.description import Load, Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
-from dlo_sim.session.gripper_path import Pose
 from dlo_sim.session.load_schedule import LoadMessage
+from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import SECOND, TimeBase
 
 # A stamp may be this far ahead of its arrival (two clocks that are not quite synchronised), and

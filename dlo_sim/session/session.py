@@ -306,7 +306,7 @@ class Session:
         drive = self._drive
         begin_ns = wanted_ns
         if drive.paths:
-            ready_ns = drive.ready_ns
+            ready_ns = drive.ready_ns(wanted_ns)
             if ready_ns is None or ready_ns > wanted_ns:
                 return False
             begin_ns = ready_ns

@@ -99,7 +99,7 @@ def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> 
         rest=_rest_curvature(scene, lattice, axes) if needs.bend else None,
         twist=_twist(scene, knots, rule) if needs.twist else None,
         gravity=_gravity(scene, bands[0], n, axes) if needs.gravity else None,
-        springs=_springs(scene, ends, axes) if needs.springs else None,
+        springs=_springs(scene, ends, needs) if needs.springs else None,
         loads=_loads(scene, knots, axes) if needs.loads else None,
         drive=_drive(bands, free, width) if needs.drive else None,
         decay=_decay(scene) if needs.damping else None,
@@ -222,12 +222,16 @@ def _gravity(scene: Scene, band: Array, n: int, axes: tuple[int, ...]) -> Array:
     return np.outer(np.asarray(scene.gravity)[list(axes)], mass.multiply(band, np.ones(n)))
 
 
-def _springs(
-    scene: Scene, ends: Mapping[str, EndGeometry], axes: tuple[int, ...]
-) -> layout.Springs:
+def _springs(scene: Scene, ends: Mapping[str, EndGeometry], needs: Needs) -> layout.Springs:
     stiffness = np.array([scene.ends[name].spring for name in ENDS], dtype=float)
     anchor = np.array([ends[name].attachment for name in ENDS], dtype=float)
-    rows = list(axes)
+    if not needs.stretch and scene.cable.EA > 0.0:
+        # An inextensible cable hands its own compliance along the line to its two end springs.
+        line = anchor[1] - anchor[0]
+        share = (line / max(float(np.linalg.norm(line)), 1e-300)) ** 2
+        compliance = 0.5 * share * scene.cable.length / scene.cable.EA
+        stiffness = stiffness / (1.0 + stiffness * compliance)
+    rows = list(needs.axes)
     return layout.Springs(stiffness[:, rows].copy(), anchor[:, rows].copy())
 
 

@@ -18,10 +18,11 @@ from dlo_sim.kernels.observe import kinetic_energy, potentials, start_account, v
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, needs_of, needs_of_load
-from dlo_sim.simulation import statics, workspace
+from dlo_sim.simulation import workspace
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Pose, end_geometries, first_shape
+from dlo_sim.simulation.geometry import Pose, end_geometries
 from dlo_sim.simulation.model import Model, build_model, local_axis
+from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.report import Energy, Report, Status
 from dlo_sim.simulation.stepper import Choice, Stepper, choose, largest_frequency
@@ -76,7 +77,9 @@ class Simulator:
         self._steps = 0
         self._remainder = 0.0
         self._turn_rest_axis()
-        self._place(scene)
+        place(
+            scene, self._geometries, self._ends, self._model, self._state, self._work, self._solver
+        )
         frequency = largest_frequency(self._model, self._state, self._work, self._solver)
         self._choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self._model, self._choice)
@@ -357,20 +360,6 @@ class Simulator:
         helper = np.eye(3)[int(np.argmin(np.abs(tangent)))]
         return rotations.rotate(self._ends.pose("start", self.time)[1], helper)
 
-    def _place(self, scene: Scene) -> None:
-        points = np.zeros((self._model.n, 4))
-        points[:, :3] = first_shape(scene, self._geometries, self._model.knots)
-        self._ends.put(points, 0.0)
-        self._state.position[:, : self._model.n] = self._model.to_rows(points)
-        if _wants_equilibrium(scene, self._geometries):
-            if not statics.relax(self._model, self._state, self._work, self._solver):
-                raise SceneError(
-                    "initial.shape: no equilibrium found from the first guess; use straight, or "
-                    "check the ends' positions, tangents and the stiffness"
-                )
-            self._state.w[:] = 0.0
-        self._state.history[:] = 0.0
-
     def _open_account(self) -> None:
         cable = self.scene.cable
         self._state.ledger[:] = 0.0
@@ -432,15 +421,6 @@ class Simulator:
         self._set(points, rates)
         self._open_account()
         self._initial = self.snapshot()
-
-
-def _wants_equilibrium(scene: Scene, ends: Mapping[str, Any]) -> bool:
-    if scene.initial.shape != "auto":
-        return scene.initial.shape == "equilibrium"
-    if not (scene.start.held and scene.end.held):
-        return False
-    gap = float(np.linalg.norm(ends["end"].attachment - ends["start"].attachment))
-    return gap < scene.cable.length * (1.0 - 1e-6)
 
 
 def _refuse_unbuilt(scene: Scene) -> None:

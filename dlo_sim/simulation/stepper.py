@@ -8,16 +8,27 @@ import numpy as np
 
 from dlo_sim.core import spectrum, zhai
 from dlo_sim.core.amplification import largest_step
-from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.core.methods import (
+    CONSTRAINED,
+    IMPLICIT,
+    METHODS,
+    RUNGE_KUTTA,
+    SPLITTING,
+    ZHAI,
+    Method,
+)
 from dlo_sim.kernels import layout
 from dlo_sim.kernels.implicit import MAX_HALVINGS, advance_implicit
 from dlo_sim.kernels.instant import stiffness_band
 from dlo_sim.kernels.runge_kutta import advance_runge_kutta
 from dlo_sim.kernels.splitting import advance_splitting
 from dlo_sim.kernels.zhai import advance_zhai
+from dlo_sim.kernels.rattle import advance_rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.inextensible import constraint_slopes, largest_constrained_frequency
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.workspace import new_chain
 
 GUARD_STEPS = 16  # explicit steps between two looks at the energy
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
@@ -42,6 +53,9 @@ def largest_frequency(model: Model, state: layout.State, work: layout.Work, solv
     """Largest natural frequency [rad/s] of the scene linearised at its present configuration."""
     dim = len(model.terms.axes)
     stiffness_band(state.position, model.terms, model.viscosity, work, solver)
+    if model.terms.stretch is None and dim * model.n <= spectrum.DENSE_LIMIT:
+        # Without stretching only motion that keeps the length counts.
+        return largest_constrained_frequency(model, solver.band, state.position)
     free = model.terms.mass.free != 0.0
     value = spectrum.largest_frequency(
         solver.band.copy(), model.terms.mass.band[:dim], free[:dim]
@@ -170,6 +184,9 @@ class Stepper:
         self._kick = np.array(choice.method.kick_weights)
         self._alpha = alpha_constants(choice.method, scene.integrator.spectral_radius)
         self._zhai = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
+        if choice.method.family == CONSTRAINED:
+            self._slopes_at_constraints = constraint_slopes(model.knots)
+            self._chain = new_chain(model)
         if choice.method.family == RUNGE_KUTTA:
             self._table, self._nodes = _butcher_table(choice.method)
             self._slopes = np.zeros((len(self._table), 2, model.rows, model.width))
@@ -218,6 +235,19 @@ class Stepper:
                 model.terms,
                 work,
                 *self._zhai,
+                first,
+                steps,
+                choice.step,
+                GUARD_STEPS,
+                recorder,
+            )
+        if choice.method.family == CONSTRAINED:
+            return advance_rattle(
+                state,
+                model.terms,
+                work,
+                self._slopes_at_constraints,
+                self._chain,
                 first,
                 steps,
                 choice.step,

@@ -66,3 +66,21 @@ def new_solver(model: Model) -> layout.Solver:
         twist_lower=np.zeros((3, n)),
         twist_diagonal=np.zeros(n),
     )
+
+
+def new_chain(model: Model) -> layout.Chain:
+    """Scratch of the inextensible step. A row reaches four control points and their constraints."""
+    dim = len(model.axes)
+    n = model.n
+    size = n * (dim + 1) + 1
+    half = 4 * (dim + 1)
+    shape = (dim, model.width)
+    return layout.Chain(
+        band=np.zeros((size, 2 * half + 1)),
+        rhs=np.zeros(size),
+        multipliers=np.zeros(n - 1),
+        start=np.zeros(shape),
+        guess=np.zeros(shape),
+        carried=np.zeros(shape),
+        change=np.zeros(shape),
+    )

@@ -141,7 +141,8 @@ def test_failed_run_keeps_what_was_good(recorder, tmp_path, capsys):
 
 @pytest.mark.parametrize("duration", ["0", "-1", "nan", "inf", "soon"])
 def test_impossible_duration(recorder, capsys, duration):
-    assert "--duration" in refused(capsys, "paper_wire", "--duration", duration)
+    message = refused(capsys, "paper_wire", "--duration", duration)
+    assert "--duration" in message and "give seconds" in message
     assert recorder.calls == []
 
 

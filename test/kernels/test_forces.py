@@ -18,7 +18,7 @@ SHAPES = {"wild": wild, "straight": straight, "inflected": inflected}
 
 def oracle(bench):
     """Arguments of the oracle that belong to a bench: knots, rule, section."""
-    scene = bench.sim.scene
+    scene = bench.scene
     knots = bspline.clamped_knots(bench.n, scene.cable.length)
     cable = scene.cable
     twist = bench.rows == 4
@@ -69,7 +69,8 @@ def test_force_is_minus_the_gradient_of_the_energy(bench, shape):
     """All terms at once: stretch, bend, natural curvature, twist, gravity, springs."""
     points = SHAPES[shape](bench)
     assert shape != "wild" or bench.potentials(points).all()
-    assert_limit(-bench.force(points), bench.potential, points, bound=1e-8)
+    rises = shape != "straight"  # no energy, no round-off
+    assert_limit(-bench.force(points), bench.potential, points, bound=1e-8, rises=rises)
 
 
 @pytest.mark.parametrize("part", ["stretch", "bend", "twist", "gravity", "spring"])
@@ -127,7 +128,7 @@ def test_weight_of_cable_and_end_masses():
     weight = bench.force(points) - weightless.force(points)
     assert np.allclose(weight.sum(axis=0), [0, 3.0 * 0.6, -9.81 * 0.6, 0], rtol=1e-11, atol=1e-12)
     # First moment along the cable: mu L^2 / 2 + m_end L.
-    moment = bench.sim.greville @ weight
+    moment = bench.greville @ weight
     assert np.allclose(moment[1:3], np.array([3.0, -9.81]) * (0.1 / 2 + 0.3), rtol=1e-11)
 
 

@@ -15,10 +15,13 @@ GRID = StepGrid(0, STEP)
 class Driver:
     """Plays the part of the simulation: asks for segments and keeps them."""
 
-    def __init__(self, timeout=1.0):
+    def __init__(self, timeout=1.0, smoothing=0.0):
         self.notes = []
         self.path = GripperPath(
-            "start", round(timeout * SECOND), lambda *note: self.notes.append(note)
+            "start",
+            round(timeout * SECOND),
+            round(smoothing * SECOND),
+            lambda *note: self.notes.append(note),
         )
         self.index = 0
         self.segments = []

@@ -1,0 +1,336 @@
+"""RATTLE: an inextensible cable stepped explicitly, its length kept by constraints.
+
+Stretching is left out and replaced by g_j = (|r'(u_j)|^2 - 1) / 2 = 0 at the n - 1 Greville points of
+the derivative's quadratic spline space: u = 0, the middle of every knot span, u = L. That is one
+constraint per axial degree of freedom of a straight cable, so nothing stretches and bending does
+not lock. With G = dg/dq a step is
+    M (q1 - q0 - tau w0) = tau^2/2 f(q0) - G(q0)^T mu,         g(q1) = 0,
+    M (w1 - w_half)      = tau/2 f(q1) - G(q1)^T nu,           G(q1) v1 = 0,
+with w_half = (q1 - q0) / tau: second order, symmetric and symplectic on the constraint manifold.
+Both lines are one banded saddle-point system in (q, mu), factorised once a step.
+
+Source: Andersen 1983, J. Comput. Phys. 52; Hairer, Lubich & Wanner 2006, VII.1.4.
+"""
+
+from __future__ import annotations
+
+
+from dlo_sim.kernels.banded import solve_row
+from dlo_sim.kernels.ends import end_velocities
+from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.matrix import eliminate, substitute
+from dlo_sim.kernels.observe import (
+    begin_sample,
+    end_sample,
+    prescribed_column,
+    update_account,
+)
+from dlo_sim.kernels.splitting import DIVERGED, OK, decay_flow, drive_ends, evaluate
+
+NOT_CONVERGED = 2
+MAX_ITERATIONS = 40
+TOLERANCE = 1e-13  # on (|r'|^2 - 1) / 2, near round-off
+
+
+@kernel
+def slot(j, n, dim):
+    """Place of constraint j among the unknowns: behind the last control point that it touches."""
+    if j == 0:
+        return 1 * (dim + 1) + dim
+    if j == n - 2:
+        return n * (dim + 1)
+    return (j + 2) * (dim + 1) + dim
+
+
+@kernel
+def first_point(j, n):
+    """First of the four control points of constraint j."""
+    return min(max(j - 1, 0), n - 4)
+
+
+@kernel
+def constraint_tangent(x, slopes, j, n, dim, d):
+    """Component d of r' at constraint point j."""
+    first = first_point(j, n)
+    value = 0.0
+    for k in range(4):
+        value += slopes[j, k] * x[d, first + k]
+    return value
+
+
+@kernel
+def assemble(x, slopes, mass, n, dim, band):
+    """Saddle-point matrix [[M, G^T], [G, 0]] at configuration x."""
+    stride = dim + 1
+    half = band.shape[1] // 2
+    for r in range(band.shape[0]):
+        for c in range(band.shape[1]):
+            band[r, c] = 0.0
+        band[r, half] = 1.0  # unused places and prescribed DOFs
+    for d in range(dim):
+        for i in range(n):
+            if mass.free[d, i] == 0.0:
+                continue
+            r = i * stride + d
+            band[r, half] = mass.band[d, 0, i]
+            for k in range(1, 4):
+                if i + k < n and mass.free[d, i + k] != 0.0:
+                    band[r, half + k * stride] = mass.band[d, k, i]
+                    band[r + k * stride, half - k * stride] = mass.band[d, k, i]
+    for j in range(n - 1):
+        place = slot(j, n, dim)
+        first = first_point(j, n)
+        active = False
+        for d in range(dim):
+            t = constraint_tangent(x, slopes, j, n, dim, d)
+            for k in range(4):
+                g = slopes[j, k] * t
+                if mass.free[d, first + k] != 0.0 and slopes[j, k] != 0.0:
+                    r = (first + k) * stride + d
+                    band[r, place - r + half] = g
+                    band[place, r - place + half] = g
+                    active = True
+        band[place, half] = 0.0 if active else 1.0
+
+
+@kernel
+def add_multipliers(x, slopes, multipliers, n, dim, sign, rhs):
+    """rhs += sign G(x)^T multipliers on the DOF places."""
+    stride = dim + 1
+    for j in range(n - 1):
+        value = sign * multipliers[j]
+        first = first_point(j, n)
+        for d in range(dim):
+            t = constraint_tangent(x, slopes, j, n, dim, d)
+            for k in range(4):
+                rhs[(first + k) * stride + d] += slopes[j, k] * t * value
+
+
+@kernel
+def violation(x, slopes, n, dim, rhs):
+    """Write -g into the constraint places of rhs; returns the largest |g|."""
+    worst = 0.0
+    for j in range(n - 1):
+        total = -1.0
+        for d in range(dim):
+            t = constraint_tangent(x, slopes, j, n, dim, d)
+            total += t * t
+        rhs[slot(j, n, dim)] = -0.5 * total
+        worst = max(worst, abs(0.5 * total))
+    return worst
+
+
+@kernel
+def clear_prescribed(mass, n, dim, rhs):
+    """Prescribed DOFs have no equation."""
+    for i in range(n):
+        for d in range(dim):
+            if mass.free[d, i] == 0.0:
+                rhs[i * (dim + 1) + d] = 0.0
+
+
+@kernel
+def mass_times(mass, d, n, x, out, stride, scale):
+    """out at the DOF places of row d += scale M_ff x."""
+    band = mass.band[d]
+    for i in range(n):
+        if mass.free[d, i] == 0.0:
+            continue
+        value = band[0, i] * x[i]
+        for k in range(1, 4):
+            if i >= k and mass.free[d, i - k] != 0.0:
+                value += band[k, i - k] * x[i - k]
+            if i + k < n and mass.free[d, i + k] != 0.0:
+                value += band[k, i] * x[i + k]
+        out[i * stride + d] += scale * value
+
+
+@kernel
+def keep_length(x, guess, start, slopes, mass, force, scale, chain, n, dim):
+    """Solve M (x - guess) = scale force - G(start)^T mu, g(x) = 0 for x, from x = guess.
+
+    Chord iteration with the factors in chain.band (those of `start`). Returns success.
+    """
+    stride = dim + 1
+    rhs = chain.rhs
+    for j in range(n - 1):
+        chain.multipliers[j] = 0.0
+    for _ in range(MAX_ITERATIONS):
+        for r in range(rhs.shape[0]):
+            rhs[r] = 0.0
+        for d in range(dim):
+            for i in range(n):
+                chain.change[d, i] = guess[d, i] - x[d, i]
+                rhs[i * stride + d] = scale * force[d, i]
+            mass_times(mass, d, n, chain.change[d], rhs, stride, 1.0)
+        add_multipliers(start, slopes, chain.multipliers, n, dim, -1.0, rhs)
+        clear_prescribed(mass, n, dim, rhs)
+        violation(x, slopes, n, dim, rhs)
+        substitute(chain.band, rhs.shape[0], chain.band.shape[1] // 2, rhs)
+        for i in range(n):
+            for d in range(dim):
+                x[d, i] += rhs[i * stride + d] * mass.free[d, i]
+        for j in range(n - 1):
+            chain.multipliers[j] += rhs[slot(j, n, dim)]
+        worst = violation(x, slopes, n, dim, rhs)
+        if worst <= TOLERANCE:
+            return True
+        if not worst < 0.5:
+            return False
+    return False
+
+
+@kernel
+def fix_velocity(x, w, slopes, mass, drive, force, scale, t, axes, chain, n, dim):
+    """w += the solution of M dw = scale force - G^T nu with G v = 0, for the factors of x."""
+    stride = dim + 1
+    rhs = chain.rhs
+    for r in range(rhs.shape[0]):
+        rhs[r] = 0.0
+    for d in range(dim):
+        for i in range(n):
+            rhs[i * stride + d] = scale * force[d, i] * mass.free[d, i]
+            chain.change[d, i] = w[d, i]
+    driven_velocity(drive, mass, t, n, axes, chain.change)
+    for j in range(n - 1):
+        first = first_point(j, n)
+        value = 0.0
+        for d in range(dim):
+            t_d = constraint_tangent(x, slopes, j, n, dim, d)
+            for k in range(4):
+                value += t_d * slopes[j, k] * chain.change[d, first + k]
+        rhs[slot(j, n, dim)] = -value
+    substitute(chain.band, rhs.shape[0], chain.band.shape[1] // 2, rhs)
+    for i in range(n):
+        for d in range(dim):
+            w[d, i] += rhs[i * stride + d] * mass.free[d, i]
+
+
+@kernel
+def driven_velocity(drive, mass, t, n, axes, v):
+    """Turn w into velocities where ends are driven."""
+    if drive is not None:
+        end_velocities(drive.motion, t, n, axes, mass.free, v)
+        for j in range(4):
+            column = prescribed_column(j, n)
+            for d in range(len(axes)):
+                rate = v[d, column]
+                if mass.free[d, column] == 0.0 and rate != 0.0:
+                    for i in range(n):
+                        v[d, i] -= drive.shift[d, j, i] * rate
+
+
+@kernel
+def accelerate_twist(force, twist, mass, n, row):
+    """Turn the twist row of `force` into an acceleration; it has no constraint."""
+    if twist is not None:
+        solve_row(mass.lower[row], mass.inverse_diagonal[row], n, force[row])
+
+
+@kernel
+def kick_twist(state, force, twist, n, row, dt):
+    """w += dt a of the twist row."""
+    if twist is not None:
+        for i in range(n):
+            state.w[row, i] += dt * force[row, i]
+
+
+@inlined
+def rattle_step(state, terms, work, slopes, chain, t0, tau):
+    """One step from a configuration whose matrix is factorised in chain.band; true if solved."""
+    n = terms.lattice.n
+    dim = len(terms.axes)
+    x = state.position
+    mass = terms.mass
+    for d in range(dim):
+        for i in range(n):
+            chain.start[d, i] = x[d, i]
+    for d in range(dim, x.shape[0]):
+        for i in range(n):
+            x[d, i] += tau * (state.w[d, i])
+    drive_ends(x, terms.drive, terms.springs, mass, terms.axes, n, t0 + tau, work.ends)
+    for d in range(dim):
+        for i in range(n):
+            chain.carried[d, i] = x[d, i]
+            x[d, i] += tau * state.w[d, i] * mass.free[d, i]
+            chain.guess[d, i] = x[d, i]
+    good = keep_length(
+        x, chain.guess, chain.start, slopes, mass, work.force, 0.5 * tau * tau, chain, n, dim
+    )
+    if good:
+        for d in range(dim):
+            for i in range(n):
+                state.w[d, i] = (x[d, i] - chain.carried[d, i]) / tau * mass.free[d, i]
+        evaluate(state, terms, work, t0 + tau)
+        accelerate_twist(work.force, terms.twist, mass, n, dim)
+        assemble(x, slopes, mass, n, dim, chain.band)
+        good = eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2)
+        fix_velocity(
+            x,
+            state.w,
+            slopes,
+            mass,
+            terms.drive,
+            work.force,
+            0.5 * tau,
+            t0 + tau,
+            terms.axes,
+            chain,
+            n,
+            dim,
+        )
+    return good
+
+
+@entry
+def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, guard, recorder):
+    """Advance by whole steps from time first_step * tau.
+
+    `slopes` holds the four derivatives [1/m] of each constraint point, shape (n - 1, 4). Returns
+    (status, steps done, force evaluations). A step whose constraints cannot be met ends the run.
+    """
+    n = terms.lattice.n
+    dim = len(terms.axes)
+    evaluations = 0
+    for step in range(first_step, first_step + steps):
+        t0 = step * tau
+        if step == first_step:
+            evaluate(state, terms, work, t0)
+            accelerate_twist(work.force, terms.twist, terms.mass, n, dim)
+            assemble(state.position, slopes, terms.mass, n, dim, chain.band)
+            if not eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2):
+                return NOT_CONVERGED, 0, 0
+        sampling = begin_sample(state, terms, work, recorder, t0, tau)
+        decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
+        kick_twist(state, work.force, terms.twist, n, dim, 0.5 * tau)
+        if not rattle_step(state, terms, work, slopes, chain, t0, tau):
+            return NOT_CONVERGED, step - first_step, evaluations
+        kick_twist(state, work.force, terms.twist, n, dim, 0.5 * tau)
+        decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
+        evaluations += 1
+        if (step + 1) % guard == 0:
+            _, sane = update_account(state, terms, work)
+            if not sane:
+                return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(state, terms, work, recorder, t0, tau)
+    return OK, steps, evaluations
+
+
+@entry
+def project(x, slopes, mass, chain, n, dim):
+    """Move a configuration to rest length everywhere, by the least kinetic distance; true if done."""
+    for _ in range(20):
+        for d in range(dim):
+            for i in range(n):
+                chain.start[d, i] = x[d, i]
+                chain.guess[d, i] = x[d, i]
+                chain.carried[d, i] = 0.0
+        assemble(x, slopes, mass, n, dim, chain.band)
+        if not eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2):
+            return False
+        if keep_length(
+            x, chain.guess, chain.start, slopes, mass, chain.carried, 0.0, chain, n, dim
+        ):
+            return True
+    return False

@@ -1,0 +1,109 @@
+"""Noise of measured poses, taken out by local parabolas.
+
+Poses tracked by a camera are off by half a millimetre or so. That is little for a shape and far too much for a force: at 30 Hz
+a white noise of 1 mm is an acceleration noise of 1 mm sqrt(6) / dt^2 = 2 m/s^2, which the whole mass of the cable turns into
+newtons. Each pose is replaced by the value, at its own stamp, of the parabola that fits the poses within +-w best (weights
+1 - (t/w)^2): motion of constant acceleration passes unchanged, without delay. The price is waiting: a pose is released when one
+beyond its window has arrived, or after a silence.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import rotations
+
+Array = NDArray[np.float64]
+
+
+class Pose(NamedTuple):
+    """A pose: stamp in the time base [ns], position (3,) [m], orientation (4,) quaternion x, y, z, w."""
+
+    stamp_ns: int
+    position: Array
+    orientation: Array
+
+
+class PoseSmoother:
+    """Smooths a stream of poses whose stamps increase.
+
+    Args:
+        half_window_ns: w; 0 = poses pass as they are.
+        longest_gap_ns: windows do not reach across a longer gap.
+    """
+
+    def __init__(self, half_window_ns: int, longest_gap_ns: int) -> None:
+        self.half_window_ns = half_window_ns
+        self.longest_gap_ns = longest_gap_ns
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all poses."""
+        self._poses: deque[Pose] = deque()
+        self._next = 0  # index in _poses of the first that has not been released
+
+    @property
+    def held_back(self) -> int:
+        """Number of poses that wait for the end of their window."""
+        return len(self._poses) - self._next
+
+    def add(self, pose: Pose) -> list[Pose]:
+        """Take a pose; returns those whose window is complete now, smoothed."""
+        if self.half_window_ns == 0 and not self.held_back:
+            return [pose]
+        released: list[Pose] = []
+        if self._poses and pose.stamp_ns - self._poses[-1].stamp_ns > self.longest_gap_ns:
+            released = self.flush()
+        self._poses.append(pose)
+        while pose.stamp_ns - self._poses[self._next].stamp_ns > self.half_window_ns:
+            released.append(self._release())
+        return released
+
+    def flush(self) -> list[Pose]:
+        """Release all poses with what their windows hold, and begin anew."""
+        released = [self._release() for _ in range(self.held_back)]
+        self.clear()
+        return released
+
+    def shift_time(self, delta_ns: int) -> None:
+        """Relabel all stamps by delta [ns]."""
+        self._poses = deque(p._replace(stamp_ns=p.stamp_ns + delta_ns) for p in self._poses)
+
+    def _release(self) -> Pose:
+        """The next pose, smoothed; drops the poses that no window needs any more."""
+        pose = self._poses[self._next]
+        oldest = pose.stamp_ns - self.half_window_ns
+        while self._poses[0].stamp_ns < oldest:
+            self._poses.popleft()
+            self._next -= 1
+        newest = pose.stamp_ns + self.half_window_ns
+        window = [p for p in self._poses if p.stamp_ns <= newest]
+        self._next += 1
+        return _fitted(pose, window, self.half_window_ns)
+
+
+def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
+    """Value at the pose's stamp of the weighted parabola through the poses of its window."""
+    if len(window) < 4:  # a parabola through three points smooths nothing
+        return pose
+    # One part in a thousand wider, so that poses at the very ends still count for something.
+    t = np.array([p.stamp_ns - pose.stamp_ns for p in window]) / (1.001 * half_window_ns)
+    share = _weights_of_the_value_at_zero(t)
+    position = share @ np.array([p.position for p in window])
+    back = rotations.conjugate(pose.orientation)
+    turns = rotations.to_rotation_vector(
+        rotations.multiply(np.array([p.orientation for p in window]), back)
+    )
+    turn = rotations.from_rotation_vector(share @ turns)
+    return Pose(pose.stamp_ns, position, rotations.multiply(turn, pose.orientation))
+
+
+def _weights_of_the_value_at_zero(t: Array) -> Array:
+    """Weights c with sum c_i y_i = a for the weighted least-squares parabola a + b t + c t^2, |t| < 1."""
+    powers = np.stack([np.ones_like(t), t, t * t])
+    weighted = powers * (1.0 - t * t)
+    return np.asarray(np.linalg.solve(weighted @ powers.T, weighted)[0])

@@ -1,0 +1,222 @@
+"""The parts of README.md that are made from the code, and the picture of the rooms.
+
+    python test/readme_blocks.py
+
+writes them anew; test/test_readme.py fails while they are not what the code says.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping
+from html import escape
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).resolve().parents[1]
+README = ROOT / "README.md"
+PICTURE = ROOT / "resource" / "rooms.svg"
+
+
+def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """A markdown table without a trailing newline."""
+    lines = [header, ("---",) * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def parameters() -> str:
+    """The parameter table."""
+    from dlo_sim.scene.parameters import markdown_table
+
+    return markdown_table()
+
+
+def methods() -> str:
+    """The methods that `integrator.method` takes."""
+    from dlo_sim.core.methods import METHODS, SPLITTING
+
+    rows = []
+    for name, method in METHODS.items():
+        kept = [
+            word
+            for word, holds in (
+                ("symmetric", method.symmetric),
+                ("symplectic", method.symplectic),
+                ("energy", method.conserves_energy),
+            )
+            if holds
+        ]
+        damping = [
+            word
+            for word, valid in (
+                ("mass", method.mass_damping),
+                ("stiffness", method.stiffness_damping),
+            )
+            if valid
+        ]
+        limit = method.stability_limit
+        rows.append(
+            (
+                f"`{name}`",
+                "splitting" if method.family == SPLITTING else method.family.replace("_", " "),
+                str(method.order),
+                ", ".join(kept) or "-",
+                "none" if math.isinf(limit) else f"{limit:.4g}",
+                ", ".join(damping) or "none",
+                method.source,
+            )
+        )
+    header = ("method", "kind", "order", "keeps", "largest stable omega tau", "damping", "source")
+    return table(header, rows)
+
+
+def refusals() -> str:
+    """Why a message can be refused."""
+    from dlo_sim.session.diagnostics import REASONS
+
+    return table(("refused as", "what it was"), [(f"`{k}`", v) for k, v in REASONS.items()])
+
+
+def events() -> str:
+    """What else is counted."""
+    from dlo_sim.session.diagnostics import EVENTS
+
+    return table(("counted as", "what happened"), [(f"`{k}`", v) for k, v in EVENTS.items()])
+
+
+BLOCKS: dict[str, Callable[[], str]] = {
+    "parameters": parameters,
+    "methods": methods,
+    "refusals": refusals,
+    "events": events,
+}
+
+
+def found_blocks(text: str) -> dict[str, str]:
+    """The blocks that a README holds."""
+    pattern = r"<!-- ([a-z]+):begin[^\n]*-->\n(.*?)\n<!-- \1:end -->"
+    return {name: body.strip() for name, body in re.findall(pattern, text, re.DOTALL)}
+
+
+def renewed(text: str) -> str:
+    """A README with its blocks made anew."""
+    for name, make in BLOCKS.items():
+        pattern = rf"(<!-- {name}:begin[^\n]*-->\n).*?(\n<!-- {name}:end -->)"
+        text = re.sub(pattern, lambda m, body=make(): m[1] + body + m[2], text, flags=re.DOTALL)
+    return text
+
+
+# ------------------------------------------------------------------------------ the rooms' picture
+
+# Room -> (column, row, what it holds). Who imports whom is read from the code.
+PLACES: dict[str, tuple[float, int, str]] = {
+    "cli": (1.0, 0, "the command dlo_sim"),
+    "ros": (0.0, 1, "the node; knows rclpy"),
+    "demo": (1.0, 1, "generated bag, picture"),
+    "studies": (2.0, 1, "measurements, reports"),
+    "replay": (1.0, 2, "bag in, bag out; knows rosbags"),
+    "session": (0.5, 3, "messages in, time, messages out"),
+    "simulation": (1.0, 4, "a scene, stepped"),
+    "scene": (0.0, 5, "parameters, checks, file"),
+    "kernels": (1.0, 5, "compiled forces and steps"),
+    "core": (2.0, 5, "splines, methods, rotations"),
+}
+COLORS = {0: "#dbe7f5", 1: "#dbe7f5", 2: "#dbe7f5", 3: "#dff0d8", 4: "#fbe6cf", 5: "#fbe6cf"}
+WIDTH, HEIGHT, GAP_X, GAP_Y, EDGE = 230, 52, 40, 46, 14
+
+
+def layering() -> ModuleType:
+    """test_layering.py, which reads the imports."""
+    spec = importlib.util.spec_from_file_location("layering", ROOT / "test" / "test_layering.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def imports() -> dict[str, set[str]]:
+    """Room -> rooms that its modules import."""
+    code = layering()
+    found: dict[str, set[str]] = {}
+    for module in code.MODULES:
+        room = code.room(module)
+        used = {code.room(name) for name in code.imported(module) if name.startswith("dlo_sim.")}
+        found.setdefault(room, set()).update(used - {room, ""})
+    found.pop("")
+    return found
+
+
+def direct(arrows: Mapping[str, set[str]]) -> dict[str, set[str]]:
+    """The arrows that no path over another room replaces."""
+
+    def reached(room: str) -> set[str]:
+        return arrows[room].union(*(reached(below) for below in arrows[room]))
+
+    return {
+        room: {to for to in below if not any(to in reached(other) for other in below - {to})}
+        for room, below in arrows.items()
+    }
+
+
+def box(room: str) -> tuple[float, float]:
+    """Upper left corner of a room."""
+    column, row, _ = PLACES[room]
+    return EDGE + column * (WIDTH + GAP_X), EDGE + row * (HEIGHT + GAP_Y)
+
+
+def rooms() -> str:
+    """The picture as SVG: rooms as boxes, an arrow from each room to those that it imports."""
+    arrows = direct(imports())
+    missing = set(arrows) - set(PLACES)
+    assert not missing, f"give {', '.join(sorted(missing))} a place in {Path(__file__).name}"
+    columns, rows = (max(place[k] for place in PLACES.values()) for k in (0, 1))
+    size = (
+        2 * EDGE + columns * (WIDTH + GAP_X) + WIDTH,
+        2 * EDGE + rows * (HEIGHT + GAP_Y) + HEIGHT,
+    )
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" '
+        f'width="{size[0]:g}" height="{size[1]:g}" font-family="sans-serif">',
+        '<rect width="100%" height="100%" fill="white"/>',
+    ]
+    for room in sorted(arrows):
+        parts += [line(room, below) for below in sorted(arrows[room])]
+    for room in sorted(arrows):
+        x, y = box(room)
+        _, row, text = PLACES[room]
+        middle = x + WIDTH / 2
+        parts += [
+            f'<rect x="{x:g}" y="{y:g}" width="{WIDTH}" height="{HEIGHT}" rx="7" '
+            f'fill="{COLORS[row]}" stroke="#555"/>',
+            f'<text x="{middle:g}" y="{y + 21:g}" font-size="16" font-weight="bold" '
+            f'text-anchor="middle">{room}</text>',
+            f'<text x="{middle:g}" y="{y + 41:g}" font-size="13" text-anchor="middle">'
+            f"{escape(text)}</text>",
+        ]
+    return "\n".join([*parts, "</svg>", ""])
+
+
+def line(room: str, below: str) -> str:
+    """An arrow from the lower edge of a room to the upper edge of one below it."""
+    (x0, y0), (x1, y1) = box(room), box(below)
+    shift = (x1 - x0) / 6  # lines to one side leave and arrive on that side
+    start = (x0 + WIDTH / 2 + shift, y0 + HEIGHT)
+    end = (x1 + WIDTH / 2 - shift, y1)
+    length = math.dist(start, end)
+    dx, dy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+    left = (end[0] - 10 * dx - 4 * dy, end[1] - 10 * dy + 4 * dx)
+    right = (end[0] - 10 * dx + 4 * dy, end[1] - 10 * dy - 4 * dx)
+    head = " ".join(f"{x:.1f},{y:.1f}" for x, y in (end, left, right))
+    return (
+        f'<path d="M{start[0]:.1f} {start[1]:.1f} L{end[0]:.1f} {end[1]:.1f}" stroke="#555" '
+        f'stroke-width="1.4"/><polygon points="{head}" fill="#555"/>'
+    )
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    README.write_text(renewed(README.read_text(encoding="utf-8")), encoding="utf-8")
+    PICTURE.write_text(rooms(), encoding="utf-8")
