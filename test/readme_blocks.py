@@ -104,8 +104,9 @@ def found_blocks(text: str) -> dict[str, str]:
 def renewed(text: str) -> str:
     """A README with its blocks made anew."""
     for name, make in BLOCKS.items():
-        pattern = rf"(<!-- {name}:begin[^\n]*-->\n).*?(\n<!-- {name}:end -->)"
-        text = re.sub(pattern, lambda m, body=make(): m[1] + body + m[2], text, flags=re.DOTALL)
+        begin, end = re.search(rf"<!-- {name}:begin[^\n]*-->\n", text), f"\n<!-- {name}:end -->"
+        assert begin is not None, f"README.md has no place for {name}"
+        text = text[: begin.end()] + make() + text[text.index(end, begin.end() - 1) :]
     return text
 
 

@@ -1,16 +1,31 @@
 """What README.md says is what the code does."""
 
+import ast
+import importlib.util
 import re
 import shlex
 
 import pytest
 
-from dlo_sim.scene.parameters import markdown_table
+from dlo_sim.cli.main import SUBCOMMANDS, _parser
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scenes
+from dlo_sim.session.intake import input_topics
+from dlo_sim.session.outputs import output_topics
 
 
 @pytest.fixture(scope="module")
 def readme(checkout) -> str:
     return (checkout / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def generator(checkout):
+    """readme_blocks.py, which makes the generated parts."""
+    path = checkout / "test" / "readme_blocks.py"
+    spec = importlib.util.spec_from_file_location("readme_blocks", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def fenced_lines(text: str) -> list[str]:
@@ -25,12 +40,47 @@ def fenced_lines(text: str) -> list[str]:
     return lines
 
 
-def test_parameter_table_is_the_one_of_the_code(readme):
-    found = re.findall(
-        r"<!-- parameters:begin.*?-->\n(.*?)\n<!-- parameters:end -->", readme, re.DOTALL
-    )
-    assert len(found) == 1
-    assert found[0].strip() == markdown_table(), "paste the output of `dlo_sim parameters`"
+def section(text: str, title: str) -> str:
+    """What stands under a heading, up to the next one of the same depth."""
+    found = re.split(r"^## (.*)$", text, flags=re.MULTILINE)
+    assert found[1::2].count(title) == 1
+    return found[found.index(title) + 1]
+
+
+def table_rows(text: str) -> list[list[str]]:
+    """Cells of the first table in a text, without its header."""
+    lines = []
+    for line in text.splitlines():
+        if line.startswith("|"):
+            lines.append([cell.strip() for cell in line.strip("|").split(" |")])
+        elif lines:
+            break
+    assert len(lines) > 2
+    return lines[2:]
+
+
+def named(text: str) -> list[str]:
+    """Everything in single backticks."""
+    return re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S))
+
+
+@pytest.mark.parametrize("name", ["parameters", "methods", "refusals", "events"])
+def test_generated_part_is_what_the_code_says(readme, generator, name):
+    found = generator.found_blocks(readme)
+    assert name in found and name in generator.BLOCKS
+    assert found[name] == generator.BLOCKS[name](), "run `python test/readme_blocks.py`"
+    assert len(found[name].splitlines()) > 5
+
+
+def test_generated_parts_are_all_known(readme, generator):
+    assert set(generator.found_blocks(readme)) == set(generator.BLOCKS)
+    assert generator.renewed(readme) == readme
+
+
+def test_picture_of_the_rooms_is_drawn_from_the_imports(checkout, generator):
+    drawn = (checkout / "resource" / "rooms.svg").read_text(encoding="utf-8")
+    assert drawn == generator.rooms(), "run `python test/readme_blocks.py`"
+    assert drawn.count("<polygon") >= 8, "there are arrows"
 
 
 @pytest.mark.parametrize(
@@ -48,10 +98,106 @@ def test_command_that_ci_runs_is_there_once(readme, start):
     shlex.split(found[0])
 
 
-def test_subcommands_in_the_readme_exist(readme):
-    from dlo_sim.cli.main import SUBCOMMANDS
+def test_commands_in_the_readme_are_accepted(readme):
+    used = set()
+    for line in fenced_lines(readme):
+        words = shlex.split(line, comments=True)
+        if not words or words[0].rpartition("/")[2] != "dlo_sim":
+            continue
+        used.add(words[1])
+        if words[1] != "node":  # its arguments are for ROS
+            _parser().parse_args(words[1:])
+    assert used == set(SUBCOMMANDS), "each subcommand is shown"
+    assert "ros2 run dlo_sim node --ros-args --params-file" in readme
 
-    used = set(re.findall(r"(?:^|/|\s)dlo_sim ([a-z]+)", "\n".join(fenced_lines(readme))))
-    used -= {"node"} if "ros2 run dlo_sim node" in readme else set()
-    assert used, "no subcommand is shown"
-    assert used <= set(SUBCOMMANDS)
+
+def test_files_that_the_readme_names_exist(readme, checkout):
+    linked = re.findall(r"\]\(([^)#:]+)\)", readme)
+    linked += [name for name in named(readme) if re.match(r"(config|test|resource)/[\w./]+$", name)]
+    assert len(linked) > 5
+    assert [name for name in linked if not (checkout / name).exists()] == []
+
+
+def test_every_shipped_scene_is_shown(readme):
+    shown = set(re.findall(r"^\| `config/(\w+)\.yaml`", readme, re.MULTILINE))
+    assert shown == set(shipped_scenes())
+
+
+def test_table_of_topics_is_complete(readme):
+    scene = scene_from_values(
+        {
+            "cable.length": 1.0,
+            "start.pose_topic": "~/start/pose",
+            "end.pose_topic": "~/end/pose",
+            "end.fixed": [True, True, True],
+            "loads.names": ["start", "end", "force"],
+            "loads.force.type": "force",
+        }
+    )
+    wanted = {(entry.topic, "in", entry.type) for entry in input_topics(scene)}
+    wanted |= {(topic, "out", kind) for topic, kind in output_topics(scene).items()}
+    shown = set()
+    for names, direction, kind, meaning in table_rows(section(readme, "Topics")):
+        shown |= {(name, direction, kind) for name in named(names)}
+        assert meaning
+    assert shown == wanted
+
+
+def test_every_wrench_has_its_sign_and_frame(readme):
+    text = section(readme, "The sign and the frame of every wrench")
+    shown = {name for row in table_rows(text) for name in named(row[0]) if name.startswith("~/")}
+    topics = {
+        name
+        for names, _, kind, _ in table_rows(section(readme, "Topics"))
+        if kind.endswith(("WrenchStamped", "Vector3Stamped"))
+        for name in named(names)
+    }
+    assert shown == topics
+    assert "ON THE CABLE BY THE END EFFECTOR" in text
+
+
+def test_table_of_services_is_complete(readme, checkout):
+    tree = ast.parse((checkout / "dlo_sim" / "ros" / "node.py").read_text(encoding="utf-8"))
+    offered = {
+        (ast.literal_eval(call.args[1]), ast.unparse(call.args[0]))
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call) and ast.unparse(call.func) == "self.create_service"
+    }
+    rows = table_rows(section(readme, "Services"))
+    assert {(named(name)[0], kind.rpartition("/")[2]) for name, kind, _ in rows} == offered
+    assert len(offered) == 3
+
+
+def test_parameters_named_in_the_text_exist(readme):
+    from dlo_sim.scene.parameters import scene_parameters
+
+    known = {row.key for row in scene_parameters(("<name>", "force"))}
+    groups = {key.partition(".")[0] for key in known if "." in key}
+    text = re.sub(r"<!-- parameters:begin.*?parameters:end -->", "", readme, flags=re.DOTALL)
+    keys = {re.split(r"[:=]", name)[0].strip() for name in named(text)}
+    keys = {key for key in keys if key.partition(".")[0] in groups and "." in key}
+    assert len(keys) > 10
+    assert keys <= known
+
+
+def test_python_example_runs(readme, checkout, monkeypatch):
+    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    monkeypatch.chdir(checkout)
+    names: dict[str, object] = {}
+    exec(compile(code, "README.md", "exec"), names)
+    assert names["tip"][1] > 0.05, "the hand has pulled the free end towards y"
+    assert names["force"][2] > 1.0, "the gripper carries the cable"
+
+
+@pytest.mark.parametrize("value", ["frenet", "quasistatic"])
+def test_twist_that_the_readme_says_is_refused(readme, value):
+    from dlo_sim.simulation.simulator import Simulator
+
+    assert f"`{value}`" in section(readme, "What it does not do") or value in readme
+    scene = load_scene(shipped_scenes()["paper_wire"], {"terms.twist": value})
+    with pytest.raises(SceneError, match="not available in this version"):
+        Simulator(scene)
+
+
+def test_demo_picture_is_small(checkout):
+    assert 20_000 < (checkout / "resource" / "demo.png").stat().st_size < 300_000

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core.methods import RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.core.methods import CONSTRAINED, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,9 @@ def amplification(
     Raises:
         ValueError: for an implicit method, which has no limit.
     """
+    if method.family == CONSTRAINED:
+        # an oscillator has no constraint, and without one RATTLE is velocity Verlet
+        method = METHODS["velocity_verlet"]
     if method.family == SPLITTING:
         return _splitting(method, omega, decay)
     if method.family == RUNGE_KUTTA:

@@ -58,8 +58,15 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """R(q) v, shape (..., 3): v = body coordinates in, world coordinates out."""
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
     axis, w = q[..., :3], q[..., 3:]
-    t = 2.0 * np.cross(axis, v)
-    return np.asarray(v + w * t + np.cross(axis, t))
+    t = 2.0 * _cross(axis, v)
+    return np.asarray(v + w * t + _cross(axis, t))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a x b over the last axis; numpy's own takes ten times as long for single vectors."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack((a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0), axis=-1)
 
 
 def to_matrix(q: ArrayLike) -> Array:

@@ -1,1 +1,1 @@
-"""The main job on input that the package makes itself: a bag, its prediction, a picture, a summary."""
+"""The main job on input that the package makes itself: bag, prediction, picture, summary."""

@@ -1,4 +1,4 @@
-"""The demo from end to end: make a bag, replay it through a scene, draw and summarise the result."""
+"""The demo from end to end: make a bag, replay it through a scene, draw, summarise."""
 
 from __future__ import annotations
 

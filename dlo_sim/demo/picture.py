@@ -32,7 +32,8 @@ def draw_motion(prediction: Prediction, gripper: Array, hand: Array, path: Path)
         path: PNG to write.
     """
     figure = Figure(figsize=(12.0, 6.9), layout="constrained")
-    views, curves = figure.subfigures(1, 2, width_ratios=(1.5, 1.0))
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1.0))
+    views, curves = figure.add_subfigure(grid[0]), figure.add_subfigure(grid[1])
     front, above = views.subplots(2, 1, sharex=True, height_ratios=(2.1, 1.0))
     scale = Normalize(0.0, float(prediction.time[-1]), clip=True)
     _draw_view(front, prediction, gripper[:, 1:], (1, 2), scale)
@@ -73,9 +74,7 @@ def _draw_view(
     axes.set_ylabel(f"{_NAMES[plane[1]]} [m]")
 
 
-def _add_lines(
-    axes: Axes, lines: Array, time: Array, scale: Normalize, **style: float | str
-) -> None:
+def _add_lines(axes: Axes, lines: Array, time: Array, scale: Normalize, **style: float) -> None:
     """Lines (k, points, 2) whose colour is their time."""
     axes.add_collection(LineCollection(list(lines), array=time, cmap=_MAP, norm=scale, **style))
 

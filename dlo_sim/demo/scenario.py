@@ -19,8 +19,9 @@ Array = NDArray[np.float64]
 
 SIGNATURE = "# The scene of `dlo_sim demo`"
 
-SCENE = f"""{SIGNATURE}: a rubber-sheathed cable leaves a gripper along the gripper's x axis and droops.
-# A hand with a force sensor holds its other end for a moment. Change a value and replay:
+SCENE = f"""{SIGNATURE}: a rubber-sheathed cable leaves a gripper along the
+# gripper's x axis and droops. A hand with a force sensor pulls at its other end for a moment.
+# Change a value and replay:
 #
 #   dlo_sim replay input --params scene.yaml --output again
 /**:
@@ -115,9 +116,7 @@ def messages(duration: float = DURATION, seed: int = SEED) -> Iterator[Message]:
     yield from sorted(streams, key=lambda message: message.time_ns)
 
 
-def _stream(
-    topic: str, t: Array, values: Array, random: np.random.Generator
-) -> Iterator[Message]:
+def _stream(topic: str, t: Array, values: Array, random: np.random.Generator) -> Iterator[Message]:
     """One topic: stamped at t [s], arriving some milliseconds later, in order."""
     encoder = cdr.StampedEncoder(TOPICS[topic], "world")
     arrival = np.maximum.accumulate(t + random.gamma(2.0, 1e-3, size=t.shape))

@@ -44,6 +44,20 @@ def rotate(w0, w1, w2, v0, v1, v2):
 
 
 @entry
+def turn(m, t, v0, v1, v2):
+    """World direction at time t of a vector in the end effector frame."""
+    s = min(max(t - m[1], 0.0), m[2])
+    return rotate(
+        s * (m[21] + s * m[24]),
+        s * (m[22] + s * m[25]),
+        s * (m[23] + s * m[26]),
+        m[12] * v0 + m[13] * v1 + m[14] * v2,
+        m[15] * v0 + m[16] * v1 + m[17] * v2,
+        m[18] * v0 + m[19] * v1 + m[20] * v2,
+    )
+
+
+@entry
 def end_points(m, t):
     """Control points of one driven end at time t: attachment (3), neighbour (3), twist [rad]."""
     s = min(max(t - m[1], 0.0), m[2])
@@ -166,21 +180,25 @@ def end_rates(m, t):
     )
 
 
-@entry
+@kernel
+def one_end_velocity(motion, e, t, n, axes, free, out):
+    """Write the velocities of the prescribed control points of end e at time t."""
+    dim = len(axes)
+    v0, v1, v2, u0, u1, u2, twist = end_rates(motion[e], t)
+    outer = 0 if e == 0 else n - 1
+    inner = 1 if e == 0 else n - 2
+    for d in range(dim):
+        if free[d, outer] == 0.0:
+            out[d, outer] = pick(axes[d], v0, v1, v2)
+        if free[d, inner] == 0.0:
+            out[d, inner] = pick(axes[d], u0, u1, u2)
+    if out.shape[0] > dim and free[dim, outer] == 0.0:
+        out[dim, outer] = twist
+
+
+@kernel
 def end_velocities(motion, t, n, axes, free, out):
     """Write the velocities of the prescribed control points of driven ends at time t."""
-    dim = len(axes)
     for e in range(2):
-        m = motion[e]
-        if m[0] == 0.0:
-            continue
-        v0, v1, v2, u0, u1, u2, twist = end_rates(m, t)
-        outer = 0 if e == 0 else n - 1
-        inner = 1 if e == 0 else n - 2
-        for d in range(dim):
-            if free[d, outer] == 0.0:
-                out[d, outer] = pick(axes[d], v0, v1, v2)
-            if free[d, inner] == 0.0:
-                out[d, inner] = pick(axes[d], u0, u1, u2)
-        if out.shape[0] > dim and free[dim, outer] == 0.0:
-            out[dim, outer] = twist
+        if motion[e, 0] != 0.0:
+            one_end_velocity(motion, e, t, n, axes, free, out)

@@ -7,6 +7,8 @@ import numpy as np
 from dlo_sim.kernels.banded import multiply
 from dlo_sim.kernels.elastic import scatter_gradient, span_gradient, tangent_coefficients
 from dlo_sim.kernels.jit import inlined, kernel
+from dlo_sim.kernels.plastic import plastic_force
+from dlo_sim.kernels.torsion import torsion_force
 
 
 @kernel
@@ -66,6 +68,12 @@ def conservative_force(x, terms, work, out):
         work.coefficients,
         work.gradient,
         out,
+    )
+    torsion_force(
+        x, terms.lattice, terms.frenet, terms.axes, work.coefficients, work.gradient, out
+    )
+    plastic_force(
+        x, terms.lattice, terms.plastic, terms.axes, work.coefficients, work.gradient, out
     )
     twist_force(x, terms.twist, n, len(terms.axes), out)
     gravity_force(terms.gravity, n, out)

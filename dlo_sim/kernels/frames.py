@@ -7,28 +7,46 @@ import numpy as np
 from dlo_sim.kernels.jit import entry, kernel
 
 
+@kernel
+def curve_sample(points, columns, values, slopes, i):
+    """Position (3), tangent (3, not unit) and twist angle of sample i."""
+    x0 = x1 = x2 = t0 = t1 = t2 = angle = 0.0
+    for k in range(4):
+        c = columns[i, k]
+        b = values[i, k]
+        s = slopes[i, k]
+        x0 += b * points[c, 0]
+        x1 += b * points[c, 1]
+        x2 += b * points[c, 2]
+        t0 += s * points[c, 0]
+        t1 += s * points[c, 1]
+        t2 += s * points[c, 2]
+        angle += b * points[c, 3]
+    return x0, x1, x2, t0, t1, t2, angle
+
+
 @entry
-def material_frames(points, tangents, angles, reference, out):
-    """Quaternions (x, y, z, w) of the material frames; x axis = tangent.
+def curve_frames(points, columns, values, slopes, reference, out):
+    """Quaternions (x, y, z, w) of the material frames along a spline; x axis = tangent.
 
     Rotation-minimising transport by double reflection (Wang, Juettler, Zheng & Liu 2008), fourth
-    order in the spacing, then a turn by angle - angles[0] about the tangent.
+    order in the spacing, then a turn by theta - theta[0] about the tangent.
 
     Args:
-        points, tangents: shape (m, 3); tangents need not be unit. angles: theta [rad], (m,).
-        reference: vector that the second axis follows at the first point (made normal to it).
+        points: control points (n, 4). columns, values, slopes: active basis of m samples, (m, 4).
+        reference: vector that the second axis follows at the first sample (made normal to it).
         out: shape (m, 4).
     """
     d0, d1, d2 = reference[0], reference[1], reference[2]
-    p0, p1, p2 = 0.0, 0.0, 0.0  # tangent of the point before
-    for i in range(points.shape[0]):
-        t0, t1, t2 = tangents[i, 0], tangents[i, 1], tangents[i, 2]
+    p0 = p1 = p2 = q0 = q1 = q2 = first_angle = 0.0  # tangent and point of the sample before
+    for i in range(out.shape[0]):
+        x0, x1, x2, t0, t1, t2, angle = curve_sample(points, columns, values, slopes, i)
         norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
         t0, t1, t2 = t0 / norm, t1 / norm, t2 / norm
-        if i > 0:
-            v0 = points[i, 0] - points[i - 1, 0]
-            v1 = points[i, 1] - points[i - 1, 1]
-            v2 = points[i, 2] - points[i - 1, 2]
+        if i == 0:
+            first_angle = angle
+        else:
+            v0, v1, v2 = x0 - q0, x1 - q1, x2 - q2
             c = v0 * v0 + v1 * v1 + v2 * v2
             if c > 0.0:
                 a = 2.0 / c * (v0 * d0 + v1 * d1 + v2 * d2)
@@ -42,9 +60,9 @@ def material_frames(points, tangents, angles, reference, out):
         d0, d1, d2 = d0 - along * t0, d1 - along * t1, d2 - along * t2
         norm = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
         d0, d1, d2 = d0 / norm, d1 / norm, d2 / norm
-        p0, p1, p2 = t0, t1, t2
+        p0, p1, p2, q0, q1, q2 = t0, t1, t2, x0, x1, x2
         b0, b1, b2 = t1 * d2 - t2 * d1, t2 * d0 - t0 * d2, t0 * d1 - t1 * d0
-        c, s = np.cos(angles[i] - angles[0]), np.sin(angles[i] - angles[0])
+        c, s = np.cos(angle - first_angle), np.sin(angle - first_angle)
         m0, m1, m2 = c * d0 + s * b0, c * d1 + s * b1, c * d2 + s * b2
         n0, n1, n2 = t1 * m2 - t2 * m1, t2 * m0 - t0 * m2, t0 * m1 - t1 * m0
         write_quaternion(t0, t1, t2, m0, m1, m2, n0, n1, n2, out[i])

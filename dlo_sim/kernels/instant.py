@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.banded import multiply
+from dlo_sim.kernels.banded import multiply, solve_rows
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
+from dlo_sim.kernels.ends import one_end_velocity
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
 from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.matrix import add_springs, scatter_matrices, span_matrices
+from dlo_sim.kernels.observe import velocities
 from dlo_sim.kernels.tangent import span_discrete_gradient
+
+RATE_STEP = 1e-6  # [s] of the difference that gives the acceleration of a driven end
 
 
 @kernel
@@ -71,7 +75,7 @@ def add_twist_viscosity(v, twist, viscosity, n, row, out):
         multiply(twist.stiffness, n, v[row], -viscosity, out[row])
 
 
-@entry
+@kernel
 def instant_force(x, v, terms, friction, viscosity, work, solver, t, out):
     """All forces on the control points at one instant, without the ends' reactions."""
     conservative_force(x, terms, work, out)
@@ -106,3 +110,58 @@ def stiffness_band(x, terms, viscosity, work, solver):
     span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
     scatter_matrices(solver.matrices, n, dim, 2.0, solver.band)
     add_springs(terms.springs, n, dim, 1.0, solver.band)
+
+
+@kernel
+def driven_acceleration(drive, free, t, n, axes, out, spare):
+    """Accelerations of driven control points into out (both arrays hold zeros before and matter after).
+
+    Central differences of the velocities inside the present motion, one-sided at its borders: a jump
+    of velocity from one motion to the next is an impulse, not an acceleration to report.
+    """
+    if drive is not None:
+        for e in range(2):
+            start, duration = drive.motion[e, 1], drive.motion[e, 2]
+            inside = t >= start - RATE_STEP and t <= start + duration + RATE_STEP
+            if drive.motion[e, 0] == 0.0 or duration <= 4.0 * RATE_STEP or not inside:
+                continue
+            low = min(max(t - RATE_STEP, start), start + duration - 2.0 * RATE_STEP)
+            high = low + 2.0 * RATE_STEP
+            one_end_velocity(drive.motion, e, low, n, axes, free, spare)
+            one_end_velocity(drive.motion, e, high, n, axes, free, out)
+            outer = 0 if e == 0 else n - 1
+            inner = 1 if e == 0 else n - 2
+            for d in range(out.shape[0]):
+                out[d, outer] = (out[d, outer] - spare[d, outer]) / (high - low)
+                out[d, inner] = (out[d, inner] - spare[d, inner]) / (high - low)
+
+
+@entry
+def missing_force(state, terms, friction, viscosity, work, solver, t, out):
+    """What M a = f lacks on the prescribed rows: the forces of the ends, shape (rows, width).
+
+    With all other forces known, the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p).
+    """
+    n = terms.lattice.n
+    mass = terms.mass
+    velocities(state.w, terms, t, work.v0)
+    instant_force(
+        state.position, work.v0, terms, friction, viscosity, work, solver, t, work.force
+    )
+    clear(work.v1)
+    clear(out)
+    driven_acceleration(terms.drive, mass.free, t, n, terms.axes, work.v1, out)
+    for d in range(out.shape[0]):
+        for i in range(n):
+            out[d, i] = 0.0
+        multiply(mass.band[d], n, work.v1[d], -1.0, out[d])
+        for i in range(n):
+            out[d, i] = (out[d, i] + work.force[d, i]) * mass.free[d, i]
+    solve_rows(mass.lower, mass.inverse_diagonal, n, out)
+    for d in range(out.shape[0]):
+        for i in range(n):
+            work.v1[d, i] += out[d, i]
+            out[d, i] = 0.0
+        multiply(mass.band[d], n, work.v1[d], 1.0, out[d])
+        for i in range(n):
+            out[d, i] = (out[d, i] - work.force[d, i]) * (1.0 - mass.free[d, i])

@@ -69,6 +69,30 @@ class Twist(NamedTuple):
     stiffness: Array
 
 
+class Frenet(NamedTuple):
+    """Twist against the Frenet torsion: GJ [N m^2], squared curvature floor [1/m^2], and scratch for
+    theta', each of shape (blocks, 3, LANES)."""
+
+    stiffness: float
+    floor: float
+    angle: Array
+    angle_gradient: Array
+
+
+class Plastic(NamedTuple):
+    """Plastic bending: EI and H [N m^2], yield moment [N m], and the state of every sample.
+
+    curvature: plastic curvature vector [1/m], world axes; tangent: unit tangent that it was last made
+    normal to; both of shape (blocks, m, 3, LANES).
+    """
+
+    stiffness: float
+    hardening: float
+    yield_moment: float
+    curvature: Array
+    tangent: Array
+
+
 class Springs(NamedTuple):
     """Springs of the two ends to their anchors: stiffness [N/m] and anchor [m], shape (2, dim)."""
 
@@ -133,6 +157,8 @@ class Terms(NamedTuple):
     bend: Bend | None
     rest: RestCurvature | None
     twist: Twist | None
+    frenet: Frenet | None
+    plastic: Plastic | None
     gravity: Array | None
     springs: Springs | None
     loads: Loads | None
@@ -266,4 +292,8 @@ BOOKED = 7  # 1 once Work holds the forces of an earlier evaluation
 POTENTIAL_START = 8  # stretch, bend, twist, gravity, spring
 HISTORY = 13  # entries of State.history that are known
 PENDING = 14  # work since the last evaluation of forces, until that is booked properly
-LEDGER_SIZE = 15
+PLASTIC_WORK = 15  # the part of DISSIPATED that plastic flow took
+TORSION_LOOKS = 16  # how often samples without torsion were counted, their sum, the largest count
+TORSION_SUM = 17
+TORSION_WORST = 18
+LEDGER_SIZE = 19

@@ -18,8 +18,14 @@ from dlo_sim.kernels.layout import (
     FLOOR,
     LOAD_WORK,
     PENDING,
+    PLASTIC_WORK,
     POTENTIAL_START,
+    TORSION_LOOKS,
+    TORSION_SUM,
+    TORSION_WORST,
 )
+from dlo_sim.kernels.plastic import plastic_energy
+from dlo_sim.kernels.torsion import count_undefined, torsion_energy
 
 DIVERGED_SHARE = 0.5  # of the energy exchanged so far; a usable run stays far below
 
@@ -95,10 +101,11 @@ def potentials(x, terms, work):
     stretch, bend = elastic_energy(
         work.coefficients, terms.lattice, terms.stretch, terms.bend, terms.rest, terms.axes
     )
+    torsion = torsion_energy(x, terms.lattice, terms.frenet, terms.axes, work.coefficients)
     return (
         stretch,
-        bend,
-        twist_energy(x, terms.twist, n, len(terms.axes)),
+        bend + plastic_energy(terms.lattice, terms.plastic, work.coefficients),
+        twist_energy(x, terms.twist, n, len(terms.axes)) + torsion,
         gravity_energy(x, terms.gravity, n),
         spring_energy(x, terms.springs, n),
     )
@@ -129,6 +136,12 @@ def start_account(state, terms, work):
     ledger[ENERGY_ERROR] = 0.0
     ledger[EXCHANGED] = 0.0
     ledger[BOOKED] = 0.0
+    ledger[PENDING] = 0.0
+    ledger[PLASTIC_WORK] = 0.0
+    ledger[TORSION_LOOKS] = 0.0
+    ledger[TORSION_SUM] = 0.0
+    ledger[TORSION_WORST] = 0.0
+    count_undefined(terms.lattice, terms.frenet, work.coefficients, ledger)
 
 
 @kernel
@@ -137,6 +150,7 @@ def update_account(state, terms, work):
     ledger = state.ledger
     kinetic = kinetic_energy(state.w, terms.mass, terms.lattice.n)
     parts = potentials(state.position, terms, work)
+    count_undefined(terms.lattice, terms.frenet, work.coefficients, ledger)
     total = kinetic
     exchanged = max(ledger[EXCHANGED], kinetic)
     for i in range(5):

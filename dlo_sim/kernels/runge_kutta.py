@@ -12,6 +12,7 @@ from dlo_sim.kernels.forces import conservative_force, load_force
 from dlo_sim.kernels.jit import entry, inlined, kernel
 from dlo_sim.kernels.layout import BOOKED, DISSIPATED
 from dlo_sim.kernels.observe import begin_sample, end_sample, kinetic_energy, update_account
+from dlo_sim.kernels.plastic import plastic_flow
 from dlo_sim.kernels.splitting import (
     DIVERGED,
     OK,
@@ -136,7 +137,9 @@ def advance_runge_kutta(
         evaluations += runge_kutta_step(
             state, terms, work, table, nodes, slopes, t0, tau, fresh
         )
-        fresh = True
+        fresh = not plastic_flow(
+            state, terms.lattice, terms.plastic, terms.axes, work.coefficients
+        )
         if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:

@@ -22,6 +22,7 @@ from dlo_sim.kernels.observe import (
     prescribed_column,
     update_account,
 )
+from dlo_sim.kernels.plastic import plastic_flow
 
 OK = 0
 DIVERGED = 1
@@ -215,6 +216,8 @@ def advance_splitting(
             state, terms, work, drift_weights, kick_weights, t0, tau, fresh
         )
         evaluations += used
+        if plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients):
+            fresh = False
         if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:

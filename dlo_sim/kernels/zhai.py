@@ -11,6 +11,7 @@ from dlo_sim.kernels.banded import solve_rows
 from dlo_sim.kernels.jit import entry, inlined, kernel
 from dlo_sim.kernels.layout import HISTORY
 from dlo_sim.kernels.observe import begin_sample, end_sample, update_account
+from dlo_sim.kernels.plastic import plastic_flow
 from dlo_sim.kernels.runge_kutta import lose_energy
 from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends, evaluate
 
@@ -81,7 +82,9 @@ def advance_zhai(state, terms, work, psi, phi, first_step, steps, tau, guard, re
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         evaluations += zhai_step(state, terms, work, psi, phi, t0, tau, fresh)
-        fresh = True
+        fresh = not plastic_flow(
+            state, terms.lattice, terms.plastic, terms.axes, work.coefficients
+        )
         if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:

@@ -63,11 +63,40 @@ def _readable_file(source: str, rewritten: Path) -> str:
         ) from None
     except (YAMLError, UnicodeDecodeError) as error:
         raise SceneError(f"{source}: is not YAML{_where(error)}; correct the file") from None
+    _refuse_doubles(document, source)
     if not _write_out_decimals(document):
         return source
     with rewritten.open("w", encoding="utf-8") as stream:
         yaml.dump(document, stream)
     return str(rewritten)
+
+
+def _refuse_doubles(node: Any, source: str) -> None:
+    """Refuse a parameter that is given nested and dotted as well; rcl would drop one of the two.
+
+    Raises:
+        SceneError: naming the file, the key and the value.
+    """
+    if not isinstance(node, dict):
+        return
+    if "ros__parameters" not in node:
+        for item in node.values():
+            _refuse_doubles(item, source)
+        return
+    seen: set[str] = set()
+    for key, value in _leaves(node["ros__parameters"]):
+        if key in seen:
+            raise SceneError(f"{source}: {key}: {value} is given twice; keep one of them")
+        seen.add(key)
+
+
+def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted names and values of everything in a block."""
+    if not isinstance(node, dict):
+        yield prefix, node
+        return
+    for key, value in node.items():
+        yield from _leaves(value, f"{prefix}.{key}" if prefix else str(key))
 
 
 def _readable_rule(rule: str) -> str:

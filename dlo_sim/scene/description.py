@@ -94,6 +94,21 @@ class Terms:
 
 
 @dataclass(frozen=True)
+class Plasticity:
+    """Plastic bending: yield curvature [1/m] (0 = never yields), tangent over elastic stiffness."""
+
+    yield_curvature: float
+    hardening: float
+
+
+@dataclass(frozen=True)
+class Torsion:
+    """Frenet torsion: curvature floor [1/m] of its regularisation, 0 = derived from the length."""
+
+    curvature_floor: float
+
+
+@dataclass(frozen=True)
 class End:
     """One end of the cable and the end-effector that holds it."""
 
@@ -205,6 +220,8 @@ class Scene:
     damping: Damping
     discretization: Discretization
     terms: Terms
+    plasticity: Plasticity
+    torsion: Torsion
     gravity: Vector
     start: End
     end: End
@@ -214,6 +231,12 @@ class Scene:
     inputs: Inputs
     outputs: Outputs
     accuracy: Accuracy
+
+    @property
+    def curvature_floor(self) -> float:
+        """Floor of the Frenet torsion [1/m]: as given, or 1 % of the curvature of the ring that the
+        cable can be bent to, 0.01 * 2 pi / L."""
+        return self.torsion.curvature_floor or 0.02 * math.pi / self.cable.length
 
     @property
     def ends(self) -> dict[str, End]:

@@ -32,8 +32,10 @@ from dlo_sim.scene.description import (
     Integrator,
     Load,
     Outputs,
+    Plasticity,
     Scene,
     Terms,
+    Torsion,
 )
 from dlo_sim.scene.parameter import Parameter, Value
 from dlo_sim.scene.parameters import scene_parameters
@@ -56,6 +58,8 @@ _GROUPS: dict[str, type] = {
     "damping": Damping,
     "discretization": Discretization,
     "terms": Terms,
+    "plasticity": Plasticity,
+    "torsion": Torsion,
     "start": End,
     "end": End,
     "initial": Initial,

@@ -14,7 +14,8 @@ class Needs:
     """Which terms a scene's step contains.
 
     Attributes:
-        stretch, bend, twist, gravity, springs, loads, drive, damping: present or not.
+        stretch, bend, twist, gravity, springs, loads, drive, damping, plasticity: present or not.
+        frenet: twist is measured against the Frenet torsion.
         axes: world axes that the motion needs: all three, or the two of a coordinate plane.
         left_out: name of each absent term -> reason.
     """
@@ -27,6 +28,8 @@ class Needs:
     loads: bool
     drive: bool
     damping: bool
+    frenet: bool
+    plasticity: bool
     axes: tuple[int, ...]
     left_out: dict[str, str]
 
@@ -50,6 +53,7 @@ class Needs:
     def active(self) -> tuple[str, ...]:
         """Names of the terms that are there."""
         names = ("stretch", "bend", "twist", "gravity", "springs", "loads", "drive", "damping")
+        names += ("frenet", "plasticity")
         return tuple(name for name in names if getattr(self, name))
 
 
@@ -82,6 +86,10 @@ def needs_of(scene: Scene) -> Needs:
         loads=decide("loads", "auto", bool(scene.loads), "no loads"),
         drive=decide("drive", "auto", _driven(scene), "no gripper moves an end"),
         damping=decide("damping", terms.damping, damped, "no damping"),
+        frenet=frenet_wanted(scene),
+        plasticity=decide(
+            "plasticity", terms.plasticity, plasticity_wanted(scene), "no yield curvature"
+        ),
         left_out=reasons,
     )
 
@@ -91,6 +99,17 @@ def _stretches(scene: Scene) -> tuple[bool, str]:
     if scene.integrator.method == "rattle":
         return False, "constraints keep the rest length (integrator.method: rattle)"
     return scene.cable.EA > 0.0, "axial stiffness is 0"
+
+
+def frenet_wanted(scene: Scene) -> bool:
+    """Whether twist is measured against the Frenet torsion."""
+    return scene.terms.twist == "frenet"
+
+
+def plasticity_wanted(scene: Scene) -> bool:
+    """Whether bending can leave a set."""
+    switch = scene.terms.plasticity
+    return switch == "on" or (switch == "auto" and scene.plasticity.yield_curvature > 0.0)
 
 
 def _twists(scene: Scene) -> bool:
@@ -120,6 +139,8 @@ def _axes(scene: Scene) -> tuple[int, ...]:
     everything = (0, 1, 2)
     free_to_leave = (
         scene.terms.out_of_plane == "on"
+        or frenet_wanted(scene)
+        or plasticity_wanted(scene)
         or any(load.signal == "none" for load in scene.loads)
         or _driven(scene)
         or not (scene.start.held or scene.end.held)

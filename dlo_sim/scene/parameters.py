@@ -161,6 +161,37 @@ _TERMS = (
     ),
 )
 
+_PLASTICITY = (
+    _number(
+        "plasticity.yield_curvature",
+        0.0,
+        "1/m",
+        0.0,
+        1.0e5,
+        "Curvature beyond which bending leaves a set; 0 = it never does.",
+    ),
+    _number(
+        "plasticity.hardening",
+        0.0,
+        "",
+        0.0,
+        0.999,
+        "Tangent over elastic bending stiffness beyond yield (linear kinematic hardening).",
+    ),
+)
+
+_TORSION = (
+    _number(
+        "torsion.curvature_floor",
+        0.0,
+        "1/m",
+        0.0,
+        1.0e5,
+        "For terms.twist frenet: curvature below which torsion counts as undefined and is "
+        "suppressed; 0 = 1 % of the curvature of the ring that the cable can be bent to.",
+    ),
+)
+
 _GRAVITY = (
     _vector("gravity", (0.0, 0.0, -9.81), "m/s^2", 1.0e4, "Acceleration of gravity, world frame."),
 )
@@ -356,6 +387,8 @@ PARAMETERS: tuple[Parameter, ...] = (
     *_DAMPING,
     *_DISCRETIZATION,
     *_TERMS,
+    *_PLASTICITY,
+    *_TORSION,
     *_GRAVITY,
     *_end_parameters("start", (0.0, 0.0, 0.0), held=True),
     *_end_parameters("end", (1.0, 0.0, 0.0), held=False),

@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +28,12 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
+from dlo_sim.session.rejoining import Shift
 from dlo_sim.session.time_base import SECOND, StepGrid
 
 __all__ = ["GripperPath", "Pose", "Segment"]
 
 Array = NDArray[np.float64]
-
-# A path that was held rejoins the poses no faster than this, and in no less than this time.
-REJOIN_SPEED, REJOIN_TURN, REJOIN_TIME = 1.0, 2.0, 0.1  # m/s, rad/s, s
 
 # Poses waiting to be used; a paused simulation must not collect them for ever.
 _MOST_WAITING = 5000
@@ -90,7 +87,7 @@ class GripperPath:
         self._queue: deque[Pose] = deque(maxlen=_MOST_WAITING)
         self._center: Pose | None = None
         self._interval_ns = 0
-        self._shift: _Shift | None = None
+        self._shift: Shift | None = None
         self._position = np.zeros(3)
         self._velocity = np.zeros(3)
         self._orientation = np.array(rotations.IDENTITY)
@@ -192,7 +189,7 @@ class GripperPath:
                 return segment
         if self._center is None:
             return None
-        newest_ns = self._newest_ns or self._center.stamp_ns
+        newest_ns = self._center.stamp_ns if self._newest_ns is None else self._newest_ns
         if not self.silent and wanted_ns - newest_ns > self.timeout_ns:
             segment = self._come_to_rest(grid, index, time)
             if segment is not None:
@@ -306,52 +303,20 @@ class GripperPath:
         return None
 
     def _rejoin(self, pose: Pose) -> None:
-        """From the stamp of this pose on, poses are shifted so that this one is where the end is
-        now; the shift fades.
-        """
-        offset = self._position - pose.position
-        turn = rotations.to_rotation_vector(
-            rotations.multiply(self._orientation, rotations.conjugate(pose.orientation))
-        )
-        distance, angle = float(np.linalg.norm(offset)), float(np.linalg.norm(turn))
-        if distance < 1e-9 and angle < 1e-9:
-            self._shift = None
-            return
-        self._note("rejoined", f"{self.end} returns to its poses, {distance:.3g} m away")
-        duration = max(REJOIN_TIME, distance / REJOIN_SPEED, angle / REJOIN_TURN)
-        self._shift = _Shift(pose.stamp_ns, duration, offset, turn)
+        """From its stamp on, shift the poses so that this one is where the end is; it fades."""
+        self._shift = Shift.to_present(pose, self._position, self._orientation)
+        if self._shift is not None:
+            self._note(
+                "rejoined", f"{self.end} returns to its poses, {self._shift.distance:.3g} m away"
+            )
 
     def _shifted(self, pose: Pose) -> tuple[Array, Array]:
-        if self._shift is None:
-            return pose.position, pose.orientation
-        weight = self._shift.weight(pose.stamp_ns)
-        if weight == 0.0:
-            return pose.position, pose.orientation
-        turn = rotations.from_rotation_vector(weight * self._shift.turn)
-        return (
-            pose.position + weight * self._shift.offset,
-            rotations.multiply(turn, pose.orientation),
-        )
+        pose = pose if self._shift is None else self._shift.applied(pose)
+        return pose.position, pose.orientation
 
     def _stop_at(self, position: Array, orientation: Array) -> None:
         self._position, self._orientation = position, orientation
         self._velocity, self._spin = np.zeros(3), np.zeros(3)
-
-
-class _Shift(NamedTuple):
-    """A displacement of the poses that fades from 1 to 0 by 1 - 3 x^2 + 2 x^3."""
-
-    begin_ns: int
-    duration: float
-    offset: Array
-    turn: Array
-
-    def weight(self, stamp_ns: int) -> float:
-        x = min(1.0, max(0.0, (stamp_ns - self.begin_ns) / (self.duration * SECOND)))
-        return 1.0 - x * x * (3.0 - 2.0 * x)
-
-    def moved(self, delta_ns: int) -> _Shift:
-        return self._replace(begin_ns=self.begin_ns + delta_ns)
 
 
 def _parabola(way: Array, v0: Array, v1: Array, duration: float) -> tuple[Array, Array]:

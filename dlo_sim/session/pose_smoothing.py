@@ -1,10 +1,11 @@
 """Noise of measured poses, taken out by local parabolas.
 
-Poses tracked by a camera are off by half a millimetre or so. That is little for a shape and far too much for a force: at 30 Hz
-a white noise of 1 mm is an acceleration noise of 1 mm sqrt(6) / dt^2 = 2 m/s^2, which the whole mass of the cable turns into
-newtons. Each pose is replaced by the value, at its own stamp, of the parabola that fits the poses within +-w best (weights
-1 - (t/w)^2): motion of constant acceleration passes unchanged, without delay. The price is waiting: a pose is released when one
-beyond its window has arrived, or after a silence.
+Poses tracked by a camera are off by half a millimetre or so. That is little for a shape and far
+too much for a force: at 30 Hz a white noise of 1 mm is an acceleration noise of sqrt(6) mm / dt^2
+= 2 m/s^2, which the whole mass of the cable turns into newtons. Each pose is replaced by the value,
+at its own stamp, of the parabola that fits the poses within +-w best (weights 1 - (t/w)^2): motion
+of constant acceleration passes unchanged and undelayed. The price is waiting: a pose is released
+when one beyond its window has arrived, or after a silence.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Pose(NamedTuple):
-    """A pose: stamp in the time base [ns], position (3,) [m], orientation (4,) quaternion x, y, z, w."""
+    """Stamp in the time base [ns], position (3,) [m], orientation (4,) quaternion x, y, z, w."""
 
     stamp_ns: int
     position: Array
@@ -103,7 +104,7 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
 
 
 def _weights_of_the_value_at_zero(t: Array) -> Array:
-    """Weights c with sum c_i y_i = a for the weighted least-squares parabola a + b t + c t^2, |t| < 1."""
+    """Weights g, shape (n,), so that g.y = a for the best parabola a + b t + c t^2; |t| < 1."""
     powers = np.stack([np.ones_like(t), t, t * t])
     weighted = powers * (1.0 - t * t)
     return np.asarray(np.linalg.solve(weighted @ powers.T, weighted)[0])

@@ -14,8 +14,7 @@ The session never raises on a message or a tick and never puts out a number that
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
@@ -23,6 +22,7 @@ from dlo_sim.session.diagnostics import Journal, session_status, topic_status
 from dlo_sim.session.drive import Drive, SimulatorFactory
 from dlo_sim.session.intake import InputTopic, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
+from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import SECOND, TimeBase
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
@@ -33,35 +33,6 @@ CLOCK_JUMP = 1 * SECOND
 # Beyond pose_timeout and inputs.catch_up, a simulation this far behind skips time instead of
 # falling back for ever [s].
 MOST_LAG = 1.0
-
-
-class SessionStatus(Enum):
-    """What a session is doing; the values are readable."""
-
-    WAITING = "waiting for the first pose"
-    RUNNING = "running"
-    PAUSED = "paused"
-    FAILED = "failed: the last good state is held, call ~/reset"
-
-
-class TickReport(NamedTuple):
-    """What a tick did.
-
-    Attributes:
-        advanced_steps: steps taken.
-        lag_ns: how far the state is behind the time it should have [ns]: missing poses, or too slow
-            a computer.
-        status: what the session is doing.
-        message: one line when there is something to say (why it failed, what it waits for), else
-            "".
-        stop: the simulator failed and `integrator.on_failure` is `stop`.
-    """
-
-    advanced_steps: int
-    lag_ns: int
-    status: SessionStatus
-    message: str = ""
-    stop: bool = False
 
 
 class Session:

@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.kernels.ends import end_points
+from dlo_sim.kernels.ends import end_points, turn
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.geometry import ENDS, EndGeometry
 
 Array = NDArray[np.float64]
 COLUMNS = 39
+_UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 TWIST, CLAMPED, HELD, SIGN = 33, 34, slice(35, 38), 38
 
 
@@ -53,6 +54,11 @@ class EndDrive:
         """Position [m] and quaternion of an end effector at time t."""
         motion = self._motions[_known(end)]
         return motion.position_at(t), motion.orientation_at(t)
+
+    def turned_axis(self, end: str, t: float, axis: int) -> Array:
+        """World direction of an axis (0, 1, 2) of an end effector at time t."""
+        unit = _UNIT[axis]
+        return np.array(turn(self.motion[ENDS.index(end)], t, unit[0], unit[1], unit[2]))
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""

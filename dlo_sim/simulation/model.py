@@ -12,6 +12,7 @@ from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
+from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.geometry import ENDS, EndGeometry
 
 Array = NDArray[np.float64]
@@ -98,6 +99,8 @@ def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> 
         bend=layout.Bend(scene.cable.EI) if needs.bend else None,
         rest=_rest_curvature(scene, lattice, axes) if needs.bend else None,
         twist=_twist(scene, knots, rule) if needs.twist else None,
+        frenet=optional_terms.frenet_term(scene, lattice) if needs.frenet else None,
+        plastic=optional_terms.plastic_term(scene, lattice) if needs.plasticity else None,
         gravity=_gravity(scene, bands[0], n, axes) if needs.gravity else None,
         springs=_springs(scene, ends, needs) if needs.springs else None,
         loads=_loads(scene, knots, axes) if needs.loads else None,

@@ -9,7 +9,7 @@ import numpy as np
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import needs_of
+from dlo_sim.scene.needs import frenet_wanted, needs_of
 from dlo_sim.simulation import statics, workspace
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import EndGeometry, first_shape
@@ -37,6 +37,10 @@ def place(
     state.position[:, : model.n] = model.to_rows(points)
     inextensible = scene.integrator.method == "rattle"
     if wants_equilibrium(scene, geometries):
+        if frenet_wanted(scene):
+            raise SceneError(
+                "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
+            )
         if inextensible:
             _relax_elastic(scene, geometries, model, state)
         elif not statics.relax(model, state, work, solver):

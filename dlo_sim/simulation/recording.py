@@ -124,7 +124,8 @@ def record(
 
 def _sample_times(duration: float, every: float) -> Array:
     """Multiples of `every` [s] from 0 up to the duration."""
-    return np.arange(int(np.floor(duration / every + _ROUNDING)) + 1) * every
+    count = int(np.floor(duration / every + _ROUNDING)) + 1
+    return np.arange(count, dtype=float) * every
 
 
 def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:

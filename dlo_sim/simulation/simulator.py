@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.kernels import layout
-from dlo_sim.kernels.frames import material_frames
+from dlo_sim.kernels.frames import curve_frames
 from dlo_sim.kernels.observe import kinetic_energy, potentials, start_account, velocities
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, needs_of, needs_of_load
-from dlo_sim.simulation import workspace
+from dlo_sim.simulation import optional_terms, workspace
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Pose, end_geometries
 from dlo_sim.simulation.model import Model, build_model, local_axis
@@ -29,6 +29,7 @@ from dlo_sim.simulation.stepper import Choice, Stepper, choose, largest_frequenc
 
 Array = NDArray[np.float64]
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
+MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 CHUNK = 4096  # steps between two saved states of a long advance
 
 
@@ -65,15 +66,19 @@ class Simulator:
         self.scene = scene
         needs = needs_of(scene)
         _refuse_unbuilt(scene)
+        optional_terms.check_terms(scene, needs)
         self._needs = needs
         self._geometries = end_geometries(scene, end_poses)
         self._model = build_model(scene, needs, self._geometries)
+        self._greville = bspline.greville(self._model.knots)
         self._ends = EndDrive(scene, self._geometries)
         self._share_drive()
         self._state = workspace.new_state(self._model)
         self._work = workspace.new_work(self._model)
         self._solver = workspace.new_solver(self._model)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
+        self._kept: tuple[tuple[Array, Array], ...] = ()
+        self._bases: dict[bytes, tuple[NDArray[np.int64], Array, Array]] = {}
         self._steps = 0
         self._remainder = 0.0
         self._turn_rest_axis()
@@ -148,23 +153,19 @@ class Simulator:
     @property
     def greville(self) -> Array:
         """Material coordinate [m] that belongs to each control point, shape (n_u,)."""
-        return bspline.greville(self._model.knots)
+        return self._greville.copy()
 
     def centerline(self, u: ArrayLike) -> Array:
         """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3)."""
-        return bspline.evaluate(self.control_points[:, :3], self._model.knots, u)
+        columns, values, _ = self._basis(u)
+        return np.einsum("mk,mkd->md", values, self.control_points[columns, :3])
 
     def frames(self, u: ArrayLike) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent."""
-        u = np.asarray(u, dtype=float)
-        points = self.control_points
-        out = np.zeros((len(u), 4))
-        material_frames(
-            bspline.evaluate(points[:, :3], self._model.knots, u),
-            bspline.evaluate(points[:, :3], self._model.knots, u, 1),
-            bspline.evaluate(points[:, 3:], self._model.knots, u)[:, 0],
-            self._frame_reference(),
-            out,
+        columns, values, slopes = self._basis(u)
+        out = np.empty((len(values), 4))
+        curve_frames(
+            self.control_points, columns, values, slopes, self._frame_reference(), out
         )
         return out
 
@@ -212,7 +213,7 @@ class Simulator:
         evaluations = 0
         while done < steps:
             piece = min(CHUNK, steps - done)
-            saved = self.snapshot()
+            self._keep()
             first = self._steps
             code, made, used = self._stepper.advance(
                 self._state, self._work, self._solver, first, piece, recorder
@@ -224,7 +225,7 @@ class Simulator:
             if not status.ok:
                 failed_at = (first + made) * self.step
                 if status is Status.DIVERGED:
-                    self.restore(saved)
+                    self._go_back()
                 else:
                     self._steps = first + made
                 done = self._steps - (first - done)
@@ -317,6 +318,33 @@ class Simulator:
 
     # -- inside ---------------------------------------------------------------------------------
 
+    def _basis(self, u: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]:
+        """Active control points (m, 4), basis values and derivatives at u; kept for the next call."""
+        u = np.asarray(u, dtype=float)
+        key = u.tobytes()
+        table = self._bases.get(key)
+        if table is None:
+            first, values = bspline.active_basis(self._model.knots, u)
+            _, slopes = bspline.active_basis(self._model.knots, u, 1)
+            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
+            if len(self._bases) >= MOST_BASES:
+                self._bases.clear()
+            self._bases[key] = table
+        return table
+
+    def _keep(self) -> None:
+        """Remember the state before an advance, without allocating."""
+        if not self._kept:
+            arrays = self._mutable()
+            self._kept = tuple((array, array.copy()) for array in arrays)
+        for array, copy in self._kept:
+            np.copyto(copy, array)
+
+    def _go_back(self) -> None:
+        """Take back the advance since `_keep`."""
+        for array, copy in self._kept:
+            np.copyto(array, copy)
+
     def _mutable(self) -> tuple[Array, ...]:
         terms = self._model.terms
         arrays: list[Any] = [*self._state, self._work.load, self._work.before, self._work.pull]
@@ -326,6 +354,8 @@ class Simulator:
             arrays.append(terms.springs.anchor)
         if terms.rest is not None:
             arrays.append(terms.rest.axis)
+        if terms.plastic is not None:
+            arrays += [terms.plastic.curvature, terms.plastic.tangent]
         arrays.append(self._ends.motion)
         return tuple(arrays)
 
@@ -357,8 +387,7 @@ class Simulator:
     def _frame_reference(self) -> Array:
         """A vector that the second axis of the material frame follows at the start."""
         tangent = self._geometries["start"].tangent
-        helper = np.eye(3)[int(np.argmin(np.abs(tangent)))]
-        return rotations.rotate(self._ends.pose("start", self.time)[1], helper)
+        return self._ends.turned_axis("start", self.time, int(np.argmin(np.abs(tangent))))
 
     def _open_account(self) -> None:
         cable = self.scene.cable
@@ -377,6 +406,7 @@ class Simulator:
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
         self._needs = needs
+        self._kept = ()
         self._model = build_model(self.scene, needs, self._geometries)
         self._share_drive()
         self._state = workspace.new_state(self._model)
@@ -401,6 +431,7 @@ class Simulator:
         if old.springs is not None and new.springs is not None:
             columns = [new.axes.index(axis) for axis in old.axes]
             new.springs.anchor[:, columns] = old.springs.anchor
+        optional_terms.carry_plastic(old, new)
         self._set(points, rates)
         self._state.ledger[:] = ledger
         self._state.ledger[[layout.BOOKED, layout.HISTORY]] = 0.0
@@ -419,15 +450,15 @@ class Simulator:
             )
         self._ends.put(points, 0.0)
         self._set(points, rates)
+        optional_terms.carry_plastic(other._model.terms, self._model.terms)
         self._open_account()
         self._initial = self.snapshot()
 
 
 def _refuse_unbuilt(scene: Scene) -> None:
-    for name in ("plasticity", "contact"):
-        if getattr(scene.terms, name) == "on":
-            raise SceneError(f"terms.{name}: 'on' is not available in this version; use auto or off")
-    if scene.terms.twist in ("frenet", "quasistatic"):
+    if scene.terms.contact == "on":
+        raise SceneError("terms.contact: 'on' is not available in this version; use auto or off")
+    if scene.terms.twist == "quasistatic":
         raise SceneError(
-            f"terms.twist: '{scene.terms.twist}' is not available in this version; use auto, on or off"
+            f"terms.twist: '{scene.terms.twist}' is not available in this version; use auto, on, off or frenet"
         )

@@ -26,7 +26,9 @@ from dlo_sim.kernels.zhai import advance_zhai
 from dlo_sim.kernels.rattle import advance_rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.needs import frenet_wanted, plasticity_wanted
 from dlo_sim.simulation.inextensible import constraint_slopes, largest_constrained_frequency
+from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.workspace import new_chain
 
@@ -66,6 +68,10 @@ def largest_frequency(model: Model, state: layout.State, work: layout.Work, solv
         value = max(
             value, spectrum.largest_frequency(twist, model.terms.mass.band[row], free[row])
         )
+    if model.terms.frenet is not None:
+        value = optional_terms.with_torsion(
+            value, model.terms.frenet, model.knots, model.terms.mass
+        )
     return value
 
 
@@ -99,6 +105,7 @@ def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choi
         )
     method = _method(scene, name)
     _check_damping(scene, method)
+    optional_terms.check_method(scene, method)
     limit = _step_limit(scene, method, frequency)
     if step == 0.0:
         step = min(SAFETY * limit, IMPLICIT_STEP)
@@ -142,6 +149,8 @@ def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
 
 
 def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
+    if frenet_wanted(scene) or plasticity_wanted(scene):
+        return "velocity_verlet", "Frenet torsion and plasticity need an explicit method"
     if scene.damping.stiffness:
         return "energy_momentum", "stiffness damping needs an implicit method"
     if scene.damping.air_drag and (scene.start.mass or scene.end.mass):

@@ -1,6 +1,5 @@
 """The equations of an implicit step: the discrete gradient's identity, and Newton's matrix."""
 
-
 import numpy as np
 import pytest
 from cables import FLAT, FULL, Bench, straight, wild
@@ -8,8 +7,8 @@ from differences import assert_limit
 
 from dlo_sim.core import spectrum
 from dlo_sim.kernels.elastic import tangent_coefficients
-from dlo_sim.kernels.jit import entry
 from dlo_sim.kernels.implicit import momentum_residual, newton_matrix, step_force
+from dlo_sim.kernels.jit import entry
 
 QUIET = FULL | {"damping.mass": 1e-300, "damping.stiffness": 1e-300}
 DAMPED = FULL | {"damping.mass": 0.8, "damping.stiffness": 5e-3, "damping.air_drag": 0.05}
@@ -17,25 +16,28 @@ TAU = 5e-3
 
 
 @entry
-def step_system(x, history, terms, friction, viscosity, work, solver, tau, theta, discrete):
-    """Forces, residual and matrix of the step from solver.start to x, as the loop makes them."""
+def step_system(x, rates, terms, friction, viscosity, work, solver, tau, theta, rate, discrete):
+    """Forces, residual and matrix of the step from solver.start to x, as the loop makes them.
+
+    `rates` stands for the velocities and for the accelerations before the step.
+    """
     n = terms.lattice.n
     dim = len(terms.axes)
     a = 2.0 / (tau * tau)
     tangent_coefficients(solver.start, terms.lattice, terms.axes, solver.p0)
     lost = step_force(
-        x, history[2], terms, friction, viscosity, work, solver, 0.0, tau, theta, discrete, True
+        x, rates, terms, friction, viscosity, work, solver, 0.0, tau, theta, rate, 0.1, discrete, True
     )
-    momentum_residual(terms, history[2], work, solver, n, dim, a, a * tau, 0.3)
-    newton_matrix(terms, friction, solver, n, dim, 0.0, tau, a, theta)
+    momentum_residual(terms, rates, work, solver, n, dim, a, a * tau, 0.3)
+    newton_matrix(terms, friction, solver, n, dim, 0.0, tau, a, theta, rate)
     return lost
 
 
 class Step:
     """The step's equations as functions of the new configuration."""
 
-    def __init__(self, bench, discrete, start, theta=0.5):
-        self.bench, self.discrete, self.theta = bench, discrete, theta
+    def __init__(self, bench, discrete, start, theta=0.5, rate=1.0):
+        self.bench, self.discrete, self.theta, self.rate = bench, discrete, theta, rate
         self.start = start
         self.rates = 0.3 * np.random.default_rng(9).normal(size=(bench.n, 4))
 
@@ -43,9 +45,11 @@ class Step:
         bench = self.bench
         bench.solver.start[:] = bench.pack(self.start)
         bench.solver.start_w[:] = bench.pack(self.rates)
+        bench.solver.coast[:] = bench.pack(TAU * self.rates)
+        midpoint = self.theta == 0.5
         self.lost = step_system(
             bench.pack(points),
-            np.stack([bench.pack(self.rates)] * 3),
+            bench.pack(0.0 * self.rates if midpoint else self.rates),
             bench.terms,
             bench.model.friction,
             bench.model.viscosity,
@@ -53,6 +57,7 @@ class Step:
             bench.solver,
             TAU,
             self.theta,
+            self.rate,
             self.discrete,
         )
 
@@ -151,17 +156,22 @@ def test_newtons_matrix_is_the_derivative_of_the_residual(n, discrete, theta):
     assert_limit(found, step.residual, second[:, :3].copy(), bound=1e-9, tiny=1e-12)
 
 
-def test_newtons_matrix_with_damping_at_a_vanishing_increment():
-    """Viscosity is linearised about the geometry of the step, which is exact where nothing moves."""
+@pytest.mark.parametrize(
+    ("discrete", "theta", "rate"),
+    [(True, 0.5, 1.0), (False, 0.7, 1.6)],
+    ids=["energy_momentum", "generalized_alpha"],
+)
+def test_newtons_matrix_with_damping_where_nothing_moves(discrete, theta, rate):
+    """Viscosity is linearised about the geometry of the step, which is exact for no increment."""
     bench = Bench(DAMPED, n=9)
     points = wild(bench)
-    step = Step(bench, True, points)
-    free = bench.free[:, :3].ravel()
-    found = (-step.matrix(points) * free[:, None]).reshape(27, 9, 3)
-    undamped = Step(Bench(QUIET, n=9), True, points).matrix(points) * free[:, None]
-    undamped = -undamped.reshape(27, 9, 3)
+    free = bench.free[:, :3].ravel()[:, None]
+    undamped = Step(Bench(QUIET, n=9), discrete, points, theta).matrix(points) * free
+    step = Step(bench, discrete, points, theta, rate)
+    step.rates *= 0.0
+    found = step.matrix(points) * free
     assert np.abs(found - undamped).max() > 0.3 * np.abs(undamped).max()
-    assert_limit(found, step.residual, points[:, :3].copy(), bound=1e-7)
+    assert_limit(-found.reshape(27, 9, 3), step.residual, points[:, :3].copy(), bound=1e-7)
 
 
 def test_energy_lost_to_damping_is_the_work_of_the_damping_force():

@@ -61,13 +61,11 @@ def launch(
 
     yield start
     for process in processes:
-        process.kill()
+        process.end()
 
 
 @pytest.fixture
-def started(
-    launch: Callable[..., NodeProcess], peer: Peer
-) -> Iterator[Callable[..., NodeProcess]]:
+def started(launch: Callable[..., NodeProcess], peer: Peer) -> Iterator[Callable[..., NodeProcess]]:
     """`started(values, *arguments)`: the same, up and running; ended after the test."""
     from node_harness import START
 
@@ -83,6 +81,6 @@ def started(
     yield start
     peer.watched = None
     for process in processes:
-        process.kill()
+        process.end()
     if processes:
         peer.until(lambda: not peer.node.count_services("/dlo_sim/reset"), "end of the node", 60.0)

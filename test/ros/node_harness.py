@@ -85,6 +85,7 @@ class NodeProcess:
         try:
             return self.process.wait(timeout)
         except subprocess.TimeoutExpired:
+            self.end()
             raise AssertionError(f"the node does not end:\n{self.output}") from None
 
     def stop(self, number: int = signal.SIGINT, timeout: float = SOON) -> int:
@@ -92,9 +93,12 @@ class NodeProcess:
         self.process.send_signal(number)
         return self.wait(timeout)
 
-    def kill(self) -> None:
-        """End of the test, whatever happened."""
-        if self.process.poll() is None:
+    def end(self) -> None:
+        """End of the test, whatever happened; a node that can still say goodbye does."""
+        self.process.terminate()
+        try:
+            self.process.wait(5.0)
+        except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
 

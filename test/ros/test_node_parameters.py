@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from geometry_msgs.msg import PoseArray, WrenchStamped
 from node_harness import CABLE, START, NodeProcess, Peer

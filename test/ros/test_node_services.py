@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from geometry_msgs.msg import PoseArray
 from node_harness import CABLE, START, NodeProcess, Peer

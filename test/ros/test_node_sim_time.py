@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseStamped
@@ -86,9 +86,7 @@ def test_time_begins_stands_still_goes_on_and_jumps_back(
     clock.close()
 
 
-def test_a_small_jump_back_is_a_reset_too(
-    started: Callable[..., NodeProcess], peer: Peer
-) -> None:
+def test_a_small_jump_back_is_a_reset_too(started: Callable[..., NodeProcess], peer: Peer) -> None:
     started({**CABLE, "use_sim_time": True})
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
     clock = PlayedClock(peer, 50)

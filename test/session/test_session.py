@@ -412,3 +412,44 @@ def test_diagnostics_name_every_refusal_with_its_reason(loaded):
     # The next report has no news.
     raw = loaded.session.diagnostics(T0 + SECOND)
     assert STORE.deserialize_cdr(raw, cdr.DIAGNOSTIC_ARRAY).status[2].level == 0
+
+
+class TestSmoothing:
+    """`pose_smoothing` in the whole session."""
+
+    def test_waits_for_the_window_and_jitter_still_changes_nothing(self, bench, scenes):
+        smooth = {"start.pose_smoothing": 0.14, "inputs.latency": 0.25}
+        first = play(bench(scenes.LOADED, **smooth), 4.0)
+        assert play(bench(scenes.LOADED, **smooth), 4.0, jitter=1) == first
+        assert len(first) > 1200
+        assert first != play(bench(scenes.LOADED, **{"inputs.latency": 0.25}), 4.0)
+
+    def test_too_little_latency_only_lags(self, bench, scenes):
+        hasty = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14})
+        patient = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
+        one, two = play(hasty, 4.0), play(patient, 4.0)
+        shared = one.keys() & two.keys()
+        assert len(shared) > 50
+        assert all(one[key] == two[key] for key in shared)
+        assert not hasty.events
+
+    def test_a_single_pose_is_enough_after_the_timeout(self, bench, scenes):
+        still = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14})
+        still.pose(T0, (0.1, 0, 0))
+        report = still.run(T0, T0 + 3 * SECOND)
+        assert report.status is SessionStatus.RUNNING
+        assert still.simulator.control_points[0, 0] == 0.1
+        assert still.events == {"silent": 1}
+
+    def test_silence_and_return(self, bench, scenes):
+        smooth = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
+        play(smooth, 2.0)
+        smooth.run(T0 + 2000 * MS, T0 + 5000 * MS)
+        held = smooth.simulator.control_points[0, :3]
+        assert held == pytest.approx(motion(T0 + 1_966_666_647), abs=1e-3)
+        for k in range(100):
+            stamp = T0 + 5000 * MS + k * 20 * MS
+            smooth.pose(stamp, (0.3, 0, 0))
+            smooth.session.tick(stamp)
+        assert smooth.simulator.control_points[0, 0] == pytest.approx(0.3)
+        assert smooth.events == {"silent": 1, "load_removed": 1, "rejoined": 1}

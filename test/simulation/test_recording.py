@@ -1,4 +1,4 @@
-"""`record`: samples at exact times, honest numbers about the run, and what is left of a failed one."""
+"""`record`: samples at exact times, numbers about the run, and what is left of a failed one."""
 
 import dataclasses
 import json

@@ -1,0 +1,117 @@
+"""Driven ends: the control points that a motion of the end effector prescribes, and their rates."""
+
+import numpy as np
+import pytest
+from cables import FULL, Bench, rotation
+
+from dlo_sim.core import rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.kernels.ends import end_points, end_velocities
+
+OFFSET = [0.02, -0.01, 0.03]
+TANGENTS = {"start": [0.6, 0.0, 0.8], "end": [0.0, 0.8, -0.6]}
+BOTH = FULL | {
+    "end.spring": [0.0, 0.0, 0.0],
+    "end.fixed": [True, True, True],
+    "end.clamped": True,
+    "end.position": [0.9, 0.1, 0.2],
+    "start.offset": OFFSET,
+    "end.offset": OFFSET,
+    "start.tangent": TANGENTS["start"],
+    "end.tangent": TANGENTS["end"],
+}
+THIRD = 1.0 / 5 / 3  # length / spans / 3 of eight control points
+
+
+def motion(rotation=((0.0, 1.5, 2.0), (3.0, -1.0, -8.0)), duration=0.4):
+    return EndMotion(
+        start=0.1,
+        duration=duration,
+        position=[[0.1, 0.2, 0.3], [0.4, -0.2, 1.0], [2.0, 1.0, -3.0]],
+        orientation=rotations.from_rotation_vector([0.3, -0.2, 0.5]),
+        rotation=rotation,
+    )
+
+
+@pytest.fixture
+def bench():
+    return Bench(BOTH, n=8)
+
+
+def placed(bench, row, t):
+    return np.array(end_points(bench.drive.motion[row], t))
+
+
+def rates(bench, row, t):
+    out = np.zeros((4, bench.model.width))
+    end_velocities(bench.drive.motion, t, 8, (0, 1, 2), bench.terms.mass.free, out)
+    outer, inner = ((0, 1), (7, 6))[row]
+    return np.concatenate((out[:3, outer], out[:3, inner], out[3:, outer]))
+
+
+@pytest.mark.parametrize(("row", "end"), [(0, "start"), (1, "end")])
+@pytest.mark.parametrize("t", [0.0, 0.1, 0.23, 0.5, 0.9])
+def test_points_are_the_attachment_and_one_third_of_a_span_along_the_tangent(bench, row, end, t):
+    path = motion()
+    bench.drive.follow(end, 0.0, path)
+    s = min(max(t - 0.1, 0.0), 0.4)
+    turn = rotation([0.3, -0.2, 0.5])
+    if s > 0:
+        turn = rotation(s * path.rotation[0] + s * s * path.rotation[1]) @ turn
+    place = path.position[0] + s * path.position[1] + s * s * path.position[2]
+    inward = (1, -1)[row] * np.array(TANGENTS[end])
+    found = placed(bench, row, t)
+    assert np.allclose(found[:3], place + turn @ OFFSET, rtol=0, atol=1e-14)
+    assert np.allclose(found[3:6], found[:3] + turn @ (THIRD * inward), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("row", "end"), [(0, "start"), (1, "end")])
+@pytest.mark.parametrize("t", [0.11, 0.3, 0.49])
+def test_rates_are_the_derivatives_of_the_points(bench, row, end, t):
+    """Positions and tangents for any motion; the angular part is the left Jacobian's business."""
+    bench.drive.follow(end, 0.0, motion())
+    h = 1e-5
+    slope = (placed(bench, row, t + h) - placed(bench, row, t - h)) / (2 * h)
+    found = rates(bench, row, t)
+    assert np.abs(found[:6]).max() > 0.5
+    assert np.allclose(found[:6], slope[:6], rtol=0, atol=1e-8)
+
+
+def test_an_end_that_has_arrived_rests(bench):
+    bench.drive.follow("start", 0.0, motion())
+    assert not rates(bench, 0, 0.05).any()
+    assert not rates(bench, 0, 0.51).any()
+    assert np.array_equal(placed(bench, 0, 0.5), placed(bench, 0, 7.0))
+
+
+@pytest.mark.parametrize(("row", "end", "sign"), [(0, "start", 1), (1, "end", 1)])
+def test_turning_about_the_tangent_twists_by_the_same_angle(bench, row, end, sign):
+    """Positive about the direction from start to end, at both ends; the tangent stays."""
+    tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS[end])
+    bench.drive.follow(end, 0.0, motion(rotation=(2.0 * tangent, 1.5 * tangent)))
+    start = placed(bench, row, 0.0)
+    for t in (0.2, 0.5):
+        s = t - 0.1
+        found = placed(bench, row, t)
+        assert found[6] - start[6] == pytest.approx(2.0 * s + 1.5 * s * s, rel=1e-12)
+        arm, before = found[3:6] - found[:3], start[3:6] - start[:3]
+        assert np.allclose(arm, before, rtol=0, atol=1e-15)
+    assert rates(bench, row, 0.3)[6] == pytest.approx(2.0 + 3.0 * 0.2, rel=1e-12)
+
+
+def test_swinging_the_tangent_does_not_twist(bench):
+    tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
+    across = np.cross(tangent, [0.0, 0.0, 1.0])
+    bench.drive.follow("start", 0.0, motion(rotation=(3.0 * across, across)))
+    assert abs(placed(bench, 0, 0.4)[6]) < 1e-14
+    assert abs(rates(bench, 0, 0.4)[6]) < 1e-14
+
+
+def test_twist_goes_on_from_motion_to_motion(bench):
+    tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
+    bench.drive.follow("start", 0.0, motion(rotation=(2.0 * tangent, 0.0 * tangent)))
+    half = placed(bench, 0, 0.3)[6]
+    later = EndMotion.resting([0, 0, 0], bench.drive.pose("start", 0.3)[1], start=0.3)
+    bench.drive.follow("start", 0.3, later)
+    assert half == pytest.approx(0.4)
+    assert placed(bench, 0, 0.3)[6] == pytest.approx(0.4)

@@ -1,0 +1,109 @@
+"""Smoothing of poses: what passes unchanged, what is taken out, and what is waited for."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.core import rotations
+from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
+from dlo_sim.session.time_base import SECOND
+
+MS = 1_000_000
+DT = 33 * MS
+
+
+def pose(stamp_ns, position=(0, 0, 0), turn=(0, 0, 0)):
+    orientation = rotations.from_rotation_vector(turn)
+    return Pose(stamp_ns, np.array(position, dtype=float), orientation)
+
+
+def smoothed(poses, half=140 * MS):
+    smoother = PoseSmoother(half, SECOND)
+    out = [released for p in poses for released in smoother.add(p)]
+    return out + smoother.flush()
+
+
+def test_off_means_untouched_and_at_once():
+    smoother = PoseSmoother(0, SECOND)
+    p = pose(5)
+    assert smoother.add(p) == [p]
+    assert smoother.flush() == []
+
+
+def test_parabolas_pass_unchanged_even_with_uneven_stamps():
+    rng = np.random.default_rng(1)
+    times = np.cumsum(rng.integers(15 * MS, 50 * MS, size=60))
+    t = times * 1e-9
+    position = np.stack([1 + 0.3 * t - 0.2 * t * t, 0.5 * t, 0 * t], axis=1)
+    poses = [pose(int(s), p, (0, 0.1 * x, 0)) for s, p, x in zip(times, position, t, strict=True)]
+    out = smoothed(poses)
+    assert [p.stamp_ns for p in out] == times.tolist()
+    assert np.allclose([p.position for p in out], position, atol=1e-9)
+    assert np.allclose([p.orientation for p in out], [p.orientation for p in poses], atol=1e-9)
+
+
+def test_white_noise_hardly_accelerates_any_more():
+    """9 poses to a parabola: the noise of the second difference falls by more than ten."""
+    rng = np.random.default_rng(2)
+    noise = 1e-3 * rng.normal(size=(400, 3))
+    out = smoothed([pose(k * DT, p) for k, p in enumerate(noise)])
+    before = np.diff(noise, 2, axis=0)[10:-10].std()
+    after = np.diff([p.position for p in out], 2, axis=0)[10:-10].std()
+    assert before == pytest.approx(1e-3 * np.sqrt(6), rel=0.1)
+    assert after < before / 10
+
+
+def test_rotation_noise_too():
+    rng = np.random.default_rng(3)
+    noise = 1e-2 * rng.normal(size=(200, 3))
+    out = smoothed([pose(k * DT, turn=[0, 1.5, 0] + w) for k, w in enumerate(noise)])
+    middle = rotations.from_rotation_vector([0, 1.5, 0])
+    away = [
+        rotations.to_rotation_vector(rotations.multiply(p.orientation, rotations.conjugate(middle)))
+        for p in out[10:-10]
+    ]
+    assert np.std(away) < 0.6e-2
+    assert np.allclose(np.linalg.norm([p.orientation for p in out], axis=1), 1.0)
+
+
+def test_a_pose_is_released_when_one_beyond_its_window_has_come():
+    smoother = PoseSmoother(100 * MS, SECOND)
+    for k in range(4):
+        assert smoother.add(pose(k * DT)) == []  # up to 99 ms
+    (first,) = smoother.add(pose(4 * DT))
+    assert first.stamp_ns == 0
+    assert smoother.held_back == 4
+    assert [p.stamp_ns for p in smoother.flush()] == [DT, 2 * DT, 3 * DT, 4 * DT]
+    assert smoother.held_back == 0
+
+
+def test_how_poses_are_handed_over_does_not_matter():
+    rng = np.random.default_rng(4)
+    poses = [pose(k * DT, rng.normal(size=3)) for k in range(30)]
+    one = smoothed(poses)
+    smoother = PoseSmoother(140 * MS, SECOND)
+    two = []
+    for p in poses:
+        two += smoother.add(p)
+    two += smoother.flush()
+    assert all(np.array_equal(a.position, b.position) for a, b in zip(one, two, strict=True))
+
+
+def test_windows_do_not_reach_across_a_silence():
+    before = [pose(k * DT, (0, 0, 0)) for k in range(10)]
+    after = [pose(2 * SECOND + k * DT, (1, 0, 0)) for k in range(10)]
+    out = smoothed(before + after, half=3 * SECOND)
+    assert [p.position[0] for p in out] == pytest.approx([0] * 10 + [1] * 10, abs=1e-12)
+
+
+def test_few_poses_are_left_alone():
+    rng = np.random.default_rng(5)
+    poses = [pose(k * DT, rng.normal(size=3)) for k in range(3)]
+    assert all(a is b for a, b in zip(smoothed(poses), poses, strict=True))
+
+
+def test_relabelling_time():
+    smoother = PoseSmoother(100 * MS, SECOND)
+    for k in range(4):
+        smoother.add(pose(k * DT))
+    smoother.shift_time(-7 * SECOND)
+    assert [p.stamp_ns for p in smoother.flush()] == [k * DT - 7 * SECOND for k in range(4)]
