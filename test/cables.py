@@ -4,6 +4,7 @@ Every combination of present terms is compiled once and kept on disk, which take
 time. So the tests use two combinations, SOFT and FULL, and reach special cases through values.
 """
 
+import numba
 import numpy as np
 
 from dlo_sim.core import bspline, mass, spectrum
@@ -68,6 +69,12 @@ def simulator(*values, **more):
     return Simulator(scene_of(*values, **more))
 
 
+@numba.njit
+def compiled_force(x, v, terms, friction, viscosity, work, solver, t, out):
+    """`instant_force`, which only other kernels may call, for Python."""
+    instant_force(x, v, terms, friction, viscosity, work, solver, t, out)
+
+
 class Bench:
     """Forces, energies and stiffness of a scene at any configuration, without a simulator.
 
@@ -112,7 +119,7 @@ class Bench:
         """Generalised forces on the control points, shape (n, 4)."""
         v = np.zeros((self.n, 4)) if rates is None else rates
         out = np.zeros((self.rows, self.model.width))
-        instant_force(
+        compiled_force(
             self.pack(points),
             self.pack(v),
             self.terms,

@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import math
+from typing import Any
 
 from dlo_sim.cli.arguments import Parser, add_json_option
 from dlo_sim.cli.output import print_json
@@ -30,7 +31,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the methods; returns the exit status."""
     if options.json:
-        print_json({"methods": [dataclasses.asdict(method) for method in METHODS.values()]})
+        print_json({"methods": [_facts(method) for method in METHODS.values()]})
         return 0
     rows = [_HEADER, *(_row(method) for method in METHODS.values())]
     widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADER))]
@@ -38,6 +39,11 @@ def run(options: argparse.Namespace) -> int:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
         print("  ".join(cells).rstrip())
     return 0
+
+
+def _facts(method: Method) -> dict[str, Any]:
+    """Everything about a method; force_evaluations is 0 where a solver decides."""
+    return dataclasses.asdict(method) | {"force_evaluations": method.force_evaluations}
 
 
 def _row(method: Method) -> tuple[str, ...]:

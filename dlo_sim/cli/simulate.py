@@ -40,6 +40,7 @@ _REPORT = (
     "energy_error_max",
     "active_terms",
     "left_out",
+    "notes",
 )
 
 
@@ -130,6 +131,8 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
         "active": ", ".join(recording.active_terms) or "-",
         "left out": "\n".join(left_out) or "-",
     }
+    if recording.notes:
+        rows["note"] = "\n".join(recording.notes)
     if output is not None:
         times, points, _ = recording.control_points.shape
         rows["output"] = f"{output} ({times} times, {points} control points)"

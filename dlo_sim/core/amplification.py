@@ -1,8 +1,8 @@
 """One step of an explicit method on a damped oscillator, as a matrix: stability without a cable.
 
-The oscillator is x'' = -omega^2 x - decay x'. With the step as unit of time the state is (x, x'), and
-for Zhai's two-step method (x, x', x''_before). A method is stable where the spectral radius of this
-matrix is at most 1; a cable is stable where all its modes are.
+The oscillator is x'' = -omega^2 x - decay x'. With the step as unit of time the state is (x, x'),
+and for Zhai's two-step method (x, x', x''_before). A method is stable where the spectral radius of
+this matrix is at most 1; a cable is stable where all its modes are.
 """
 
 from __future__ import annotations
@@ -110,7 +110,8 @@ def largest_step(
 
     def stable(tau: float) -> bool:
         return all(
-            spectral_radius(amplification(method, w * tau, decay * tau, psi, phi)) <= 1.0 + ROUND_OFF
+            spectral_radius(amplification(method, w * tau, decay * tau, psi, phi))
+            <= 1.0 + ROUND_OFF
             for w in modes
         )
 

@@ -65,20 +65,24 @@ def span_polynomials(knots: Array) -> Array:
 
 
 def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array, float]:
-    """Span index, local coordinate xi in [-1, 1] and half span [m] for material coordinates u [m]."""
+    """Span index, local coordinate xi in [-1, 1] and half span [m] of material coordinates u."""
     u = np.asarray(u, dtype=float)
     n_spans = len(knots) - 2 * DEGREE - 1
     length = knots[-1]
     tolerance = 1e-9 * length
     if u.size and (u.min() < -tolerance or u.max() > length + tolerance):
-        raise ValueError(f"material coordinate outside [0, {length:g}] m: {u.min():g} .. {u.max():g}")
+        raise ValueError(
+            f"material coordinate outside [0, {length:g}] m: {u.min():g} .. {u.max():g}"
+        )
     width = length / n_spans
     span = np.clip(np.floor(u / width).astype(np.int64), 0, n_spans - 1)
     xi = 2.0 * (u - (span + 0.5) * width) / width
     return span, np.clip(xi, -1.0, 1.0), 0.5 * width
 
 
-def active_basis(knots: Array, u: ArrayLike, derivative: int = 0) -> tuple[NDArray[np.int64], Array]:
+def active_basis(
+    knots: Array, u: ArrayLike, derivative: int = 0
+) -> tuple[NDArray[np.int64], Array]:
     """Values of the four active basis functions, or of a derivative with respect to u.
 
     Args:
@@ -118,4 +122,4 @@ def interpolate(knots: Array, values: Array) -> Array:
     matrix = np.zeros((len(values), len(values)))
     rows = np.arange(len(values))[:, None]
     matrix[rows, first[:, None] + np.arange(ACTIVE)] = basis
-    return np.linalg.solve(matrix, values)
+    return np.asarray(np.linalg.solve(matrix, values), dtype=np.float64)

@@ -1,9 +1,9 @@
 """Time integrators as data: what each one is, and which scenes it is valid for.
 
-A drift/kick (splitting) method is a pair of weight rows that one loop executes, a Runge-Kutta method
-a Butcher table for another. Zhai's two-step method has two parameters, which a scene gives. An
-implicit method is a choice of force for the one Newton loop. Everything that speaks of a method - the
-loops, the checks of a scene, the command line's list, the studies - reads it here.
+A drift/kick (splitting) method is a pair of weight rows that one loop executes, a Runge-Kutta
+method a Butcher table for another. Zhai's two-step method has two parameters, which a scene gives.
+An implicit method is a choice of force for the one Newton loop. Everything that speaks of a method
+- the loops, the checks of a scene, the command line's list, the studies - reads it here.
 """
 
 from __future__ import annotations
@@ -64,7 +64,9 @@ class Method:
 
     def _check_weights(self) -> None:
         if len(self.drift_weights) != len(self.kick_weights):
-            raise ValueError(f"{self.name}: {len(self.drift_weights)} drifts, other number of kicks")
+            raise ValueError(
+                f"{self.name}: {len(self.drift_weights)} drifts, other number of kicks"
+            )
         for kind, weights in (("drift", self.drift_weights), ("kick", self.kick_weights)):
             if abs(sum(weights) - 1.0) > 1e-14:
                 raise ValueError(f"{self.name}: {kind} weights sum to {sum(weights)}, not 1")
@@ -73,7 +75,7 @@ class Method:
 
     @property
     def force_evaluations(self) -> int:
-        """Force evaluations per step of an explicit method in a long run; 0: Newton's method decides."""
+        """Force evaluations per step of an explicit method in a long run; 0 for implicit ones."""
         if self.family == RUNGE_KUTTA:
             return len(self.stage_weights)
         if self.family in (ZHAI, CONSTRAINED):
@@ -98,7 +100,12 @@ def _forest_ruth() -> Method:
         mass_damping=False,
         stiffness_damping=False,
         source="Forest & Ruth 1990; Neri 1987; Khalifa & Palli eqs. 18-19",
-        drift_weights=(0.5 * outer, 0.5 * (1.0 - beta) * outer, 0.5 * (1.0 - beta) * outer, 0.5 * outer),
+        drift_weights=(
+            0.5 * outer,
+            0.5 * (1.0 - beta) * outer,
+            0.5 * (1.0 - beta) * outer,
+            0.5 * outer,
+        ),
         kick_weights=(outer, -beta * outer, outer, 0.0),
     )
 

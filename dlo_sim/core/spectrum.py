@@ -84,7 +84,7 @@ def _lanczos(stiffness: Array, bands: Array, free: NDArray[np.bool_], iterations
     diagonal: list[float] = []
     beside: list[float] = []
     image = weigh(x)
-    norm = np.sqrt(x @ image)
+    norm = float(np.sqrt(x @ image))
     for _ in range(min(iterations, int(mask.sum()))):
         x, image = x / norm, image / norm
         basis.append(x)
@@ -94,7 +94,7 @@ def _lanczos(stiffness: Array, bands: Array, free: NDArray[np.bool_], iterations
         for old, old_image in zip(basis, images, strict=True):
             y = y - (y @ old_image) * old
         image = weigh(y)
-        norm = float(np.sqrt(max(y @ image, 0.0)))
+        norm = float(np.sqrt(max(float(y @ image), 0.0)))
         if norm < 1e-12 * abs(diagonal[-1]):
             break
         beside.append(norm)

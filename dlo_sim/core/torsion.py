@@ -1,7 +1,7 @@
 """Twist against the Frenet torsion: plain numpy, slow, obvious; the oracle for `kernels.torsion`.
 
-With t = r', k = r'', c = r''' and C = t x k the torsion of a curve is gamma = C.c / |C|^2 (Khalifa &
-Palli, eq. 6), 0/0 where the curve is straight. Regularised with a curvature floor delta [1/m]:
+With t = r', k = r'', c = r''' and C = t x k the torsion of a curve is gamma = C.c / |C|^2 (Khalifa
+& Palli, eq. 6), 0/0 where the curve is straight. Regularised with a curvature floor delta [1/m]:
 
     gamma = C.c / (|C|^2 + delta^2),       U = GJ/2 integral (theta' - gamma)^2 du.
 

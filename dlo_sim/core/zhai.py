@@ -4,9 +4,10 @@
     v1 = v0 + tau ((1 + phi) a0 - phi a_before)
 
 The order is 2 for phi = 1/2 and 1 otherwise. Eliminating the velocities gives
-    x1 - 2 x0 + x_before = tau^2 ((1/2 + psi) a0 + (1/2 + phi - 2 psi) a_before + (psi - phi) a_before2),
-which for psi = phi = 1/2 is the recursion of the Stoermer-Verlet method: with the first step taken as
-a_before = a0 the positions are those of `velocity_verlet`, and only the velocities differ (by
+    x1 - 2 x0 + x_before = tau^2 ((1/2 + psi) a0 + (1/2 + phi - 2 psi) a_before + (psi - phi)
+    a_before2),
+which for psi = phi = 1/2 is the recursion of the Stoermer-Verlet method: with the first step taken
+as a_before = a0 the positions are those of `velocity_verlet`, and only the velocities differ (by
 tau (a0 - a_before) / 2). For phi = 1/2 and psi = 1/2 + delta the recursion damps a mode by the rate
 delta omega^4 tau^3 / 2, so psi below 1/2 makes every mode grow.
 
@@ -37,7 +38,7 @@ def with_parameters(psi: float, phi: float) -> Method:
 
 
 def best_pair(passes: int = 9) -> tuple[float, float, float]:
-    """The pair with the largest stability limit: (psi, phi, limit), by a shrinking grid on [0, 1]^2."""
+    """The pair with the largest stability limit, (psi, phi, limit), by a shrinking grid."""
     method = METHODS["zhai"]
     best, size = (0.0, 0.0, -1.0), 0.5
     centre = (0.47, 0.52)  # off the round numbers, so that the answer is found and not put in

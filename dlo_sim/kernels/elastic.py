@@ -57,7 +57,7 @@ def tangent_coefficients(x, lattice, axes, out):
 
 @kernel
 def scatter_gradient(rows, lattice, axes, scale, out):
-    """Add scale * (transpose of `tangent_coefficients`) applied to `rows` to `out`, (dim, width)."""
+    """out += scale * (transpose of `tangent_coefficients`) applied to `rows`."""
     dim = len(axes)
     lanes = rows.shape[2]
     for b in range(rows.shape[0]):
@@ -168,20 +168,27 @@ def span_gradient(coefficients, lattice, stretch, bend, rest, axes, out):
 
 
 @kernel
-def elastic_energy(coefficients, lattice, stretch, bend, rest, axes):
-    """Stretching and bending energy [J] (natural curvature counts as bending)."""
+def elastic_energy(coefficients, lattice, stretch, bend, rest, axes, scratch):
+    """Stretching and bending energy [J] (natural curvature counts as bending).
+
+    The sums of every lane are kept in the first two rows of `scratch`, so that lanes stay vectors.
+    """
     dim = len(axes)
+    s = lattice.slope
     stretching = 0.0
     bending = 0.0
-    s = lattice.slope
     for b in range(coefficients.shape[0]):
         p = coefficients[b]
+        sums = scratch[b]
+        for lane in range(p.shape[1]):
+            sums[0, lane] = 0.0
+            sums[1, lane] = 0.0
         for j in range(lattice.xi.shape[1]):
-            for lane in range(coefficients.shape[2]):
-                w = lattice.weights[b, j, lane]
-                if w == 0.0:
-                    continue
-                x = lattice.xi[b, j, lane]
+            xi = lattice.xi[b, j]
+            weights = lattice.weights[b, j]
+            for lane in range(p.shape[1]):
+                w = weights[lane]
+                x = xi[lane]
                 t0 = p[0, lane] + x * (p[dim, lane] + x * p[2 * dim, lane])
                 t1 = p[1, lane] + x * (p[dim + 1, lane] + x * p[2 * dim + 1, lane])
                 k0 = s * (p[dim, lane] + 2.0 * x * p[2 * dim, lane])
@@ -195,17 +202,20 @@ def elastic_energy(coefficients, lattice, stretch, bend, rest, axes):
                 if stretch is not None:
                     # (sqrt(c) - 1) without cancellation for nearly unstretched cables
                     strain = (c - 1.0) / (np.sqrt(c) + 1.0)
-                    stretching += 0.5 * stretch.stiffness * w * strain * strain
+                    sums[0, lane] += 0.5 * stretch.stiffness * w * strain * strain
                 c0 = t1 * k2 - t2 * k1
                 c1 = t2 * k0 - t0 * k2
                 c2 = t0 * k1 - t1 * k0
                 if bend is not None:
-                    bending += (
+                    sums[1, lane] += (
                         0.5 * bend.stiffness * w * (c0 * c0 + c1 * c1 + c2 * c2) / (c * c * c)
                     )
                 if rest is not None:
                     e = rest.axis[2] * c2
                     if dim == 3:
                         e += rest.axis[0] * c0 + rest.axis[1] * c1
-                    bending -= rest.moment[b, j, lane] * e / (c * np.sqrt(c))
+                    sums[1, lane] -= rest.moment[b, j, lane] * e / (c * np.sqrt(c))
+        for lane in range(p.shape[1]):
+            stretching += sums[0, lane]
+            bending += sums[1, lane]
     return stretching, bending

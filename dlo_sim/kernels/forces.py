@@ -69,9 +69,7 @@ def conservative_force(x, terms, work, out):
         work.gradient,
         out,
     )
-    torsion_force(
-        x, terms.lattice, terms.frenet, terms.axes, work.coefficients, work.gradient, out
-    )
+    torsion_force(x, terms.lattice, terms.frenet, terms.axes, work.coefficients, work.gradient, out)
     plastic_force(
         x, terms.lattice, terms.plastic, terms.axes, work.coefficients, work.gradient, out
     )

@@ -1,10 +1,10 @@
-"""Implicit steps: one Newton loop for the energy-momentum method, the implicit midpoint rule and the
-generalised-alpha method.
+"""Implicit steps: one Newton loop for the energy-momentum method, the implicit midpoint rule and
+the generalised-alpha method.
 
 All three are a momentum balance of the free DOFs in the unknown q1,
     M (a (q1 - q0) - b w0 - c a0) = f(q0, q1),
-where f is minus the discrete gradient (`energy_momentum`) or the force at q0 + theta (q1 - q0), plus
-loads and damping there. The midpoint rule and the energy-momentum method have theta = 1/2,
+where f is minus the discrete gradient (`energy_momentum`) or the force at q0 + theta (q1 - q0),
+plus loads and damping there. The midpoint rule and the energy-momentum method have theta = 1/2,
 a = 2 / tau^2, b = 2 / tau, c = 0; `layout.Alpha` holds the generalised-alpha constants. Newton's
 method uses the exact tangent of everything but the geometry inside the viscosity. A step whose
 iteration does not converge is taken back and done in halves, quarters, ... of its length.
@@ -163,12 +163,25 @@ def elastic_discrete_force(
 
 @inlined
 def step_force(
-    x, acceleration, terms, friction, viscosity, work, solver, t, tau, theta, rate, g, discrete, linearize
+    x,
+    acceleration,
+    terms,
+    friction,
+    viscosity,
+    work,
+    solver,
+    t,
+    tau,
+    theta,
+    rate,
+    g,
+    discrete,
+    linearize,
 ):
     """All forces of the step between solver.start and x into work.force; energy lost to damping.
 
-    Damping sees the velocity at theta; tau times it is kept in solver.moved. By Newmark's formulas it
-    is rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0, which is q1 - q0 for the midpoint family.
+    Damping sees the velocity at theta; tau times it is kept in solver.moved. By Newmark's formulas
+    it is rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0, which is q1 - q0 for the midpoint family.
     """
     n = terms.lattice.n
     clear(work.force)
@@ -223,9 +236,7 @@ def newton_matrix(terms, friction, solver, n, dim, t, tau, a, theta, rate):
     span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
     scatter_matrices(solver.matrices, n, dim, 2.0 * theta, solver.band)
     add_springs(terms.springs, n, dim, theta, solver.band)
-    add_load_stiffness(
-        solver.middle, terms.loads, terms.axes, t + theta * tau, theta, solver.band
-    )
+    add_load_stiffness(solver.middle, terms.loads, terms.axes, t + theta * tau, theta, solver.band)
 
 
 @kernel
@@ -265,8 +276,10 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
         dx[i] += change[i]
     multiply(twist.stiffness, n, dx, -0.5 - beta, force)
     add_friction_row(friction, change, n, row, tau, force)
-    return lost + friction_loss(friction, dx, n, row, tau) + beta * quadratic_form(
-        twist.stiffness, n, dx
+    return (
+        lost
+        + friction_loss(friction, dx, n, row, tau)
+        + beta * quadratic_form(twist.stiffness, n, dx)
     )
 
 
@@ -361,8 +374,8 @@ def absorb_loss(state, terms, work):
 def correct(x, moved, solver, n, dim):
     """Solve for the correction and apply it.
 
-    Returns |residual . correction|, the energy defect |residual . moved| that the residual would leave
-    in a step of displacement `moved`, and the largest entry of the correction.
+    Returns |residual . correction|, the energy defect |residual . moved| that the residual would
+    leave in a step of displacement `moved`, and the largest entry of the correction.
     """
     size = n * dim
     for r in range(size):
@@ -384,7 +397,8 @@ def correct(x, moved, solver, n, dim):
 
 @kernel
 def predict(x, w, history, steps_known, n, dim, tau):
-    """First guess of the free DOFs: the parabola through the last three configurations, or constant w.
+    """First guess of the free DOFs: the parabola through the last three configurations, or constant
+    w.
 
     Shifts the history: history[0] becomes the present configuration, history[1] the one before.
     """
@@ -408,7 +422,8 @@ def implicit_step(
     The matrix is factorised at the first guess and kept while corrections shrink fast.
     """
     acceleration = state.history[2]
-    # The generalised-alpha method needs an acceleration; its first step is one by the midpoint rule.
+    # The generalised-alpha method needs an acceleration; its first step is one by the midpoint
+    # rule.
     newmark = alpha.theta != 0.5 and state.ledger[HISTORY] > 0.0
     theta = alpha.theta if newmark else 0.5
     a = alpha.inertia / (tau * tau) if newmark else 2.0 / (tau * tau)
@@ -419,7 +434,6 @@ def implicit_step(
     n = terms.lattice.n
     dim = len(terms.axes)
     x = state.position
-    rows = x.shape[0]
     copy_rows(x, n, solver.start)
     copy_rows(state.w, n, solver.start_w)
     tangent_coefficients(x, terms.lattice, terms.axes, solver.p0)
@@ -492,7 +506,7 @@ def implicit_step(
 
 @kernel
 def coasting(x, w, n, tau, coast):
-    """Change over the step at constant w: what the driven ends did to x since `coast`, plus tau w."""
+    """Change over the step at constant w: what driven ends did to x since `coast`, + tau w."""
     for d in range(x.shape[0]):
         for i in range(n):
             coast[d, i] = x[d, i] - coast[d, i] + tau * w[d, i]
@@ -590,8 +604,8 @@ def advance_implicit(
 ):
     """Advance by whole steps; returns (status, steps done, Newton iterations).
 
-    `viscosity` is None without stiffness damping, else beta. `halvings` (at most MAX_HALVINGS) is how
-    often a step may be halved. The energy account is updated every step.
+    `viscosity` is None without stiffness damping, else beta. `halvings` (at most MAX_HALVINGS) is
+    how often a step may be halved. The energy account is updated every step.
     """
     iterations = 0
     for step in range(first_step, first_step + steps):

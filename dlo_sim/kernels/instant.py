@@ -114,10 +114,11 @@ def stiffness_band(x, terms, viscosity, work, solver):
 
 @kernel
 def driven_acceleration(drive, free, t, n, axes, out, spare):
-    """Accelerations of driven control points into out (both arrays hold zeros before and matter after).
+    """Accelerations of driven control points into out (both arrays hold zeros before and matter
+    after).
 
-    Central differences of the velocities inside the present motion, one-sided at its borders: a jump
-    of velocity from one motion to the next is an impulse, not an acceleration to report.
+    Central differences of the velocities inside the present motion, one-sided at its borders: a
+    jump of velocity from one motion to the next is an impulse, not an acceleration to report.
     """
     if drive is not None:
         for e in range(2):
@@ -145,9 +146,7 @@ def missing_force(state, terms, friction, viscosity, work, solver, t, out):
     n = terms.lattice.n
     mass = terms.mass
     velocities(state.w, terms, t, work.v0)
-    instant_force(
-        state.position, work.v0, terms, friction, viscosity, work, solver, t, work.force
-    )
+    instant_force(state.position, work.v0, terms, friction, viscosity, work, solver, t, work.force)
     clear(work.v1)
     clear(out)
     driven_acceleration(terms.drive, mass.free, t, n, terms.axes, work.v1, out)

@@ -1,15 +1,18 @@
 """The compiler settings shared by every kernel.
 
 `kernel` and `entry` are numba's njit with
-- error_model numpy: a division by zero gives inf, which the divergence checks see, not an exception;
-- fastmath {contract}: fused multiply-add only. NaN and the order of sums keep their meaning;
-- noalias: arrays passed to one kernel never overlap. Without it the inner loops over knot spans
+- error_model numpy: a division by zero gives inf, which the divergence checks see, not an
+exception; - fastmath {contract}: fused multiply-add only. NaN and the order of sums keep their
+meaning; - noalias: arrays passed to one kernel never overlap. Without it the inner loops over knot
+spans
   stay scalar, a factor of four to five at 17 samples per span. The flag exists in numba's compiler
   but not among its public options; where a numba release lacks it, kernels are only slower.
 - _nrt False: no reference counting. Kernels allocate nothing; counting references to a scene's some
-  forty arrays at every call took longer than the arithmetic (Forest-Ruth at 9 control points and 101
+  forty arrays at every call took longer than the arithmetic (Forest-Ruth at 9 control points and
+  101
   samples: 3.5 us per step with, 1.9 us without);
-- cache (entries): machine code is kept per user in a directory named after everything it depends on.
+- cache (entries): machine code is kept per user in a directory named after everything it depends
+on.
 """
 
 from __future__ import annotations
@@ -37,7 +40,7 @@ _OPTIONS: dict[str, Any] = {
     "_nrt": False,
 }
 if hasattr(Flags, "noalias") and not hasattr(CPUTargetOptions, "noalias"):
-    CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")  # type: ignore[attr-defined]
+    CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 if hasattr(CPUTargetOptions, "noalias"):
     _OPTIONS["noalias"] = True
 
@@ -72,10 +75,12 @@ def _cached_under(directory: Path) -> Iterator[None]:
 def kernel(function: F) -> F:
     """A compiled function that only other kernels call.
 
-    It gets no wrapper for calls from Python: unpacking a scene's terms there costs more compile time
-    than the function itself. Tests and tools reach it through `.py_func`.
+    It gets no wrapper for calls from Python: unpacking a scene's terms there costs more compile
+    time than the function itself. Tests and tools reach it through `.py_func`.
     """
-    compiled: F = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, **_OPTIONS)(function)
+    compiled: F = numba.njit(
+        no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, **_OPTIONS
+    )(function)
     return compiled
 
 

@@ -70,8 +70,8 @@ class Twist(NamedTuple):
 
 
 class Frenet(NamedTuple):
-    """Twist against the Frenet torsion: GJ [N m^2], squared curvature floor [1/m^2], and scratch for
-    theta', each of shape (blocks, 3, LANES)."""
+    """Twist against the Frenet torsion: GJ [N m^2], squared curvature floor [1/m^2], and scratch
+    for theta', each of shape (blocks, 3, LANES)."""
 
     stiffness: float
     floor: float
@@ -82,8 +82,8 @@ class Frenet(NamedTuple):
 class Plastic(NamedTuple):
     """Plastic bending: EI and H [N m^2], yield moment [N m], and the state of every sample.
 
-    curvature: plastic curvature vector [1/m], world axes; tangent: unit tangent that it was last made
-    normal to; both of shape (blocks, m, 3, LANES).
+    curvature: plastic curvature vector [1/m], world axes; tangent: unit tangent that it was last
+    made normal to; both of shape (blocks, m, 3, LANES).
     """
 
     stiffness: float
@@ -193,8 +193,8 @@ class State(NamedTuple):
     acceleration of w (generalised-alpha); the Zhai method keeps its acceleration in history[0].
 
     The velocity-like variable is w = M_ff^-1 p_f, where p_f = (M v)_f is the momentum conjugate to
-    the free DOFs: v_f = w - M_ff^-1 M_fp v_p. For ends at rest w is the velocity; for driven ends it
-    makes the drift exact (q_f + M_ff^-1 M_fp q_p moves at constant rate w).
+    the free DOFs: v_f = w - M_ff^-1 M_fp v_p. For ends at rest w is the velocity; for driven ends
+    it makes the drift exact (q_f + M_ff^-1 M_fp q_p moves at constant rate w).
     """
 
     position: Array
@@ -211,7 +211,8 @@ class Friction(NamedTuple):
 
 
 class Alpha(NamedTuple):
-    """Constants of an implicit method; theta = 1/2 means the midpoint family and nothing else counts.
+    """Constants of an implicit method; theta = 1/2 means the midpoint family and nothing else
+    counts.
 
     theta = 1 - alpha_f, mass_weight = alpha_m, beta and gamma of Newmark's formulas, and
     inertia = (1 - alpha_m) / beta.
@@ -254,8 +255,8 @@ class Solver(NamedTuple):
 class Chain(NamedTuple):
     """Scratch of the inextensible step (`kernels.rattle`).
 
-    band: saddle-point matrix, unknowns ordered by control point, shape (n (dim + 1) + 1, band); rhs;
-    multipliers, shape (n - 1,); start, guess, carried, change: shape (dim, width).
+    band: saddle-point matrix, unknowns ordered by control point, shape (n (dim + 1) + 1, band);
+    rhs; multipliers, shape (n - 1,); start, guess, carried, change: shape (dim, width).
     """
 
     band: Array
@@ -293,7 +294,8 @@ POTENTIAL_START = 8  # stretch, bend, twist, gravity, spring
 HISTORY = 13  # entries of State.history that are known
 PENDING = 14  # work since the last evaluation of forces, until that is booked properly
 PLASTIC_WORK = 15  # the part of DISSIPATED that plastic flow took
-TORSION_LOOKS = 16  # how often samples without torsion were counted, their sum, the largest count
+TORSION_LOOKS = 16  # how often samples without torsion were counted, their sum, largest, last count
 TORSION_SUM = 17
 TORSION_WORST = 18
-LEDGER_SIZE = 19
+TORSION_LAST = 19
+LEDGER_SIZE = 20

@@ -12,7 +12,7 @@ from dlo_sim.kernels.jit import kernel
 
 @kernel
 def span_matrices(jacobian, lattice, dim, out):
-    """Blocks over the four control points of each span: rows ((4 k + l) dim^2 + entry)."""
+    """Blocks over the four control points of each span: rows ((4 k + other) dim^2 + entry)."""
     square = dim * dim
     for b in range(jacobian.shape[0]):
         h = jacobian[b]
@@ -40,9 +40,7 @@ def span_matrices(jacobian, lattice, dim, out):
                     )
                     m[row, lane] = t0 * e[0, lane] + t1 * e[1, lane] + t2 * e[2, lane]
                     m[row + square, lane] = t0 * e[3, lane] + t1 * e[4, lane] + t2 * e[5, lane]
-                    m[row + 2 * square, lane] = (
-                        t0 * e[6, lane] + t1 * e[7, lane] + t2 * e[8, lane]
-                    )
+                    m[row + 2 * square, lane] = t0 * e[6, lane] + t1 * e[7, lane] + t2 * e[8, lane]
                     m[row + 3 * square, lane] = (
                         t0 * e[9, lane] + t1 * e[10, lane] + t2 * e[11, lane]
                     )
@@ -63,9 +61,9 @@ def scatter_matrices(matrices, n, dim, scale, band):
                 r = (span + k) * dim + i
                 line = band[r]
                 offset = span * dim - r + half
-                for l in range(4):
-                    base = (4 * k + l) * square + i * dim
-                    column = offset + l * dim
+                for other in range(4):
+                    base = (4 * k + other) * square + i * dim
+                    column = offset + other * dim
                     for j in range(dim):
                         line[column + j] += scale * m[base + j, lane]
 
@@ -127,9 +125,9 @@ def add_load_stiffness(x, loads, axes, t, scale, band):
                         value += sign * moment[3 - a - c] * ic
                     for k in range(4):
                         r = (first + k) * dim + i
-                        for l in range(4):
-                            band[r, (first + l) * dim + j - r + half] -= (
-                                scale * value * loads.slope[load, k] * loads.slope[load, l]
+                        for other in range(4):
+                            band[r, (first + other) * dim + j - r + half] -= (
+                                scale * value * loads.slope[load, k] * loads.slope[load, other]
                             )
 
 
@@ -165,7 +163,9 @@ def eliminate(band, size, half):
             factor = band[row, shift] * inverse
             band[row, shift] = factor
             if factor != 0.0:
-                eliminate_row(band[row, shift + 1 : shift + 1 + last - r], band[r, half + 1 :], factor)
+                eliminate_row(
+                    band[row, shift + 1 : shift + 1 + last - r], band[r, half + 1 :], factor
+                )
     return True
 
 

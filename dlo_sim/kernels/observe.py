@@ -99,7 +99,13 @@ def potentials(x, terms, work):
     n = terms.lattice.n
     tangent_coefficients(x, terms.lattice, terms.axes, work.coefficients)
     stretch, bend = elastic_energy(
-        work.coefficients, terms.lattice, terms.stretch, terms.bend, terms.rest, terms.axes
+        work.coefficients,
+        terms.lattice,
+        terms.stretch,
+        terms.bend,
+        terms.rest,
+        terms.axes,
+        work.gradient,
     )
     torsion = torsion_energy(x, terms.lattice, terms.frenet, terms.axes, work.coefficients)
     return (

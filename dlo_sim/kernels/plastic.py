@@ -1,16 +1,18 @@
 """Plastic bending: a plastic curvature vector per quadrature point, with its flow rule.
 
-With the curvature vector kappa = C / |t|^3 (C = t x k, t = r', k = r'') and the plastic curvature p the
-stored energy per rest length is EI/2 |kappa - p|^2 + H/2 |p|^2. The plain bending term holds
+With the curvature vector kappa = C / |t|^3 (C = t x k, t = r', k = r'') and the plastic curvature p
+the stored energy per rest length is EI/2 |kappa - p|^2 + H/2 |p|^2. The plain bending term holds
 EI/2 |kappa|^2; this module adds
     - EI p.C |t|^-3 + (EI + H)/2 |p|^2.
-Yield and flow (rate independent, linear kinematic hardening) are those of `dlo_sim.core.plasticity`,
-applied once per step at the step's end configuration: an operator split, first order in the step.
+Yield and flow (rate independent, linear kinematic hardening) are those of
+`dlo_sim.core.plasticity`, applied once per step at the step's end configuration: an operator split,
+first order in the step.
 
-Objectivity: p is kept in world coordinates, normal to the tangent, and is carried along by the smallest
-rotation that takes the old tangent to the new one. That follows every motion but a spin of the cable
-about its own axis, in which p keeps its direction in the world. Carrying changes the energy by second
-order in the rotation of one step; the ledger counts it as dissipated. Three dimensions only.
+Objectivity: p is kept in world coordinates, normal to the tangent, and is carried along by the
+smallest rotation that takes the old tangent to the new one. That follows every motion but a spin of
+the cable about its own axis, in which p keeps its direction in the world. Carrying changes the
+energy by second order in the rotation of one step; the ledger counts it as dissipated. Three
+dimensions only.
 """
 
 from __future__ import annotations
@@ -108,9 +110,7 @@ def plastic_energy(lattice, plastic, coefficients):
             for j in range(lattice.xi.shape[1]):
                 for lane in range(coefficients.shape[2]):
                     x = lattice.xi[b, j, lane]
-                    _, _, _, c0, c1, c2 = curvature_vector(
-                        coefficients[b], x, lattice.slope, lane
-                    )
+                    _, _, _, c0, c1, c2 = curvature_vector(coefficients[b], x, lattice.slope, lane)
                     p0 = plastic.curvature[b, j, 0, lane]
                     p1 = plastic.curvature[b, j, 1, lane]
                     p2 = plastic.curvature[b, j, 2, lane]

@@ -1,7 +1,7 @@
 """RATTLE: an inextensible cable stepped explicitly, its length kept by constraints.
 
-Stretching is left out and replaced by g_j = (|r'(u_j)|^2 - 1) / 2 = 0 at the n - 1 Greville points of
-the derivative's quadratic spline space: u = 0, the middle of every knot span, u = L. That is one
+Stretching is left out and replaced by g_j = (|r'(u_j)|^2 - 1) / 2 = 0 at the n - 1 Greville points
+of the derivative's quadratic spline space: u = 0, the middle of every knot span, u = L. That is one
 constraint per axial degree of freedom of a straight cable, so nothing stretches and bending does
 not lock. With G = dg/dq a step is
     M (q1 - q0 - tau w0) = tau^2/2 f(q0) - G(q0)^T mu,         g(q1) = 0,
@@ -13,7 +13,6 @@ Source: Andersen 1983, J. Comput. Phys. 52; Hairer, Lubich & Wanner 2006, VII.1.
 """
 
 from __future__ import annotations
-
 
 from dlo_sim.kernels.banded import solve_row
 from dlo_sim.kernels.ends import end_velocities
@@ -319,7 +318,7 @@ def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, gu
 
 @entry
 def project(x, slopes, mass, chain, n, dim):
-    """Move a configuration to rest length everywhere, by the least kinetic distance; true if done."""
+    """Move a configuration to rest length by the least kinetic distance; true if done."""
     for _ in range(20):
         for d in range(dim):
             for i in range(n):

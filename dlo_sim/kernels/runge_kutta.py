@@ -1,8 +1,8 @@
 """The one loop that executes every explicit Runge-Kutta method (see `dlo_sim.core.methods`).
 
 It integrates d/dt (q, w) = (w, M^-1 f(q, t) - decay w). Driven ends are placed at each stage's own
-time and the free DOFs are carried along (see `layout.State`), so that the slope of the positions is w
-itself. The forces at the end of a step are the first stage of the next.
+time and the free DOFs are carried along (see `layout.State`), so that the slope of the positions is
+w itself. The forces at the end of a step are the first stage of the next.
 """
 
 from __future__ import annotations
@@ -134,12 +134,8 @@ def advance_runge_kutta(
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
-        evaluations += runge_kutta_step(
-            state, terms, work, table, nodes, slopes, t0, tau, fresh
-        )
-        fresh = not plastic_flow(
-            state, terms.lattice, terms.plastic, terms.axes, work.coefficients
-        )
+        evaluations += runge_kutta_step(state, terms, work, table, nodes, slopes, t0, tau, fresh)
+        fresh = not plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients)
         if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:

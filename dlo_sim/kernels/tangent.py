@@ -60,7 +60,8 @@ def stretch_terms(stretch, w, s0, s1):
 def bend_terms(bend, w, c0, c1, h0, h1, d0, d1):
     """Divided differences of EI/2 (h / c^2 - d^2 / c^3) and their derivatives.
 
-    Returns psi_c, psi_h, psi_d, then d psi_c / d (c1, h1, d1), d psi_h / d c1, d psi_d / d (c1, d1).
+    Returns psi_c, psi_h, psi_d, then d psi_c / d (c1, h1, d1), d psi_h / d c1, d psi_d / d (c1,
+    d1).
     """
     if bend is not None:
         half = 0.5 * bend.stiffness * w
@@ -102,9 +103,9 @@ def rest_terms(m, c0, c1, s0, s1, e0, e1):
     numerator = c0 + s0 * s1 + c1
     denominator = c0 * s0 * c1 * s1 * (s0 + s1)
     fd = -numerator / denominator
-    fd_s = -(s0 + 2.0 * s1) / denominator + numerator * c0 * s0 * c1 * (
-        3.0 * s0 + 4.0 * s1
-    ) / (denominator * denominator)
+    fd_s = -(s0 + 2.0 * s1) / denominator + numerator * c0 * s0 * c1 * (3.0 * s0 + 4.0 * s1) / (
+        denominator * denominator
+    )
     em = 0.5 * (e0 + e1)
     return (
         -m * em * fd,
@@ -196,7 +197,8 @@ def sample_viscosity(viscosity, tau, stretch, bend, w, lane, z, dt, dk):
         z[GK + 2, lane] += gi * r2
         gii = gi * ic
         nn = n0 * n0 + n1 * n1 + n2 * n2
-        # Jacobian blocks  tt: u P + cross (n t' + t n') + v t t',  tk: -q gii P - 2 gii t n',  kk: gii P
+        # Jacobian blocks  tt: u P + cross (n t' + t n') + v t t',  tk: -q gii P - 2 gii t n',  kk:
+        # gii P
         z[VISCOUS_KK, lane] = gii
         z[VISCOUS_TK, lane] = -gii * q
         z[VISCOUS_CROSS, lane] = 2.0 * gii * q
@@ -243,9 +245,7 @@ def sample_scratch(p0, p1, dp, lattice, stretch, bend, rest, viscosity, tau, dim
         s0 = np.sqrt(c0)
         s1 = np.sqrt(c1)
         ps, ps_c = stretch_terms(stretch, w, s0, s1)
-        pc, ph, pd, pc_c, pc_h, pc_d, ph_c, pd_c, pd_d = bend_terms(
-            bend, w, c0, c1, h0, h1, d0, d1
-        )
+        pc, ph, pd, pc_c, pc_h, pc_d, ph_c, pd_c, pd_d = bend_terms(bend, w, c0, c1, h0, h1, d0, d1)
         pc += ps
         pc_c += ps_c
         z[A1, lane] = 2.0 * pc
@@ -263,14 +263,10 @@ def sample_scratch(p0, p1, dp, lattice, stretch, bend, rest, viscosity, tau, dim
             z[X3 + i, lane] = 4.0 * ph_c * t1[i]
             z[GT + i, lane] = 2.0 * pc * tm + pd * km
             z[GK + i, lane] = 2.0 * ph * km + pd * tm
-        sample_rest(
-            rest, b, j, lane, z, t0[:3], t0[3:], t1[:3], t1[3:], c0, c1, s0, s1
-        )
+        sample_rest(rest, b, j, lane, z, t0[:3], t0[3:], t1[:3], t1[3:], c0, c1, s0, s1)
         if viscosity is not None:
             move = sample_vectors(dp, dim, x, s, lane)
-            lost += sample_viscosity(
-                viscosity, tau, stretch, bend, w, lane, z, move[:3], move[3:]
-            )
+            lost += sample_viscosity(viscosity, tau, stretch, bend, w, lane, z, move[:3], move[3:])
     return lost
 
 
@@ -343,9 +339,7 @@ def accumulate_jacobian(rest, viscosity, z, x, s, dim, h):
                 h[5 * square + row, lane] += y * (y * (y * tt + 2.0 * tk + kt) + 2.0 * kk)
                 h[6 * square + row, lane] += y * (y * tt + 2.0 * kt)
                 h[7 * square + row, lane] += y * (y * (y * tt + 2.0 * kt + tk) + 2.0 * kk)
-                h[8 * square + row, lane] += y * y * (
-                    y * (y * tt + 2.0 * (tk + kt)) + 4.0 * kk
-                )
+                h[8 * square + row, lane] += y * y * (y * (y * tt + 2.0 * (tk + kt)) + 4.0 * kk)
 
 
 @kernel

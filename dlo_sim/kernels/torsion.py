@@ -1,12 +1,13 @@
 """Twist measured against the Frenet torsion: strain theta' - gamma, and its exact gradient.
 
-With t = r', k = r'', c = r''' and C = t x k the torsion of the centerline is gamma = C.c / |C|^2, which
-is 0/0 on a straight cable and at an inflection. Here
+With t = r', k = r'', c = r''' and C = t x k the torsion of the centerline is gamma = C.c / |C|^2,
+which is 0/0 on a straight cable and at an inflection. Here
     gamma = C.c / (|C|^2 + delta^2)
 with the curvature floor delta [1/m] (`Frenet.floor` is its square): the true torsion times
-|C|^2 / (|C|^2 + delta^2). It is smooth, zero on a straight cable, and bounded by |c| / (2 delta). The
-price: where the curvature is below delta, torsion is suppressed by more than half; those samples are
-counted. The jump of the Frenet frame by half a turn at an inflection is not seen at all.
+|C|^2 / (|C|^2 + delta^2). It is smooth, zero on a straight cable, and bounded by |c| / (2 delta).
+The
+price: where the curvature is below delta, torsion is suppressed by more than half; those samples
+are counted. The jump of the Frenet frame by half a turn at an inflection is not seen at all.
 
 The energy GJ/2 integral (theta' - gamma)^2 is split: GJ/2 theta'^2 is the plain twist term, and
     GJ integral (gamma^2 / 2 - theta' gamma)
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.jit import kernel
-from dlo_sim.kernels.layout import TORSION_LOOKS, TORSION_SUM, TORSION_WORST
+from dlo_sim.kernels.layout import TORSION_LAST, TORSION_LOOKS, TORSION_SUM, TORSION_WORST
 
 
 @kernel
@@ -55,7 +56,7 @@ def scatter_angle(rows, lattice, line):
 
 @kernel
 def torsion_gradient(p, angle, lattice, frenet, g, h):
-    """Gradient of GJ sum w (gamma^2 / 2 - theta' gamma) on the span coefficients of r' and theta'."""
+    """Gradient of GJ sum w (gamma^2 / 2 - theta' gamma) on the coefficients of r', theta'."""
     s = lattice.slope
     for b in range(p.shape[0]):
         for row in range(9):
@@ -124,7 +125,7 @@ def torsion_force(x, lattice, frenet, axes, coefficients, gradient, out):
 
 @kernel
 def torsion_energy(x, lattice, frenet, axes, coefficients):
-    """GJ integral (gamma^2 / 2 - theta' gamma) [J]; expects the coefficients of the present shape."""
+    """GJ integral (gamma^2 / 2 - theta' gamma) [J] of the present coefficients."""
     total = 0.0
     if frenet is not None:
         s = lattice.slope
@@ -137,9 +138,9 @@ def torsion_energy(x, lattice, frenet, axes, coefficients):
                     x_ = lattice.xi[b, j, lane]
                     b0, b1, b2 = binormal(p[b], x_, s, lane)
                     c0, c1, c2 = p[b, 6, lane], p[b, 7, lane], p[b, 8, lane]
-                    gamma = (
-                        2.0 * s * s * (b0 * c0 + b1 * c1 + b2 * c2)
-                    ) / (b0 * b0 + b1 * b1 + b2 * b2 + frenet.floor)
+                    gamma = (2.0 * s * s * (b0 * c0 + b1 * c1 + b2 * c2)) / (
+                        b0 * b0 + b1 * b1 + b2 * b2 + frenet.floor
+                    )
                     rate = angle[b, 0, lane] + x_ * (angle[b, 1, lane] + x_ * angle[b, 2, lane])
                     w = frenet.stiffness * lattice.weights[b, j, lane]
                     total += w * gamma * (0.5 * gamma - rate)
@@ -182,3 +183,4 @@ def count_undefined(lattice, frenet, coefficients, ledger):
         ledger[TORSION_LOOKS] += 1.0
         ledger[TORSION_SUM] += count
         ledger[TORSION_WORST] = max(ledger[TORSION_WORST], count)
+        ledger[TORSION_LAST] = count

@@ -1,8 +1,8 @@
 """The loop of Zhai's explicit two-step method (see `dlo_sim.core.zhai`).
 
 One force evaluation per step. The acceleration of the step before is part of the state
-(`State.history[0]`); the first step takes the present one in its place. Driven ends are placed at the
-end of the step and the free DOFs carried along (see `layout.State`).
+(`State.history[0]`); the first step takes the present one in its place. Driven ends are placed at
+the end of the step and the free DOFs carried along (see `layout.State`).
 """
 
 from __future__ import annotations
@@ -82,9 +82,7 @@ def advance_zhai(state, terms, work, psi, phi, first_step, steps, tau, guard, re
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         evaluations += zhai_step(state, terms, work, psi, phi, t0, tau, fresh)
-        fresh = not plastic_flow(
-            state, terms.lattice, terms.plastic, terms.axes, work.coefficients
-        )
+        fresh = not plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients)
         if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:

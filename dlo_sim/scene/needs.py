@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dlo_sim.scene.description import Scene
+
+Vector = NDArray[np.float64]
+TERMS = (
+    "stretch",
+    "bend",
+    "twist",
+    "frenet",
+    "plasticity",
+    "gravity",
+    "springs",
+    "loads",
+    "drive",
+    "damping",
+)
 
 
 @dataclass(frozen=True)
@@ -52,9 +68,7 @@ class Needs:
     @property
     def active(self) -> tuple[str, ...]:
         """Names of the terms that are there."""
-        names = ("stretch", "bend", "twist", "gravity", "springs", "loads", "drive", "damping")
-        names += ("frenet", "plasticity")
-        return tuple(name for name in names if getattr(self, name))
+        return tuple(name for name in TERMS if getattr(self, name))
 
 
 def needs_of(scene: Scene) -> Needs:
@@ -119,9 +133,7 @@ def _twists(scene: Scene) -> bool:
     return turned or moments
 
 
-def needs_of_load(
-    needs: Needs, scene: Scene, force: Sequence[float] | None, torque: Sequence[float] | None
-) -> Needs:
+def needs_of_load(needs: Needs, scene: Scene, force: Vector | None, torque: Vector | None) -> Needs:
     """Needs once a load has this force [N] and moment [N m]."""
     normals = [axis for axis in range(3) if axis not in needs.axes]
     for normal in normals:
@@ -157,9 +169,7 @@ def _axes(scene: Scene) -> tuple[int, ...]:
 
 def _stays_in_plane(scene: Scene, normal: int) -> bool:
     """Whether nothing in the scene has a component along axis `normal`."""
-    ends = [
-        end.position[normal] + end.offset[normal] for end in scene.ends.values() if end.held
-    ]
+    ends = [end.position[normal] + end.offset[normal] for end in scene.ends.values() if end.held]
     flat = [scene.gravity[normal], max(ends) - min(ends)]
     if not (scene.start.held and scene.end.held):
         flat.append(scene.start.position[normal] - scene.end.position[normal])

@@ -173,7 +173,7 @@ def _known(end: str) -> str:
 def _finite(end: str, what: str, value: ArrayLike, size: int) -> Array:
     vector = np.asarray(value, dtype=float)
     if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise ValueError(f"{end}: {what} needs {size} finite numbers, got {value}")
+        raise ValueError(f"{end}: {what} needs {size} finite numbers, got {value!r}")
     return vector
 
 

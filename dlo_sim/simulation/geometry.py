@@ -32,9 +32,7 @@ class EndGeometry:
     tangent: Array
 
 
-def end_geometries(
-    scene: Scene, poses: Mapping[str, Pose] | None = None
-) -> dict[str, EndGeometry]:
+def end_geometries(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict[str, EndGeometry]:
     """Both ends from the scene, or from end-effector poses where given."""
     poses = poses or {}
     placed: dict[str, tuple[Array, Array, Array]] = {}

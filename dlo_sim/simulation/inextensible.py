@@ -30,16 +30,15 @@ def to_rest_length(model: Model, state: layout.State) -> bool:
     """Move a configuration onto the constraints; true if that succeeded."""
     slopes = constraint_slopes(model.knots)
     dim = len(model.axes)
-    return bool(
-        project(state.position, slopes, model.terms.mass, new_chain(model), model.n, dim)
-    )
+    return bool(project(state.position, slopes, model.terms.mass, new_chain(model), model.n, dim))
 
 
 def largest_constrained_frequency(model: Model, stiffness: Array, position: Array) -> float:
     """Largest natural frequency [rad/s] of motion that keeps the length, by a dense solution.
 
     Args:
-        stiffness: row-stored band matrix of the spatial DOFs (`kernels.matrix`), without stretching.
+        stiffness: row-stored band matrix of the spatial DOFs (`kernels.matrix`), without
+        stretching.
         position: rows of the configuration it belongs to.
     """
     dim, n = len(model.axes), model.n

@@ -60,7 +60,8 @@ class Model:
         return len(self.axes) if self.terms.twist is not None else None
 
     def to_columns(self, rows: Array, rest: bool = True) -> Array:
-        """Rows (..., rows, >= n) as control points (..., n, 4): x, y, z, theta; absent ones constant.
+        """Rows (..., rows, >= n) as control points (..., n, 4): x, y, z, theta; absent ones
+        constant.
 
         `rest` fills in the constant coordinate of planar motion (leave it out for velocities).
         """
@@ -177,9 +178,7 @@ def _mass_bands(scene: Scene, knots: Array, dim: int, twist: bool) -> Array:
 
 
 def _mass(bands: Array, free: Array) -> layout.Mass:
-    factors = [
-        mass.factorize(band, row == 0.0) for band, row in zip(bands, free, strict=True)
-    ]
+    factors = [mass.factorize(band, row == 0.0) for band, row in zip(bands, free, strict=True)]
     return layout.Mass(
         band=bands,
         lower=np.ascontiguousarray(np.stack([lower for lower, _ in factors])),
@@ -265,7 +264,7 @@ def _drive(bands: Array, free: Array, width: int) -> layout.Drive:
         unknown = free[d] != 0.0
         for j, column in enumerate((0, 1, n - 2, n - 1)):
             if not unknown[column]:
-                shift[d, j, : n][unknown] = np.linalg.solve(
+                shift[d, j, :n][unknown] = np.linalg.solve(
                     matrix[np.ix_(unknown, unknown)], matrix[unknown, column]
                 )
     return layout.Drive(np.zeros((2, 39)), shift)

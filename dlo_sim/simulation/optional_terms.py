@@ -1,4 +1,4 @@
-"""Terms that only some scenes ask for: Frenet torsion and plastic bending, and what they go with."""
+"""Terms that only some scenes ask for: Frenet torsion and plastic bending."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, frenet_wanted, plasticity_wanted
+from dlo_sim.simulation.report import UndefinedTorsion
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ def sample_coordinates(lattice: layout.Lattice) -> Array:
 
 
 def carry_plastic(old: layout.Terms, new: layout.Terms) -> None:
-    """Take over the plastic curvature of another model of the same cable, linear between samples."""
+    """Take over another model's plastic curvature, linear between its samples."""
     if old.plastic is None or new.plastic is None:
         return
     source, target = sample_coordinates(old.lattice), sample_coordinates(new.lattice)
@@ -69,9 +70,9 @@ def with_torsion(value: float, frenet: layout.Frenet, knots: Array, inertia: lay
 
     For a bent cable gamma is linear in the third derivative across the plane of bending, with the
     factor kappa / (kappa^2 + delta^2) <= 1 / (2 delta). So the torsion adds at most
-    GJ / (4 delta^2) integral y'''^2 and GJ integral theta'^2, and the largest eigenvalue of a sum is
-    at most the sum of the largest ones. The geometric part, which grows with the torque and without
-    bound as delta -> 0, is left out: where it matters the run diverges and says so.
+    GJ / (4 delta^2) integral y'''^2 and GJ integral theta'^2, and the largest eigenvalue of a sum
+    is at most the sum of the largest ones. The geometric part, which grows with the torque and
+    without bound as delta -> 0, is left out: where it matters the run diverges and says so.
     """
     across = frenet.stiffness / (4.0 * frenet.floor) * mass.gram(knots, 3)
     twist = frenet.stiffness * mass.gram(knots, 1)
@@ -91,6 +92,19 @@ def _frequency(stiffness: Array, inertia: Array) -> float:
     return spectrum.largest_frequency(rows, inertia[None], np.ones((1, n), dtype=bool))
 
 
+def undefined_torsion(terms: layout.Terms, ledger: Array) -> UndefinedTorsion:
+    """What the ledger says about samples without torsion."""
+    if terms.frenet is None:
+        return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
+    return UndefinedTorsion(
+        samples=int(np.count_nonzero(terms.lattice.weights)),
+        last=int(ledger[layout.TORSION_LAST]),
+        mean=float(ledger[layout.TORSION_SUM] / max(ledger[layout.TORSION_LOOKS], 1.0)),
+        worst=int(ledger[layout.TORSION_WORST]),
+        floor=float(np.sqrt(terms.frenet.floor)),
+    )
+
+
 def check_terms(scene: Scene, needs: Needs) -> None:
     """Refuse combinations of terms that have no meaning here.
 
@@ -99,14 +113,17 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     """
     if needs.plasticity and not scene.plasticity.yield_curvature:
         raise SceneError(
-            "terms.plasticity: 'on' needs plasticity.yield_curvature above 0; give one or set it off"
+            "terms.plasticity: 'on' needs plasticity.yield_curvature above 0; give one or set "
+            "terms.plasticity off"
         )
     if needs.plasticity and not needs.bend:
-        raise SceneError("terms.plasticity: bends nothing, since terms.bend is off; set one of them")
+        raise SceneError(
+            "terms.plasticity: bends nothing, since terms.bend is off; set one of them"
+        )
     if needs.plasticity and any(scene.cable.rest_curvature):
         raise SceneError(
-            "cable.rest_curvature: is not available together with terms.plasticity; set it to [0.0] "
-            "or terms.plasticity to off"
+            "cable.rest_curvature: is not available together with terms.plasticity; set it to "
+            "[0.0] or terms.plasticity to off"
         )
 
 

@@ -30,9 +30,7 @@ def reaction(
         raise KeyError(f"no end '{end}': use start or end")
     n, terms = model.n, model.terms
     missing = np.empty_like(state.w)
-    missing_force(
-        state, terms, model.friction, model.viscosity, work, solver, t, missing
-    )
+    missing_force(state, terms, model.friction, model.viscosity, work, solver, t, missing)
     row = ENDS.index(end)
     outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
     points = model.to_columns(state.position)

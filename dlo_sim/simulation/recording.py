@@ -42,6 +42,7 @@ class Recording:
         energy_error_max: largest |energy - work done + energy lost| relative to the largest energy
             exchanged; None if it has no finite value.
         active_terms, left_out: terms in the step, and the others with the reason.
+        notes: what a reader of the results should know, one line each.
     """
 
     time: Array
@@ -62,6 +63,7 @@ class Recording:
     energy_error_max: float | None
     active_terms: tuple[str, ...]
     left_out: dict[str, str]
+    notes: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -119,6 +121,7 @@ def record(
         energy_error_max=error if np.isfinite(error) else None,
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
+        notes=simulator.notes,
     )
 
 

@@ -11,7 +11,9 @@ class Status(Enum):
 
     OK = "advanced as asked"
     DIVERGED = "the energy grew beyond what was put in; the last good state is kept"
-    NOT_CONVERGED = "Newton's method did not converge even with small steps; the last good state is kept"
+    NOT_CONVERGED = (
+        "Newton's method did not converge even with small steps; the last good state is kept"
+    )
 
     @property
     def ok(self) -> bool:
@@ -34,6 +36,32 @@ class Report:
     steps: int
     simulated: float
     force_evaluations: int
+
+
+@dataclass(frozen=True)
+class UndefinedTorsion:
+    """Samples whose curvature is below the floor of the Frenet torsion, of `samples` in all.
+
+    Attributes:
+        samples: quadrature points; 0 where twist is not measured against the torsion.
+        last, mean, worst: how many were undefined at the last look, on average, at worst.
+        floor: curvature [1/m] below which torsion is suppressed by more than half.
+    """
+
+    samples: int
+    last: int
+    mean: float
+    worst: int
+    floor: float
+
+    @property
+    def note(self) -> str:
+        """One line for people."""
+        return (
+            f"terms.twist frenet: torsion is undefined (curvature below {self.floor:.3g} 1/m, "
+            f"where it is suppressed) at up to {self.worst} of {self.samples} samples, "
+            f"{self.mean:.1f} on average"
+        )
 
 
 @dataclass(frozen=True)

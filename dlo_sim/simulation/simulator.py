@@ -24,7 +24,7 @@ from dlo_sim.simulation.geometry import Pose, end_geometries
 from dlo_sim.simulation.model import Model, build_model, local_axis
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.reaction import reaction
-from dlo_sim.simulation.report import Energy, Report, Status
+from dlo_sim.simulation.report import Energy, Report, Status, UndefinedTorsion
 from dlo_sim.simulation.stepper import Choice, Stepper, choose, largest_frequency
 
 Array = NDArray[np.float64]
@@ -164,9 +164,7 @@ class Simulator:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent."""
         columns, values, slopes = self._basis(u)
         out = np.empty((len(values), 4))
-        curve_frames(
-            self.control_points, columns, values, slopes, self._frame_reference(), out
-        )
+        curve_frames(self.control_points, columns, values, slopes, self._frame_reference(), out)
         return out
 
     def energy(self) -> Energy:
@@ -176,6 +174,22 @@ class Simulator:
         velocities(self._state.w, self._model.terms, self.time, out)
         kinetic = kinetic_energy(out, self._model.terms.mass, self._model.n)
         return Energy(kinetic, *parts)
+
+    @property
+    def undefined_torsion(self) -> UndefinedTorsion:
+        """Where the Frenet torsion was undefined in the run so far."""
+        return optional_terms.undefined_torsion(self._model.terms, self._state.ledger)
+
+    @property
+    def plastic_work(self) -> float:
+        """Energy [J] that plastic bending has dissipated since the start."""
+        return float(self._state.ledger[layout.PLASTIC_WORK])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the results should know, one line each."""
+        torsion = self.undefined_torsion
+        return (torsion.note,) if torsion.worst else ()
 
     @property
     def energy_error(self) -> float:
@@ -231,7 +245,8 @@ class Simulator:
                 done = self._steps - (first - done)
                 return Report(
                     status,
-                    f"{status.value} (at {failed_at:.6g} s; method {self.method}, step {self.step:g} s)",
+                    f"{status.value} (at {failed_at:.6g} s; method {self.method}, "
+                    f"step {self.step:g} s)",
                     done,
                     done * self.step,
                     evaluations,
@@ -249,21 +264,18 @@ class Simulator:
             KeyError: no such load. ValueError: not three finite numbers.
         """
         if name not in self._load_index:
-            raise KeyError(f"no load '{name}'; the scene has {', '.join(self._load_index) or 'none'}")
-        vectors = [
-            None if value is None else np.asarray(value, dtype=float) for value in (force, torque)
-        ]
-        for vector in vectors:
-            if vector is not None and not (vector.shape == (3,) and np.isfinite(vector).all()):
-                raise ValueError(f"load '{name}': needs three finite numbers, got {vector}")
-        self._extend(needs_of_load(self._needs, self.scene, *vectors))
+            raise KeyError(
+                f"no load '{name}'; the scene has {', '.join(self._load_index) or 'none'}"
+            )
+        push, turn = _three(name, force), _three(name, torque)
+        self._extend(needs_of_load(self._needs, self.scene, push, turn))
         loads = self._model.terms.loads
         assert loads is not None
         k = self._load_index[name]
-        if vectors[0] is not None:
-            loads.force[k] = vectors[0][list(self._model.axes)]
-        if vectors[1] is not None:
-            loads.torque[k] = vectors[1]
+        if push is not None:
+            loads.force[k] = push[list(self._model.axes)]
+        if turn is not None:
+            loads.torque[k] = turn
         loads.frequency[k] = 0.0
 
     def set_end(
@@ -319,7 +331,7 @@ class Simulator:
     # -- inside ---------------------------------------------------------------------------------
 
     def _basis(self, u: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]:
-        """Active control points (m, 4), basis values and derivatives at u; kept for the next call."""
+        """Active control points (m, 4), basis values and derivatives at u; kept for reuse."""
         u = np.asarray(u, dtype=float)
         key = u.tobytes()
         table = self._bases.get(key)
@@ -393,7 +405,9 @@ class Simulator:
         cable = self.scene.cable
         self._state.ledger[:] = 0.0
         # Kinetic energy of creeping by a millionth of the length per second.
-        self._state.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (1e-6 * cable.length) ** 2
+        self._state.ledger[layout.FLOOR] = (
+            0.5 * cable.mu * cable.length * (1e-6 * cable.length) ** 2
+        )
         start_account(self._state, self._model.terms, self._work)
 
     def _set(self, points: Array, rates: Array) -> None:
@@ -455,10 +469,20 @@ class Simulator:
         self._initial = self.snapshot()
 
 
+def _three(name: str, value: ArrayLike | None) -> Array | None:
+    """Three finite numbers of a load, or None."""
+    if value is None:
+        return None
+    vector = np.asarray(value, dtype=float)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"load '{name}': needs three finite numbers, got {value!r}")
+    return vector
+
+
 def _refuse_unbuilt(scene: Scene) -> None:
     if scene.terms.contact == "on":
         raise SceneError("terms.contact: 'on' is not available in this version; use auto or off")
     if scene.terms.twist == "quasistatic":
         raise SceneError(
-            f"terms.twist: '{scene.terms.twist}' is not available in this version; use auto, on, off or frenet"
+            "terms.twist: 'quasistatic' is not available in this version; use auto, on or frenet"
         )

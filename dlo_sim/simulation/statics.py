@@ -16,9 +16,9 @@ TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as re
 def relax(model: Model, state: layout.State, work: layout.Work, solver: layout.Solver) -> bool:
     """Move `state` to a nearby stable equilibrium at rest; true if it was reached.
 
-    Pseudo-transient continuation: backward Euler steps from rest, q1 = q0 - (h^2/4) M^-1 grad U(q1),
-    whose step h grows while Newton's method converges. It follows the descent of the energy at
-    first and ends in Newton's method, so that it does not stop at unstable shapes on the way.
+    Pseudo-transient continuation: backward Euler steps from rest, q1 = q0 - (h^2/4) M^-1 grad
+    U(q1), whose step h grows while Newton's method converges. It follows the descent of the energy
+    at first and ends in Newton's method, so that it does not stop at unstable shapes on the way.
     A backward Euler step is half of an implicit midpoint step from rest.
     """
     n = model.n

@@ -20,15 +20,15 @@ from dlo_sim.core.methods import (
 from dlo_sim.kernels import layout
 from dlo_sim.kernels.implicit import MAX_HALVINGS, advance_implicit
 from dlo_sim.kernels.instant import stiffness_band
+from dlo_sim.kernels.rattle import advance_rattle
 from dlo_sim.kernels.runge_kutta import advance_runge_kutta
 from dlo_sim.kernels.splitting import advance_splitting
 from dlo_sim.kernels.zhai import advance_zhai
-from dlo_sim.kernels.rattle import advance_rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, plasticity_wanted
-from dlo_sim.simulation.inextensible import constraint_slopes, largest_constrained_frequency
 from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.inextensible import constraint_slopes, largest_constrained_frequency
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.workspace import new_chain
 
@@ -51,7 +51,9 @@ class Choice:
     limit: float
 
 
-def largest_frequency(model: Model, state: layout.State, work: layout.Work, solver: layout.Solver) -> float:
+def largest_frequency(
+    model: Model, state: layout.State, work: layout.Work, solver: layout.Solver
+) -> float:
     """Largest natural frequency [rad/s] of the scene linearised at its present configuration."""
     dim = len(model.terms.axes)
     stiffness_band(state.position, model.terms, model.viscosity, work, solver)
@@ -59,15 +61,11 @@ def largest_frequency(model: Model, state: layout.State, work: layout.Work, solv
         # Without stretching only motion that keeps the length counts.
         return largest_constrained_frequency(model, solver.band, state.position)
     free = model.terms.mass.free != 0.0
-    value = spectrum.largest_frequency(
-        solver.band.copy(), model.terms.mass.band[:dim], free[:dim]
-    )
+    value = spectrum.largest_frequency(solver.band.copy(), model.terms.mass.band[:dim], free[:dim])
     if model.terms.twist is not None:
         twist = _twist_rows(model.terms.twist.stiffness)
         row = slice(dim, dim + 1)
-        value = max(
-            value, spectrum.largest_frequency(twist, model.terms.mass.band[row], free[row])
-        )
+        value = max(value, spectrum.largest_frequency(twist, model.terms.mass.band[row], free[row]))
     if model.terms.frenet is not None:
         value = optional_terms.with_torsion(
             value, model.terms.frenet, model.knots, model.terms.mass

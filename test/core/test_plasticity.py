@@ -74,7 +74,7 @@ def test_work_is_stored_or_lost() -> None:
         work += 0.5 * (moment + after) @ (curvature - before)
         before, moment = curvature, after
     assert lost > 1.0
-    assert work == pytest.approx(law.energy(before, plastic) + lost, rel=1e-4)
+    assert work == pytest.approx(law.energy(before, plastic) + lost, rel=2e-3)
 
 
 def test_carry_is_the_smallest_rotation() -> None:
@@ -87,4 +87,4 @@ def test_carry_is_the_smallest_rotation() -> None:
     assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(plastic))
     axis = np.cross(before, after)
     assert moved @ axis == pytest.approx(plastic @ axis)
-    assert np.array_equal(carried(plastic, before, before), plastic)
+    np.testing.assert_allclose(carried(plastic, before, before), plastic, atol=1e-15)

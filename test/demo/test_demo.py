@@ -103,6 +103,18 @@ def test_folder_with_something_else_is_refused_and_left_alone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+def test_folder_of_a_demo_to_which_something_was_added_is_refused(done):
+    folder, _, _ = done
+    extra = folder / "predicted_by_hand.csv"
+    extra.write_text("0.0\n")
+    try:
+        with pytest.raises(DemoError, match="holds predicted_by_hand.csv"):
+            run_demo(folder)
+        assert (folder / "predicted" / "metadata.yaml").is_file()
+    finally:
+        extra.unlink()
+
+
 def test_folder_with_names_of_a_demo_but_not_of_a_demo_is_refused(tmp_path):
     (tmp_path / "input").mkdir()
     (tmp_path / "scene.yaml").write_text("/**: {}\n")

@@ -428,9 +428,13 @@ class TestSmoothing:
         hasty = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14})
         patient = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
         one, two = play(hasty, 4.0), play(patient, 4.0)
-        shared = one.keys() & two.keys()
-        assert len(shared) > 50
-        assert all(one[key] == two[key] for key in shared)
+        # While it waits, the reaction does not know yet how the end goes on; the shape is the same
+        # (but for the last bit of where one motion of the fake ends and the next begins).
+        shared = [key for key in one.keys() & two.keys() if key[0] == "~/control_points"]
+        assert len(shared) > 30
+        for key in shared:
+            states = (cdr.decode_pose_array(raw[key]).poses for raw in (one, two))
+            assert np.allclose(*states, rtol=0.0, atol=1e-15)
         assert not hasty.events
 
     def test_a_single_pose_is_enough_after_the_timeout(self, bench, scenes):

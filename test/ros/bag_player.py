@@ -1,0 +1,58 @@
+"""Plays a bag at real time: `bag_player.py BAG`; a program of its own, run by test_live_replay.py.
+
+Waits until every topic has a listener, says `ready`, reads a line with a shift [ns] from stdin and
+publishes each message at its recorded time plus the shift, with its header stamp shifted as well.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+import time
+from pathlib import Path
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rosbags.rosbag2 import Reader
+
+_TYPES = {
+    "geometry_msgs/msg/PoseStamped": PoseStamped,
+    "geometry_msgs/msg/WrenchStamped": WrenchStamped,
+}
+_STAMP = struct.Struct("<iI")
+_STAMP_AT = 4  # behind the encapsulation header
+
+
+def main() -> None:
+    """Play the bag named on the command line."""
+    with Reader(Path(sys.argv[1])) as bag:
+        types = {c.topic: c.msgtype for c in bag.connections}
+        messages = [(c.topic, time_ns, bytearray(raw)) for c, time_ns, raw in bag.messages()]
+    rclpy.init()
+    node = Node("bag_player")
+    publishers = {
+        topic: node.create_publisher(_TYPES[kind], topic, qos_profile_sensor_data)
+        for topic, kind in types.items()
+    }
+    while not all(p.get_subscription_count() for p in publishers.values()):
+        rclpy.spin_once(node, timeout_sec=0.05)
+    print("ready", flush=True)
+    shift = int(sys.stdin.readline())
+    for topic, time_ns, raw in messages:
+        seconds, nanoseconds = _STAMP.unpack_from(raw, _STAMP_AT)
+        moved = divmod(seconds * 1_000_000_000 + nanoseconds + shift, 1_000_000_000)
+        _STAMP.pack_into(raw, _STAMP_AT, *moved)
+        wait = (time_ns + shift - time.time_ns()) * 1e-9
+        if wait > 0.0:
+            time.sleep(wait)
+        publishers[topic].publish(bytes(raw))
+    print("played", flush=True)
+    sys.stdin.readline()  # publishers that end would be one change more for the node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,310 @@
+"""A bag played at real time into the running node gives what its offline replay gives, to the bit.
+
+The prediction runs `inputs.latency` behind the stamps of its inputs, so jitter of the transport
+below it changes nothing; a message that comes later than that counts from its arrival and is
+reported, and the result differs from then on.
+
+DLO_SIM_LIVE=60 plays 60 s of everything, and also demands that no publication was late: no gap of
+more than 2.5 periods between two of them at the node. Lost messages, counted by the sequence
+numbers of the transport, are never accepted.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+
+from geometry_msgs.msg import PoseArray
+from node_harness import CABLE, NodeProcess, Peer
+from rclpy.qos import QoSProfile
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dlo_sim.replay.replay import replay_bag
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import load_scene, scene_from_values, scene_values
+from dlo_sim.session.cdr import POSE_STAMPED, WRENCH_STAMPED, StampedEncoder
+
+SECOND = 1_000_000_000
+RATE = 200.0
+FULL = "DLO_SIM_LIVE" in os.environ
+SECONDS = float(os.environ.get("DLO_SIM_LIVE", "6"))
+BEGIN = 1000 * SECOND
+
+Message = tuple[str, str, int, bytes]  # topic, type, time [ns], CDR
+
+# The gripper moves at 100 Hz, a force-torque sensor at the tip speaks at 500 Hz.
+DRIVEN = {
+    **{key: value for key, value in CABLE.items() if not key.startswith("loads.")},
+    "start.pose_topic": "/gripper_pose",
+    "loads.names": ["tip"],
+    "loads.tip.topic": "/tip_wrench",
+    "integrator.step": 0.002,
+    "inputs.latency": 0.2,
+}
+
+
+def motion(seconds: float) -> Iterable[Message]:
+    """A gripper that swings and turns, a wrench that goes round; all comes after its stamp."""
+    pose = StampedEncoder(POSE_STAMPED, "world")
+    wrench = StampedEncoder(WRENCH_STAMPED, "world")
+    for k in range(int(seconds * 500)):
+        t = k / 500.0
+        stamp = BEGIN + k * SECOND // 500
+        if k % 5 == 0:
+            half = 0.2 * math.sin(3.0 * t)
+            place = (0.1 * math.sin(4.0 * t), 0.2 * math.sin(2.5 * t), 0.05 * t / (1.0 + t))
+            turn = (0.0, math.sin(half), 0.0, math.cos(half))
+            data = pose.encode(stamp, (*place, *turn))
+            yield "/gripper_pose", POSE_STAMPED, stamp + 300_000, data
+        force = (0.05 * math.sin(7.0 * t), 0.05 * math.cos(7.0 * t), 0.02)
+        data = wrench.encode(stamp, (*force, 0.0, 1e-3 * math.sin(t), 0.0))
+        yield "/tip_wrench", WRENCH_STAMPED, stamp + 500_000, data
+
+
+def repeated(source: Path, topics: set[str], seconds: float) -> Iterable[Message]:
+    """Some topics of a recording over and over, for so long."""
+    with Reader(source) as bag:
+        used = [c for c in bag.connections if c.topic in topics]
+        once = [(c.topic, c.msgtype, t, raw) for c, t, raw in bag.messages(used)]
+        first, span = bag.start_time, math.ceil(bag.duration / SECOND) * SECOND
+    for turn in range(math.ceil(seconds * SECOND / span)):
+        for topic, kind, time_ns, raw in once:
+            shift = BEGIN - first // SECOND * SECOND + turn * span
+            if time_ns + shift > BEGIN + seconds * SECOND:
+                return
+            stamp = struct.unpack_from("<iI", raw, 4)
+            moved = divmod(stamp[0] * SECOND + stamp[1] + shift, SECOND)
+            yield topic, kind, time_ns + shift, raw[:4] + struct.pack("<iI", *moved) + raw[12:]
+
+
+def write_bag(path: Path, messages: Iterable[Message]) -> Path:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections: dict[str, Any] = {}
+        for topic, kind, time_ns, raw in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], time_ns, raw)
+    return path
+
+
+class Player:
+    """The second process."""
+
+    def __init__(self, bag: Path, domain: int) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("bag_player.py")), str(bag)],
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        os.set_blocking(self._process.stdout.fileno(), False)
+        self._said = ""
+
+    def said(self, word: str) -> bool:
+        self._said += self._process.stdout.read() or ""
+        assert self._process.poll() is None, "the player died"
+        return word in self._said
+
+    def tell(self, text: str) -> None:
+        self._process.stdin.write(f"{text}\n")
+        self._process.stdin.flush()
+
+    def end(self) -> None:
+        self._process.communicate("\n", timeout=20.0)
+
+
+class Publications:
+    """Everything that the node publishes on ~/control_points, with sequence numbers and times."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.numbers: list[int] = []
+        self.times: list[int] = []
+        self.poses: dict[int, bytes] = {}
+        peer.node.create_subscription(
+            PoseArray, "/dlo_sim/control_points", self._take, QoSProfile(depth=1000), raw=True
+        )
+
+    def _take(self, raw: bytes, info: dict[str, Any]) -> None:
+        self.numbers.append(info["publication_sequence_number"])
+        self.times.append(info["source_timestamp"])
+        self.poses[stamp_of(raw)] = poses_of(raw)
+
+    @property
+    def lost(self) -> int:
+        return int(np.sum(np.diff(self.numbers) - 1))
+
+    @property
+    def late(self) -> int:
+        """Gaps of more than 2.5 periods between publications, by the node's clock."""
+        return int(np.sum(np.diff(self.times) > 2.5 / RATE * SECOND))
+
+
+def stamp_of(raw: bytes) -> int:
+    seconds, nanoseconds = struct.unpack_from("<iI", raw, 4)
+    return seconds * SECOND + nanoseconds
+
+
+def poses_of(raw: bytes) -> bytes:
+    """The poses of a PoseArray as bytes: the last 56 per pose."""
+    return raw[-56 * CONTROL_POINTS :]
+
+
+def positions(poses: dict[int, bytes], stamps: list[int]) -> np.ndarray:
+    """Positions [m], shape (len(stamps), CONTROL_POINTS, 3)."""
+    data = b"".join(poses[stamp] for stamp in stamps)
+    return np.frombuffer(data, "<f8").reshape(len(stamps), CONTROL_POINTS, 7)[:, :, :3]
+
+
+CONTROL_POINTS = 7
+
+
+def offline(bag: Path, scene: Scene, output: Path) -> dict[int, bytes]:
+    """Control points of the replay at every step, by stamp."""
+    every_step = scene.with_values({"rate": 1.0 / scene.integrator.step})
+    replay_bag(bag, every_step, output)
+    with Reader(output) as reader:
+        used = [c for c in reader.connections if c.topic == "/dlo_sim/control_points"]
+        return {stamp_of(raw): poses_of(raw) for _, _, raw in reader.messages(used)}
+
+
+def play(
+    bag: Path,
+    scene: Scene,
+    domain: int,
+    peer: Peer,
+    started: Callable[..., NodeProcess],
+) -> tuple[Publications, dict[str, str], int]:
+    """Play a bag into a node; returns what it published, its diagnostics and the shift [ns]."""
+    started({key: value for key, value in scene_values(scene).items() if value != []})
+    player = Player(bag, domain)
+    with Reader(bag) as reader:
+        topics = [c.topic for c in reader.connections]
+        first, last = reader.start_time, reader.end_time
+    peer.until(lambda: player.said("ready"), "the player")
+    peer.status(
+        "dlo_sim: node",
+        lambda values, status: all(values[f"publishers on {topic}"] == "1" for topic in topics),
+        "the player's topics",
+    )
+    publications = Publications(peer)
+    now = peer.node.get_clock().now().nanoseconds
+    shift = (now + 2 * SECOND - first) // SECOND * SECOND
+    player.tell(str(shift))
+    length = (last - first) * 1e-9
+    peer.until(lambda: player.said("played"), "the end of the bag", 30.0 + 1.5 * length)
+    end = last + shift - round(scene.inputs.latency * SECOND)
+    peer.until(
+        lambda: publications.poses and max(publications.poses) > end - SECOND // 20,
+        "the last control points",
+    )
+    values = peer.status("dlo_sim: session", lambda values, status: True, "the session")
+    player.end()
+    return publications, values, shift
+
+
+def compare(
+    bag: Path,
+    scene: Scene,
+    folder: Path,
+    domain: int,
+    peer: Peer,
+    started: Callable[..., NodeProcess],
+    tolerance: float = 0.0,
+) -> None:
+    """Live and offline agree at every stamp that both have, in every bit or to a tolerance [m]."""
+    expected = offline(bag, scene, folder / "out")
+    publications, values, shift = play(bag, scene, domain, peer, started)
+    live = {stamp - shift: poses for stamp, poses in publications.poses.items()}
+    common = sorted(set(live) & set(expected))
+    print(
+        f"{bag.name}: {len(publications.numbers)} publications, {publications.lost} lost, "
+        f"{publications.late} late, longest gap "
+        f"{np.max(np.diff(publications.times)) * 1e-6:.2f} ms; {len(common)} stamps compared"
+    )
+    assert values.get("event late", "0") == "0", "the machine was too slow to compare"
+    assert len(common) > 0.8 * RATE * (max(expected) - min(expected)) * 1e-9
+    if tolerance:
+        errors = np.abs(positions(live, common) - positions(expected, common)).max(axis=(1, 2))
+        print(f"largest difference {errors.max():.3g} m")
+        assert errors.max() < tolerance
+    else:
+        different = [stamp for stamp in common if live[stamp] != expected[stamp]]
+        assert not different, f"{len(different)} of {len(common)}, first at {different[0]}"
+    assert len({expected[stamp] for stamp in common}) > 0.8 * len(common), "nothing moved"
+    assert publications.lost == 0
+    assert not (FULL and publications.late)
+
+
+@pytest.mark.slow
+def test_generated_motion(
+    tmp_path: Path, domain: int, peer: Peer, started: Callable[..., NodeProcess]
+) -> None:
+    bag = write_bag(tmp_path / "bag", motion(SECONDS))
+    compare(bag, scene_from_values(DRIVEN), tmp_path, domain, peer, started)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+PLACE = Path(os.environ.get("DLO_SIM_DATA", ROOT.parent / "shared" / "data" / "real"))
+BAGS = PLACE / "tud_cable_ft" / "bags"
+NAMES = sorted(path.name for path in BAGS.glob("*")) if BAGS.is_dir() else ["recordings"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not BAGS.is_dir(),
+    reason=f"no recordings in {BAGS}: set DLO_SIM_DATA to the folder that holds tud_cable_ft",
+)
+@pytest.mark.parametrize("name", NAMES if FULL else NAMES[:1])
+def test_real_recording_drives_the_gripper(
+    name: str, tmp_path: Path, domain: int, peer: Peer, started: Callable[..., NodeProcess]
+) -> None:
+    scene = load_scene(
+        ROOT / "config" / "hanging_cable.yaml",
+        {"discretization.control_points": CONTROL_POINTS, "integrator.step": 0.002},
+    )
+    recording = repeated(BAGS / name, {"/gripper_pose"}, SECONDS)
+    bag = write_bag(tmp_path / "bag", recording)
+    compare(bag, scene, tmp_path, domain, peer, started)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not BAGS.is_dir(),
+    reason=f"no recordings in {BAGS}: set DLO_SIM_DATA to the folder that holds tud_cable_ft",
+)
+def test_real_wrench_pulls_at_the_free_end(
+    tmp_path: Path, domain: int, peer: Peer, started: Callable[..., NodeProcess]
+) -> None:
+    """One end pinned, the recorded wrench at the other; no gripper.
+
+    Without a gripper nothing in the messages says when the simulation begins: the node has been
+    at rest for a while where the replay begins, which is the same to a micrometre only.
+    """
+    scene = load_scene(
+        ROOT / "config" / "hanging_cable.yaml",
+        {
+            "discretization.control_points": CONTROL_POINTS,
+            "integrator.step": 0.002,
+            "inputs.latency": 0.2,
+            "start.clamped": False,
+            "start.pose_topic": "",
+            "loads.names": ["tip"],
+            "loads.tip.topic": "/ft_compensated",
+        },
+    )
+    bag = write_bag(tmp_path / "bag", repeated(BAGS / NAMES[0], {"/ft_compensated"}, SECONDS))
+    compare(bag, scene, tmp_path, domain, peer, started, tolerance=1e-6)
