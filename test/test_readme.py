@@ -189,13 +189,13 @@ def test_python_example_runs(readme, checkout, monkeypatch):
     assert names["force"][2] > 1.0, "the gripper carries the cable"
 
 
-@pytest.mark.parametrize("value", ["frenet", "quasistatic"])
-def test_twist_that_the_readme_says_is_refused(readme, value):
+@pytest.mark.parametrize(("key", "value"), [("terms.contact", "on"), ("terms.twist", "quasistatic")])
+def test_what_the_readme_says_is_refused_is(readme, key, value):
     from dlo_sim.simulation.simulator import Simulator
 
-    assert f"`{value}`" in section(readme, "What it does not do") or value in readme
-    scene = load_scene(shipped_scenes()["paper_wire"], {"terms.twist": value})
-    with pytest.raises(SceneError, match="not available in this version"):
+    assert f"`{key}: {value}`" in section(readme, "What it does not do")
+    scene = load_scene(shipped_scenes()["paper_wire"], {key: value})
+    with pytest.raises(SceneError, match=f"{key}: '{value}' is not available in this version"):
         Simulator(scene)
 
 

@@ -25,7 +25,8 @@ from dlo_sim.simulation.model import Model, build_model, local_axis
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.report import Energy, Report, Status, UndefinedTorsion
-from dlo_sim.simulation.stepper import Choice, Stepper, choose, largest_frequency
+from dlo_sim.simulation.selection import Choice, choose
+from dlo_sim.simulation.stepper import Stepper, largest_frequency
 
 Array = NDArray[np.float64]
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)

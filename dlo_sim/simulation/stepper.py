@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from dlo_sim.core import spectrum, zhai
-from dlo_sim.core.amplification import largest_step
+from dlo_sim.core import spectrum
 from dlo_sim.core.methods import (
     CONSTRAINED,
-    IMPLICIT,
-    METHODS,
     RUNGE_KUTTA,
     SPLITTING,
     ZHAI,
@@ -25,30 +20,13 @@ from dlo_sim.kernels.runge_kutta import advance_runge_kutta
 from dlo_sim.kernels.splitting import advance_splitting
 from dlo_sim.kernels.zhai import advance_zhai
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import frenet_wanted, plasticity_wanted
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.inextensible import constraint_slopes, largest_constrained_frequency
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.selection import Choice
 from dlo_sim.simulation.workspace import new_chain
 
 GUARD_STEPS = 16  # explicit steps between two looks at the energy
-SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
-IMPLICIT_STEP = 2e-3  # [s]
-EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is preferred
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Method and step of a run, and one line that says why.
-
-    limit: largest stable step [s] of the linearised scene, inf for an implicit method.
-    """
-
-    method: Method
-    step: float
-    reason: str
-    limit: float
 
 
 def largest_frequency(
@@ -81,103 +59,6 @@ def _twist_rows(band: np.ndarray) -> np.ndarray:
         rows[: n - k, 3 + k] = band[k, : n - k]
         rows[k:, 3 - k] = band[k, : n - k]
     return rows
-
-
-def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choice:
-    """Method and step of a scene whose largest frequency is known.
-
-    `unchecked_step` takes integrator.step as it is, even beyond the stability limit.
-
-    Raises:
-        SceneError: unknown method, a method that is not valid with the scene's damping, or a step
-            beyond the method's stability limit.
-    """
-    name = scene.integrator.method
-    step = scene.integrator.step
-    reason = "as the scene asks"
-    if name == "auto":
-        name, reason = _automatic(scene, frequency)
-    if name not in METHODS:
-        raise SceneError(
-            f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
-        )
-    method = _method(scene, name)
-    _check_damping(scene, method)
-    optional_terms.check_method(scene, method)
-    limit = _step_limit(scene, method, frequency)
-    if step == 0.0:
-        step = min(SAFETY * limit, IMPLICIT_STEP)
-        # Whole nanoseconds: message stamps have no finer unit, so step times are exact in both.
-        step = max(np.floor(step * 1e9), 1.0) * 1e-9
-        if method.family != IMPLICIT:
-            reason += f"; step {SAFETY:g} of the stability limit {limit:.3g} s"
-    elif step > limit and not unchecked_step:
-        raise SceneError(
-            f"integrator.step: {step:g} s exceeds the stability limit {limit:.4g} s of {name} "
-            f"(largest frequency {frequency:.4g} rad/s); lower it, set it to 0, or use "
-            f"energy_momentum"
-        )
-    return Choice(method, float(step), reason, float(limit))
-
-
-def _method(scene: Scene, name: str) -> Method:
-    """The method with the scene's parameters."""
-    if METHODS[name].family != ZHAI:
-        return METHODS[name]
-    psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-    method = zhai.with_parameters(psi, phi)
-    if method.stability_limit == 0.0:
-        raise SceneError(
-            f"integrator.zhai_phi: no step is stable with psi {psi:g} and phi {phi:g}; "
-            f"use 0.5 for both"
-        )
-    return method
-
-
-def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
-    """Largest stable step [s] of the linearised scene."""
-    decay = scene.damping.mass + scene.damping.air_drag / scene.cable.mu
-    if scene.terms.damping == "off":
-        decay = 0.0
-    if decay and method.family in (RUNGE_KUTTA, ZHAI):
-        # These take damping as a force; splitting methods solve it exactly.
-        psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-        return largest_step(method, frequency, decay, psi, phi)
-    return method.stability_limit / frequency if frequency > 0.0 else np.inf
-
-
-def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
-    if frenet_wanted(scene) or plasticity_wanted(scene):
-        return "velocity_verlet", "Frenet torsion and plasticity need an explicit method"
-    if scene.damping.stiffness:
-        return "energy_momentum", "stiffness damping needs an implicit method"
-    if scene.damping.air_drag and (scene.start.mass or scene.end.mass):
-        return "energy_momentum", "air drag beside a point mass needs an implicit method"
-    limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
-    if limit >= EXPLICIT_ENOUGH:
-        return "velocity_verlet", f"soft: an explicit step of {limit:.2g} s is stable"
-    return "energy_momentum", f"stiff: an explicit step would have to be below {limit:.2g} s"
-
-
-def _check_damping(scene: Scene, method: Method) -> None:
-    damping = scene.damping
-    if scene.terms.damping == "off":
-        return
-    if damping.stiffness and not method.stiffness_damping:
-        raise SceneError(
-            f"integrator.method: {method.name} is not valid with damping.stiffness "
-            f"{damping.stiffness:g}; use energy_momentum or implicit_midpoint"
-        )
-    if (damping.mass or damping.air_drag) and not method.mass_damping:
-        raise SceneError(
-            f"integrator.method: {method.name} has negative sub-steps, which make damping grow; "
-            f"use velocity_verlet or energy_momentum, or set damping.mass and air_drag to 0"
-        )
-    if damping.air_drag and method.family != IMPLICIT and (scene.start.mass or scene.end.mass):
-        raise SceneError(
-            f"integrator.method: {method.name} is not valid with damping.air_drag beside a point "
-            f"mass (start.mass, end.mass); use energy_momentum"
-        )
 
 
 class Stepper:

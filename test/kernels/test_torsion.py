@@ -56,7 +56,7 @@ def test_energy_and_force_equal_the_oracle(bench, shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_force_is_minus_the_gradient_of_the_energy(bench, shape):
     points = SHAPES[shape](bench)
-    assert_limit(-bench.force(points), bench.potential, points, bound=1e-8)
+    assert_limit(-bench.force(points), bench.potential, points, bound=1e-6, tiny=1e-13)
 
 
 def test_default_floor_is_a_hundredth_of_the_ring():
@@ -95,11 +95,12 @@ def test_implicit_methods_and_equilibria_are_refused():
 @pytest.mark.parametrize("method", ["forest_ruth", "velocity_verlet", "rk4", "zhai"])
 def test_twisted_bent_cable_keeps_its_energy(method):
     """A bend and a twist that talk to each other, well above the floor."""
-    values = {"terms.twist": "frenet", "torsion.curvature_floor": 2.0, "gravity": [0.0, 3.0, -9.81]}
+    values = {"terms.twist": "frenet", "torsion.curvature_floor": 2.0}
     errors = []
     for fraction in (0.5, 0.25):
         limit = Simulator(scene_of(SOFT, values, method=method)).choice.limit
         sim = Simulator(scene_of(SOFT, values, method=method, step=fraction * limit))
+        sim.set_load("tip", torque=(4e-3, 3e-3, 2e-3))
         sim.advance(0.2)
         assert sim.energy().twist > 1e-6
         errors.append(sim.energy_error)

@@ -1,0 +1,165 @@
+"""Which method and step a scene is computed with, and why: the one place that decides it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_sim.core import zhai
+from dlo_sim.core.amplification import largest_step
+from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.needs import frenet_wanted, plasticity_wanted
+from dlo_sim.simulation import optional_terms
+
+SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
+EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is preferred
+HORIZON = 1.0  # [s] over which a chosen step keeps the accuracy asked for
+LEAST_ACCELERATION = 1.0  # [m/s^2] for scenes in which nothing but the grippers acts
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Method and step of a run, and one line that says why.
+
+    limit: largest stable step [s] of the linearised scene, inf for an implicit method.
+    """
+
+    method: Method
+    step: float
+    reason: str
+    limit: float
+
+
+def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choice:
+    """Method and step of a scene whose largest frequency is known.
+
+    `unchecked_step` takes integrator.step as it is, even beyond the stability limit.
+
+    Raises:
+        SceneError: unknown method, a method that is not valid with the scene's damping, or a step
+            beyond the method's stability limit.
+    """
+    name = scene.integrator.method
+    step = scene.integrator.step
+    reason = "as the scene asks"
+    if name == "auto":
+        name, reason = _automatic(scene, frequency)
+    if name not in METHODS:
+        raise SceneError(
+            f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
+        )
+    method = _method(scene, name)
+    _check_damping(scene, method)
+    optional_terms.check_method(scene, method)
+    limit = _step_limit(scene, method, frequency)
+    if step == 0.0:
+        step, why = _chosen_step(scene, method, limit)
+        reason += f"; {why}"
+    elif step > limit and not unchecked_step:
+        raise SceneError(
+            f"integrator.step: {step:g} s exceeds the stability limit {limit:.4g} s of {name} "
+            f"(largest frequency {frequency:.4g} rad/s); lower it, set it to 0, or use "
+            f"energy_momentum"
+        )
+    return Choice(method, float(step), reason, float(limit))
+
+
+def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str]:
+    """A step for a scene that names none, in whole nanoseconds, and the reason.
+
+    Message stamps have no finer unit than a nanosecond, so step times are exact in both.
+    """
+    if method.family != IMPLICIT:
+        step, why = SAFETY * limit, f"{SAFETY:g} of the stability limit {limit:.3g} s"
+    else:
+        step, why = _accurate_step(scene)
+    period = 1.0 / scene.rate
+    if step >= period:
+        step, why = period, f"one period of rate {scene.rate:g} Hz"
+    elif method.family == IMPLICIT:
+        step = period / np.ceil(period / step)  # ticks end on steps
+    step = max(np.floor(step * 1e9 + 1e-3), 1.0) * 1e-9
+    return float(step), f"step {step:.4g} s: {why}"
+
+
+def _accurate_step(scene: Scene) -> tuple[float, str]:
+    """Step of a second-order method that keeps the motion within accuracy.target over a second.
+
+    Under an acceleration a, a mode of frequency w moves by a / w^2 and its phase errs by
+    (w tau)^2 w T / 12 after a time T, so it is off by a tau^2 w T / 12. Faster modes err more, to
+    w = sqrt(a / target): beyond it they move by less than the target anyway.
+    """
+    target = scene.accuracy.target
+    mass = scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass
+    pull = sum(float(np.linalg.norm(load.force)) for load in scene.loads)
+    acceleration = max(float(np.linalg.norm(scene.gravity)) + pull / mass, LEAST_ACCELERATION)
+    fastest = np.sqrt(acceleration / target)
+    step = np.sqrt(12.0 * target / (acceleration * fastest * HORIZON))
+    why = f"modes up to {fastest:.3g} rad/s stay within accuracy.target {target:g} m for 1 s"
+    sines = [load.frequency for load in scene.loads if load.signal == "sine"]
+    if sines and step > 0.05 / max(sines):
+        step, why = 0.05 / max(sines), f"twenty steps a period of the {max(sines):g} Hz load"
+    return float(step), why
+
+
+def _method(scene: Scene, name: str) -> Method:
+    """The method with the scene's parameters."""
+    if METHODS[name].family != ZHAI:
+        return METHODS[name]
+    psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
+    method = zhai.with_parameters(psi, phi)
+    if method.stability_limit == 0.0:
+        raise SceneError(
+            f"integrator.zhai_phi: no step is stable with psi {psi:g} and phi {phi:g}; "
+            f"use 0.5 for both"
+        )
+    return method
+
+
+def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
+    """Largest stable step [s] of the linearised scene."""
+    decay = scene.damping.mass + scene.damping.air_drag / scene.cable.mu
+    if scene.terms.damping == "off":
+        decay = 0.0
+    if decay and method.family in (RUNGE_KUTTA, ZHAI):
+        # These take damping as a force; splitting methods solve it exactly.
+        psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
+        return largest_step(method, frequency, decay, psi, phi)
+    return method.stability_limit / frequency if frequency > 0.0 else np.inf
+
+
+def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
+    if frenet_wanted(scene) or plasticity_wanted(scene):
+        return "velocity_verlet", "Frenet torsion and plasticity need an explicit method"
+    if scene.damping.stiffness:
+        return "energy_momentum", "stiffness damping needs an implicit method"
+    if scene.damping.air_drag and (scene.start.mass or scene.end.mass):
+        return "energy_momentum", "air drag beside a point mass needs an implicit method"
+    limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
+    if limit >= EXPLICIT_ENOUGH:
+        return "velocity_verlet", f"soft: an explicit step of {limit:.2g} s is stable"
+    return "energy_momentum", f"stiff: an explicit step would have to be below {limit:.2g} s"
+
+
+def _check_damping(scene: Scene, method: Method) -> None:
+    damping = scene.damping
+    if scene.terms.damping == "off":
+        return
+    if damping.stiffness and not method.stiffness_damping:
+        raise SceneError(
+            f"integrator.method: {method.name} is not valid with damping.stiffness "
+            f"{damping.stiffness:g}; use energy_momentum or implicit_midpoint"
+        )
+    if (damping.mass or damping.air_drag) and not method.mass_damping:
+        raise SceneError(
+            f"integrator.method: {method.name} has negative sub-steps, which make damping grow; "
+            f"use velocity_verlet or energy_momentum, or set damping.mass and air_drag to 0"
+        )
+    if damping.air_drag and method.family != IMPLICIT and (scene.start.mass or scene.end.mass):
+        raise SceneError(
+            f"integrator.method: {method.name} is not valid with damping.air_drag beside a point "
+            f"mass (start.mass, end.mass); use energy_momentum"
+        )
