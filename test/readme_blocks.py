@@ -36,7 +36,7 @@ def parameters() -> str:
 
 def methods() -> str:
     """The methods that `integrator.method` takes."""
-    from dlo_sim.core.methods import METHODS, SPLITTING
+    from dlo_sim.core.methods import METHODS, ZHAI
 
     rows = []
     for name, method in METHODS.items():
@@ -45,7 +45,7 @@ def methods() -> str:
             for word, holds in (
                 ("symmetric", method.symmetric),
                 ("symplectic", method.symplectic),
-                ("energy", method.conserves_energy),
+                ("keeps energy", method.conserves_energy),
             )
             if holds
         ]
@@ -61,7 +61,7 @@ def methods() -> str:
         rows.append(
             (
                 f"`{name}`",
-                "splitting" if method.family == SPLITTING else method.family.replace("_", " "),
+                "two-step" if method.family == ZHAI else method.family.replace("_", "-"),
                 str(method.order),
                 ", ".join(kept) or "-",
                 "none" if math.isinf(limit) else f"{limit:.4g}",
@@ -69,7 +69,7 @@ def methods() -> str:
                 method.source,
             )
         )
-    header = ("method", "kind", "order", "keeps", "largest stable omega tau", "damping", "source")
+    header = ("method", "kind", "order", "properties", "largest stable omega tau", "damping", "source")
     return table(header, rows)
 
 

@@ -189,7 +189,9 @@ def test_python_example_runs(readme, checkout, monkeypatch):
     assert names["force"][2] > 1.0, "the gripper carries the cable"
 
 
-@pytest.mark.parametrize(("key", "value"), [("terms.contact", "on"), ("terms.twist", "quasistatic")])
+@pytest.mark.parametrize(
+    ("key", "value"), [("terms.contact", "on"), ("terms.twist", "quasistatic")]
+)
 def test_what_the_readme_says_is_refused_is(readme, key, value):
     from dlo_sim.simulation.simulator import Simulator
 

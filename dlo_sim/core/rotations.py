@@ -8,6 +8,9 @@ quaternions, or call `normalized` first.
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,17 +39,25 @@ def normalized(q: ArrayLike) -> Array:
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product a b, shape (..., 4): the rotation b followed by the rotation a."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    ax, ay, az, aw = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bx, by, bz, bw = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    return np.stack(
-        (
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ),
-        axis=-1,
+    ax, ay, az, aw = _components(a)
+    bx, by, bz, bw = _components(b)
+    return _together(
+        a.ndim == b.ndim == 1,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
     )
+
+
+def _components(v: Array) -> Any:
+    """The components along the last axis: arrays, or plain numbers of a single vector."""
+    return v.tolist() if v.ndim == 1 else np.moveaxis(v, -1, 0)
+
+
+def _together(single: bool, *parts: Any) -> Array:
+    """Components back into the last axis."""
+    return np.array(parts) if single else np.stack(np.broadcast_arrays(*parts), axis=-1)
 
 
 def conjugate(q: ArrayLike) -> Array:
@@ -58,15 +69,17 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """R(q) v, shape (..., 3): v = body coordinates in, world coordinates out."""
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
     axis, w = q[..., :3], q[..., 3:]
-    t = 2.0 * _cross(axis, v)
-    return np.asarray(v + w * t + _cross(axis, t))
+    t = 2.0 * cross(axis, v)
+    return np.asarray(v + w * t + cross(axis, t))
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """a x b over the last axis; numpy's own takes ten times as long for single vectors."""
-    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
-    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack((a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0), axis=-1)
+def cross(a: ArrayLike, b: ArrayLike) -> Array:
+    """a x b over the last axis, shape (..., 3); numpy's own takes ten times as long for one."""
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    a0, a1, a2 = _components(a)
+    b0, b1, b2 = _components(b)
+    single = a.ndim == b.ndim == 1
+    return _together(single, a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0)
 
 
 def to_matrix(q: ArrayLike) -> Array:
@@ -119,6 +132,11 @@ def from_matrix(matrix: ArrayLike) -> Array:
 def from_rotation_vector(rotation: ArrayLike) -> Array:
     """exp(w) as quaternions, shape (..., 4), of rotation vectors (..., 3) [rad]."""
     rotation = np.asarray(rotation, dtype=float)
+    if rotation.ndim == 1:
+        size = math.hypot(*rotation.tolist())
+        ratio = 0.5 - size * size / 48.0 if size < _SMALL else math.sin(0.5 * size) / size
+        x, y, z = rotation.tolist()
+        return np.array((ratio * x, ratio * y, ratio * z, math.cos(0.5 * size)))
     angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
     angle = np.sqrt(angle2)
     small = angle < _SMALL
@@ -130,6 +148,14 @@ def from_rotation_vector(rotation: ArrayLike) -> Array:
 def to_rotation_vector(q: ArrayLike) -> Array:
     """log(q): the rotation vector of the shorter way, angle in [0, pi], shape (..., 3) [rad]."""
     q = np.asarray(q, dtype=float)
+    if q.ndim == 1:
+        x, y, z, real = q.tolist() if q[3] >= 0.0 else (-q).tolist()
+        size = math.hypot(x, y, z)
+        if size < _SMALL:
+            ratio = 2.0 / real * (1.0 - size * size / (3.0 * real * real))
+        else:
+            ratio = 2.0 * math.atan2(size, real) / size
+        return np.array((ratio * x, ratio * y, ratio * z))
     q = np.where(q[..., 3:] < 0.0, -q, q)
     axis, w = q[..., :3], q[..., 3:]
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -167,11 +193,11 @@ def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
     u, v = np.broadcast_arrays(u, v)
     cosine = np.sum(u * v, axis=-1, keepdims=True)
     # (u x v, 1 + u.v) is good to about 1e-16 / |u x v|, so to 1e-8 at the cut below.
-    q = np.concatenate((np.cross(u, v), 1.0 + cosine), axis=-1)
+    q = np.concatenate((cross(u, v), 1.0 + cosine), axis=-1)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     opposite = norm < 1e-8
     least = np.eye(3)[np.argmin(np.abs(u), axis=-1)]
-    side = np.cross(u, least)
+    side = cross(u, least)
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
     half_turn = np.concatenate((side, np.zeros_like(cosine)), axis=-1)
     return np.where(opposite, half_turn, q / np.where(opposite, 1.0, norm))
@@ -185,9 +211,8 @@ def angular_velocity(rotation: ArrayLike, rate: ArrayLike) -> Array:
     """
     rotation, rate = np.asarray(rotation, dtype=float), np.asarray(rate, dtype=float)
     angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
-    small = (
-        angle2 < 1e-4
-    )  # a < 0.01: the series below is exact to rounding, the closed form loses digits
+    # a < 0.01: the series is exact to rounding, the closed form loses digits.
+    small = angle2 < 1e-4
     safe2 = np.where(small, 1.0, angle2)
     safe = np.sqrt(safe2)
     first = np.where(small, 0.5 - angle2 / 24.0 + angle2**2 / 720.0, (1.0 - np.cos(safe)) / safe2)
@@ -196,8 +221,8 @@ def angular_velocity(rotation: ArrayLike, rate: ArrayLike) -> Array:
         1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0,
         (safe - np.sin(safe)) / (safe2 * safe),
     )
-    turn = np.cross(rotation, rate)
-    return np.asarray(rate + first * turn + second * np.cross(rotation, turn))
+    turn = cross(rotation, rate)
+    return np.asarray(rate + first * turn + second * cross(rotation, turn))
 
 
 def _direction(v: ArrayLike) -> Array:

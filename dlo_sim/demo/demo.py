@@ -157,7 +157,7 @@ def _summary(folder: Path, replay: ReplaySummary, prediction: Prediction) -> Dem
         try_next={
             "a stiffer cable": f"{again} --set cable.bending_stiffness=0.1",
             "your own bag": "dlo_sim replay BAG --params SCENE.yaml --output OUT",
-            "live": f"ros2 run dlo_sim node --ros-args --params-file {scene}",
+            "live": f"dlo_sim node --ros-args --params-file {scene}",
             "without a bag": "dlo_sim simulate paper_wire --duration 2",
         },
     )

@@ -11,6 +11,7 @@ from dlo_sim.kernels.forces import clear, conservative_force, load_force
 from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.matrix import add_springs, scatter_matrices, span_matrices
 from dlo_sim.kernels.observe import velocities
+from dlo_sim.kernels.rattle import add_constraint_force
 from dlo_sim.kernels.tangent import span_discrete_gradient
 
 RATE_STEP = 1e-6  # [s] of the difference that gives the acceleration of a driven end
@@ -138,10 +139,11 @@ def driven_acceleration(drive, free, t, n, axes, out, spare):
 
 
 @entry
-def missing_force(state, terms, friction, viscosity, work, solver, t, out):
+def missing_force(state, terms, friction, viscosity, work, solver, slopes, chain, t, out):
     """What M a = f lacks on the prescribed rows: the forces of the ends, shape (rows, width).
 
-    With all other forces known, the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p).
+    `slopes` and `chain` are those of an inextensible cable, else None. With all other forces known,
+    the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p).
     """
     n = terms.lattice.n
     mass = terms.mass
@@ -150,6 +152,8 @@ def missing_force(state, terms, friction, viscosity, work, solver, t, out):
     clear(work.v1)
     clear(out)
     driven_acceleration(terms.drive, mass.free, t, n, terms.axes, work.v1, out)
+    dim = len(terms.axes)
+    add_constraint_force(state.position, work.v0, work.v1, mass, slopes, chain, n, dim, work.force)
     for d in range(out.shape[0]):
         for i in range(n):
             out[d, i] = 0.0

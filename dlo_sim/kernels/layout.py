@@ -261,6 +261,7 @@ class Chain(NamedTuple):
 
     band: Array
     rhs: Array
+    pull: Array
     multipliers: Array
     start: Array
     guess: Array

@@ -14,9 +14,10 @@ Source: Andersen 1983, J. Comput. Phys. 52; Hairer, Lubich & Wanner 2006, VII.1.
 
 from __future__ import annotations
 
-from dlo_sim.kernels.banded import solve_row
+from dlo_sim.kernels.banded import multiply, solve_row
 from dlo_sim.kernels.ends import end_velocities
 from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.layout import DRIVE_WORK
 from dlo_sim.kernels.matrix import eliminate, substitute
 from dlo_sim.kernels.observe import (
     begin_sample,
@@ -48,12 +49,21 @@ def first_point(j, n):
 
 
 @kernel
-def constraint_tangent(x, slopes, j, n, dim, d):
-    """Component d of r' at constraint point j."""
+def constraint_tangent(x, slopes, j, q, n, d):
+    """Component d of r' at point q of constraint j."""
     first = first_point(j, n)
     value = 0.0
     for k in range(4):
-        value += slopes[j, k] * x[d, first + k]
+        value += slopes[j, q, k] * x[d, first + k]
+    return value
+
+
+@kernel
+def gradient_row(x, slopes, j, n, d, k):
+    """dg_j / dq of row d and k-th control point of constraint j; slopes[j, q, 4] is a weight."""
+    value = 0.0
+    for q in range(slopes.shape[1]):
+        value += slopes[j, q, 4] * slopes[j, q, k] * constraint_tangent(x, slopes, j, q, n, d)
     return value
 
 
@@ -81,10 +91,9 @@ def assemble(x, slopes, mass, n, dim, band):
         first = first_point(j, n)
         active = False
         for d in range(dim):
-            t = constraint_tangent(x, slopes, j, n, dim, d)
             for k in range(4):
-                g = slopes[j, k] * t
-                if mass.free[d, first + k] != 0.0 and slopes[j, k] != 0.0:
+                g = gradient_row(x, slopes, j, n, d, k)
+                if mass.free[d, first + k] != 0.0 and slopes[j, 0, k] != 0.0:
                     r = (first + k) * stride + d
                     band[r, place - r + half] = g
                     band[place, r - place + half] = g
@@ -100,9 +109,8 @@ def add_multipliers(x, slopes, multipliers, n, dim, sign, rhs):
         value = sign * multipliers[j]
         first = first_point(j, n)
         for d in range(dim):
-            t = constraint_tangent(x, slopes, j, n, dim, d)
             for k in range(4):
-                rhs[(first + k) * stride + d] += slopes[j, k] * t * value
+                rhs[(first + k) * stride + d] += gradient_row(x, slopes, j, n, d, k) * value
 
 
 @kernel
@@ -112,8 +120,9 @@ def violation(x, slopes, n, dim, rhs):
     for j in range(n - 1):
         total = -1.0
         for d in range(dim):
-            t = constraint_tangent(x, slopes, j, n, dim, d)
-            total += t * t
+            for q in range(slopes.shape[1]):
+                t = constraint_tangent(x, slopes, j, q, n, d)
+                total += slopes[j, q, 4] * t * t
         rhs[slot(j, n, dim)] = -0.5 * total
         worst = max(worst, abs(0.5 * total))
     return worst
@@ -195,14 +204,31 @@ def fix_velocity(x, w, slopes, mass, drive, force, scale, t, axes, chain, n, dim
         first = first_point(j, n)
         value = 0.0
         for d in range(dim):
-            t_d = constraint_tangent(x, slopes, j, n, dim, d)
             for k in range(4):
-                value += t_d * slopes[j, k] * chain.change[d, first + k]
+                value += gradient_row(x, slopes, j, n, d, k) * chain.change[d, first + k]
         rhs[slot(j, n, dim)] = -value
     substitute(chain.band, rhs.shape[0], chain.band.shape[1] // 2, rhs)
+    for j in range(n - 1):
+        chain.multipliers[j] = rhs[slot(j, n, dim)]
     for i in range(n):
         for d in range(dim):
             w[d, i] += rhs[i * stride + d] * mass.free[d, i]
+
+
+@kernel
+def book_constraints(x, ends, drive, mass, pull, ledger, n, dim):
+    """Work that driven ends do against the constraint forces: - (c_p - shift^T c_f) . dq_p."""
+    if drive is not None:
+        stride = dim + 1
+        for d in range(dim):
+            for j in range(4):
+                column = prescribed_column(j, n)
+                moved = x[d, column] - ends[d, j]
+                if mass.free[d, column] == 0.0 and moved != 0.0:
+                    value = pull[column * stride + d]
+                    for i in range(n):
+                        value -= drive.shift[d, j, i] * pull[i * stride + d]
+                    ledger[DRIVE_WORK] -= value * moved
 
 
 @kernel
@@ -257,6 +283,11 @@ def rattle_step(state, terms, work, slopes, chain, t0, tau):
         x, chain.guess, chain.start, slopes, mass, work.force, 0.5 * tau * tau, chain, n, dim
     )
     if good:
+        for r in range(chain.pull.shape[0]):
+            chain.pull[r] = 0.0
+        add_multipliers(
+            chain.start, slopes, chain.multipliers, n, dim, -1.0 / (tau * tau), chain.pull
+        )
         for d in range(dim):
             for i in range(n):
                 state.w[d, i] = (x[d, i] - chain.carried[d, i]) / tau * mass.free[d, i]
@@ -278,6 +309,8 @@ def rattle_step(state, terms, work, slopes, chain, t0, tau):
             n,
             dim,
         )
+        add_multipliers(x, slopes, chain.multipliers, n, dim, -1.0 / tau, chain.pull)
+        book_constraints(x, work.ends, terms.drive, mass, chain.pull, state.ledger, n, dim)
     return good
 
 
@@ -285,7 +318,8 @@ def rattle_step(state, terms, work, slopes, chain, t0, tau):
 def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, guard, recorder):
     """Advance by whole steps from time first_step * tau.
 
-    `slopes` holds the four derivatives [1/m] of each constraint point, shape (n - 1, 4). Returns
+    `slopes` holds four derivatives [1/m] and a weight for each point of a constraint, shape
+    (n - 1, points, 5). Returns
     (status, steps done, force evaluations). A step whose constraints cannot be met ends the run.
     """
     n = terms.lattice.n
@@ -314,6 +348,45 @@ def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, gu
         if sampling:
             end_sample(state, terms, work, recorder, t0, tau)
     return OK, steps, evaluations
+
+
+@kernel
+def add_constraint_force(x, v, acceleration, mass, slopes, chain, n, dim, force):
+    """force += - G^T lambda of the present motion; `acceleration` holds that of prescribed DOFs.
+
+    lambda follows from G a = - |dr'/dt|^2, the second derivative of the constraints.
+    """
+    if chain is not None:
+        stride = dim + 1
+        rhs = chain.rhs
+        assemble(x, slopes, mass, n, dim, chain.band)
+        eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2)
+        for r in range(rhs.shape[0]):
+            rhs[r] = 0.0
+        for d in range(dim):
+            for i in range(n):
+                chain.change[d, i] = 0.0
+            multiply(mass.band[d], n, acceleration[d], -1.0, chain.change[d])
+            for i in range(n):
+                rhs[i * stride + d] = (force[d, i] + chain.change[d, i]) * mass.free[d, i]
+        for j in range(n - 1):
+            value = 0.0
+            for d in range(dim):
+                for q in range(slopes.shape[1]):
+                    rate = constraint_tangent(v, slopes, j, q, n, d)
+                    tangent = constraint_tangent(x, slopes, j, q, n, d)
+                    pull = tangent * constraint_tangent(acceleration, slopes, j, q, n, d)
+                    value += slopes[j, q, 4] * (rate * rate + pull)
+            rhs[slot(j, n, dim)] = -value
+        substitute(chain.band, rhs.shape[0], chain.band.shape[1] // 2, rhs)
+        for j in range(n - 1):
+            chain.multipliers[j] = rhs[slot(j, n, dim)]
+        for r in range(rhs.shape[0]):
+            rhs[r] = 0.0
+        add_multipliers(x, slopes, chain.multipliers, n, dim, -1.0, rhs)
+        for d in range(dim):
+            for i in range(n):
+                force[d, i] += rhs[i * stride + d]
 
 
 @entry

@@ -22,6 +22,7 @@ from dlo_sim.session import cdr
 from dlo_sim.session.drive import SimulatorFactory
 from dlo_sim.session.intake import input_topics
 from dlo_sim.session.outputs import DIAGNOSTICS, output_topics
+from dlo_sim.session.rehearsal import rehearse
 from dlo_sim.session.session import Session, SessionStatus
 
 __all__ = ["ReplayError", "ReplaySummary", "replay_bag", "resolved", "summary_values"]
@@ -159,6 +160,8 @@ class _Replay:
         self._progress = progress
         begin = time.perf_counter()
         self._session = Session(scene, factory)
+        if factory is None:
+            rehearse(scene)
         self.summary.compile_s = time.perf_counter() - begin
         self._inputs = {resolved(entry.topic): entry.topic for entry in self._session.inputs}
         self._names = {topic: resolved(topic) for topic in output_topics(scene)}

@@ -15,12 +15,12 @@ from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from dlo_sim.ros.parameters import SceneParameters, refuse_unknown_overrides
-from dlo_sim.ros.rehearsal import rehearse
 from dlo_sim.ros.status import ClockWatch, node_status
 from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import encode_diagnostic_array
+from dlo_sim.session.rehearsal import rehearse
 from dlo_sim.session.session import Session, SessionStatus
 
 NODE_NAME = "dlo_sim"

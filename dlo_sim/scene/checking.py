@@ -188,18 +188,20 @@ def _check_cable(scene: Scene) -> None:
 
 def _check_discretization(scene: Scene) -> None:
     samples = scene.discretization.samples
-    if scene.discretization.quadrature == "gauss" and samples > 10:
+    if scene.discretization.quadrature == "gauss" and not 2 <= samples <= 10:
         raise _refuse(
             "discretization.samples",
             samples,
-            "points per knot span are too many for gauss; give 1 to 10, or set "
-            "discretization.quadrature to uniform",
+            "points per knot span will not do for gauss; give 2 to 10 (a single one leaves ways to "
+            "bend that cost no energy), or set discretization.quadrature to uniform",
         )
-    if scene.discretization.quadrature == "uniform" and samples < 4:
+    least = 2 * (scene.discretization.control_points - 3)
+    if scene.discretization.quadrature == "uniform" and samples < max(least, 4):
         raise _refuse(
             "discretization.samples",
             samples,
-            "samples are too few for uniform quadrature; give 4 or more in all",
+            f"samples are too few for uniform quadrature; give {max(least, 4)} or more in all, two "
+            "a knot span",
         )
 
 

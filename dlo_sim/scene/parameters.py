@@ -130,7 +130,7 @@ _DISCRETIZATION = (
         100_000,
         (),
         None,
-        "Quadrature points: per knot span for gauss (1 to 10), in all for uniform (4 or more).",
+        "Quadrature points: per knot span for gauss (2 to 10), in all for uniform (2 or more a span).",
     ),
     _choice(
         "discretization.mass",

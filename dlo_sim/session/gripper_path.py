@@ -250,9 +250,9 @@ class GripperPath:
         )
         # Angular velocity -> rate of the rotation vector at `way`: inverse left Jacobian to second
         # order.
-        cross = np.cross(way, spin)
+        cross = rotations.cross(way, spin)
         w1, w2 = _parabola(
-            way, self._spin, spin - 0.5 * cross + np.cross(way, cross) / 12.0, duration
+            way, self._spin, spin - 0.5 * cross + rotations.cross(way, cross) / 12.0, duration
         )
         motion = EndMotion(
             time,

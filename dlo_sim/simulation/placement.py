@@ -7,13 +7,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from dlo_sim.kernels import layout
+from dlo_sim.kernels.instant import stiffness_band
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, needs_of
 from dlo_sim.simulation import statics, workspace
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import EndGeometry, first_shape
-from dlo_sim.simulation.inextensible import to_rest_length
+from dlo_sim.simulation.inextensible import (
+    largest_constrained_frequency,
+    to_equilibrium,
+    to_rest_length,
+)
 from dlo_sim.simulation.model import Model, build_model
 
 
@@ -53,6 +58,13 @@ def place(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
             "its ends; move the ends or use energy_momentum"
         )
+    if inextensible and wants_equilibrium(scene, geometries):
+        frequency = _frequency(model, state, work, solver)
+        if not to_equilibrium(model, state, work, min(0.5 / frequency, 5e-3)):
+            raise SceneError(
+                "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
+                "control points, or energy_momentum"
+            )
     state.w[:] = 0.0
     state.history[:] = 0.0
 
@@ -65,6 +77,14 @@ def wants_equilibrium(scene: Scene, geometries: Mapping[str, EndGeometry]) -> bo
         return False
     gap = float(np.linalg.norm(geometries["end"].attachment - geometries["start"].attachment))
     return gap < scene.cable.length * (1.0 - 1e-6)
+
+
+def _frequency(
+    model: Model, state: layout.State, work: layout.Work, solver: layout.Solver
+) -> float:
+    """Largest frequency [rad/s] of motion that keeps the length."""
+    stiffness_band(state.position, model.terms, model.viscosity, work, solver)
+    return max(largest_constrained_frequency(model, solver.band, state.position), 1e-3)
 
 
 def _relax_elastic(

@@ -20,17 +20,22 @@ def reaction(
     solver: layout.Solver,
     t: float,
     end: str,
+    inextensible: tuple[Array, layout.Chain] | None = None,
 ) -> tuple[Array, Array]:
     """Force [N] and moment about the attachment [N m] on the cable by an end effector, world frame.
 
     With all other forces f known, the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p); what is
-    missing in M a = f + R on the prescribed rows is the reaction R. A spring's force counts too.
+    missing in M a = f + R on the prescribed rows is the reaction R. A spring's force counts too,
+    and so do the constraint forces of an inextensible cable (its constraint slopes and scratch).
     """
     if end not in ENDS:
         raise KeyError(f"no end '{end}': use start or end")
     n, terms = model.n, model.terms
     missing = np.empty_like(state.w)
-    missing_force(state, terms, model.friction, model.viscosity, work, solver, t, missing)
+    slopes, chain = inextensible or (None, None)
+    missing_force(
+        state, terms, model.friction, model.viscosity, work, solver, slopes, chain, t, missing
+    )
     row = ENDS.index(end)
     outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
     points = model.to_columns(state.position)

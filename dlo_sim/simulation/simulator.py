@@ -210,7 +210,15 @@ class Simulator:
         The moment is about the attachment point; it is zero at an end that is not clamped. The
         inertia and weight of the end's point mass are included.
         """
-        return reaction(self._model, self._state, self._work, self._solver, self.time, end)
+        return reaction(
+            self._model,
+            self._state,
+            self._work,
+            self._solver,
+            self.time,
+            end,
+            self._stepper.inextensible,
+        )
 
     # -- change ---------------------------------------------------------------------------------
 

@@ -72,9 +72,9 @@ class Stepper:
         self._kick = np.array(choice.method.kick_weights)
         self._alpha = alpha_constants(choice.method, scene.integrator.spectral_radius)
         self._zhai = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
+        self.inextensible: tuple[np.ndarray, layout.Chain] | None = None
         if choice.method.family == CONSTRAINED:
-            self._slopes_at_constraints = constraint_slopes(model.knots)
-            self._chain = new_chain(model)
+            self.inextensible = (constraint_slopes(model.knots), new_chain(model))
         if choice.method.family == RUNGE_KUTTA:
             self._table, self._nodes = _butcher_table(choice.method)
             self._slopes = np.zeros((len(self._table), 2, model.rows, model.width))
@@ -129,13 +129,12 @@ class Stepper:
                 GUARD_STEPS,
                 recorder,
             )
-        if choice.method.family == CONSTRAINED:
+        if self.inextensible is not None:
             return advance_rattle(
                 state,
                 model.terms,
                 work,
-                self._slopes_at_constraints,
-                self._chain,
+                *self.inextensible,
                 first,
                 steps,
                 choice.step,

@@ -78,6 +78,7 @@ def new_chain(model: Model) -> layout.Chain:
     return layout.Chain(
         band=np.zeros((size, 2 * half + 1)),
         rhs=np.zeros(size),
+        pull=np.zeros(size),
         multipliers=np.zeros(n - 1),
         start=np.zeros(shape),
         guess=np.zeros(shape),

@@ -135,7 +135,9 @@ def _hanging(rng: np.random.Generator, values: dict[str, Any]) -> None:
     _place_end(rng, values, 0.5, 1.0)
     _gravity(rng, values)
     values["end.fixed"] = [False] * 3
-    values["end.mass"] = float(rng.choice([0.0, weight(values) / 9.81 * log_uniform(rng, 0.01, 10)]))
+    values["end.mass"] = float(
+        rng.choice([0.0, weight(values) / 9.81 * log_uniform(rng, 0.01, 10)])
+    )
     values["start.clamped"] = bool(rng.integers(2))
     _add_load(rng, values, "push")
 
@@ -203,7 +205,9 @@ KINDS = (
     Kind("free flight", _free_flight, ("velocity_verlet", "forest_ruth", "energy_momentum")),
     Kind("grippers", _grippers, ("velocity_verlet", "energy_momentum"), driven=True),
     Kind("damped", _damped, ("velocity_verlet", "rk4", "implicit_midpoint", "energy_momentum")),
-    Kind("pulled", _pulled, ("velocity_verlet", "implicit_midpoint", "energy_momentum"), driven=True),
+    Kind(
+        "pulled", _pulled, ("velocity_verlet", "implicit_midpoint", "energy_momentum"), driven=True
+    ),
 )
 
 
@@ -247,7 +251,9 @@ def _draw_moves(
     return tuple(moves)
 
 
-def _apply(simulator: Simulator, move: tuple[int, str, str, tuple[float, ...]], pieces: float) -> None:
+def _apply(
+    simulator: Simulator, move: tuple[int, str, str, tuple[float, ...]], pieces: float
+) -> None:
     _, end, what, numbers = move
     position, orientation = simulator.end_pose(end)
     if what == "jump":
@@ -270,17 +276,25 @@ def run_case(case: Case) -> Outcome:
 
     def outcome(what: str, reason: str = "", problem: str = "", **more: Any) -> Outcome:
         numbers: dict[str, Any] = dict(
-            step=case.values["integrator.step"], steps=0, simulated=0.0, energy_error=0.0,
-            tolerance=0.0, force_evaluations=0,
+            step=case.values["integrator.step"],
+            steps=0,
+            simulated=0.0,
+            energy_error=0.0,
+            tolerance=0.0,
+            force_evaluations=0,
         )
         wall = time.perf_counter() - began
-        return Outcome(outcome=what, reason=reason, problem=problem, wall=wall, **{**numbers, **blank, **more})
+        return Outcome(
+            outcome=what, reason=reason, problem=problem, wall=wall, **{**numbers, **blank, **more}
+        )
 
     try:
         simulator = Simulator(scene_from_values(case.values))
     except SceneError as refusal:
         one_line = "\n" not in str(refusal)
-        return outcome(REFUSED if one_line else WRONG, str(refusal), "" if one_line else "not one line")
+        return outcome(
+            REFUSED if one_line else WRONG, str(refusal), "" if one_line else "not one line"
+        )
     except Exception as error:  # noqa: BLE001 - whatever it is, it is a finding
         return outcome(WRONG, problem=f"{type(error).__name__}: {error}")
     blank["method"] = simulator.method
@@ -378,12 +392,21 @@ class _Watch:
         rates[:, :n] = sim.model.to_rows(sim.velocities)
         from dlo_sim.core import mass
 
-        return np.array([mass.multiply(band, rates[d, :n]).sum() for d, band in enumerate(sim.model.terms.mass.band)])
+        return np.array(
+            [
+                mass.multiply(band, rates[d, :n]).sum()
+                for d, band in enumerate(sim.model.terms.mass.band)
+            ]
+        )
 
     def _momentum_problem(self) -> str:
         sim = self.simulator
         scene = sim.scene
-        if scene.start.held or scene.end.held or any(load.signal != "constant" for load in scene.loads):
+        if (
+            scene.start.held
+            or scene.end.held
+            or any(load.signal != "constant" for load in scene.loads)
+        ):
             return ""
         impulse = sum((np.array(load.force) for load in scene.loads), np.zeros(3)) * sim.time
         got = self._free_momentum()[:3] - self._momentum[:3]

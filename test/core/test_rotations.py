@@ -32,6 +32,15 @@ def test_rotation_vector_matches_rodrigues_and_comes_back(angle):
     assert np.allclose(r.to_rotation_vector(-q), angle * axis, rtol=1e-9, atol=1e-16)
 
 
+@pytest.mark.parametrize("shape", [(3,), (1, 3)])
+def test_the_series_for_small_angles_joins_the_closed_form(shape):
+    """|exp(w) - (w/2, 1)| to third order: 0.5 - a^2/48, just below the change of formula."""
+    w = 9e-5 * np.array([0.36, -0.48, 0.8]).reshape(shape)
+    expected = w / 9e-5 * np.sin(4.5e-5)
+    assert np.allclose(r.from_rotation_vector(w)[..., :3], expected, rtol=1e-15, atol=0.0)
+    assert np.allclose(r.to_rotation_vector(r.from_rotation_vector(w)), w, rtol=1e-15, atol=0.0)
+
+
 def test_multiply_applies_the_right_factor_first():
     a, b = random_quaternions(50, 1), random_quaternions(50, 2)
     product = r.to_matrix(r.multiply(a, b))
@@ -88,7 +97,23 @@ def test_angular_velocity_is_the_derivative_of_the_rotation(size):
     before, after = (r.to_matrix(r.from_rotation_vector(w + s * h * rate)) for s in (-1, 1))
     spin = (after - before) / (2 * h) @ r.to_matrix(r.from_rotation_vector(w)).T
     omega = r.angular_velocity(w, rate)
-    assert np.allclose([spin[2, 1], spin[0, 2], spin[1, 0]], omega, atol=1e-9)
+    assert np.allclose([spin[2, 1], spin[0, 2], spin[1, 0]], omega, rtol=0.0, atol=1e-9)
+
+
+def test_one_at_a_time_gives_what_many_at_once_give():
+    rng = np.random.default_rng(7)
+    w = rng.normal(size=(40, 3)) * np.logspace(-7, 0.3, 40)[:, None]
+    q, p = r.from_rotation_vector(w), random_quaternions(40)
+    for one, many in [
+        ([r.from_rotation_vector(x) for x in w], q),
+        ([r.to_rotation_vector(x) for x in q], r.to_rotation_vector(q)),
+        ([r.to_rotation_vector(-x) for x in q], r.to_rotation_vector(q)),
+        ([r.multiply(x, y) for x, y in zip(q, p, strict=True)], r.multiply(q, p)),
+        ([r.multiply(x, p[0]) for x in q], r.multiply(q, p[0])),
+        ([r.cross(x, y) for x, y in zip(w, p[:, :3], strict=True)], np.cross(w, p[:, :3])),
+        ([r.rotate(x, y) for x, y in zip(q, w, strict=True)], r.rotate(q, w)),
+    ]:
+        assert np.allclose(one, many, rtol=1e-14, atol=1e-22)
 
 
 def test_nonsense_is_refused():

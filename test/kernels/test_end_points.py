@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from cables import FULL, Bench, rotation
+from cables import FULL, Bench, driven_rates, rotation
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.kernels.ends import end_points, end_velocities
+from dlo_sim.kernels.ends import end_points
 
 OFFSET = [0.02, -0.01, 0.03]
 TANGENTS = {"start": [0.6, 0.0, 0.8], "end": [0.0, 0.8, -0.6]}
@@ -44,7 +44,7 @@ def placed(bench, row, t):
 
 def rates(bench, row, t):
     out = np.zeros((4, bench.model.width))
-    end_velocities(bench.drive.motion, t, 8, (0, 1, 2), bench.terms.mass.free, out)
+    driven_rates(bench.drive.motion, t, 8, (0, 1, 2), bench.terms.mass.free, out)
     outer, inner = ((0, 1), (7, 6))[row]
     return np.concatenate((out[:3, outer], out[:3, inner], out[3:, outer]))
 
@@ -115,3 +115,18 @@ def test_twist_goes_on_from_motion_to_motion(bench):
     bench.drive.follow("start", 0.3, later)
     assert half == pytest.approx(0.4)
     assert placed(bench, 0, 0.3)[6] == pytest.approx(0.4)
+
+
+@pytest.mark.xfail(strict=True, reason="the angle of one motion is taken from -2 pi to 2 pi")
+def test_twist_counts_whole_turns(bench):
+    tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
+    bench.drive.follow("start", 0.0, motion(rotation=(40.0 * tangent, 0.0 * tangent)))
+    assert placed(bench, 0, 0.5)[6] == pytest.approx(16.0)
+
+
+@pytest.mark.xfail(strict=True, reason="the angle is that of the swing-twist split, the rate is omega.t")
+def test_twist_rate_is_the_derivative_of_the_twist_when_the_tangent_swings_too(bench):
+    bench.drive.follow("start", 0.0, motion())
+    h = 1e-5
+    slope = (placed(bench, 0, 0.49 + h) - placed(bench, 0, 0.49 - h))[6] / (2 * h)
+    assert rates(bench, 0, 0.49)[6] == pytest.approx(slope, rel=1e-6)

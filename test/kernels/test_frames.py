@@ -8,17 +8,19 @@ from dlo_sim.kernels.frames import curve_frames
 
 
 def frames(points, tangents, angles=None, reference=(0.0, 0.0, 1.0)):
-    """Frames of given points and tangents: a 'spline' whose bases pick them one by one."""
-    m = len(points)
-    table = np.zeros((2 * m, 4))
-    table[::2, :3] = points
-    table[::2, 3] = 0.0 if angles is None else angles
-    table[1::2, :3] = tangents
-    columns = 2 * np.arange(m)[:, None] + np.array([0, 1, 0, 0])
-    values = np.tile([1.0, 0.0, 0.0, 0.0], (m, 1))
-    slopes = np.tile([0.0, 1.0, 0.0, 0.0], (m, 1))
-    out = np.zeros((m, 4))
-    curve_frames(table, columns, values, slopes, np.array(reference, dtype=float), out)
+    """Frames at samples given by themselves: the first of the four active points of a sample is its
+    place and angle, the second its tangent."""
+    count = len(points)
+    table = np.zeros((2 * count, 4))
+    table[:count, :3], table[count:, :3] = points, tangents
+    if angles is not None:
+        table[:count, 3] = angles
+    columns = np.zeros((count, 4), dtype=np.int64)
+    columns[:, 0], columns[:, 1] = np.arange(count), count + np.arange(count)
+    values, slopes = np.zeros((count, 4)), np.zeros((count, 4))
+    values[:, 0] = slopes[:, 1] = 1.0
+    out = np.zeros((count, 4))
+    curve_frames(table, columns, values, slopes, np.array(reference), out)
     return out
 
 

@@ -49,9 +49,7 @@ def main() -> None:
             time.sleep(wait)
         publishers[topic].publish(bytes(raw))
     print("played", flush=True)
-    sys.stdin.readline()  # publishers that end would be one change more for the node
-    node.destroy_node()
-    rclpy.try_shutdown()
+    sys.stdin.readline()  # until it is ended
 
 
 if __name__ == "__main__":

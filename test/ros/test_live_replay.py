@@ -103,28 +103,30 @@ def write_bag(path: Path, messages: Iterable[Message]) -> Path:
 class Player:
     """The second process."""
 
-    def __init__(self, bag: Path, domain: int) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("bag_player.py")), str(bag)],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        os.set_blocking(self._process.stdout.fileno(), False)
-        self._said = ""
+    def __init__(self, bag: Path, domain: int, log: Path) -> None:
+        self._log = log
+        with log.open("wb") as stream:
+            self._process = subprocess.Popen(
+                [sys.executable, str(Path(__file__).with_name("bag_player.py")), str(bag)],
+                env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+                stdin=subprocess.PIPE,
+                stdout=stream,
+                stderr=stream,
+                text=True,
+            )
 
     def said(self, word: str) -> bool:
-        self._said += self._process.stdout.read() or ""
-        assert self._process.poll() is None, "the player died"
-        return word in self._said
+        output = self._log.read_text(encoding="utf-8")
+        assert self._process.poll() is None, f"the player died:\n{output}"
+        return word in output
 
     def tell(self, text: str) -> None:
         self._process.stdin.write(f"{text}\n")
         self._process.stdin.flush()
 
     def end(self) -> None:
-        self._process.communicate("\n", timeout=20.0)
+        self._process.kill()
+        self._process.communicate()
 
 
 class Publications:
@@ -190,7 +192,16 @@ def play(
 ) -> tuple[Publications, dict[str, str], int]:
     """Play a bag into a node; returns what it published, its diagnostics and the shift [ns]."""
     started({key: value for key, value in scene_values(scene).items() if value != []})
-    player = Player(bag, domain)
+    player = Player(bag, domain, bag.with_name("player.txt"))
+    try:
+        return _listen(bag, scene, peer, player)
+    finally:
+        player.end()
+
+
+def _listen(
+    bag: Path, scene: Scene, peer: Peer, player: Player
+) -> tuple[Publications, dict[str, str], int]:
     with Reader(bag) as reader:
         topics = [c.topic for c in reader.connections]
         first, last = reader.start_time, reader.end_time
@@ -212,7 +223,6 @@ def play(
         "the last control points",
     )
     values = peer.status("dlo_sim: session", lambda values, status: True, "the session")
-    player.end()
     return publications, values, shift
 
 

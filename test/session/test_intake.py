@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from session_bench import FREE, LOADED
 
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import REASONS
@@ -71,8 +72,6 @@ def assert_refused_without_trace(bench, topic, reason, send):
 
 @pytest.fixture
 def pair(bench):
-    from conftest import LOADED
-
     return lambda: (bench(LOADED), bench(LOADED))
 
 
@@ -191,8 +190,6 @@ def test_load_in_the_frame_of_the_end_effector_is_turned(loaded):
 
 
 def test_sign_of_a_load(bench):
-    from conftest import FREE
-
     flipped = bench(FREE, **{"loads.tip.sign": -1.0})
     flipped.wrench(T0, (1, 2, 3), (4, 5, 6))
     flipped.run(T0, T0 + 100 * MS)
@@ -201,8 +198,6 @@ def test_sign_of_a_load(bench):
 
 
 def test_force_topic_takes_a_vector(bench):
-    from conftest import FREE
-
     values = {k: v for k, v in FREE.items() if not k.startswith("loads")}
     force = bench(values, **{"loads.names": ["force"], "loads.force.type": "force"})
     assert [(i.topic, i.kind, i.type) for i in force.session.inputs] == [
@@ -216,8 +211,6 @@ def test_force_topic_takes_a_vector(bench):
 
 
 def test_one_topic_may_drive_two_loads(bench):
-    from conftest import FREE
-
     values = {k: v for k, v in FREE.items() if not k.startswith("loads")}
     loads = {"loads.names": ["a", "b"], "loads.a.topic": "/wrench", "loads.b.topic": "/wrench"}
     both = bench(values, **loads)
@@ -243,18 +236,14 @@ class TestTimeBase:
         assert loaded.session.offset_ns == clock - T0
 
     def test_mode_stamp_refuses_another_epoch(self, bench):
-        from conftest import LOADED
-
-        strict = bench(LOADED, **{"inputs.time": "stamp"})
+            strict = bench(LOADED, **{"inputs.time": "stamp"})
         for k in range(10):
             strict.pose(T0 + k * 20 * MS, arrival=1_700_000_000 * SECOND + k * 20 * MS)
         assert strict.refused("/gripper_pose") == {"too_old": 10}
         assert "inputs.time" in strict.session.journal.topics["/gripper_pose"].last_refusal
 
     def test_mode_arrival_ignores_stamps(self, bench):
-        from conftest import LOADED
-
-        arrival = bench(LOADED, **{"inputs.time": "arrival"})
+            arrival = bench(LOADED, **{"inputs.time": "arrival"})
         for k in range(20):
             arrival.pose(7, (0, 0, 0), arrival=T0 + k * 20 * MS)
         arrival.run(T0, T0 + 300 * MS)

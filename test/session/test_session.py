@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
+from session_bench import FREE, GRIPPER, LOADED
 
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
@@ -13,13 +14,6 @@ MS = 1_000_000
 SECOND = 1_000_000_000
 T0 = 1000 * SECOND
 STORE = get_typestore(Stores.ROS2_JAZZY)
-
-
-@pytest.fixture
-def scenes():
-    import conftest
-
-    return conftest
 
 
 def motion(now):
@@ -55,24 +49,24 @@ def play(bench, seconds, jitter=None, gap=(0.0, 0.0), tick=5 * MS):
 
 
 class TestDeterminism:
-    def test_jitter_below_the_latency_changes_no_byte(self, bench, scenes):
-        first = play(bench(scenes.LOADED), 6.0)
+    def test_jitter_below_the_latency_changes_no_byte(self, bench):
+        first = play(bench(LOADED), 6.0)
         for seed in (1, 2):
-            assert play(bench(scenes.LOADED), 6.0, jitter=seed) == first
+            assert play(bench(LOADED), 6.0, jitter=seed) == first
         assert len(first) > 2000
         assert len(set(first.values())) > 1500  # it moves
 
-    def test_jitter_around_a_silence_neither(self, bench, scenes):
-        first = play(bench(scenes.LOADED), 6.0, gap=(1.5, 3.7))
+    def test_jitter_around_a_silence_neither(self, bench):
+        first = play(bench(LOADED), 6.0, gap=(1.5, 3.7))
         for seed in (1, 2):
-            other = play(bench(scenes.LOADED), 6.0, jitter=seed, gap=(1.5, 3.7))
+            other = play(bench(LOADED), 6.0, jitter=seed, gap=(1.5, 3.7))
             shared = first.keys() & other.keys()  # while it waits, the last state may be due or not
             assert len(shared) > 1400
             assert all(first[key] == other[key] for key in shared)
 
-    def test_other_ticks_give_the_same_states(self, bench, scenes):
-        first = play(bench(scenes.LOADED), 4.0)
-        other = play(bench(scenes.LOADED), 4.0, tick=7 * MS)
+    def test_other_ticks_give_the_same_states(self, bench):
+        first = play(bench(LOADED), 4.0)
+        other = play(bench(LOADED), 4.0, tick=7 * MS)
         shared = first.keys() & other.keys()
         assert len(shared) > 150
         assert all(first[key] == other[key] for key in shared)
@@ -85,9 +79,9 @@ class TestWaiting:
         assert report.message == "waiting for the first pose on /gripper_pose"
         assert loaded.session.messages() == []
 
-    def test_needs_the_first_pose_of_every_driven_end(self, bench, scenes):
+    def test_needs_the_first_pose_of_every_driven_end(self, bench):
         two = bench(
-            scenes.GRIPPER,
+            GRIPPER,
             **{"end.pose_topic": "/other", "end.fixed": [True] * 3, "end.position": [0.9, 0, 0]},
         )
         for k in range(50):
@@ -175,8 +169,8 @@ class TestCatchingUp:
         assert report.lag_ns < 2 * MS
         assert free.simulator.steps == pytest.approx(105, abs=2)
 
-    def test_a_tick_is_never_capped_below_its_own_period(self, bench, scenes):
-        slow = bench(scenes.FREE, **{"rate": 2.0, "inputs.catch_up": 0.5})
+    def test_a_tick_is_never_capped_below_its_own_period(self, bench):
+        slow = bench(FREE, **{"rate": 2.0, "inputs.catch_up": 0.5})
         slow.run(T0, T0 + 10 * SECOND, 500 * MS)
         assert slow.simulator.steps == pytest.approx(9500, abs=2)
 
@@ -208,6 +202,26 @@ class TestPause:
         now = loaded.session.stamp_ns
         assert now == T0 + 4980 * MS - 60 * MS
         assert loaded.simulator.control_points[0, :3] == pytest.approx(motion(now), abs=1e-4)
+
+    def test_the_end_does_not_jump_on_the_way_back(self, loaded):
+        """Paused in the middle of a fast motion, resumed when the gripper is elsewhere."""
+
+        def fast(now):
+            return 0.2 * math.sin((now - T0) * 9e-9), 0.0, 0.0
+
+        places = []
+        for k in range(300):
+            stamp = T0 + k * 20 * MS
+            loaded.pose(stamp, fast(stamp))
+            if k in (55, 155):
+                loaded.session.pause(k == 55)
+            for now in range(stamp, stamp + 20 * MS, 4 * MS):
+                if loaded.session.tick(now).advanced_steps:
+                    places.append(loaded.simulator.control_points[0, 0])
+        assert len(places) > 900
+        # At most the gripper's 1.8 m/s and the 1.5 m/s of the return, in the 4 ms of a tick.
+        assert np.abs(np.diff(places)).max() < 3.3 * 4e-3
+        assert places[-1] == pytest.approx(fast(loaded.session.stamp_ns)[0], abs=2e-3)
 
     def test_single_steps(self, loaded):
         play(loaded, 1.0)
@@ -251,6 +265,14 @@ class TestReset:
         assert free.session.started
 
 
+def test_a_clock_set_back_resets_even_without_messages(free):
+    free.run(T0 + 10 * SECOND, T0 + 11 * SECOND)
+    assert free.simulator.steps > 900
+    report = free.session.tick(T0)
+    assert free.events == {"time_jump": 1}
+    assert (free.simulator.steps, report.status) == (0, SessionStatus.RUNNING)
+
+
 class TestFailure:
     def test_hold_keeps_the_last_good_state_until_reset(self, loaded):
         play(loaded, 1.0)
@@ -275,13 +297,13 @@ class TestFailure:
         report = loaded.run(T0 + 1300 * MS, T0 + 1400 * MS)
         assert report.status is SessionStatus.RUNNING
 
-    def test_stop_asks_the_shell_to_end(self, bench, scenes):
-        free = bench(scenes.FREE, **{"integrator.on_failure": "stop"})
+    def test_stop_asks_the_shell_to_end(self, bench):
+        free = bench(FREE, **{"integrator.on_failure": "stop"})
         free.session.tick(T0)
         free.simulator.fail_at = 10
         assert free.run(T0, T0 + 200 * MS).stop
 
-    def test_a_cable_that_cannot_be_placed(self, scenes, bench):
+    def test_a_cable_that_cannot_be_placed(self, bench):
         from fake_simulator import FakeSimulator
 
         def picky(scene, end_poses=None):
@@ -289,7 +311,7 @@ class TestFailure:
                 raise ValueError("ends are 3 m apart, the cable is 1 m long")
             return FakeSimulator(scene)
 
-        loaded = bench(scenes.LOADED)
+        loaded = bench(LOADED)
         loaded.session = Session(loaded.scene, picky)
         loaded.pose(T0)
         report = loaded.run(T0, T0 + 200 * MS)
@@ -324,6 +346,18 @@ class TestReconfigure:
         error = [x - motion(stamp)[0] for stamp, x in places]
         assert np.abs(error).max() < 5e-4
         assert loaded.simulator.step == 5e-4
+
+    def test_a_motion_under_way_goes_on(self, loaded):
+        """Changed in the middle of a segment: neither place nor speed of the end jumps."""
+        play(loaded, 2.0)
+        for k in range(60, 64):
+            loaded.pose(T0 + k * 33_333_333, motion(T0 + k * 33_333_333))
+        loaded.session.tick(T0 + 2003 * MS)
+        loaded.session.reconfigure(loaded.scene.with_values({"integrator.step": 5e-4}))
+        for now in range(T0 + 2003 * MS, T0 + 2100 * MS, MS):
+            loaded.session.tick(now)
+            expected = motion(loaded.session.stamp_ns)
+            assert loaded.simulator.control_points[0, :3] == pytest.approx(expected, abs=2e-4)
 
     def test_limits_change_too(self, loaded):
         play(loaded, 1.0)
@@ -417,16 +451,16 @@ def test_diagnostics_name_every_refusal_with_its_reason(loaded):
 class TestSmoothing:
     """`pose_smoothing` in the whole session."""
 
-    def test_waits_for_the_window_and_jitter_still_changes_nothing(self, bench, scenes):
+    def test_waits_for_the_window_and_jitter_still_changes_nothing(self, bench):
         smooth = {"start.pose_smoothing": 0.14, "inputs.latency": 0.25}
-        first = play(bench(scenes.LOADED, **smooth), 4.0)
-        assert play(bench(scenes.LOADED, **smooth), 4.0, jitter=1) == first
+        first = play(bench(LOADED, **smooth), 4.0)
+        assert play(bench(LOADED, **smooth), 4.0, jitter=1) == first
         assert len(first) > 1200
-        assert first != play(bench(scenes.LOADED, **{"inputs.latency": 0.25}), 4.0)
+        assert first != play(bench(LOADED, **{"inputs.latency": 0.25}), 4.0)
 
-    def test_too_little_latency_only_lags(self, bench, scenes):
-        hasty = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14})
-        patient = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
+    def test_too_little_latency_only_lags(self, bench):
+        hasty = bench(LOADED, **{"start.pose_smoothing": 0.14})
+        patient = bench(LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
         one, two = play(hasty, 4.0), play(patient, 4.0)
         # While it waits, the reaction does not know yet how the end goes on; the shape is the same
         # (but for the last bit of where one motion of the fake ends and the next begins).
@@ -437,16 +471,16 @@ class TestSmoothing:
             assert np.allclose(*states, rtol=0.0, atol=1e-15)
         assert not hasty.events
 
-    def test_a_single_pose_is_enough_after_the_timeout(self, bench, scenes):
-        still = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14})
+    def test_a_single_pose_is_enough_after_the_timeout(self, bench):
+        still = bench(LOADED, **{"start.pose_smoothing": 0.14})
         still.pose(T0, (0.1, 0, 0))
         report = still.run(T0, T0 + 3 * SECOND)
         assert report.status is SessionStatus.RUNNING
         assert still.simulator.control_points[0, 0] == 0.1
         assert still.events == {"silent": 1}
 
-    def test_silence_and_return(self, bench, scenes):
-        smooth = bench(scenes.LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
+    def test_silence_and_return(self, bench):
+        smooth = bench(LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
         play(smooth, 2.0)
         smooth.run(T0 + 2000 * MS, T0 + 5000 * MS)
         held = smooth.simulator.control_points[0, :3]

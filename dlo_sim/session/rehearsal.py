@@ -1,4 +1,4 @@
-"""A short run before the node opens, so that what is compiled on first use is ready afterwards."""
+"""A short run before the first message, so that what is compiled on first use is ready then."""
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import StampedEncoder
@@ -12,7 +12,8 @@ _PERIOD = _SECOND // 50
 def rehearse(scene: Scene) -> None:
     """Take a session of this scene through poses, loads, ticks, every output, a report and a reset.
 
-    Without it the first message of each kind and the first report would each hold up a tick.
+    Without it the first message of each kind and the first report would each hold up a tick, or
+    be counted as time of a replay.
     """
     session = Session(scene)
     latency = round(scene.inputs.latency * _SECOND)

@@ -1,0 +1,55 @@
+"""Timing of steps: warm, repeated, the minimum with its spread."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from dlo_sim.simulation.simulator import Simulator
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Time of one step [s]: the least of the repeats, and their median."""
+
+    best: float
+    median: float
+
+    @property
+    def spread(self) -> float:
+        """(median - best) / best [-]."""
+        return self.median / self.best - 1.0
+
+
+def least(work: Callable[[], object], repeats: int, count: int = 1) -> Cost:
+    """Time of `work`, which does something `count` times, per time; called once before to warm up."""
+    work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append((time.perf_counter() - began) / count)
+    times.sort()
+    return Cost(times[0], times[len(times) // 2])
+
+
+def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
+    """Cost of a step of a simulator, in pieces of about `seconds` [s].
+
+    Short pieces: on a busy machine some of many short ones run undisturbed, of few long ones none.
+
+    Raises:
+        RuntimeError: a step failed; a cost of steps that were not done means nothing.
+    """
+    simulator.advance_steps(64)
+    began = time.perf_counter()
+    simulator.advance_steps(64)
+    steps = max(64, int(seconds / ((time.perf_counter() - began) / 64)))
+
+    def work() -> None:
+        report = simulator.advance_steps(steps)
+        if not report.status.ok:
+            raise RuntimeError(f"timing a run that failed: {report.message}")
+
+    return least(work, repeats, steps)

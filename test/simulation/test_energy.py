@@ -1,0 +1,205 @@
+"""Energy over long runs, the account of works and losses, momenta in free flight."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from cables import FLAT, FREE, FULL, FULLY_DAMPED, MASS_DAMPED, SOFT, set_state, simulator
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import IMPLICIT, METHODS
+
+NAMES = [name for name in METHODS if name != "rattle"]
+ODD = 7  # steps between two looks, no divisor of anything
+
+
+def by_name(method):
+    return method.name
+
+
+@cache
+def energy_track(method, step, tolerance=1e-10, duration=10.0):
+    """Time and energy change, in units of the kinetic peak, of a cable that swings by a quarter of its
+    length; wilder motion would feed ever higher frequencies, and the error with them."""
+    values = {
+        "integrator.tolerance": tolerance,
+        "cable.bending_stiffness": 0.3,
+        "gravity": [0.0, 0.0, -3.0],
+    }
+    sim = simulator(SOFT, values, n=6, method=method, step=step)
+    first = sim.energy()
+    times, changes, kinetic = [], [], 0.0
+    for _ in range(int(duration / step / ODD)):
+        assert sim.advance_steps(ODD).status.ok
+        now = sim.energy()
+        times.append(sim.time)
+        changes.append(now.total - first.total)
+        kinetic = max(kinetic, now.kinetic)
+    assert kinetic > 3e-3  # [J]; an energy that does not move proves nothing
+    return np.array(times), np.array(changes) / kinetic
+
+
+@pytest.mark.parametrize("name", ["forest_ruth", "velocity_verlet"])
+def test_energy_error_of_a_symplectic_method_is_bounded_and_of_its_order(name):
+    times, coarse = energy_track(name, 1e-3)
+    _, fine = energy_track(name, 5e-4)
+    order = METHODS[name].order
+    largest = np.abs(coarse).max()
+    assert np.log2(largest / np.abs(fine).max()) == pytest.approx(order, abs=0.1)
+    assert largest < {2: 2e-5, 4: 2e-8}[order]
+    # As large in the first as in the last third, and no slope.
+    thirds = [np.abs(part).max() for part in np.array_split(coarse, 3)]
+    assert thirds[2] < 1.05 * thirds[0]
+    assert abs(np.polyfit(times, coarse, 1)[0]) * times[-1] < 0.05 * largest
+
+
+def test_energy_of_runge_kutta_drifts_away():
+    """The measurement can see a drift."""
+    times, track = energy_track("rk4", 5e-4)
+    thirds = [np.abs(part).max() for part in np.array_split(track, 3)]
+    assert thirds[2] > 2.5 * thirds[0]
+    assert np.polyfit(times, track, 1)[0] * times[-1] < -0.9 * np.abs(track).max()
+
+
+@pytest.mark.parametrize("step", [1e-3, 5e-3, 2e-2])
+def test_energy_momentum_keeps_the_energy_at_any_step(step):
+    """To the solver's tolerance per step; the implicit midpoint rule does not."""
+    assert np.abs(energy_track("energy_momentum", step, 1e-12)[1]).max() < 1e-9
+    assert np.abs(energy_track("implicit_midpoint", step, 1e-12)[1]).max() > 1e-7
+
+
+# ------------------------------------------------------------------------------------ the account
+
+LOAD = {
+    "loads.tip.signal": "sine",
+    "loads.tip.frequency": 7.0,
+    "loads.tip.force": [0.3, 0.5, -0.4],
+    "loads.tip.torque": [0.02, 0.01, -0.02],
+}
+CLAMP = EndMotion(
+    start=0.0,
+    duration=0.2,
+    position=[[0, 0, 0], [0.1, -0.3, 0.2], [3.0, 2.0, -4.0]],
+    orientation=[0, 0, 0, 1],
+    rotation=[[2.0, 0, 0], [30.0, 0, 0]],
+)
+SPRING = EndMotion(
+    start=0.0,
+    duration=0.2,
+    position=[[1.0, 0, 0], [0.2, 0.1, -0.5], [-4.0, 3.0, 6.0]],
+    orientation=[0, 0, 0, 1],
+    rotation=np.zeros((2, 3)),
+)
+SCENES = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
+
+
+def account_error(name, case, steps, end, motion):
+    """Energy that the account cannot explain, as a share of what was exchanged; checks the motion."""
+    sim = simulator(SCENES[case], LOAD, n=6, method=name, step=0.2 / steps)
+    sim.set_motion(end, motion)
+    assert sim.advance_steps(steps).status.ok
+    assert sim.energy().kinetic > 1e-2
+    return sim.energy_error
+
+
+def admitted(name, case):
+    method = METHODS[name]
+    return case == "undamped" or (method.mass_damping if case == "mass" else method.stiffness_damping)
+
+
+KNOWN = {
+    ("forest_ruth", "undamped"): "the work of the last drift is booked after the account is checked",
+    ("generalized_alpha", "undamped"): "the twist's loads are not those of the midpoint",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "case"),
+    [
+        pytest.param(n, c, marks=pytest.mark.xfail(strict=True, reason=KNOWN[n, c]))
+        if (n, c) in KNOWN
+        else (n, c)
+        for n in NAMES
+        for c in SCENES
+        # generalised-alpha counts whatever is missing of a damped run as a loss
+        if admitted(n, c) and (n, c == "undamped") != ("generalized_alpha", False)
+    ],
+)
+def test_account_closes_with_load_damping_and_a_moved_clamp(name, case):
+    """Work in = energy change + losses: the rest is the method's own error, second order or better."""
+    coarse, fine = (account_error(name, case, steps, "start", CLAMP) for steps in (400, 1600))
+    assert coarse < 2e-2
+    assert fine < coarse / 12 or fine < 1e-6
+
+
+@pytest.mark.xfail(strict=True, reason="the work of a moved spring's anchor is not booked")
+@pytest.mark.parametrize("name", ["velocity_verlet", "energy_momentum"])
+def test_account_closes_with_a_moved_spring(name):
+    """As it is, the missing work passes for a diverging run, which is stopped."""
+    coarse, fine = (account_error(name, "undamped", steps, "end", SPRING) for steps in (400, 1600))
+    assert coarse < 2e-2
+    assert fine < coarse / 12 or fine < 1e-6
+
+
+@pytest.mark.parametrize("name", ["velocity_verlet", "energy_momentum"])
+def test_account_against_works_computed_from_outside(name):
+    """Force times way of a constant load, reaction times way of the clamp, without the ledger."""
+    load = {"loads.tip.signal": "constant", "loads.tip.force": [0.3, 0.5, -0.4]}
+    sim = simulator(SOFT, load, {"terms.out_of_plane": "on"}, n=6, method=name, step=1e-4)
+    slide = EndMotion(0.0, 0.2, [[0, 0, 0], [0.1, -0.3, 0.2], [3, 2, -4]], [0, 0, 0, 1], np.zeros((2, 3)))
+    sim.set_motion("start", slide)
+    sim.advance_steps(1)
+    before, work = sim.energy().total, 0.0
+    tip, place, force = sim.control_points[-1, :3], sim.end_pose("start")[0], sim.reaction("start")[0]
+    for _ in range(1500):
+        sim.advance_steps(1)
+        new_tip, new_place, new_force = (
+            sim.control_points[-1, :3],
+            sim.end_pose("start")[0],
+            sim.reaction("start")[0],
+        )
+        work += np.array([0.3, 0.5, -0.4]) @ (new_tip - tip)
+        work += 0.5 * (force + new_force) @ (new_place - place)
+        tip, place, force = new_tip, new_place, new_force
+    change = sim.energy().total - before
+    assert abs(change) > 0.05
+    assert work == pytest.approx(change, rel=2e-4)
+
+
+# ------------------------------------------------------------------------------------ free flight
+
+
+def momenta(sim):
+    """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s] of the centerline."""
+    from dlo_sim.core import mass
+
+    points, rates = sim.control_points[:, :3], sim.velocities[:, :3]
+    impulses = mass.multiply(sim.model.terms.mass.band[0], rates)
+    return impulses.sum(axis=0), np.cross(points, impulses).sum(axis=0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_free_flight_keeps_its_momenta(name):
+    """A bent, spinning, vibrating cable without weight or ends that hold it."""
+    sim = simulator(SOFT, FREE, FLAT, {"integrator.tolerance": 1e-12}, n=7, method=name, step=5e-4)
+    points = sim.control_points
+    points[:, 2] += 0.1 * np.sin(3 * points[:, 0])
+    rates = np.zeros((7, 4))
+    rates[:, :3] = np.cross([1.0, -2.0, 3.0], points[:, :3]) + [0.5, 0.3, -0.2]
+    rates[:, 1] += np.sin(9 * points[:, 0])
+    set_state(sim, points, rates)
+    first, spin = momenta(sim)
+    drift = turn = 0.0
+    for _ in range(100):
+        assert sim.advance_steps(ODD).status.ok
+        now, now_spin = momenta(sim)
+        drift = max(drift, np.abs(now - first).max())
+        turn = max(turn, np.abs(now_spin - spin).max())
+    assert np.abs(sim.control_points - points)[:, :3].max() > 0.2
+    assert drift < 1e-12
+    keeps_spin = METHODS[name].symplectic or name == "energy_momentum"
+    # Quadratic invariants: kept by symplectic methods of these kinds, not by the others.
+    if keeps_spin:
+        assert turn < (1e-9 if METHODS[name].family == IMPLICIT else 1e-12)
+    else:
+        assert turn > 1e-10

@@ -1,0 +1,165 @@
+"""Every method against an independent solution: order and size of its error.
+
+The scene is nonlinear and has everything: a clamp that moves and turns, springs, weight, natural
+curvature, twist, a swinging force and moment, and damping where the method admits it.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from cables import FULL, FULLY_DAMPED, MASS_DAMPED, Bench, Reference, simulator, straight
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.loading import SceneError
+
+DURATION = 0.08  # [s]; 5 cm and 0.35 rad of the clamp, some 10 cm of the middle
+LOAD = {
+    "loads.tip.signal": "sine",
+    "loads.tip.frequency": 7.0,
+    "loads.tip.force": [0.3, 0.5, -0.4],
+    "loads.tip.torque": [0.02, 0.01, -0.02],
+    "loads.tip.position": 0.6,
+}
+DAMPING = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
+# Motions go on beyond the run, so that velocities at its end are those of moving ends.
+CLAMP = EndMotion(
+    start=0.0,
+    duration=0.2,
+    position=[[0, 0, 0], [0.1, -0.3, 0.2], [3.0, 2.0, -4.0]],
+    orientation=[0, 0, 0, 1],
+    rotation=[[2.0, 0, 0], [30.0, 0, 0]],
+)
+SPRING = EndMotion(
+    start=0.0,
+    duration=0.2,
+    position=[[1.0, 0, 0], [0.2, 0.1, -0.5], [-4.0, 3.0, 6.0]],
+    orientation=[0, 0, 0, 1],
+    rotation=np.zeros((2, 3)),
+)
+# The inextensible method solves other equations; its own tests measure it.
+SAME_EQUATIONS = [method for method in METHODS.values() if method.name != "rattle"]
+
+
+def motions(springs_move):
+    return {"start": CLAMP} | ({"end": SPRING} if springs_move else {})
+
+
+@cache
+def reference(damping, springs_move=False, steps=2400):
+    """Control points and velocities after the run, by an independent Runge-Kutta program."""
+    bench = Bench(DAMPING[damping], LOAD, n=6)
+    for end, motion in motions(springs_move).items():
+        bench.drive.follow(end, 0.0, motion)
+    solver = Reference(bench)
+    q, v = straight(bench), np.zeros((6, 4))
+    solver.prescribed(q, v, 0.0)
+    return solver.run(q, solver.at_rest(v), DURATION, steps)
+
+
+def errors(method, damping, steps, springs_move):
+    """Largest errors of shape [m], its velocity [m/s], twist [rad], its rate [rad/s]."""
+    sim = simulator(DAMPING[damping], LOAD, n=6, method=method, step=DURATION / steps)
+    for end, motion in motions(springs_move).items():
+        sim.set_motion(end, motion)
+    report = sim.advance_steps(steps)
+    assert report.status.ok, report.message
+    q, v = reference(damping, springs_move)
+    off, rate = np.abs(sim.control_points - q), np.abs(sim.velocities - v)
+    return [off[:, :3].max(), rate[:, :3].max(), off[:, 3].max(), rate[:, 3].max()]
+
+
+@cache
+def convergence(method, damping, springs_move=False):
+    """Slopes between successive step sizes, and the errors at the largest step."""
+    counts = (300, 424, 600, 849) if method.order == 4 else (400, 800, 1600, 3200)
+    found = np.array([errors(method.name, damping, n, springs_move) for n in counts])
+    return -np.diff(np.log(found), axis=0) / np.diff(np.log(counts))[:, None], found[0]
+
+
+def admitted(method, damping):
+    return {
+        "undamped": True,
+        "mass": method.mass_damping,
+        "all": method.mass_damping and method.stiffness_damping,
+    }[damping]
+
+
+def pairs(*, fails=()):
+    """Every method with every damping that it admits; `fails` are known not to keep their order."""
+    found = []
+    for method in SAME_EQUATIONS:
+        for damping in DAMPING:
+            if admitted(method, damping):
+                known = [why for name, case, why in fails if (name, case) == (method.name, damping)]
+                marks = [pytest.mark.xfail(strict=True, reason=why) for why in known]
+                name = f"{method.name}-{damping}"
+                found.append(pytest.param(method, damping, id=name, marks=marks))
+    return found
+
+
+def test_reference_is_converged():
+    for damping in DAMPING:
+        coarse, fine = reference(damping, steps=1200), reference(damping)
+        off, rate = np.abs(coarse[0] - fine[0]), np.abs(coarse[1] - fine[1])
+        assert off[:, :3].max() < 4e-11
+        assert rate[:, :3].max() < 1e-8
+        assert off[:, 3].max() < 3e-8
+        assert np.abs(fine[0] - straight(Bench(FULL, n=6)))[:, :3].max() > 0.05
+        assert np.abs(fine[0][:, 3]).max() > 0.3
+
+
+BEND = "a driven end's acceleration is missing in the velocity that the stiffness damping sees"
+
+
+@pytest.mark.parametrize(
+    ("method", "damping"), pairs(fails=[("generalized_alpha", "all", BEND)])
+)
+def test_shape_has_the_declared_order(method, damping):
+    orders, first = convergence(method, damping)
+    assert np.abs(orders[:, 0] - method.order).max() < 0.1
+    assert np.abs(orders[:, 1] - method.order).max() < 0.5
+    assert first[0] < {2: 4e-6, 4: 5e-8}[method.order]
+    assert first[1] < {2: 6e-4, 4: 9e-6}[method.order]
+
+
+ROW = "loads and damping of the twist are not those of the midpoint, which integrates it"
+
+
+@pytest.mark.parametrize(
+    ("method", "damping"),
+    pairs(fails=[("generalized_alpha", damping, ROW) for damping in DAMPING]),
+)
+def test_twist_has_the_declared_order(method, damping):
+    orders, first = convergence(method, damping)
+    assert np.abs(orders[:, 2] - method.order).max() < 0.5
+    assert first[2] < {2: 4e-4, 4: 4e-5}[method.order]
+
+
+SPRINGS = "spring anchors are those of the step's end in a force of its middle"
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(
+            method,
+            id=method.name,
+            marks=[pytest.mark.xfail(strict=True, reason=SPRINGS)] if method.family == IMPLICIT else [],
+        )
+        for method in SAME_EQUATIONS
+    ],
+)
+def test_order_holds_with_springs_that_are_moved(method):
+    orders, first = convergence(method, "undamped", springs_move=True)
+    assert np.abs(orders[:, 0] - method.order).max() < 0.1
+    assert first[0] < {2: 4e-6, 4: 5e-8}[method.order]
+
+
+@pytest.mark.parametrize("method", SAME_EQUATIONS, ids=lambda method: method.name)
+def test_damping_that_a_method_does_not_admit_is_refused(method):
+    for damping, values in DAMPING.items():
+        if not admitted(method, damping):
+            with pytest.raises(SceneError, match=f"integrator.method: {method.name}"):
+                simulator(values, LOAD, n=6, method=method.name)
