@@ -105,6 +105,7 @@ def test_huge_value_is_shown_shortened():
         ({"cable.rest_curvature_axis": [0, 0, 0]}, "is not a unit vector; give [0.0, 1.0, 0.0]"),
         ({"cable.rest_curvature_axis": [0.6, 0, 0]}, "give [1.0, 0.0, 0.0]"),
         ({"discretization.samples": 11}, "discretization.samples: 11 points per knot span"),
+        ({"discretization.samples": 1}, "discretization.samples: 1 points per knot span"),
         (
             {"discretization.quadrature": "uniform"},
             "discretization.samples: 3 samples are too few",
@@ -146,7 +147,7 @@ def test_conflict(values, complaint):
         {**HELD, "end.position": [3, 0, 0], "end.pose_topic": "/pose"},  # the pose decides
         {**HELD, "start.pose_topic": "/pose", "end.pose_topic": "/pose"},  # one gripper, two ends
         {"inputs.catch_up": 0.005},
-        {"discretization.quadrature": "uniform", "discretization.samples": 4},
+        {"discretization.quadrature": "uniform", "discretization.samples": 20},
         {
             "start.position": [0, 0, 0.0],
             "start.fixed": [False, True, True],

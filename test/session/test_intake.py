@@ -236,14 +236,14 @@ class TestTimeBase:
         assert loaded.session.offset_ns == clock - T0
 
     def test_mode_stamp_refuses_another_epoch(self, bench):
-            strict = bench(LOADED, **{"inputs.time": "stamp"})
+        strict = bench(LOADED, **{"inputs.time": "stamp"})
         for k in range(10):
             strict.pose(T0 + k * 20 * MS, arrival=1_700_000_000 * SECOND + k * 20 * MS)
         assert strict.refused("/gripper_pose") == {"too_old": 10}
         assert "inputs.time" in strict.session.journal.topics["/gripper_pose"].last_refusal
 
     def test_mode_arrival_ignores_stamps(self, bench):
-            arrival = bench(LOADED, **{"inputs.time": "arrival"})
+        arrival = bench(LOADED, **{"inputs.time": "arrival"})
         for k in range(20):
             arrival.pose(7, (0, 0, 0), arrival=T0 + k * 20 * MS)
         arrival.run(T0, T0 + 300 * MS)

@@ -1,0 +1,298 @@
+"""How large a step may be: predicted and observed limits, and what the paper's step would need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_sim.core import zhai
+from dlo_sim.core.amplification import stability_limit
+from dlo_sim.core.methods import METHODS
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.recording import Recording, record
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies import plotting
+from dlo_sim.studies.paper import published
+from dlo_sim.studies.paper.runs import (
+    COMPARED,
+    SCENARIOS,
+    Array,
+    Settings,
+    at_method,
+    distance,
+    highest_frequency,
+    run,
+    scenario,
+    softened,
+    softening,
+    step_limit,
+)
+from dlo_sim.studies.report import Cell, Report
+
+TOLERANCE = 2e-3  # of the observed limit
+NEGLIGIBLE = 1e-6  # a stiffness divided by this is as good as absent
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest stable steps of the real wire.
+
+    Attributes:
+        predicted, observed: [s] by scenario and method.
+        failure: time [s] and steps until a run at the paper's 2 ms is stopped, likewise.
+        softening: factor by which axial stiffness and end springs have to fall for 2 ms.
+        soft_ok: methods that finish scenario 2 at 2 ms with the constants so changed.
+        pair: best psi, phi of Zhai's method and its limit omega tau, from the search.
+        implicit_wall: run time [s] of energy_momentum at 2 ms on the real wire, its largest distance
+            [m] from a fine run.
+    """
+
+    predicted: dict[int, dict[str, float]]
+    observed: dict[int, dict[str, float]]
+    failure: dict[int, dict[str, tuple[float, int]]]
+    softening: float
+    soft_ok: dict[str, bool]
+    pair: tuple[float, float, float]
+    implicit_wall: float
+    implicit_distance: float
+
+
+def add(report: Report, settings: Settings) -> Limits:
+    """Limits of the methods, terms that cause them, rows at the paper's step."""
+    report.section("The largest stable step, and what 2 ms would need")
+    predicted = {k: {m: step_limit(scenario(k), m) for m in COMPARED} for k in SCENARIOS}
+    observed = {
+        k: {m: _observed(scenario(k), m, predicted[k][m], settings) for m in COMPARED}
+        for k in SCENARIOS
+    }
+    failure = {k: {m: _failure(scenario(k), m) for m in COMPARED} for k in SCENARIOS}
+    _limit_table(report, predicted, observed, failure)
+    _limit_figure(report, predicted, observed)
+    _term_table(report)
+    factor = softening(scenario(1), published.STEP)
+    soft_ok, implicit = _paper_rows(report, settings, factor)
+    pair = _zhai_map(report)
+    return Limits(predicted, observed, failure, factor, soft_ok, pair, *implicit)
+
+
+def _survives(scene: Scene, method: str, step: float, duration: float) -> bool:
+    simulator = Simulator(at_method(scene, method, step), unchecked_step=True)
+    return simulator.advance(duration).status.ok
+
+
+def _observed(scene: Scene, method: str, predicted: float, settings: Settings) -> float:
+    """Largest step [s] at which a run of some thousand steps is not stopped, by bisection."""
+    duration = (2000 if settings.quick else 20_000) * predicted
+    low, high = 0.5 * predicted, 1.5 * predicted
+    while high / low > 1.0 + TOLERANCE:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _survives(scene, method, middle, duration) else (low, middle)
+    return low
+
+
+def _failure(scene: Scene, method: str) -> tuple[float, int]:
+    """Time [s] and steps after which a run at the paper's step is stopped."""
+    simulator = Simulator(at_method(scene, method, published.STEP), unchecked_step=True)
+    for step in range(1, int(published.DURATION / published.STEP) + 1):
+        simulator.advance_steps(1)
+        # The run's own check looks every 16 steps and takes them back; here every step counts.
+        if not simulator.energy_is_sane:
+            return step * published.STEP, step
+    return float("inf"), 0
+
+
+def _limit_table(
+    report: Report,
+    predicted: dict[int, dict[str, float]],
+    observed: dict[int, dict[str, float]],
+    failure: dict[int, dict[str, tuple[float, int]]],
+) -> None:
+    rows: list[list[Cell]] = []
+    for number in SCENARIOS:
+        for method in COMPARED:
+            limit = METHODS[method].stability_limit
+            evaluations = METHODS[method].force_evaluations
+            rows.append(
+                [
+                    number,
+                    method,
+                    limit,
+                    1e6 * predicted[number][method],
+                    1e6 * observed[number][method],
+                    evaluations / limit,
+                    published.STEP / observed[number][method],
+                    f"stopped at {1e3 * failure[number][method][0]:.3g} ms "
+                    f"(step {failure[number][method][1]})"
+                    if failure[number][method][1]
+                    else "reached 10 s",
+                ]
+            )
+    header = ["scenario", "method", "limit omega tau", "predicted [us]", "observed [us]"]
+    header += ["forces per omega tau at the limit", "2 ms / observed", "**the paper's step, 2 ms**"]
+    report.table(
+        "stable_steps",
+        header,
+        rows,
+        "Largest stable step of the real wire (n_u = 9, n_s = 101): predicted from the linearised "
+        "wire, observed by bisection; last column: a run at the paper's 2 ms, nothing changed",
+    )
+    report.text(
+        """*Forces per omega tau* is the price of simulated time where stability sets the step: the
+        smaller the better. Forest-Ruth pays the most."""
+    )
+
+
+def _limit_figure(
+    report: Report, predicted: dict[int, dict[str, float]], observed: dict[int, dict[str, float]]
+) -> None:
+    figure, (axes,) = plotting.new_figure()
+    places = np.arange(len(COMPARED))
+    for number, shift in ((1, -0.2), (2, 0.2)):
+        values = [1e6 * observed[number][m] for m in COMPARED]
+        axes.bar(places + shift, values, width=0.38, label=f"observed, {SCENARIOS[number]}")
+    for place, method in zip(places, COMPARED, strict=True):
+        label = "predicted" if place == 0 else None
+        value = 1e6 * predicted[1][method]
+        axes.hlines(value, place - 0.45, place + 0.45, color="black", label=label)
+    axes.axhline(1e6 * published.STEP, color="tab:red", linestyle="--", label="the paper's 2 ms")
+    axes.set_yscale("log")
+    axes.set_ylim(5.0, 5000.0)
+    axes.set_xticks(places, COMPARED)
+    axes.set_ylabel("largest stable step [us]")
+    axes.legend(fontsize="small", loc="upper left", ncols=2)
+    columns: dict[str, list[float] | list[str]] = {"method": list(COMPARED)}
+    columns["predicted [s]"] = [predicted[1][m] for m in COMPARED]
+    for number in SCENARIOS:
+        columns[f"observed, scenario {number} [s]"] = [observed[number][m] for m in COMPARED]
+    report.figure("stable_steps_chart", figure, columns, "Stable steps of the real wire")
+
+
+def _term_table(report: Report) -> None:
+    """Which constant sets the limit: one stiffness at a time."""
+    scene = scenario(1)
+    tiny = {
+        "axial": {"cable.axial_stiffness": scene.cable.EA * NEGLIGIBLE**2},
+        "springs": {
+            "start.spring": [1e4 * NEGLIGIBLE**2, 0.0, 0.0],
+            "end.spring": [1e4 * NEGLIGIBLE**2, 0.0, 0.0],
+        },
+        "bending": {"cable.bending_stiffness": scene.cable.EI * NEGLIGIBLE**2},
+    }
+    variants = {
+        "everything (as printed)": {},
+        "axial stiffness alone": tiny["springs"] | tiny["bending"],
+        "end springs alone": tiny["axial"] | tiny["bending"],
+        "bending alone": tiny["axial"] | tiny["springs"],
+        "everything, lumped mass": {"discretization.mass": "lumped"},
+        "everything and torsion": {"terms.twist": "on"},
+    }
+    rows: list[list[Cell]] = []
+    for name, changes in variants.items():
+        omega = highest_frequency(scene.with_values(changes))
+        limit = METHODS["forest_ruth"].stability_limit / omega
+        rows.append([name, omega, 1e6 * limit, published.STEP / limit])
+    report.table(
+        "limit_by_term",
+        ["what is there", "largest frequency [rad/s]", "Forest-Ruth limit [us]", "2 ms / limit"],
+        rows,
+        "Which term forbids 2 ms (scenario 1, n_u = 9)",
+    )
+
+
+def _paper_rows(
+    report: Report, settings: Settings, factor: float
+) -> tuple[dict[str, bool], tuple[float, float]]:
+    """Runs at 2 ms: constants changed until it is stable, and other methods with nothing changed."""
+    duration = settings.comparison
+    scene = scenario(1)
+    fine = run(at_method(scene, "forest_ruth"), duration, 0.01)
+    rows: list[list[Cell]] = []
+
+    def row(what: str, changed: str, recording: Recording | str, compare: bool = True) -> None:
+        if isinstance(recording, str):
+            rows.append([what, changed, recording, None, None, None])
+            return
+        gap = float(distance(recording, fine).max()) if compare else None
+        outcome = f"{recording.simulated_s:g} s" if recording.ok else recording.status
+        cells: list[Cell] = [outcome, recording.wall_s, recording.energy_error_max, gap]
+        rows.append([what, changed, *cells])
+
+    soft = softened(scene, factor)
+    stiffness = f"EA = {soft.cable.EA:.3g} N and springs {1e4 / factor:.3g} N/m (1/{factor:.0f})"
+    row("forest_ruth, real wire", "nothing", "stopped, see above")
+    row("forest_ruth", f"**{stiffness}**", _at_paper_step(soft, "forest_ruth", duration))
+    heavy = scene.with_values({"cable.density": scene.cable.density * factor})
+    row("forest_ruth", f"**density times {factor:.0f}**", _at_paper_step(heavy, "forest_ruth", duration))
+    soft_ok = {}
+    for method in COMPARED:
+        recording = _at_paper_step(softened(scenario(2), factor), method, duration)
+        soft_ok[method] = not isinstance(recording, str) and recording.ok
+        row(f"{method}, scenario 2", f"**{stiffness}**", recording, compare=False)
+    implicit = _at_paper_step(scene, "energy_momentum", duration)
+    row("energy_momentum, real wire", "nothing", implicit)
+    row("implicit_midpoint, real wire", "nothing", _at_paper_step(scene, "implicit_midpoint", duration))
+    row("rattle (inextensible), real wire", "nothing", _at_paper_step(scene, "rattle", duration))
+    report.table(
+        "paper_step",
+        ["method", "changed", "reached", "run time [s]", "energy error", "distance [m]"],
+        rows,
+        f"**Rows at the paper's step of 2 ms**, {duration:g} s; *distance* is the largest from the "
+        f"real wire computed at {fine.step_s * 1e6:.3g} us",
+    )
+    report.text(
+        f"""Nothing that is printed in the paper makes 2 ms stable. Its axial stiffness *and* its end
+        springs would have to be {factor:.0f} times softer (or the wire as many times heavier), which
+        is another wire: it sags by {-1e3 * _deepest(soft):.0f} mm instead of
+        {-1e3 * float(fine.centerline[:, :, 2].min()):.2g} mm. Bending alone would allow it. What
+        does work at 2 ms with nothing changed is an implicit method."""
+    )
+    if isinstance(implicit, str):
+        return soft_ok, (float("nan"), float("nan"))
+    return soft_ok, (implicit.wall_s, float(distance(implicit, fine).max()))
+
+
+def _deepest(scene: Scene) -> float:
+    recording = run(at_method(scene, "forest_ruth"), 1.0, 0.01)
+    return float(recording.centerline[:, :, 2].min())
+
+
+def _at_paper_step(scene: Scene, method: str, duration: float) -> Recording | str:
+    try:
+        return record(at_method(scene, method, published.STEP), duration, 0.01)
+    except SceneError as refusal:
+        return f"refused: {refusal}"
+
+
+def _zhai_map(report: Report) -> tuple[float, float, float]:
+    """Stability of Zhai's method over its two parameters."""
+    psi, phi, limit = zhai.best_pair()
+    values = np.round(np.linspace(0.0, 1.0, 11), 2)
+    table: Array = np.array(
+        [[stability_limit(METHODS["zhai"], float(a), float(b)) for b in values] for a in values]
+    )
+    figure, (axes,) = plotting.new_figure(width=8.5, height=5.5)
+    names = [f"{value:g}" for value in values]
+    plotting.heat_map(axes, table, names, names, "largest stable omega tau [-]", "{:.2f}")
+    axes.set_xlabel("phi [-]")
+    axes.set_ylabel("psi [-]")
+    axes.set_title("Zhai's method on an undamped oscillator")
+    report.figure(
+        "zhai_map",
+        figure,
+        {
+            "psi [-]": np.repeat(values, len(values)),
+            "phi [-]": np.tile(values, len(values)),
+            "largest stable omega tau [-]": table.ravel(),
+        },
+        f"Stability limit of Zhai's method; the search finds psi = {psi:.3f}, phi = {phi:.3f} with "
+        f"{limit:.3f}",
+    )
+    report.text(
+        """With psi = phi = 1/2 the recursion of the positions is exactly that of the Stoermer-Verlet
+        method (and the positions of both runs agree to rounding, see the test of it): one force
+        evaluation per step and the largest limit of all pairs. Below psi = 1/2 at phi = 1/2 every
+        step is unstable: a hand-tuned pair can easily be a bad one."""
+    )
+    return psi, phi, limit
