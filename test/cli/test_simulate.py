@@ -36,6 +36,7 @@ class MadeUp:
     energy_error_max: float | None = 1e-6
     active_terms: tuple = ("bend", "gravity")
     left_out: dict = field(default_factory=lambda: {"twist": "nothing twists"})
+    notes: tuple = ()
     ok: bool = True
     time: Any = field(default_factory=lambda: np.linspace(0.0, 0.5, 6))
     control_points: Any = field(default_factory=lambda: np.ones((6, 9, 4)))

@@ -39,12 +39,13 @@ pytestmark = pytest.mark.skipif(
 
 # Measured when this was written; the thresholds leave a little room for other methods and steps.
 # name: Fx correlation, rms error [N], correlation at the best lag; Fz correlation, rms error [N]
+# (None where the measured Fz hardly varies, by 0.05 N).
 MEASURED = {
-    "black_short_unweighted": (0.30, 1.24, 0.42, 0.24, 0.11),
-    "black_short_weighted": (0.75, 0.91, 0.82, 0.86, 0.26),
-    "black_unweighted": (0.80, 0.65, 0.84, 0.88, 0.21),
+    "black_short_unweighted": (0.29, 1.24, 0.42, None, 0.14),
+    "black_short_weighted": (0.76, 0.91, 0.82, 0.86, 0.26),
+    "black_unweighted": (0.80, 0.65, 0.84, 0.86, 0.22),
     "black_weighted": (0.82, 0.66, 0.82, 0.74, 0.43),
-    "orange_short_unweighted": (0.29, 0.64, 0.39, 0.11, 0.30),
+    "orange_short_unweighted": (0.29, 0.64, 0.39, None, 0.30),
     "orange_weighted": (0.78, 0.26, 0.78, 0.81, 0.33),
 }
 LESS, MORE = 0.05, 1.15
@@ -88,7 +89,7 @@ def test_predicted_reaction(name, tmp_path, capsys):
     assert x.rms_error < fx_rms * MORE
     assert x.lag_correlation > fx_lag - LESS
     assert -0.1 < x.lag < 0.02  # the force leads the camera, it does not follow
-    assert z.correlation > fz - LESS
+    assert (z.spread_measured < 0.1) if fz is None else (z.correlation > fz - LESS)
     assert z.rms_error < fz_rms * MORE
     assert y.rms_error < 1e-9  # a planar motion stays planar
 
@@ -119,6 +120,9 @@ def test_wrench_driven(tmp_path):
             "end.position": [0.0, 0.0, 0.0],
             "end.mass": 0.0,
             "damping.mass": 2.0,
+            # Steps of the load excite the axial mode, which at 2.5 ms rings from step to step; read
+            # at every second step, the reaction is then 0.3 N too large.
+            "integrator.step": 0.001,
             "loads.names": ["sensor"],
             "loads.sensor.topic": "/ft_compensated",
             "loads.sensor.position": 1.0,
@@ -144,7 +148,7 @@ def test_wrench_driven(tmp_path):
     assert np.isfinite(tips).all()
     # Pinned: no moment there; the pin carries the weight and the pull, 7 N down on average.
     assert np.abs(reactions[:, 3:]).max() < 1e-9
-    assert reactions[200:, 2].mean() == pytest.approx(mass * 9.81 + 7.0, abs=0.3)
+    assert reactions[200:, 2].mean() == pytest.approx(mass * 9.81 + 6.99, abs=0.05)
     assert np.ptp(tips[200:, 0]) > 0.05  # the measured Fx swings it
     assert np.abs(tips[:, 1]).max() < 1e-9
 

@@ -1,0 +1,200 @@
+"""Measured order of every method on a nonlinear scene, and accuracy against run time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_sim.core.methods import METHODS
+from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies import plotting
+from dlo_sim.studies.paper.runs import (
+    COMPARED,
+    Array,
+    Settings,
+    at_method,
+    distance,
+    run,
+    scenario,
+    softened,
+)
+from dlo_sim.studies.report import Cell, Report
+from dlo_sim.studies.stopwatch import step_cost
+
+# A soft strip, clamped, with a swinging force and moment at its free end: large bending.
+STRIP = {
+    "cable.length": 0.5,
+    "cable.diameter": 0.02,
+    "cable.youngs_modulus": 1.0e5,
+    "discretization.control_points": 6,
+    "start.clamped": True,
+    "end.position": [0.5, 0.0, 0.0],
+    "loads.names": ["tip"],
+    "loads.tip.signal": "sine",
+    "loads.tip.force": [0.0, 0.6, 0.2],
+    "loads.tip.torque": [0.0, 0.01, 0.0],
+    "loads.tip.frequency": 4.0,
+    "terms.twist": "off",
+}
+DURATION = 0.08
+STEPS = (400, 566, 800, 1131)
+FINE = 6400
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Measured orders, and at equal error the run time over that of Forest-Ruth, by method."""
+
+    orders: dict[str, float]
+    softened_ratio: dict[str, float]
+    equal_step_ratio: float
+    equal_step_error: float
+
+
+def add(report: Report, settings: Settings, factor: float) -> Accuracy:
+    """Order table, work-precision of the real and of the softened wire."""
+    report.section("Order and accuracy for the time spent")
+    orders = _orders(report)
+    ratios, step_ratio, error_ratio = _work_precision(report, settings, factor)
+    return Accuracy(orders, ratios, step_ratio, error_ratio)
+
+
+def _strip_end(method: str, steps: int) -> Array:
+    scene = at_method(scene_from_values(STRIP), method, DURATION / steps)
+    simulator = Simulator(scene)
+    simulator.advance_steps(steps)
+    return simulator.control_points[:, :3]
+
+
+def _orders(report: Report) -> dict[str, float]:
+    fine = {"rk4": _strip_end("forest_ruth", FINE)}
+    other = _strip_end("rk4", FINE)
+    rows: list[list[Cell]] = []
+    orders = {}
+    for method in COMPARED:
+        reference = fine.get(method, other)
+        errors = [float(np.abs(_strip_end(method, n) - reference).max()) for n in STEPS]
+        orders[method] = -float(np.polyfit(np.log(STEPS), np.log(errors), 1)[0])
+        rows.append([method, METHODS[method].order, orders[method], *errors])
+    header = ["method", "order", "measured", *(f"error [m], {n} steps" for n in STEPS)]
+    report.table(
+        "orders",
+        header,
+        rows,
+        f"Order on a nonlinear scene: a soft strip swung by a force and a moment for {DURATION:g} s, "
+        f"against the other fourth-order method with {FINE} steps",
+    )
+    return orders
+
+
+def _work_precision(
+    report: Report, settings: Settings, factor: float
+) -> tuple[dict[str, float], float, float]:
+    """Error against run time; run time at equal error over Forest-Ruth's, on the softened wire."""
+    wires = {
+        "real": (scenario(1), settings.comparison),
+        "softened": (softened(scenario(1), factor), settings.comparison),
+    }
+    figure, all_axes = plotting.new_figure(1, 2, width=11.0, height=4.6)
+    columns: dict[str, list[float] | list[str]] = {
+        "wire": [],
+        "method": [],
+        "step [s]": [],
+        "run time [s]": [],
+        "error [m]": [],
+    }
+    curves: dict[str, dict[str, tuple[Array, Array]]] = {}
+    for axes, (name, (scene, duration)) in zip(all_axes, wires.items(), strict=True):
+        curves[name] = {}
+        shares = (1, 2, 4) if name == "real" else (1, 2, 4, 8)
+        grid = 2e-5 if name == "real" else 4e-3
+        fine = run(
+            at_method(scene, "forest_ruth", _divisor(scene, "forest_ruth", grid) / 16),
+            duration,
+            _every(grid, duration),
+        )
+        for method in COMPARED:
+            first = _divisor(scene, method, grid)
+            times, errors = [], []
+            cost = step_cost(Simulator(at_method(scene, method, first))).best
+            for share in shares:
+                recording = run(
+                    at_method(scene, method, first / share), duration, _every(grid, duration)
+                )
+                errors.append(float(distance(recording, fine).max()))
+                times.append(cost * duration / (first / share))
+                for column, value in zip(
+                    columns.values(),
+                    (name, method, first / share, times[-1], errors[-1]),
+                    strict=True,
+                ):
+                    column.append(value)  # type: ignore[arg-type]
+            curves[name][method] = np.array(times), np.array(errors)
+            style = {"color": plotting.COLORS[method], "marker": plotting.MARKERS[method]}
+            axes.loglog(times, errors, label=method, **style)
+        axes.set_xlabel(f"run time of {duration:g} s [s] (steps times cost of a step)")
+        axes.set_ylabel("largest position error [m]")
+        axes.grid(alpha=0.3, which="both")
+        axes.legend()
+    all_axes[0].set_title("real wire")
+    all_axes[1].set_title(f"constants CHANGED: axial and springs / {factor:.0f}")
+    report.figure(
+        "work_precision",
+        figure,
+        columns,
+        "Accuracy for the time spent, scenario 1; the left ends are the largest steps that are stable",
+    )
+    soft = curves["softened"]
+    ratios = {m: _time_at(*soft[m], soft) / _time_at(*soft["forest_ruth"], soft) for m in COMPARED}
+    rows: list[list[Cell]] = [[m, ratios[m]] for m in COMPARED]
+    report.table(
+        "time_at_equal_error",
+        ["method", "run time / Forest-Ruth's"],
+        rows,
+        "Run time for the same position error (the geometric middle of what both fourth-order "
+        "methods reach), softened wire",
+    )
+    step_ratio, error_ratio = _equal_step(report, settings)
+    return ratios, step_ratio, error_ratio
+
+
+def _divisor(scene: object, method: str, grid: float) -> float:
+    """Largest stable step [s] that divides the sampling grid."""
+    step = Simulator(at_method(scene, method)).choice.limit  # type: ignore[arg-type]
+    return grid / float(np.ceil(grid / step * (1.0 + 1e-9)))
+
+
+def _every(grid: float, duration: float) -> float:
+    """Sampling interval [s]: some 200 samples on multiples of the grid."""
+    return grid * max(1, round(duration / 200 / grid))
+
+
+def _time_at(times: Array, errors: Array, curves: dict[str, tuple[Array, Array]]) -> float:
+    """Run time at the middle of the errors that Forest-Ruth and RK4 reach, on the log-log curve."""
+    reached = [curves[m][1] for m in ("forest_ruth", "rk4")]
+    goal = np.exp(
+        np.mean([np.log(max(e.min() for e in reached)), np.log(min(e.max() for e in reached))])
+    )
+    slope, offset = np.polyfit(np.log(times), np.log(errors), 1)
+    return float(np.exp((np.log(goal) - offset) / slope))
+
+
+def _equal_step(report: Report, settings: Settings) -> tuple[float, float]:
+    """Forest-Ruth over RK4 at the same step: cost of a step, position error."""
+    scene = scenario(1)
+    step = Simulator(at_method(scene, "forest_ruth")).step
+    costs, recordings = [], []
+    fine = run(at_method(scene, "rk4", step / 8), settings.comparison, 0.01)
+    for method in ("forest_ruth", "rk4"):
+        at = at_method(scene, method, step)
+        costs.append(step_cost(Simulator(at)).best)
+        recordings.append(run(at, settings.comparison, 0.01))
+    errors = [float(distance(recording, fine).max()) for recording in recordings]
+    report.text(
+        f"""At the same step ({1e6 * step:.4g} us, real wire) Forest-Ruth takes
+        {100 * (1 - costs[0] / costs[1]):.0f} % less time than RK4 (three force evaluations against
+        four: 25 %), and its position error is {errors[0] / errors[1]:.2g} times as large."""
+    )
+    return costs[0] / costs[1], errors[0] / errors[1]

@@ -1,0 +1,188 @@
+"""Tables 5 to 8: cost over control points and samples, beside the paper's, and what the cost follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_sim.core.methods import METHODS
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies import plotting
+from dlo_sim.studies.interpreted import Wire
+from dlo_sim.studies.paper import published
+from dlo_sim.studies.paper.runs import SCENARIOS, Array, Settings, at_method, scenario
+from dlo_sim.studies.report import Cell, Report
+from dlo_sim.studies.stopwatch import least, step_cost
+
+METHOD = "forest_ruth"
+STEPS = published.DURATION / published.SWEEP_STEP
+SHAPE = (len(published.CONTROL_POINTS), len(published.SAMPLES))
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Cost of a Forest-Ruth step [s] over (n_u, n_s), by scenario, and the stable step [s]."""
+
+    compiled: dict[int, Array]
+    loop: dict[int, Array]
+    arrays: dict[int, Array]
+    step: Array
+    fits: dict[str, float]
+
+
+def add(report: Report, settings: Settings) -> Sweep:
+    """Measure every cell; Tables 5 to 8, run times at the stable step, fits."""
+    report.section("Cost over n_u and n_s (Tables 5 to 8)")
+    report.text(
+        f"""The paper runs 10 s at 0.8 ms, {STEPS:.0f} steps, in every cell. What a step costs does
+        not depend on its length, so each cell shows **paper / ours** for {STEPS:.0f} steps of
+        Forest-Ruth, ours from the measured cost of one step. At 0.8 ms the real wire is unstable in
+        every cell; the table after the four has the run time of 10 s at a stable step."""
+    )
+    compiled, loop, arrays = ({k: np.zeros(SHAPE) for k in SCENARIOS} for _ in range(3))
+    steps = np.zeros(SHAPE)
+    for number in SCENARIOS:
+        for i, n in enumerate(published.CONTROL_POINTS):
+            for j, samples in enumerate(published.SAMPLES):
+                cell = _measure(number, n, samples, settings)
+                compiled[number][i, j], loop[number][i, j], arrays[number][i, j], steps[i, j] = cell
+    tables = {
+        5: (published.SWEEP_MATLAB_1, loop[1], "MATLAB / numpy sample by sample", 1),
+        6: (published.SWEEP_MATLAB_2, loop[2], "MATLAB / numpy sample by sample", 2),
+        7: (published.SWEEP_CPP_1, compiled[1], "C++ / compiled", 1),
+        8: (published.SWEEP_CPP_2, compiled[2], "C++ / compiled", 2),
+    }
+    for table, (paper, ours, what, number) in tables.items():
+        rows: list[list[Cell]] = []
+        for i, n in enumerate(published.CONTROL_POINTS):
+            cells = [
+                f"{a:.0f} / {_short(STEPS * b)}" for a, b in zip(paper[i], ours[i], strict=True)
+            ]
+            rows.append([n, *cells])
+        report.table(
+            f"table_{table}",
+            ["n_u \\ n_s", *map(str, published.SAMPLES)],
+            rows,
+            f"Table {table}. {what}, run time [s] of {STEPS:.0f} steps, {SCENARIOS[number]}",
+        )
+    _stable_table(report, compiled[1], steps)
+    fits = _fits(report, {"ours, compiled": compiled[1], "ours, numpy": loop[1]})
+    _figure(report, compiled[1])
+    return Sweep(compiled, loop, arrays, steps, fits)
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _measure(number: int, n: int, samples: int, settings: Settings) -> tuple[float, ...]:
+    """Cost of a step compiled, in numpy sample by sample, by whole arrays [s]; stable step [s]."""
+    scene = at_method(
+        scenario(number, discretization__control_points=n, discretization__samples=samples), METHOD
+    )
+    simulator = Simulator(scene)
+    pieces = (0.0005, 10) if settings.quick else (0.003, 40)
+    cost = step_cost(simulator, *pieces).best
+    evaluations = METHODS[METHOD].force_evaluations
+    interpreted = []
+    for sample_by_sample in (True, False):
+        wire = Wire(scene, sample_by_sample)
+        x = wire.start().position
+        repeats = (1 if settings.quick else 5) if sample_by_sample else 10
+        one = least(lambda: wire.acceleration(x, 0.0), repeats)  # noqa: B023
+        interpreted.append(evaluations * one.best)
+    return cost, interpreted[0], interpreted[1], simulator.step
+
+
+def _stable_table(report: Report, compiled: Array, steps: Array) -> None:
+    rows: list[list[Cell]] = []
+    for i, n in enumerate(published.CONTROL_POINTS):
+        times = published.DURATION / steps[i] * compiled[i]
+        rows.append([n, 1e6 * steps[i, 0], *(_short(t) for t in times)])
+    report.table(
+        "stable_sweep",
+        ["n_u \\ n_s", "step [us]", *map(str, published.SAMPLES)],
+        rows,
+        "Run time [s] of 10 s of the real wire at 0.9 of the stability limit, compiled, scenario 1 "
+        "(steps times cost of a step)",
+    )
+
+
+def models(costs: Array) -> dict[str, tuple[Array, float]]:
+    """Least-squares fits of a cost over (n_u, n_s): name -> (coefficients, share unexplained)."""
+    n, s = np.meshgrid(published.CONTROL_POINTS, published.SAMPLES, indexing="ij")
+    spans = n - 3
+    passes = np.ceil(spans / 8) * np.ceil(s / spans + 1.0)
+    one = np.ones(costs.size)
+    bases = {
+        "a + b n_u n_s": [one, n * s],
+        "a + b n_s + c n_u": [one, s, n],
+        "a + b n_s + c n_u n_s": [one, s, n * s],
+        "a + b n_u + c vector passes": [one, n, passes],
+    }
+    result = {}
+    for name, columns in bases.items():
+        matrix = np.stack([np.ravel(column) for column in columns], axis=1).astype(float)
+        # Relative residuals: cheap cells count as much as dear ones.
+        weight = 1.0 / costs.ravel()
+        coefficients = np.linalg.lstsq(
+            matrix * weight[:, None], costs.ravel() * weight, rcond=None
+        )[0]
+        off = (matrix @ coefficients) * weight - 1.0
+        result[name] = (coefficients, float(np.sqrt(np.mean(off**2))))
+    return result
+
+
+def _fits(report: Report, ours: dict[str, Array]) -> dict[str, float]:
+    """Fitted cost per step of the paper's tables and ours; error of each on ours compiled."""
+    everything = {
+        "paper, MATLAB (Table 5)": published.SWEEP_MATLAB_1 / STEPS,
+        "paper, C++ (Table 7)": published.SWEEP_CPP_1 / STEPS,
+        **ours,
+    }
+    rows: list[list[Cell]] = []
+    errors = {}
+    for what, costs in everything.items():
+        for name, (coefficients, error) in models(costs).items():
+            numbers = ", ".join(f"{value:.3g}" for value in 1e6 * coefficients)
+            rows.append([what, name, numbers, f"{100 * error:.1f} %"])
+            if what == "ours, compiled":
+                errors[name] = error
+    report.table(
+        "cost_fits",
+        ["cost of a step", "model", "coefficients [us]", "rms error"],
+        rows,
+        "Fitted cost of a Forest-Ruth step, scenario 1, least squares of relative errors",
+    )
+    report.text(
+        """*Vector passes*: kernels work on eight knot spans at once, so their cost follows the number
+        of vector operations, ceil((n_u - 3) / 8) blocks times the samples of the fullest span, and
+        not n_u n_s: n_u = 5 has two spans in eight lanes and wastes six of them."""
+    )
+    return errors
+
+
+def _figure(report: Report, compiled: Array) -> None:
+    figure, (left, right) = plotting.new_figure(1, 2, width=11.0)
+    columns = {
+        "n_u": np.repeat(published.CONTROL_POINTS, SHAPE[1]),
+        "n_s": np.tile(published.SAMPLES, SHAPE[0]),
+        "compiled cost of a step [s]": compiled.ravel(),
+        "paper C++ cost of a step [s]": (published.SWEEP_CPP_1 / STEPS).ravel(),
+    }
+    for axes, costs, unit, scale, title in (
+        (left, published.SWEEP_CPP_1 / STEPS, "ms", 1e3, "the paper's C++"),
+        (right, compiled, "us", 1e6, "compiled, this machine"),
+    ):
+        plotting.lines(
+            axes,
+            np.array(published.SAMPLES),
+            scale * costs.T,
+            [f"n_u = {n}" for n in published.CONTROL_POINTS],
+        )
+        axes.set_xlabel("samples n_s")
+        axes.set_ylabel(f"cost of a Forest-Ruth step [{unit}]")
+        axes.set_title(title)
+        axes.set_ylim(0.0)
+    report.figure("cost_over_size", figure, columns, "Cost of a step over n_s and n_u, scenario 1")
