@@ -69,8 +69,8 @@ def methods() -> str:
                 method.source,
             )
         )
-    header = ("method", "kind", "order", "properties", "largest stable omega tau", "damping", "source")
-    return table(header, rows)
+    header = ("method", "kind", "order", "properties", "largest stable omega tau", "damping")
+    return table((*header, "source"), rows)
 
 
 def refusals() -> str:

@@ -53,6 +53,9 @@ NOT_CONVERGED = 2
 MAX_ITERATIONS = 14
 MAX_HALVINGS = 12
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
+STALLED = 0.2  # ratio of correction energies from which small corrections are round-off
+NOISE = 1e-9  # largest share of the coordinates that such corrections may have
+BUDGET = 3000  # iterations per step, with all its pieces
 SAFETY = 10.0  # on the shrinking of the next correction
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 
@@ -484,6 +487,7 @@ def implicit_step(
         converged = (
             min(SAFETY * shrinking, 1.0) * defect <= tolerance * scale
             or change <= ROUND_OFF * reach
+            or (iterations > 4 and energy > STALLED * previous and change <= NOISE * reach)
         )
         linearize = energy > SLOW * previous
         previous = energy
@@ -578,7 +582,7 @@ def implicit_step_halving(
             if level > 0 and done % (2 * piece) == 0:
                 level -= 1
                 state.ledger[HISTORY] = 0.0
-        elif level == halvings:
+        elif level == halvings or total > BUDGET:
             return NOT_CONVERGED, total
         else:
             level += 1

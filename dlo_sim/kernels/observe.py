@@ -28,6 +28,8 @@ from dlo_sim.kernels.plastic import plastic_energy
 from dlo_sim.kernels.torsion import count_undefined, torsion_energy
 
 DIVERGED_SHARE = 0.5  # of the energy exchanged so far; a usable run stays far below
+RESOLUTION = 1e6  # times the round-off of the energies: below that, differences mean nothing
+EPSILON = 2.2e-16
 
 
 @kernel
@@ -126,12 +128,44 @@ def kinetic_energy(w, mass, n):
     return total
 
 
+@kernel
+def gravity_round_off(x, gravity, n):
+    """Round-off of the weight's energy [J]: it is large far from the world's origin."""
+    total = 0.0
+    if gravity is not None:
+        for d in range(gravity.shape[0]):
+            for i in range(n):
+                total += abs(gravity[d, i] * x[d, i])
+    return EPSILON * total
+
+
+@kernel
+def raise_floor(state, terms, parts, kinetic):
+    """Raise the energy below which differences mean nothing to what round-off leaves certain.
+
+    Curvature is a difference of coordinates over the square of a span, so its round-off grows with
+    the square of the number of spans and with the distance from the origin.
+    """
+    lattice = terms.lattice
+    reach = 0.0
+    for d in range(len(terms.axes)):
+        for i in range(lattice.n):
+            reach = max(reach, abs(state.position[d, i]))
+    spans = lattice.n - 3.0
+    magnified = 1.0 + 0.5 * reach * lattice.slope * spans  # spans^2 reach / length
+    elastic = abs(parts[0]) + abs(parts[1]) + abs(parts[2])
+    noise = EPSILON * (magnified * elastic + abs(parts[4]) + kinetic)
+    noise += gravity_round_off(state.position, terms.gravity, lattice.n)
+    state.ledger[FLOOR] = max(state.ledger[FLOOR], RESOLUTION * noise)
+
+
 @entry
 def start_account(state, terms, work):
     """Open the energy account at the present state."""
     ledger = state.ledger
     parts = potentials(state.position, terms, work)
     total = kinetic_energy(state.w, terms.mass, terms.lattice.n)
+    raise_floor(state, terms, parts, total)
     for i in range(5):
         ledger[POTENTIAL_START + i] = parts[i]
         total += parts[i]
@@ -171,6 +205,7 @@ def update_account(state, terms, work):
         - ledger[PENDING]
         + ledger[DISSIPATED]
     )
+    raise_floor(state, terms, parts, kinetic)
     ledger[EXCHANGED] = exchanged
     ledger[ENERGY_ERROR] = max(ledger[ENERGY_ERROR], error)
     sane = np.isfinite(total) and error <= DIVERGED_SHARE * exchanged + ledger[FLOOR]

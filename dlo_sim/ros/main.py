@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 DONE, REFUSED, FAILED = 0, 2, 3
 
+USAGE = """usage: node [--ros-args [--params-file SCENE.yaml] [-p KEY:=VALUE] [-r FROM:=TO] ...]
+
+Predicts a cable live. A scene file is a ROS parameter file; 'dlo_sim parameters' lists the keys."""
+
 _RETRY = 0.1  # [s]; until a lost `Terminated` is raised again
 _LONGEST_SPIN = 0.2  # [s]; a signal is noticed after this long also when no timer fires
 
@@ -78,6 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str], termination: Termination) -> int:
+    if arguments[:1] in (["-h"], ["--help"]):
+        print(USAGE)
+        return DONE
     try:
         import rclpy
         import rclpy.signals

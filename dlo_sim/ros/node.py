@@ -26,6 +26,7 @@ from dlo_sim.session.session import Session, SessionStatus
 NODE_NAME = "dlo_sim"
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
+_LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
 
 
@@ -55,6 +56,7 @@ class CableNode(Node):
         self._clock_watch = ClockWatch()
         self._clock_jumps = 0
         self._late_reported = 0
+        self._logged = (0, 0)  # events and refusals that the log knows of
         self._early: dict[str, bytes] = {}
         self._outputs = Outputs(self, scene)
         self._inputs = Inputs(self, self._session.inputs, self._receive)
@@ -241,6 +243,24 @@ class CableNode(Node):
         )
         self._outputs.publish_diagnostics(self._session.diagnostics(now))
         self._outputs.publish_diagnostics(encode_diagnostic_array(now, [status]))
+        self._log_events()
+
+    def _log_events(self) -> None:
+        """Say in the log, too, what the diagnostics have counted anew; not every second again."""
+        journal = self._session.journal
+        counts = (sum(journal.events.values()), sum(journal.refused.values()))
+        log = self.get_logger()
+        if counts[0] > self._logged[0]:
+            log.warning(journal.last_event, throttle_duration_sec=_LOG_PAUSE)
+        if counts[1] > self._logged[1]:
+            refusals = [
+                f"{r.topic}: {r.last_refusal}" for r in journal.topics.values() if r.refused
+            ]
+            log.warning(
+                f"{counts[1]} messages refused so far; last on {'; '.join(refusals)}",
+                throttle_duration_sec=_LOG_PAUSE,
+            )
+        self._logged = counts
 
     def say_goodbye(self) -> None:
         """Remove the markers from every viewer; call it last."""

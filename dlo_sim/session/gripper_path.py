@@ -2,10 +2,9 @@
 
 Between the midpoints of consecutive stamps the path is a parabola, so it is a quadratic B-spline
 through the stamps: C1, with piecewise constant acceleration, following a moving gripper without
-delay and smoothing only by 1/8 of the second difference. With d = target minus present position, v0
-= present velocity, v1 = (p_next - p)/dt, duration h:
-    defect c = h (v0 + v1)/2 - d;   end velocity v0 + 2 a h = v1 - c/h;   the path then misses the
-    target by c/2.
+delay and smoothing only by 1/8 of the second difference. With d = target minus present position,
+v0 = present velocity, v1 = (p_next - p) / dt and the duration h of a segment:
+    defect c = h (v0 + v1)/2 - d;  end velocity = v1 - c/h;  so the path misses its target by c/2.
 For equal intervals c = 0 and this is the B-spline; for unequal ones the miss dies out within one
 segment instead of growing (taking all of c at once would alternate for ever). Each segment starts
 where the last one ended, so the path is continuous whatever arrives. Knots lie on the simulator's

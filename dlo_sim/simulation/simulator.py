@@ -247,9 +247,10 @@ class Simulator:
                 status = Status.DIVERGED
             if not status.ok:
                 failed_at = (first + made) * self.step
-                if status is Status.DIVERGED:
-                    self._go_back()
-                else:
+                self._go_back()
+                if status is not Status.DIVERGED:
+                    # The failed step was left half done: do the good ones again.
+                    self._stepper.advance(self._state, self._work, self._solver, first, made)
                     self._steps = first + made
                 done = self._steps - (first - done)
                 return Report(

@@ -1,59 +1,196 @@
-"""Static equilibrium of a scene, for its first shape."""
+"""Static equilibrium of a scene, for its first shape.
+
+The cable descends from its first guess by backward Euler steps of the gradient flow,
+    M (q1 - q0) / s = f(q1),
+whose pseudo-time s grows as long as Newton's method converges, so that the descent ends in Newton's
+method and does not stop at unstable shapes on the way.
+
+A thin cable is up to a billion times stiffer along itself than across. A correction that turns it
+stretches it in second order, and the tension which that seems to cause dwarfs all other forces: the
+plain Newton method then crawls. So the tension of the tangent matrix is not the one of the present
+shape but the one that the linear system itself predicted (the mixed iteration of Magisano, Leonetti &
+Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and the same solution,
+found in a handful of iterations whatever the stiffness.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dlo_sim.core import mass
 from dlo_sim.kernels import layout
-from dlo_sim.kernels.implicit import NOT_CONVERGED, advance_implicit
+from dlo_sim.kernels.instant import stiffness_band
+from dlo_sim.kernels.static import add_moment_stiffness, solve_held, static_force
 from dlo_sim.simulation.model import Model
 
+Array = NDArray[np.float64]
+
 MAX_STEPS = 400
-MIDPOINT = layout.Alpha(0.5, 0.5, 0.25, 0.5, 2.0)
+MAX_ITERATIONS = 12
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
+ROUND_OFF = 1e-6  # the same where steps do not shrink any more
+PATIENCE = 6  # steps without progress after which they do not
+CONVERGED = 1e-4  # last correction of a step, as a share of the step
 
 
 def relax(model: Model, state: layout.State, work: layout.Work, solver: layout.Solver) -> bool:
     """Move `state` to a nearby stable equilibrium at rest; true if it was reached.
 
-    Pseudo-transient continuation: backward Euler steps from rest, q1 = q0 - (h^2/4) M^-1 grad
-    U(q1), whose step h grows while Newton's method converges. It follows the descent of the energy
-    at first and ends in Newton's method, so that it does not stop at unstable shapes on the way.
-    A backward Euler step is half of an implicit midpoint step from rest.
+    Damping plays no part, and sine loads are at their value at time zero.
     """
-    n = model.n
-    dim = len(model.axes)
-    length = float(model.knots[-1])
-    step = 1e-3
+    search = _Search(model, state, work, solver)
+    state.w[:] = 0.0
+    pseudo = search.first_step()
+    least, stuck, ceiling, smooth = np.inf, 0, np.inf, 0
     for _ in range(MAX_STEPS):
-        before = state.position.copy()
-        state.w[:] = 0.0
-        state.ledger[:] = 0.0
-        state.ledger[layout.FLOOR] = 1e-30
-        status, _, iterations = advance_implicit(
-            state,
-            model.terms,
-            model.friction,
-            model.viscosity,
-            work,
-            solver,
-            0,
-            1,
-            step,
-            False,
-            MIDPOINT,
-            1e-14,
-            0,
-            None,
-        )
-        if status == NOT_CONVERGED:
-            step *= 0.25
+        iterations, moved = search.step(pseudo)
+        if iterations == 0:
+            ceiling, smooth = 0.5 * pseudo, 0
+            pseudo *= 0.25
             continue
-        state.position[:] = 0.5 * (state.position + before)
-        moved = float(np.abs(state.position[:dim, :n] - before[:dim, :n]).max())
-        state.w[:] = 0.0
-        if step > 1e3 and moved < TOLERANCE * length:
-            return True
-        step *= 4.0 if iterations <= 5 else 1.5 if iterations <= 9 else 0.8
-        step = min(step, 1e6)
+        if pseudo >= search.patient:
+            stuck = 0 if moved < 0.5 * least else stuck + 1
+            least = min(least, moved)
+            if moved < TOLERANCE or (moved < ROUND_OFF and stuck >= PATIENCE):
+                search.relax_twist()
+                return True
+        pseudo *= 10.0 if iterations <= 4 else 2.0 if iterations <= 7 else 0.7
+        smooth += 1
+        ceiling *= 1.2**smooth
+        pseudo = min(pseudo, ceiling, 1e12 * search.patient)
     return False
+
+
+class _Search:
+    """The spatial rows of one search.
+
+    Attributes:
+        patient: pseudo-time [s^2] of steps that see the whole stiffness: the cable falls by many
+            times its length meanwhile.
+    """
+
+    def __init__(
+        self, model: Model, state: layout.State, work: layout.Work, solver: layout.Solver
+    ) -> None:
+        self._model, self._state, self._work, self._solver = model, state, work, solver
+        self._dim = len(model.axes)
+        self._length = float(model.knots[-1])
+        self._slopes, self._spans = _slopes(model.terms.lattice)
+        weights = _flat(model.terms.lattice.weights)[: len(self._spans)]
+        stretch = model.terms.stretch
+        self._half_stiffness = 0.5 * (stretch.stiffness if stretch else 0.0) * weights
+        self._force = np.zeros_like(state.position)
+        self.patient = 0.0
+
+    def first_step(self) -> float:
+        """Pseudo-time [s^2] in which the first guess moves by a percent of the length."""
+        n, dim = self._model.n, self._dim
+        free = self._model.terms.mass.free[:dim]
+        static_force(self._state.position, self._model.terms, self._work, self._force)
+        pull = float(np.abs(self._force[:dim, :n] * free).sum())
+        inertia = float(mass.multiply(self._model.terms.mass.band[0], np.ones(n)).sum())
+        fall = inertia * self._length / max(pull, 1e-300)
+        self.patient = 100.0 * fall
+        return 0.01 * fall
+
+    def step(self, pseudo: float) -> tuple[int, float]:
+        """One backward Euler step in place; iterations (0: not converged) and the largest move.
+
+        The move is a share of the length.
+        """
+        n, dim = self._model.n, self._dim
+        x = self._state.position
+        before = x.copy()
+        tangents = self._tangents()
+        stress, rate = self._stress(tangents)
+        lead = stress
+        for iteration in range(1, MAX_ITERATIONS + 1):
+            change = self._correction(before, pseudo, lead - stress)
+            if change is None:
+                break
+            x[:dim, :n] += change
+            moved = np.abs(x[:dim, :n] - before[:dim, :n]).max()
+            largest = np.abs(change).max()
+            if not moved < 1e3 * self._length:
+                break
+            new = self._tangents()
+            lead = stress + 2.0 * rate * np.einsum("sjd,sjd->sj", tangents, new - tangents)
+            tangents = new
+            stress, rate = self._stress(tangents)
+            if largest <= CONVERGED * moved or largest < 1e-12 * self._length:
+                return iteration, float(moved / self._length)
+        x[:] = before
+        return 0, 0.0
+
+    def relax_twist(self) -> None:
+        """The twist row is linear: one solution at the shape found.
+
+        Where no end holds the twist there is nothing to solve: the cable keeps the one it has.
+        """
+        terms, row = self._model.terms, self._model.twist_row
+        if terms.twist is None or row is None or terms.mass.free[row].all():
+            return
+        n = self._model.n
+        x = self._state.position
+        static_force(x, terms, self._work, self._force)
+        free = terms.mass.free[row] != 0.0
+        stiffness = mass.dense(terms.twist.stiffness)[np.ix_(free, free)]
+        x[row, :n][free] += np.linalg.solve(stiffness, self._force[row, :n][free])
+
+    def _tangents(self) -> Array:
+        """r' at the samples of every span, shape (spans, samples, dim)."""
+        x = self._state.position[: self._dim]
+        return np.einsum("sjk,dsk->sjd", self._slopes, x[:, self._spans])
+
+    def _stress(self, tangents: Array) -> tuple[Array, Array]:
+        """psi = w EA/2 (1 - 1 / |r'|), half the tension over |r'|, and its derivative in r'.r'."""
+        size = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents))
+        return self._half_stiffness * (1.0 - 1.0 / size), 0.5 * self._half_stiffness / size**3
+
+    def _correction(self, before: Array, pseudo: float, extra: Array) -> Array | None:
+        """Newton correction of the free DOFs, shape (dim, n); None where it leads uphill."""
+        n, dim = self._model.n, self._dim
+        terms, solver = self._model.terms, self._solver
+        x = self._state.position
+        static_force(x, terms, self._work, self._force)
+        stiffness_band(x, terms, self._model.viscosity, self._work, solver)
+        if terms.loads is not None and terms.loads.torque.any():
+            add_moment_stiffness(x, terms.loads, terms.axes, solver.band)
+        band = solver.band
+        half = 4 * dim - 1
+        blocks = 2.0 * np.einsum("sj,sji,sjk->sik", extra, self._slopes, self._slopes)
+        rhs = np.zeros((n, dim))
+        for d in range(dim):
+            inertia = terms.mass.band[d]
+            rhs[:, d] = self._force[d, :n] - mass.multiply(inertia, x[d, :n] - before[d, :n]) / pseudo
+            for i in range(4):
+                rows = self._spans[:, i] * dim + d  # each only once
+                for k in range(4):
+                    band[rows, half + (k - i) * dim] += blocks[:, i, k]
+            for k in range(4):
+                rows = np.arange(n - k)
+                band[rows * dim + d, half + k * dim] += inertia[k, : n - k] / pseudo
+                if k:
+                    band[(rows + k) * dim + d, half - k * dim] += inertia[k, : n - k] / pseudo
+        free = terms.mass.free[:dim]
+        rhs *= free.T
+        flat = rhs.ravel()
+        solved, negative = solve_held(band, free, flat)
+        if not solved or negative or not np.isfinite(flat).all():
+            return None
+        return flat.reshape(n, dim).T
+
+
+def _flat(lanes: Array) -> Array:
+    """(blocks, m, LANES) -> (blocks LANES, m): one row per span."""
+    return np.asarray(lanes.transpose(0, 2, 1).reshape(-1, lanes.shape[1]))
+
+
+def _slopes(lattice: layout.Lattice) -> tuple[Array, NDArray[np.int64]]:
+    """Basis derivatives [1/m] at the samples, shape (spans, m, 4), and each span's control points."""
+    spans = lattice.n - 3
+    xi = _flat(lattice.xi)[:spans, :, None]
+    parts = _flat(lattice.extraction)[:spans].reshape(spans, 1, 4, 3)
+    slopes = parts[..., 0] + xi * (parts[..., 1] + xi * parts[..., 2])
+    return slopes, np.arange(spans)[:, None] + np.arange(4)

@@ -23,7 +23,7 @@ class Cost:
 
 
 def least(work: Callable[[], object], repeats: int, count: int = 1) -> Cost:
-    """Time of `work`, which does something `count` times, per time; called once before to warm up."""
+    """Time per thing of `work`, which does `count` things; called once before to warm up."""
     work()
     times = []
     for _ in range(repeats):
@@ -35,21 +35,26 @@ def least(work: Callable[[], object], repeats: int, count: int = 1) -> Cost:
 
 
 def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
-    """Cost of a step of a simulator, in pieces of about `seconds` [s].
+    """Cost of a step of a simulator from its start, in pieces of about `seconds` [s].
 
     Short pieces: on a busy machine some of many short ones run undisturbed, of few long ones none.
+    The simulator is reset before and after.
 
     Raises:
         RuntimeError: a step failed; a cost of steps that were not done means nothing.
     """
-    simulator.advance_steps(64)
-    began = time.perf_counter()
-    simulator.advance_steps(64)
-    steps = max(64, int(seconds / ((time.perf_counter() - began) / 64)))
-
-    def work() -> None:
+    steps, times = 64, []
+    for repeat in range(-2, repeats):
+        simulator.reset()
+        began = time.perf_counter()
         report = simulator.advance_steps(steps)
+        took = time.perf_counter() - began
         if not report.status.ok:
             raise RuntimeError(f"timing a run that failed: {report.message}")
-
-    return least(work, repeats, steps)
+        if repeat == -1:
+            steps = max(64, int(seconds * steps / took))
+        if repeat >= 0:
+            times.append(took / steps)
+    simulator.reset()
+    times.sort()
+    return Cost(times[0], times[len(times) // 2])

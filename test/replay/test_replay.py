@@ -318,3 +318,22 @@ def test_topic_names():
     assert resolved("~/start/pose") == "/dlo_sim/start/pose"
     assert resolved("/a/b") == "/a/b"
     assert resolved("a/b") == "/a/b"
+
+
+def test_a_bag_recorded_while_an_old_one_was_played(make_bag, recorded, scene, tmp_path):
+    """Times of recording of today, stamps of then: the same states, published on today's clock."""
+    shift = 123_456_789 * SECOND
+    later = [(topic, t + shift, data) for topic, t, data in recorded]
+    compare = {"start": "/wrench"}
+    one = replay_bag(make_bag(), scene, tmp_path / "one", compare=compare)
+    two = replay_bag(make_bag(later, name="later"), scene, tmp_path / "two", compare=compare)
+    assert two.events == {"other_epoch": 1}
+    assert two.comparison["start"][2] == one.comparison["start"][2]
+    first, second = (
+        [cdr.decode_pose_array(data) for _, data in contents(path)["/dlo_sim/control_points"]]
+        for path in (tmp_path / "one", tmp_path / "two")
+    )
+    assert len(first) == len(second) > 280
+    for a, b in zip(first, second, strict=True):
+        assert b.stamp_ns - a.stamp_ns == shift
+        assert np.array_equal(a.poses, b.poses)

@@ -10,7 +10,7 @@ from threading import Event
 
 import pytest
 
-from dlo_sim.ros.main import REFUSED, Terminated, Termination
+from dlo_sim.ros.main import DONE, REFUSED, Terminated, Termination, main
 
 WITHOUT_ROS = """
 import sys
@@ -29,6 +29,16 @@ def test_without_ros_one_line_names_the_cure() -> None:
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
     assert "pip install 'dlo_sim[ros]'" in line
+
+
+def test_help_names_the_params_file(capsys: pytest.CaptureFixture[str]) -> None:
+    handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)]
+    assert main(["--help"]) == DONE
+    assert "--params-file" in capsys.readouterr().out
+    for number, handler in zip(
+        (signal.SIGINT, signal.SIGTERM, signal.SIGALRM), handlers, strict=True
+    ):
+        signal.signal(number, handler)
 
 
 @pytest.fixture

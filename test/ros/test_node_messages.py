@@ -107,7 +107,7 @@ def refusals(reason: str) -> Callable[[dict[str, str], DiagnosticStatus], Any]:
     ],
 )
 def test_a_bad_wrench_is_refused_and_counted(
-    peer: Peer, reason: str, message: WrenchStamped
+    node: NodeProcess, peer: Peer, reason: str, message: WrenchStamped
 ) -> None:
     poses = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
     publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
@@ -127,6 +127,7 @@ def test_a_bad_wrench_is_refused_and_counted(
     poses.clear()
     peer.until(lambda: poses, "control points after it")
     assert all(math.isfinite(p.position.x) for p in poses[-1].poses)
+    peer.until(lambda: "messages refused so far" in node.output, "a line in the log")
     peer.node.destroy_publisher(publisher)
 
 

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 from geometry_msgs.msg import PoseArray, WrenchStamped
 from node_harness import CABLE, START, NodeProcess, Peer
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters, ListParameters
+from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
 from dlo_sim.scene.loading import scene_from_values, scene_values
@@ -97,13 +97,11 @@ def test_an_integer_is_a_number_and_on_is_a_text(peer: Peer) -> None:
 
 def test_several_parameters_are_judged_as_a_whole(peer: Peer) -> None:
     """Neither of these is possible alone with the other's old value."""
-    assert not peer.set({"start.fixed": [True, True, False]}).successful
-    assert not peer.set({"start.spring": [0.0, 0.0, 100.0]}).successful
-    both = {
-        "start.clamped": False,
-        "start.fixed": [True, True, False],
-        "start.spring": [0.0, 0.0, 100.0],
-    }
+    both = {"discretization.quadrature": "uniform", "discretization.samples": 40}
+    for key, value in both.items():
+        result = peer.set({key: value})
+        assert not result.successful
+        assert "discretization.samples" in result.reason
     result = peer.set(both)
     assert result.successful, result.reason
     assert peer.get(*both) == list(both.values())
@@ -139,6 +137,19 @@ def test_a_bad_change_is_refused_and_changes_nothing(
     assert peer.get(*good) == before
     points = count_of_points(peer)
     assert peer.until(points, "control points") == 7
+
+
+def test_one_by_one_each_has_its_own_answer(peer: Peer) -> None:
+    """`ros2 param set` and `ros2 param load` use this service."""
+    values = {"cable.lenght": 2.0, "cable.density": 1300, "terms.bend": 3.5, "cable.length": 1.1}
+    request = SetParameters.Request(
+        parameters=[Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+    )
+    answers = peer.call(SetParameters, "/dlo_sim/set_parameters", request, START).results
+    assert [answer.successful for answer in answers] == [False, True, False, True]
+    assert "did you mean cable.length?" in answers[0].reason
+    assert "terms.bend" in answers[2].reason
+    assert peer.get("cable.density", "cable.length") == [1300.0, 1.1]
 
 
 def test_an_end_that_is_let_go_has_no_reaction_topic(peer: Peer) -> None:

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import rotations
-from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
+from dlo_sim.session.pose_smoothing import (
+    Pose,
+    PoseSmoother,
+    weights_of_the_value_at_zero,
+)
 from dlo_sim.session.time_base import SECOND
 
 MS = 1_000_000
@@ -39,6 +43,14 @@ def test_parabolas_pass_unchanged_even_with_uneven_stamps():
     assert [p.stamp_ns for p in out] == times.tolist()
     assert np.allclose([p.position for p in out], position, atol=1e-9)
     assert np.allclose([p.orientation for p in out], [p.orientation for p in poses], atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [4, 9, 30])
+def test_weights_are_those_of_least_squares(count):
+    t = np.sort(np.random.default_rng(count).uniform(-0.99, 0.99, size=count))
+    y = np.random.default_rng(count + 1).normal(size=count)
+    expected = np.polyfit(t, y, 2, w=np.sqrt(1 - t * t))[2]
+    assert weights_of_the_value_at_zero(t.tolist()) @ y == pytest.approx(expected, abs=1e-11)
 
 
 def test_white_noise_hardly_accelerates_any_more():

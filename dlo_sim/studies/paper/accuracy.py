@@ -7,18 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_sim.core.methods import METHODS
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import plotting
 from dlo_sim.studies.paper.runs import (
     COMPARED,
     Array,
+    SHARE,
     Settings,
     at_method,
     distance,
     run,
     scenario,
     softened,
+    step_limit,
 )
 from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.stopwatch import step_cost
@@ -160,9 +163,9 @@ def _work_precision(
     return ratios, step_ratio, error_ratio
 
 
-def _divisor(scene: object, method: str, grid: float) -> float:
-    """Largest stable step [s] that divides the sampling grid."""
-    step = Simulator(at_method(scene, method)).choice.limit  # type: ignore[arg-type]
+def _divisor(scene: Scene, method: str, grid: float) -> float:
+    """Largest step [s] below the method's own that divides the sampling grid."""
+    step = SHARE * step_limit(scene, method)
     return grid / float(np.ceil(grid / step * (1.0 + 1e-9)))
 
 

@@ -1,0 +1,77 @@
+"""`dlo_sim study NAME`: a measurement with a report, figures and their data."""
+
+import argparse
+import dataclasses
+import shlex
+import tempfile
+from pathlib import Path
+
+from dlo_sim.cli.arguments import CommandError, Parser, add_json_option
+from dlo_sim.cli.output import print_json, print_rows, progress_bar
+
+STUDIES = {
+    "paper": "Khalifa & Palli reproduced: their tables and figures beside ours, claims judged",
+}
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "study",
+        help="measure and write a report with figures and data",
+        description="Run a study and write report.md, figures (PNG) and their data (CSV): "
+        + "; ".join(f"{name} ({what})" for name, what in STUDIES.items())
+        + ".",
+    )
+    parser.add_argument("name", metavar="NAME", choices=STUDIES, help=", ".join(STUDIES))
+    parser.add_argument(
+        "--output", metavar="DIR", type=Path, required=True, help="folder for the results"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="shorter runs, with every table and figure"
+    )
+    add_json_option(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the study and print where its report is; returns the exit status."""
+    _check_folder(options.output)
+    try:
+        from dlo_sim.studies.paper.study import run_study
+    except ModuleNotFoundError as missing:
+        if missing.name != "matplotlib":
+            raise
+        raise CommandError(
+            "study needs matplotlib for its figures; install dlo_sim with the extra 'plots'"
+        ) from None
+    words = ["dlo_sim", "study", options.name, "--output", str(options.output)]
+    command = shlex.join([*words, *(["--quick"] if options.quick else [])])
+    with progress_bar(f"study {options.name}") as progress:
+        outcome = run_study(options.output, options.quick, command, progress=progress)
+    if options.json:
+        print_json(dataclasses.asdict(outcome))
+        return 0
+    print(f"{outcome.report}")
+    print_rows({claim.name: claim.verdict for claim in outcome.claims})
+    return 0
+
+
+def _check_folder(path: Path) -> None:
+    """Refuse, before any work, a folder that could not be written; it need not exist yet.
+
+    Raises:
+        CommandError: naming the path, what is wrong and the cure.
+    """
+    folder = path.resolve()
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise CommandError(f"--output {path}: {folder} is not a folder; choose another one")
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise CommandError(
+            f"--output {path} cannot be written ({error.strerror}); choose another folder"
+        ) from None

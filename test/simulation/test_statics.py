@@ -1,0 +1,261 @@
+"""Shapes at rest against beam theory, the elastica, the ring and the elastic catenary."""
+
+import numpy as np
+import pytest
+from cables import FLAT, SOFT, Bench, simulator, straight
+
+from dlo_sim.core import bspline
+
+EI, EA = 0.05, 2e4  # [N m^2], [N]; length 1 m
+BEAM = (
+    SOFT
+    | FLAT
+    | {
+        "cable.axial_stiffness": EA,
+        "cable.bending_stiffness": EI,
+        "initial.shape": "equilibrium",
+        "integrator.method": "energy_momentum",
+        "loads.tip.signal": "constant",
+    }
+)
+
+
+def tip(*values, n):
+    """Tip of the relaxed cable, x and z [m]."""
+    return simulator(BEAM, *values, n=n).control_points[-1, [0, 2]]
+
+
+def equilibrium(bench, points):
+    """Newton's method on the forces of all free control points, with a Jacobian by differences."""
+    mask = bench.free
+    columns = list(bench.model.columns)
+
+    def residual(x):
+        full = points.copy()
+        part = full[:, columns]
+        part[mask] = x
+        full[:, columns] = part
+        return bench.force(full)[:, columns][mask], full
+
+    x = points[:, columns][mask]
+    for _ in range(60):
+        force, full = residual(x)
+        steps = 1e-6 * np.eye(len(x))
+        jacobian = np.array([(residual(x + h)[0] - residual(x - h)[0]) / 2e-6 for h in steps]).T
+        change = np.linalg.solve(jacobian, -force)
+        x = x + change * min(1.0, 0.1 / np.abs(change).max())
+        if np.abs(change).max() < 1e-11:
+            return residual(x)[1]
+    raise AssertionError("no equilibrium")
+
+
+def orders(errors):
+    """Orders in the span from errors at 2, 4, 8, ... spans."""
+    errors = np.abs(errors)
+    return np.log2(errors[:-1] / errors[1:])
+
+
+@pytest.mark.parametrize("n", [4, 5, 13])
+def test_cantilever_with_a_small_tip_load(n):
+    """P L^3 / 3 EI: a cubic, so that one span is exact. Soft in tension, or a single span would lock."""
+    force, soft = 1e-5, {"cable.axial_stiffness": 1.0}
+    found = tip(soft, {"loads.tip.force": [0.0, 0.0, force]}, n=n)
+    assert found[1] == pytest.approx(force / 3 / EI, rel=2e-6)
+
+
+def test_cantilever_under_its_own_small_weight():
+    """Tip q L^4 / 8 EI, exact in any mesh; the quartic between, q u^2 (6 - 4 u + u^2) / 24 EI, to
+    fourth order in the span."""
+    soft = {"cable.axial_stiffness": 1.0, "gravity": [0.0, 0.0, -1e-4]}
+    u = np.linspace(0.0, 1.0, 41)
+    quartic = -1e-5 * u**2 * (6 - 4 * u + u**2) / 24 / EI
+    errors = []
+    for n in (4, 5, 7, 11):
+        line = simulator(BEAM, soft, n=n).centerline(u)[:, 2]
+        assert line[-1] == pytest.approx(-1e-5 / 8 / EI, rel=1e-8)
+        errors.append(np.abs(line - quartic).max())
+    assert np.all(np.abs(orders(np.array(errors)) - 4.0) < 0.2)
+    assert errors[0] < 0.03 * abs(quartic[-1])
+
+
+def elastica(load):
+    """Tip of the inextensible cantilever with P L^2 / EI = load across its unloaded direction.
+
+    theta'' = -load cos(theta), theta(0) = 0, theta'(1) = 0, by shooting with Runge-Kutta steps on the
+    branch with the smallest theta'(0) (Bisshopp & Drucker 1945).
+    """
+
+    def shoot(bend, steps=400):
+        def slope(y):
+            return np.array([y[1], -load * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])
+
+        y, h = np.array([0.0, bend, 0.0, 0.0]), 1.0 / steps
+        for _ in range(steps):
+            a = slope(y)
+            b = slope(y + h / 2 * a)
+            c = slope(y + h / 2 * b)
+            y = y + h / 6 * (a + 2 * b + 2 * c + slope(y + h * c))
+        return y
+
+    low, high = 0.0, 0.1
+    while shoot(high)[1] < 0.0:
+        low, high = high, high + 0.1
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if shoot(middle)[1] < 0.0 else (low, middle)
+    return shoot(high)[2:]
+
+
+def test_elastica_itself_agrees_with_the_published_table():
+    """Bisshopp & Drucker 1945: 1 - x and z at P L^2 / EI = 1, 4 and 10."""
+    for load, x, z in ((1.0, 0.056, 0.302), (4.0, 0.329, 0.670), (10.0, 0.555, 0.811)):
+        found = elastica(load)
+        assert np.allclose([1 - found[0], found[1]], [x, z], atol=6e-4)
+
+
+@pytest.mark.parametrize("load", [1.0, 4.0, 10.0])
+def test_large_deflection_follows_the_elastica(load):
+    exact = elastica(load)
+    found = tip({"loads.tip.force": [0.0, 0.0, load * EI]}, n=23)
+    assert np.abs(found - exact).max() < 1e-4  # [m]; stretch alone makes 2e-5
+
+
+def test_large_deflection_converges_to_the_elastica():
+    """EA L^2 / EI = 2e7, as of a wire: few spans lock in tension, then the error falls fast."""
+    load, exact = 4.0, elastica(4.0)
+    errors = []
+    for n in (7, 11, 19, 35):
+        values = {"cable.axial_stiffness": 1e6, "loads.tip.force": [0.0, 0.0, 1.0]}
+        bench = Bench(BEAM, values, n=n)
+        points = straight(bench)
+        for share in np.linspace(0.1, 1.0, 10):
+            bench.terms.loads.force[0] = [0.0, share * load * EI]  # x and z
+            points = equilibrium(bench, points)
+        errors.append(np.abs(points[-1, [0, 2]] - exact).max())
+    assert errors[-1] < 5e-5
+    assert min(orders(np.array(errors))[1:]) > 4.0
+
+
+def test_end_moment_closes_a_ring():
+    """M = 2 pi EI / L bends the cable into a circle whose tip meets the clamp.
+
+    Curvature counts per deformed length here and energy per rest length, so that bending stretches a
+    little: s = |r'| solves EA (s - 1) = 4 pi^2 EI / s^3, and the closing moment is 2 pi EI / s^2.
+    """
+    rigidity, s = 1e4, 1.0
+    for _ in range(50):
+        s = 1.0 + 4 * np.pi**2 * EI / rigidity / s**3
+    moment = 2 * np.pi * EI / s**2
+    assert moment == pytest.approx(2 * np.pi * EI, rel=5e-4)
+    gaps, offs = [], []
+    for n in (11, 19, 35):
+        values = {"cable.axial_stiffness": rigidity, "loads.tip.torque": [0.0, -moment, 0.0]}
+        bench = Bench(BEAM, values, n=n)
+        angle = 2 * np.pi * bspline.greville(bench.model.knots)
+        circle = np.zeros((n, 4))
+        circle[:, 0] = np.sin(angle) / (2 * np.pi)
+        circle[:, 2] = (1 - np.cos(angle)) / (2 * np.pi)
+        circle[:, :3] = bspline.interpolate(bench.model.knots, circle[:, :3])
+        circle[:2] = straight(bench)[:2]
+        points = equilibrium(bench, circle)
+        gaps.append(np.linalg.norm(points[-1]))
+        around = bspline.evaluate(points[:, :3], bench.model.knots, np.linspace(0, 1, 60))
+        radii = np.linalg.norm(around[:, [0, 2]] - [0.0, 0.5 * s / np.pi], axis=1)
+        offs.append(np.abs(radii - 0.5 * s / np.pi).max())
+    assert gaps[-1] < 2e-5
+    assert offs[-1] < 2e-5
+    assert min(orders(np.array(gaps))) > 3.0
+
+
+@pytest.mark.parametrize(("curvature", "z"), [(np.pi, -2 / np.pi), (-np.pi, 2 / np.pi)])
+def test_naturally_curved_cable_rests_as_a_half_circle(curvature, z):
+    """Positive about +y turns the tangent from +x towards -z (right-hand rule); no energy is left."""
+    values = {"cable.rest_curvature": [curvature], "cable.axial_stiffness": 200.0}
+    sim = simulator(BEAM, values, n=23)
+    assert np.allclose(sim.control_points[-1, [0, 2]], [0.0, z], atol=1e-5)
+    # The constant EI kappa^2 L / 2 is left out of the energy.
+    assert sim.energy().bend == pytest.approx(-0.5 * EI * np.pi**2, rel=1e-5)
+
+
+def catenary(weight, rigidity, span):
+    """Points of the elastic catenary of unit length between supports `span` apart, at 101 u.
+
+    Horizontal tension H from x(1) = H / EA + H / w (asinh(V / H) - asinh((V - w) / H)), V = w / 2
+    (Irvine, Cable Structures, 1981, ch. 1).
+    """
+    u = np.linspace(0.0, 1.0, 101)
+
+    def x(tension, at):
+        up = weight / 2
+        return tension * at / rigidity + tension / weight * (
+            np.arcsinh(up / tension) - np.arcsinh((up - weight * at) / tension)
+        )
+
+    low, high = 1e-6, 1e3
+    for _ in range(200):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if x(middle, 1.0) < span else (low, middle)
+    root = np.hypot(high, weight / 2)
+    sag = weight * u / rigidity * (0.5 - u / 2) + (
+        root - np.sqrt(high**2 + (weight / 2 - weight * u) ** 2)
+    ) / weight
+    return u, np.stack((x(high, u), -sag), axis=1), high
+
+
+PINNED = BEAM | {
+    "start.clamped": False,
+    "end.fixed": [True, True, True],
+    "end.position": [0.8, 0.0, 0.0],
+    "gravity": [0.0, 0.0, -9.81],
+    "cable.axial_stiffness": 20.0,
+}
+
+
+def test_heavy_soft_cable_hangs_as_an_elastic_catenary():
+    u, exact, tension = catenary(0.1 * 9.81, 20.0, 0.8)
+    errors = []
+    for n in (7, 11, 19, 35):
+        sim = simulator(PINNED, {"cable.bending_stiffness": 1e-8}, n=n)
+        errors.append(np.abs(sim.centerline(u)[:, [0, 2]] - exact).max())
+    assert np.all(orders(np.array(errors)) > 2.5)
+    assert errors[-1] < 1e-6
+    force = sim.reaction("start")[0]
+    assert np.allclose(force, [-tension, 0.0, 0.1 * 9.81 / 2], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "damping",
+    [{"damping.mass": 50.0}, {"damping.stiffness": 1.0}, {"damping.air_drag": 10.0}],
+    ids=lambda values: next(iter(values)),
+)
+def test_damping_does_not_change_the_shape_at_rest(damping):
+    free = simulator(PINNED, n=13).control_points
+    held = simulator(PINNED, damping, n=13)
+    assert np.abs(held.control_points - free).max() < 1e-9
+    held.advance(0.1)
+    assert np.abs(held.control_points - free).max() < 1e-9
+
+
+def test_a_damped_run_comes_to_rest_in_the_relaxed_shape():
+    """A clamped cable falls from a straight line: the same shape by time steps."""
+    values = {"start.clamped": True, "end.fixed": [False] * 3}
+    goal = simulator(PINNED, values, n=9).control_points
+    start = {"initial.shape": "straight", "damping.mass": 8.0}
+    run = simulator(PINNED, values, start, n=9, step=2e-3)
+    assert np.abs(run.control_points - goal).max() > 0.3
+    assert run.advance(8.0).status.ok
+    assert np.abs(run.control_points - goal).max() < 1e-8
+
+
+@pytest.mark.xfail(strict=True, reason="the relaxation does not converge where EA L^2 / EI is large")
+def test_steel_cantilever_finds_its_equilibrium():
+    """A steel wire of 1 mm bends under its weight: an ordinary input."""
+    steel = {
+        "cable.diameter": 1e-3,
+        "cable.youngs_modulus": 2e11,
+        "cable.density": 7800.0,
+        "start.clamped": True,
+        "initial.shape": "equilibrium",
+    }
+    sim = simulator(steel, n=13)
+    assert -0.5 < sim.control_points[-1, 2] < -0.3
