@@ -72,6 +72,7 @@ class Simulator:
         self._geometries = end_geometries(scene, end_poses)
         self._model = build_model(scene, needs, self._geometries)
         self._greville = bspline.greville(self._model.knots)
+        self._frame_axis = int(np.argmin(np.abs(self._geometries["start"].tangent)))
         self._ends = EndDrive(scene, self._geometries)
         self._share_drive()
         self._state = workspace.new_state(self._model)
@@ -408,8 +409,7 @@ class Simulator:
 
     def _frame_reference(self) -> Array:
         """A vector that the second axis of the material frame follows at the start."""
-        tangent = self._geometries["start"].tangent
-        return self._ends.turned_axis("start", self.time, int(np.argmin(np.abs(tangent))))
+        return self._ends.turned_axis("start", self.time, self._frame_axis)
 
     def _open_account(self) -> None:
         cable = self.scene.cable
