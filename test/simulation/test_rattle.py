@@ -108,3 +108,24 @@ def test_ends_further_apart_than_the_length_are_refused():
     overrides = HANGING | {"end.position": [1.2, 0.0, 0.5], "initial.shape": "straight"}
     with pytest.raises(SceneError, match="rattle keeps the cable at its length"):
         Simulator(load_scene(find_scene("two_grippers"), overrides))
+
+
+def test_order_two_against_its_own_much_finer_step():
+    """The wire on its springs after 0.2 s, beyond its straight start."""
+
+    def shape(step):
+        overrides = {
+            "integrator.method": "rattle",
+            "integrator.step": step,
+            "discretization.quadrature": "gauss",
+            "discretization.samples": 3,
+        }
+        simulator = Simulator(load_scene(find_scene("paper_wire"), overrides))
+        assert simulator.advance_steps(round(0.2 / step)).status.ok
+        return simulator.control_points[:, :3]
+
+    finest = shape(1.25e-5)
+    errors = [np.abs(shape(step) - finest).max() for step in (4e-4, 2e-4, 1e-4)]
+    slopes = np.diff(np.log(errors)) / np.log(0.5)
+    assert np.all(np.abs(slopes - 2.0) < 0.1), slopes
+    assert errors[0] < 2e-5
