@@ -27,6 +27,7 @@ from dlo_sim.kernels.layout import (
     FLOOR,
     HISTORY,
     LOAD_WORK,
+    REACTION,
 )
 from dlo_sim.kernels.matrix import (
     add_load_stiffness,
@@ -45,6 +46,7 @@ from dlo_sim.kernels.observe import (
     potentials,
     prescribed_column,
     update_account,
+    velocities,
 )
 from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends, drive_pull
 from dlo_sim.kernels.tangent import span_discrete_gradient
@@ -360,6 +362,26 @@ def finish_momentum(w, acceleration, travel, mass, solver, alpha, newmark, n, di
 
 
 @kernel
+def mean_reaction(state, terms, work, solver, n, t0, tau):
+    """Forces of the ends over the step, M (v1 - v0) / tau - f on the prescribed rows.
+
+    Undamped waves that the step does not resolve change sign from step to step, and with them the
+    reaction at an instant; its mean over a step does not.
+    """
+    velocities(solver.start_w, terms, t0, solver.coast)
+    velocities(state.w, terms, t0 + tau, solver.moved)
+    clear(state.reaction)
+    for d in range(state.reaction.shape[0]):
+        for i in range(n):
+            solver.moved[d, i] -= solver.coast[d, i]
+        multiply(terms.mass.band[d], n, solver.moved[d], 1.0 / tau, state.reaction[d])
+        for i in range(n):
+            free = terms.mass.free[d, i]
+            state.reaction[d, i] = (state.reaction[d, i] - work.force[d, i]) * (1.0 - free)
+    state.ledger[REACTION] = 1.0
+
+
+@kernel
 def absorb_loss(state, terms, work):
     """Book what the method itself dissipated; energy it adds stays an error."""
     ledger = state.ledger
@@ -501,6 +523,7 @@ def implicit_step(
         if alpha.theta != 0.5:
             lost = 0.0  # booked by `absorb_loss` with what the method itself dissipates
         book_step(terms, terms.drive, terms.loads, work, state, lost, n)
+        mean_reaction(state, terms, work, solver, n, t0, tau)
         state.ledger[HISTORY] += 1.0
     else:
         copy_rows(solver.start, n, x)

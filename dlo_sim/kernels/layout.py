@@ -190,7 +190,8 @@ class State(NamedTuple):
     """Configuration and momentum, each of shape (rows, width), and the energy account.
 
     history, shape (3, rows, width): two configurations before, for the implicit predictor, and the
-    acceleration of w (generalised-alpha); the Zhai method keeps its acceleration in history[0].
+    acceleration of w (generalised-alpha). reaction: mean force of the ends over the last implicit
+    step, on prescribed rows. The Zhai method keeps its acceleration in history[0].
 
     The velocity-like variable is w = M_ff^-1 p_f, where p_f = (M v)_f is the momentum conjugate to
     the free DOFs: v_f = w - M_ff^-1 M_fp v_p. For ends at rest w is the velocity; for driven ends
@@ -200,6 +201,7 @@ class State(NamedTuple):
     position: Array
     w: Array
     history: Array
+    reaction: Array
     ledger: Array
 
 
@@ -299,4 +301,5 @@ TORSION_LOOKS = 16  # how often samples without torsion were counted, their sum,
 TORSION_SUM = 17
 TORSION_WORST = 18
 TORSION_LAST = 19
-LEDGER_SIZE = 20
+REACTION = 20  # 1 once State.reaction holds the mean of a step
+LEDGER_SIZE = 21

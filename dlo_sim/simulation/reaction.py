@@ -27,6 +27,7 @@ def reaction(
 ) -> tuple[Array, Array]:
     """Force [N] and moment about the attachment [N m] on the cable by an end effector, world frame.
 
+    After a step of an implicit method it is the mean over that step, otherwise that of the instant.
     With all other forces f known, the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p); what is
     missing in M a = f + R on the prescribed rows is the reaction R. A spring's force counts too,
     and so do the constraint forces of an inextensible cable (its constraint slopes and scratch).
@@ -34,11 +35,13 @@ def reaction(
     if end not in ENDS:
         raise KeyError(f"no end '{end}': use start or end")
     n, terms = model.n, model.terms
-    missing = np.empty_like(state.w)
-    slopes, chain = inextensible or (None, None)
-    missing_force(
-        state, terms, model.friction, model.viscosity, work, solver, slopes, chain, t, missing
-    )
+    missing = state.reaction
+    if not state.ledger[layout.REACTION]:
+        missing = np.empty_like(state.w)
+        slopes, chain = inextensible or (None, None)
+        missing_force(
+            state, terms, model.friction, model.viscosity, work, solver, slopes, chain, t, missing
+        )
     row = ENDS.index(end)
     outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
     arm, total, near = np.zeros(3), np.zeros(3), np.zeros(3)

@@ -458,7 +458,7 @@ class Simulator:
         optional_terms.carry_plastic(old, new)
         self._set(points, rates)
         self._state.ledger[:] = ledger
-        self._state.ledger[[layout.BOOKED, layout.HISTORY]] = 0.0
+        self._state.ledger[[layout.BOOKED, layout.HISTORY, layout.REACTION]] = 0.0
         self._turn_rest_axis()
 
     def _adopt(self, other: Simulator) -> None:

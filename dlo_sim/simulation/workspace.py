@@ -15,6 +15,7 @@ def new_state(model: Model) -> layout.State:
         position=np.zeros(shape),
         w=np.zeros(shape),
         history=np.zeros((3, *shape)),
+        reaction=np.zeros(shape),
         ledger=np.zeros(layout.LEDGER_SIZE),
     )
 

@@ -1,11 +1,11 @@
 """The paper's wire stepped by plain interpreted numpy: what stands in for MATLAB.
 
-Nothing is shared with the compiled step but the scene, the spline and the methods' tables. Two ways of
-writing the elastic force are kept apart, because an interpreter's speed depends on nothing else:
-`sample_by_sample` is the oracle of `core.elasticity`, a loop over the quadrature points with a linear
-solve per evaluation as the paper describes it; `whole_arrays` does the same with one numpy call per
-operation for all samples. Ends may be held per axis or hang on springs; loads are constant or sine
-forces; no twist, damping or moved ends.
+Nothing is shared with the compiled step but the scene, the spline and the methods' tables. Two ways
+of writing the elastic force are kept apart, because an interpreter's speed depends on nothing else:
+`sample_by_sample` is the oracle of `core.elasticity`, a loop over the quadrature points with a
+linear solve per evaluation as the paper describes it; `whole_arrays` does the same with one numpy
+call per operation for all samples. Ends may be held per axis or hang on springs; loads are constant
+or sine forces; no twist, damping or moved ends.
 """
 
 from __future__ import annotations
@@ -26,11 +26,15 @@ Force = Callable[[Array], Array]
 
 @dataclass
 class State:
-    """Positions [m] and velocities [m/s] of the control points, (n, 3); Zhai's acceleration before."""
+    """Positions [m] and velocities [m/s] of the control points, (n, 3), and accelerations.
+
+    before: of the step before (Zhai); now: of the present positions, while they are known.
+    """
 
     position: Array
     velocity: Array
     before: Array | None = None
+    now: Array | None = None
 
 
 class Wire:
@@ -123,9 +127,13 @@ class Wire:
 def _splitting(wire: Wire, state: State, method: Method, t: float, tau: float) -> None:
     for drift, kick in zip(method.drift_weights, method.kick_weights, strict=True):
         t += drift * tau
-        state.position += drift * tau * state.velocity
+        if drift:
+            state.position += drift * tau * state.velocity
+            state.now = None
         if kick:
-            state.velocity += kick * tau * wire.acceleration(state.position, t)
+            if state.now is None:
+                state.now = wire.acceleration(state.position, t)
+            state.velocity += kick * tau * state.now
 
 
 def _runge_kutta(wire: Wire, state: State, method: Method, t: float, tau: float) -> None:

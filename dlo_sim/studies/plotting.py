@@ -28,11 +28,15 @@ TIME_MAP = "viridis"
 
 
 def new_figure(
-    rows: int = 1, columns: int = 1, width: float = 8.0, height: float = 4.2, **options: object
+    rows: int = 1,
+    columns: int = 1,
+    width: float = 8.0,
+    height: float = 4.2,
+    share_x: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """A figure and its axes, row by row."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=share_x)
     return figure, list(axes.ravel())
 
 

@@ -28,7 +28,7 @@ from dlo_sim.simulation.simulator import Simulator
 RAN, REFUSED, STOPPED, WRONG = "ran", "refused", "stopped", "wrong"
 PIECES = 8  # advances per case; checks happen after each
 """Share of the energy exchanged that the balance may be open by."""
-CONSERVING_TOLERANCE = 1e-6
+CONSERVING_TOLERANCE = 1e-5
 METHOD_TOLERANCE = 0.5
 
 

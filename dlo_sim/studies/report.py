@@ -122,11 +122,9 @@ def shown(cell: Cell) -> str:
     if not math.isfinite(value):
         return "none" if value > 0 else str(value)
     size = abs(value)
-    if value == 0.0:
-        return "0"
-    if 1e-2 <= size < 1e5:
-        return f"{value:.{max(0, 3 - math.floor(math.log10(size)))}f}"
-    return f"{value:.2e}"
+    if 1e-2 <= size < 1e4 or value == 0.0:
+        return f"{value:.4g}"
+    return f"{value:.0f}" if 1e4 <= size < 1e6 else f"{value:.2e}"
 
 
 def _exact(cell: object) -> object:

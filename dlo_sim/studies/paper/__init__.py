@@ -1,1 +1,1 @@
-"""Khalifa & Palli, reproduced and checked: their tables and figures beside ours, their claims judged."""
+"""Khalifa & Palli reproduced: their tables and figures beside ours, their claims judged."""

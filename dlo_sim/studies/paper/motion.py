@@ -1,4 +1,4 @@
-"""The motion of both scenarios: the paper's figures of control points and of the sequence of shapes."""
+"""The motion of both scenarios: the paper's figures of control points and of shapes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ from matplotlib.colors import Normalize
 
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.studies import plotting
-from dlo_sim.studies.paper.runs import SCENARIOS, Array, Settings, at_method, run, scenario
+from dlo_sim.studies.paper.runs import (
+    SCENARIOS,
+    Array,
+    Settings,
+    at_method,
+    distance,
+    run,
+    scenario,
+)
 from dlo_sim.studies.report import Report
 
 EVERY = 0.005  # [s] between samples
@@ -27,11 +35,15 @@ class Motion:
         largest_y: largest |y| in scenario 1, computed with all three coordinates [m].
         asymmetry: largest difference of z between mirrored control points, as a share of the sag.
         sag: deepest point of the centerline in scenario 1 and 2 [m].
+        parted: time [s] at which two methods' runs of scenario 2 are 1 mm apart; inf if never.
+        rate: exponential growth of their distance before that [1/s].
     """
 
     largest_y: float
     asymmetry: float
     sag: dict[int, float]
+    parted: float
+    rate: float
     recordings: dict[int, Recording]
 
 
@@ -45,11 +57,15 @@ def add(report: Report, settings: Settings) -> Motion:
     }
     full = run(spatial, min(settings.duration, 1.0), EVERY)
     z = recordings[1].control_points[:, :, 2]
+    gaps = _gaps(recordings[2], settings)
+    parted, rate = _parting(recordings[2].time, gaps["rk4"])
     sag = {k: float(-r.centerline[:, :, 2].min()) for k, r in recordings.items()}
     motion = Motion(
         largest_y=float(np.abs(full.control_points[:, :, 1]).max()),
         asymmetry=float(np.abs(z - z[:, ::-1]).max() / sag[1]),
         sag=sag,
+        parted=parted,
+        rate=rate,
         recordings=recordings,
     )
     report.text(
@@ -65,7 +81,54 @@ def add(report: Report, settings: Settings) -> Motion:
     for number, recording in recordings.items():
         _shapes(report, recording, number)
         _animation(report, settings, recording, number)
+    _chaos(report, motion, gaps)
     return motion
+
+
+def _gaps(recording: Recording, settings: Settings) -> dict[str, Array]:
+    """Distance [m] of scenario 2 by other methods from Forest-Ruth's, over time."""
+    return {
+        method: distance(run(at_method(scenario(2), method), settings.duration, EVERY), recording)
+        for method in ("rk4", "velocity_verlet")
+    }
+
+
+def _parting(time: Array, gap: Array) -> tuple[float, float]:
+    """Time [s] at which a distance passes 1 mm, and its exponential rate before it [1/s]."""
+    far = np.flatnonzero(gap > 1e-3)
+    end = int(far[0]) if far.size else len(gap)
+    envelope = np.maximum.accumulate(gap)
+    chosen = np.arange(1, end)
+    rate = np.polyfit(time[chosen], np.log(envelope[chosen] + 1e-18), 1)[0]
+    return (float(time[end]) if far.size else float("inf")), float(rate)
+
+
+def _chaos(report: Report, motion: Motion, gaps: dict[str, Array]) -> None:
+    time = motion.recordings[2].time
+    figure, (axes,) = plotting.new_figure()
+    for method, gap in gaps.items():
+        label = f"{method} from forest_ruth"
+        axes.semilogy(time[1:], gap[1:], color=plotting.COLORS[method], label=label)
+    axes.axhline(1e-3, color="gray", linestyle=":", label="1 mm")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("largest distance between the runs [m]")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    report.figure(
+        "scenario_2_parting",
+        figure,
+        {"time [s]": time} | {f"{method} from forest_ruth [m]": g for method, g in gaps.items()},
+        "Two methods in scenario 2, each at 0.9 of its stability limit",
+    )
+    report.text(
+        f"""Scenario 2 is chaotic: differences of rounding size between two fourth-order methods
+        grow like exp({motion.rate:.2g} t){_when(motion.parted)}. Later positions are one of many
+        equally good motions, whatever the integrator; mirrored control points part then as well."""
+    )
+
+
+def _when(parted: float) -> str:
+    return f" and reach 1 mm at {parted:.3g} s" if np.isfinite(parted) else ""
 
 
 def _ends(recording: Recording) -> float:

@@ -25,18 +25,19 @@ class Resolution:
 
     Attributes:
         reference_error: rms difference of the reference itself from a finer model [m].
-        n_s_effect: largest relative change of the rms error along a row of n_s (fixed n_u).
-        n_s_slope: change of the rms error from the fewest to the most samples, n_u = 9 (relative).
-        centre_share: mean error of the two middle points over that of the worst pair of points.
+        n_s_effect: relative change of the rms error over all n_s at fixed n_u, for every n_u but
+            the reference's own; n_s_effect_81: the same over n_s from 81 up.
+        centre_shares: by n_u at n_s = 101, error of the two middle points over the largest along
+            the cable, each a mean over time.
         early, late: rms error of (9, 101) in the first and the last quarter of the run [m].
     """
 
     errors: Array
     reference_error: float
-    n_s_effect: float
+    n_s_effect: Array
+    n_s_effect_81: Array
     by_control_points: Array
-    centre_share: float
-    peak_position: float
+    centre_shares: dict[int, float]
     early: float
     late: float
     duration: float
@@ -57,17 +58,16 @@ def add(report: Report, settings: Settings) -> Resolution:
             errors[i, j] = _gap(_track(n, samples, duration, u), reference)
     own = _gap(reference, finer)
     shown = errors[published.CONTROL_POINTS.index(SHOWN[0]), published.SAMPLES.index(SHOWN[1])]
-    rms = np.sqrt((errors**2).mean(axis=(2, 3)))
+    rms = np.sqrt((errors**2).mean(axis=(2, 3))).astype(np.float64)
     quarter = INSTANTS // 4
-    profile = shown.mean(axis=0)
     useful = rms[:-1]  # n_u = 19 is the reference's own
     result = Resolution(
         errors=errors,
         reference_error=_rms(own),
-        n_s_effect=float((np.ptp(useful, axis=1) / useful.min(axis=1)).max()),
+        n_s_effect=_change(useful),
+        n_s_effect_81=_change(useful[:, 1:]),
         by_control_points=rms[:, published.SAMPLES.index(SHOWN[1])],
-        centre_share=float(profile[POINTS // 2 - 1 : POINTS // 2 + 1].mean() / profile.max()),
-        peak_position=float(u[int(profile.argmax())]),
+        centre_shares=_centre_shares(errors),
         early=_rms(shown[:quarter]),
         late=_rms(shown[-quarter:]),
         duration=duration,
@@ -77,12 +77,25 @@ def add(report: Report, settings: Settings) -> Resolution:
         error is far below the differences shown); reference n_u = {published.REFERENCE[0]},
         n_s = {published.REFERENCE[1]} (the text of the paper says 256, its tables end at 251). The
         error is the distance between the two centerlines at {POINTS} fixed material points and
-        {INSTANTS} instants. The reference's own error, against n_u = {FINER[0]}, n_s = {FINER[1]}, is
-        {1e3 * result.reference_error:.3g} mm rms: smaller errors than that are not known."""
+        {INSTANTS} instants. The reference's own error, against n_u = {FINER[0]}, n_s = {FINER[1]},
+        is {1e3 * result.reference_error:.3g} mm rms: smaller errors than that are not known."""
     )
     _table(report, rms, own)
     _figures(report, errors, shown, rms, u, time)
     return result
+
+
+def _centre_shares(errors: Array) -> dict[int, float]:
+    column = published.SAMPLES.index(SHOWN[1])
+    profiles = errors[:, column].mean(axis=1)
+    middle = profiles[:, POINTS // 2 - 1 : POINTS // 2 + 1].mean(axis=1)
+    shares = middle / profiles.max(axis=1)
+    return dict(zip(published.CONTROL_POINTS, shares.tolist(), strict=True))
+
+
+def _change(rms: Array) -> Array:
+    """Largest minus smallest over smallest, along every row."""
+    return np.asarray(np.ptp(rms, axis=1) / rms.min(axis=1))
 
 
 def _rms(errors: Array) -> float:

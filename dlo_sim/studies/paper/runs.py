@@ -76,7 +76,7 @@ def highest_frequency(scene: Scene) -> float:
 
 
 def softening(scene: Scene, step: float) -> float:
-    """The factor by which axial stiffness and springs must fall for Forest-Ruth to bear a step [s]."""
+    """Factor by which axial stiffness and springs must fall for Forest-Ruth to bear a step [s]."""
     low, high = 1.0, 1e9
     while high / low > 1.0 + 1e-6:
         middle = float(np.sqrt(low * high))

@@ -20,7 +20,7 @@ from dlo_sim.studies.paper import (
     timing,
 )
 from dlo_sim.studies.paper.runs import Settings, at_method, scenario, scene_files
-from dlo_sim.studies.report import Report
+from dlo_sim.studies.report import Cell, Report
 
 Progress = Callable[[float], None]
 TARGET_STEP = 4e-6  # [s], wanted of a Forest-Ruth step at (9, 101)
@@ -95,7 +95,7 @@ def run_study(folder: Path, quick: bool, command: str, progress: Progress | None
 def _arithmetic(report: Report) -> arithmetic.Arithmetic:
     """Cost of the paper's step against the arithmetic bound, in the plane and in space."""
     report.section("Speed of one step")
-    rows = []
+    rows: list[list[Cell]] = []
     measured = {}
     for name, switch in (("plane (xz)", "auto"), ("space", "on")):
         scene = at_method(scenario(1, terms__out_of_plane=switch), "forest_ruth")
@@ -125,12 +125,12 @@ def _arithmetic(report: Report) -> arithmetic.Arithmetic:
         "fused multiply-add loop in the same run",
     )
     report.text(
-        f"""The step is wanted below {1e6 * TARGET_STEP:g} us; the paper's C++ took 36 ms. Operations
-        are counted by running the kernel's source on numbers that count (add, multiply, divide and
-        square root are one each); the loop's multiply-adds count two. Only the operations of the
-        samples count as work, although a step also maps control points to spans and back, solves
-        with the mass matrix and moves the state. Six spans in eight vector lanes and the fullest
-        span's 17 samples make 136 slots of 101 samples."""
+        f"""The step is wanted below {1e6 * TARGET_STEP:g} us; the paper's C++ took 36 ms.
+        Operations are counted by running the kernel's source on numbers that count (add, multiply,
+        divide and square root are one each); the loop's multiply-adds count two. Only the
+        operations of the samples count as work, although a step also maps control points to spans
+        and back, solves with the mass matrix and moves the state. Six spans in eight vector lanes
+        and the fullest span's 17 samples make 136 slots of 101 samples."""
     )
     return measured["plane (xz)"]
 
@@ -145,7 +145,8 @@ def _summary(
         else ""
     )
     step = 1e6 * results.timings[1]["forest_ruth"].step
-    opening = f"""A. Khalifa and G. Palli model a deformable linear object (an aluminium wire of 2 m and 2
+    opening = f"""A. Khalifa and G. Palli model a deformable linear object (an aluminium wire of 2 m
+    and 2
         mm, both ends guided along x on springs of 10 kN/m) by a cubic B-spline with n_u control
         points and n_s quadrature samples, and compare three time integrators: a fourth-order
         symplectic one (Forest-Ruth/Neri), classical Runge-Kutta and Zhai's two-step method, in

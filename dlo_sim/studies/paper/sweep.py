@@ -1,4 +1,4 @@
-"""Tables 5 to 8: cost over control points and samples, beside the paper's, and what the cost follows."""
+"""Tables 5 to 8: cost over n_u and n_s beside the paper's, and what the cost follows."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def models(costs: Array) -> dict[str, tuple[Array, float]]:
             matrix * weight[:, None], costs.ravel() * weight, rcond=None
         )[0]
         off = (matrix @ coefficients) * weight - 1.0
-        result[name] = (coefficients, float(np.sqrt(np.mean(off**2))))
+        result[name] = (np.asarray(coefficients, dtype=float), float(np.sqrt(np.mean(off**2))))
     return result
 
 
@@ -156,9 +156,9 @@ def _fits(report: Report, ours: dict[str, Array]) -> dict[str, float]:
         "Fitted cost of a Forest-Ruth step, scenario 1, least squares of relative errors",
     )
     report.text(
-        """*Vector passes*: kernels work on eight knot spans at once, so their cost follows the number
-        of vector operations, ceil((n_u - 3) / 8) blocks times the samples of the fullest span, and
-        not n_u n_s: n_u = 5 has two spans in eight lanes and wastes six of them."""
+        """*Vector passes*: kernels work on eight knot spans at once, so their cost follows the
+        number of vector operations, ceil((n_u - 3) / 8) blocks times the samples of the fullest
+        span, and not n_u n_s: n_u = 5 has two spans in eight lanes and wastes six of them."""
     )
     return errors
 

@@ -225,5 +225,5 @@ def _figure(report: Report, timings: Timings) -> None:
         "run_time",
         figure,
         columns,
-        "Run time against simulated time, scenario 1; below the black line is faster than real time",
+        "Run time over simulated time, scenario 1; below the black line is faster than real time",
     )

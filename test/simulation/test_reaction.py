@@ -1,0 +1,212 @@
+"""Reactions: weight at rest, the balance of momenta in motion, twist, springs, end masses."""
+
+import numpy as np
+import pytest
+from cables import FLAT, FREE, FULL, FULLY_DAMPED, MASS_DAMPED, SOFT, simulator
+
+from dlo_sim.core import bspline, mass
+from dlo_sim.core.end_motion import EndMotion
+
+SPATIAL = {"terms.out_of_plane": "on"}
+WEIGHT = np.array([0.0, 0.0, -0.1 * 9.81])  # of the scene SOFT
+LOAD = {
+    "loads.tip.signal": "constant",
+    "loads.tip.force": [0.1, 0.05, -0.2],
+    "loads.tip.position": 0.7,
+}
+CLAMP = EndMotion(
+    start=0.0,
+    duration=1.0,
+    position=[[0, 0, 0], [0.1, -0.3, 0.2], [3.0, 2.0, -4.0]],
+    orientation=[0, 0, 0, 1],
+    rotation=[[2.0, 0.5, -1.0], [30.0, -8.0, 5.0]],
+)
+SPRING = EndMotion(
+    start=0.0,
+    duration=1.0,
+    position=[[1.0, 0, 0], [0.2, 0.1, -0.5], [-4.0, 3.0, 6.0]],
+    orientation=[0, 0, 0, 1],
+    rotation=np.zeros((2, 3)),
+)
+
+
+def first_moment(sim):
+    """Mass times position of the cable with its end masses [kg m], (3,)."""
+    weighed = mass.multiply(sim.model.terms.mass.band[0], sim.control_points[:, :3])
+    return weighed.sum(axis=0)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_a_cantilever_at_rest_is_held_against_its_weight_load_and_their_moments(planar):
+    """The moment is about the attachment, which is off the end effector and off the origin."""
+    values = {
+        "start.position": [0.3, 0.0, 0.1],
+        "start.offset": [0.0, 0.0, 0.05],
+        "end.position": [2.0, 0.0, 0.1],
+        "end.mass": 0.02,
+        "initial.shape": "equilibrium",
+        "loads.tip.signal": "constant",
+        "loads.tip.position": 0.7,
+        "loads.tip.force": [0.1, 0.0 if planar else 0.05, -0.2],
+        # Out of the plane a moment has a part along the cable, which takes twist to carry.
+        "loads.tip.torque": [0.0, 0.03 if planar else 0.0, 0.0],
+    }
+    sim = simulator(SOFT, values, n=11, method="energy_momentum")
+    assert ("out_of_plane" in sim.left_out) == planar
+    force, moment = sim.reaction("start")
+    load = np.array(values["loads.tip.force"])
+    weight = WEIGHT * 1.2
+    assert np.allclose(force, -weight - load, rtol=0, atol=1e-8)
+    attachment = np.array([0.3, 0.0, 0.15])
+    centre = first_moment(sim) / 0.12 - attachment
+    lever = sim.centerline([0.7])[0] - attachment
+    expected = -np.cross(centre, weight) - np.cross(lever, load) - values["loads.tip.torque"]
+    assert np.abs(expected).max() > 0.1
+    assert np.allclose(moment, expected, rtol=0, atol=1e-8)
+    assert not np.any(sim.reaction("end"))
+
+
+def test_two_clamps_share_the_weight_evenly():
+    values = {
+        "end.clamped": True,
+        "end.fixed": [True, True, True],
+        "end.position": [0.9, 0.0, 0.0],
+        "start.tangent": [1.0, 0.0, 0.0],
+        "end.tangent": [1.0, 0.0, 0.0],
+    }
+    sim = simulator(SOFT, values, n=11, method="energy_momentum")
+    (left, left_moment), (right, right_moment) = sim.reaction("start"), sim.reaction("end")
+    assert np.allclose(left[2], 0.05 * 9.81, atol=1e-8)
+    assert np.allclose(left * [1, 1, -1], -right, atol=1e-8)
+    assert np.allclose(left_moment, -right_moment, atol=1e-8)
+    assert abs(left_moment[1]) > 0.01
+
+
+def test_a_pinned_end_has_no_moment_and_a_guide_no_force_along_itself():
+    pinned = {"start.clamped": False, "end.fixed": [False, True, True]}
+    sim = simulator(SOFT, SPATIAL, pinned, n=8, method="velocity_verlet")
+    sim.advance(0.2)
+    for end in ("start", "end"):
+        assert np.abs(sim.reaction(end)[1]).max() < 1e-12
+    assert sim.reaction("end")[0][0] == 0.0
+    assert abs(sim.reaction("end")[0][2]) > 0.1
+
+
+def momentum(sim):
+    """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s]."""
+    impulses = mass.multiply(sim.model.terms.mass.band[0], sim.velocities[:, :3])
+    return impulses.sum(axis=0), np.cross(sim.control_points[:, :3], impulses).sum(axis=0)
+
+
+def balance(sim, steps, motions):
+    """d/dt of both momenta by differences over two steps, and the reactions and state between."""
+    for end, motion in motions.items():
+        sim.set_motion(end, motion)
+    sim.advance_steps(steps)
+    before = momentum(sim)
+    sim.advance_steps(1)
+    now = [sim.reaction(end) for end in ("start", "end")]
+    points, rates, inertia, lever = (
+        sim.control_points[:, :3],
+        sim.velocities[:, :3],
+        momentum(sim)[0],
+        first_moment(sim),
+    )
+    sim.advance_steps(1)
+    after = momentum(sim)
+    change = [(b - a) / (2 * sim.step) for a, b in zip(before, after, strict=True)]
+    return change, now, points, rates, inertia, lever
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "rk4", "energy_momentum"])
+@pytest.mark.parametrize("case", ["undamped", "mass"])
+def test_forces_balance_the_change_of_momentum_while_both_ends_move(method, case):
+    """Clamp and spring reaction, weight, load and mass damping add up to dP / dt."""
+    scene = {"undamped": FULL, "mass": MASS_DAMPED}[case]
+    masses = {"start.mass": 0.05, "end.mass": 0.03}
+    sim = simulator(scene, LOAD, masses, n=8, method=method, step=1e-5)
+    change, now, _, _, inertia, _ = balance(sim, 3000, {"start": CLAMP, "end": SPRING})
+    damped = -sim.scene.damping.mass * inertia
+    total = now[0][0] + now[1][0] + WEIGHT * 1.8 + np.array(LOAD["loads.tip.force"]) + damped
+    assert np.abs(now[0][0]).max() > 0.5
+    assert np.abs(now[1][0]).max() > 0.05
+    assert np.abs(change[0] - total).max() < 2e-4 * np.abs(now[0][0]).max()
+
+
+def test_forces_balance_with_every_damping():
+    """Air drag is c times the integral of the velocity; stiffness damping is internal."""
+    sim = simulator(FULLY_DAMPED, LOAD, n=8, method="energy_momentum", step=1e-5)
+    change, now, _, rates, inertia, _ = balance(sim, 3000, {"start": CLAMP, "end": SPRING})
+    drag = -0.05 * mass.multiply(mass.gram(sim.model.knots), rates).sum(axis=0)
+    total = now[0][0] + now[1][0] + WEIGHT + np.array(LOAD["loads.tip.force"])
+    total = total - 0.8 * inertia + drag
+    assert np.abs(drag).max() > 1e-3
+    assert np.abs(change[0] - total).max() < 2e-4 * np.abs(now[0][0]).max()
+
+
+def test_moments_balance_the_change_of_angular_momentum():
+    """About the origin: reaction moment and force at the attachment, weight, load (no twist here)."""
+    sim = simulator(SOFT, LOAD, SPATIAL, n=8, method="velocity_verlet", step=1e-5)
+    change, now, points, _, _, lever = balance(sim, 3000, {"start": CLAMP})
+    force, moment = now[0]
+    place = bspline.evaluate(points, sim.model.knots, [0.7])[0]
+    total = moment + np.cross(points[0], force) + np.cross(lever, [0, 0, -9.81])
+    total = total + np.cross(place, LOAD["loads.tip.force"])
+    assert np.abs(moment).max() > 0.01
+    assert np.abs(change[1] - total).max() < 1e-4 * np.abs(moment).max()
+
+
+def test_reactions_hold_within_a_motion_and_at_its_borders():
+    """No spike where one motion ends and the next begins: the same force from both sides."""
+    sim = simulator(SOFT, SPATIAL, n=8, method="velocity_verlet", step=1e-4)
+    first = EndMotion(0.0, 0.05, [[0, 0, 0], [0, 0, 0], [2.0, 0, 4.0]], [0, 0, 0, 1], np.zeros((2, 3)))
+    sim.set_motion("start", first)
+    sim.advance_steps(499)
+    before = sim.reaction("start")[0]
+    sim.advance_steps(1)
+    at = sim.reaction("start")[0]
+    rest = [[0.005, 0, 0.01], [0.2, 0, 0.4], [2.0, 0, 4.0]]
+    sim.set_motion("start", EndMotion(0.05, 0.05, rest, [0, 0, 0, 1], np.zeros((2, 3))))
+    next_at = sim.reaction("start")[0]
+    sim.advance_steps(1)
+    after = sim.reaction("start")[0]
+    steady = np.abs(after - before).max()
+    assert np.abs(at - before).max() < 2 * steady + 1e-6
+    assert np.abs(next_at - at).max() < 1e-9
+
+
+def test_twisted_cable_asks_for_a_moment_along_itself():
+    """A moment of GJ 0.8 rad / L at the free end, and the clamp turned by 0.5 rad about the cable."""
+    moment = 0.015 * 0.8
+    values = {
+        "cable.rest_curvature": [1e-12],
+        "damping.mass": 60.0,
+        "loads.tip.signal": "constant",
+        "loads.tip.torque": [moment, 0.0, 0.0],
+    }
+    sim = simulator(MASS_DAMPED, FLAT, values, n=6, method="velocity_verlet", step=2e-4)
+    sim.set_end("start", orientation=[np.sin(0.25), 0.0, 0.0, np.cos(0.25)])
+    assert sim.advance(2.0).status.ok
+    assert np.allclose(sim.control_points[:, 3], 0.5 + 0.8 * sim.greville, rtol=0, atol=1e-6)
+    assert np.allclose(sim.reaction("start")[1], [-moment, 0, 0], rtol=0, atol=1e-7)
+    assert np.abs(sim.reaction("start")[0]).max() < 1e-9
+    assert not np.any(sim.reaction("end")[1])
+
+
+def test_end_mass_hangs_and_accelerates_on_the_reaction():
+    """A held point mass at the start: M (a - g), with the cable left almost weightless."""
+    values = {"start.mass": 2.0, "cable.linear_density": 1e-4, "cable.axial_stiffness": 0.06}
+    light = {"cable.bending_stiffness": 2e-5}
+    sim = simulator(SOFT, SPATIAL, values, light, n=6, method="velocity_verlet", step=2e-4)
+    assert np.allclose(sim.reaction("start")[0], [0, 0, 2.0 * 9.81], atol=2e-3)
+    path = [[0, 0, 0], [0, 0, 0], [1.5, 0.0, 2.0]]  # 3 and 4 m/s^2
+    sim.set_motion("start", EndMotion(0.0, 1.0, path, [0, 0, 0, 1], np.zeros((2, 3))))
+    sim.advance_steps(10)
+    assert np.allclose(sim.reaction("start")[0], [6.0, 0, 2.0 * 13.81], atol=5e-3)
+
+
+def test_a_free_cable_has_no_reactions():
+    sim = simulator(SOFT, SPATIAL, FREE, n=6, method="velocity_verlet")
+    sim.advance(0.05)
+    for end in ("start", "end"):
+        assert not np.any(sim.reaction(end))
