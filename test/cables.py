@@ -140,9 +140,7 @@ class Bench:
 
     def stiffness(self, points):
         """Hessian of the potential energy in x, y, z, shape (3 n, 3 n), control point by point."""
-        stiffness_band(
-            self.pack(points), self.terms, self.model.viscosity, self.work, self.solver
-        )
+        stiffness_band(self.pack(points), self.terms, self.model.viscosity, self.work, self.solver)
         return spectrum.dense(self.solver.band)
 
     def mass(self):
@@ -156,8 +154,8 @@ class Bench:
 class Reference:
     """The same equations of motion, M a = f(q, v, t) with prescribed ends, by classical RK4.
 
-    It shares forces and the ends' placing with the simulator, but neither the way in which steps are
-    made nor the treatment of the prescribed ends.
+    It shares forces and the ends' placing with the simulator, but neither the way in which steps
+    are made nor the treatment of the prescribed ends.
     """
 
     def __init__(self, bench):
@@ -190,7 +188,8 @@ class Reference:
         return acceleration
 
     def at_rest(self, v):
-        """Velocities of vanishing momentum of the free control points, with moving ends, (n, rows)."""
+        """Velocities of vanishing momentum of the free control points, with moving ends, (n,
+        rows)."""
         out = v.ravel().copy()
         out[self.mask] = -self.inverse @ (self.coupling @ out[~self.mask])
         return out.reshape(v.shape)

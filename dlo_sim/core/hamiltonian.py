@@ -1,7 +1,7 @@
 """Canonical momenta of the discretised cable and its Hamiltonian, in plain numpy.
 
-The Lagrangian of the control points is L = 1/2 v^T M v - U(q) with the mass matrix M of the spline, so
-the momenta that belong to the q_i are p = dL/dv = M v, and the Legendre transform
+The Lagrangian of the control points is L = 1/2 v^T M v - U(q) with the mass matrix M of the spline,
+so the momenta that belong to the q_i are p = dL/dv = M v, and the Legendre transform
     H(q, p) = p.v - L = 1/2 p^T M^-1 p + U(q)
 is the energy. Khalifa & Palli write p = J v with the density J (their eqs. 12-13), which is the
 momentum per length of the continuous cable and not conjugate to a control point: with it Hamilton's

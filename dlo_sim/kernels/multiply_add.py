@@ -1,4 +1,5 @@
-"""A plain fused multiply-add loop: what one core does when nothing but arithmetic is asked of it."""
+"""A plain fused multiply-add loop: what one core does when nothing but arithmetic is asked of
+it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """RATTLE: an inextensible cable stepped explicitly, its length kept by constraints.
 
-Stretching is left out and replaced by n - 1 constraints: the mean of g = (|r'|^2 - 1) / 2 over every
-knot span is 0, and so is g at u = 0 and u = L. That is one constraint per axial degree of freedom of
-a straight cable, so nothing stretches and bending does not lock. With G = dg/dq a step is
+Stretching is left out and replaced by n - 1 constraints: the mean of g = (|r'|^2 - 1) / 2 over
+every knot span is 0, and so is g at u = 0 and u = L. That is one constraint per axial degree of
+freedom of a straight cable, so nothing stretches and bending does not lock. With G = dg/dq a step
+is
     M (q1 - q0 - tau w0) = tau^2/2 f(q0) - G(q0)^T mu,         g(q1) = 0,
     M (w1 - w_half)      = tau/2 f(q1) - G(q1)^T nu,           G(q1) v1 = 0,
 with w_half = (q1 - q0) / tau: second order, symmetric and symplectic on the constraint manifold.

@@ -130,7 +130,7 @@ _DISCRETIZATION = (
         100_000,
         (),
         None,
-        "Quadrature points: per knot span for gauss (2 to 10), in all for uniform (2 or more a span).",
+        "Quadrature points: per knot span for gauss (2 to 10), in all for uniform (2 a span).",
     ),
     _choice(
         "discretization.mass",

@@ -8,8 +8,8 @@ method and does not stop at unstable shapes on the way.
 A thin cable is up to a billion times stiffer along itself than across. A correction that turns it
 stretches it in second order, and the tension which that seems to cause dwarfs all other forces: the
 plain Newton method then crawls. So the tension of the tangent matrix is not the one of the present
-shape but the one that the linear system itself predicted (the mixed iteration of Magisano, Leonetti &
-Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and the same solution,
+shape but the one that the linear system itself predicted (the mixed iteration of Magisano, Leonetti
+& Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and the same solution,
 found in a handful of iterations whatever the stiffness.
 """
 
@@ -163,7 +163,9 @@ class _Search:
         rhs = np.zeros((n, dim))
         for d in range(dim):
             inertia = terms.mass.band[d]
-            rhs[:, d] = self._force[d, :n] - mass.multiply(inertia, x[d, :n] - before[d, :n]) / pseudo
+            rhs[:, d] = (
+                self._force[d, :n] - mass.multiply(inertia, x[d, :n] - before[d, :n]) / pseudo
+            )
             for i in range(4):
                 rows = self._spans[:, i] * dim + d  # each only once
                 for k in range(4):
@@ -188,7 +190,8 @@ def _flat(lanes: Array) -> Array:
 
 
 def _slopes(lattice: layout.Lattice) -> tuple[Array, NDArray[np.int64]]:
-    """Basis derivatives [1/m] at the samples, shape (spans, m, 4), and each span's control points."""
+    """Basis derivatives [1/m] at the samples, shape (spans, m, 4), and each span's control
+    points."""
     spans = lattice.n - 3
     xi = _flat(lattice.xi)[:spans, :, None]
     parts = _flat(lattice.extraction)[:spans].reshape(spans, 1, 4, 3)

@@ -1,4 +1,5 @@
-"""Random scenes: whatever a user may ask for either runs with its energy balance closed, or says why not.
+"""Random scenes: whatever a user may ask for either runs with its energy balance closed, or says
+why not.
 
 A case is drawn from its seed alone: a kind decides which terms exist (each set of terms is one
 compiled step, so there are few), everything else is drawn freely over ranges that no single
@@ -272,17 +273,17 @@ def _apply(
 def run_case(case: Case) -> Outcome:
     """Simulate a case and judge it. Never raises for what a case does."""
     began = time.perf_counter()
-    blank = dict(seed=case.seed, kind=case.kind.name, method=case.values["integrator.method"])
+    blank = {"seed": case.seed, "kind": case.kind.name, "method": case.values["integrator.method"]}
 
     def outcome(what: str, reason: str = "", problem: str = "", **more: Any) -> Outcome:
-        numbers: dict[str, Any] = dict(
-            step=case.values["integrator.step"],
-            steps=0,
-            simulated=0.0,
-            energy_error=0.0,
-            tolerance=0.0,
-            force_evaluations=0,
-        )
+        numbers: dict[str, Any] = {
+            "step": case.values["integrator.step"],
+            "steps": 0,
+            "simulated": 0.0,
+            "energy_error": 0.0,
+            "tolerance": 0.0,
+            "force_evaluations": 0,
+        }
         wall = time.perf_counter() - began
         return Outcome(
             outcome=what, reason=reason, problem=problem, wall=wall, **{**numbers, **blank, **more}
@@ -295,7 +296,7 @@ def run_case(case: Case) -> Outcome:
         return outcome(
             REFUSED if one_line else WRONG, str(refusal), "" if one_line else "not one line"
         )
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is a finding
+    except Exception as error:
         return outcome(WRONG, problem=f"{type(error).__name__}: {error}")
     blank["method"] = simulator.method
     evaluations = 0
@@ -316,7 +317,7 @@ def run_case(case: Case) -> Outcome:
                     problem = problem or f"stopped without a one-line reason: {reason!r}"
             if problem or reason:
                 break
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:
         problem = f"{type(error).__name__}: {error}"
     return outcome(
         WRONG if problem else STOPPED if reason else RAN,

@@ -30,9 +30,7 @@ def wild(n, seed=0):
 def test_strains_of_a_twisted_parabola():
     """r = (u, a u^2, 0), theta = b u^2: |r'|^2 = 1 + 4 a^2 u^2, kappa = 2 a / |r'|^3 about z."""
     a, b = 0.7, 0.4
-    knots, points = spline_through(
-        8, lambda u: np.stack((u, a * u**2, 0 * u, b * u**2), axis=1)
-    )
+    knots, points = spline_through(8, lambda u: np.stack((u, a * u**2, 0 * u, b * u**2), axis=1))
     u = np.linspace(0.0, LENGTH, 23)
     found = strains(points, knots, u)
     speed = np.sqrt(1 + 4 * a**2 * u**2)
@@ -55,9 +53,7 @@ def test_curvature_is_that_of_a_circle():
 
 def test_energies_of_the_parabola_by_fine_integration():
     a, b = 0.7, 0.4
-    knots, points = spline_through(
-        8, lambda u: np.stack((u, a * u**2, 0 * u, b * u**2), axis=1)
-    )
+    knots, points = spline_through(8, lambda u: np.stack((u, a * u**2, 0 * u, b * u**2), axis=1))
     rule = quadrature.gauss(5, LENGTH, 10)
     section = Section(EA=30.0, EI=0.02, GJ=0.015, rest_curvature=(0.5,), rest_axis=(0, 0, 1))
     u = np.linspace(0.0, LENGTH, 20001)
@@ -85,7 +81,9 @@ def test_natural_curvature_is_linear_between_its_values():
     assert energies(points, knots, rule, tent)[1] == pytest.approx(9.0 / 3.0 * LENGTH)
 
 
-@pytest.mark.parametrize("rule", [quadrature.gauss(3, LENGTH, 3), quadrature.uniform(3, LENGTH, 11)])
+@pytest.mark.parametrize(
+    "rule", [quadrature.gauss(3, LENGTH, 3), quadrature.uniform(3, LENGTH, 11)]
+)
 @pytest.mark.parametrize(
     "section",
     [
@@ -110,7 +108,9 @@ def test_rigid_motion_changes_nothing():
     knots, points = wild(9)
     rule = quadrature.gauss(6, LENGTH, 3)
     angle = 0.8
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
     moved = points.copy()
     moved[:, :3] = points[:, :3] @ turn.T + [3.0, -2.0, 1.0]
     turned = Section(30.0, 0.02, 0.015, SECTION.rest_curvature, tuple(turn @ SECTION.rest_axis))

@@ -1,4 +1,5 @@
-"""The bending law: closed form of moment and curvature, cycles, energy, objectivity of the carry."""
+"""The bending law: closed form of moment and curvature, cycles, energy, objectivity of the
+carry."""
 
 import numpy as np
 import pytest
@@ -60,7 +61,11 @@ def test_work_is_stored_or_lost() -> None:
     rng = np.random.default_rng(0)
     corners = rng.normal(scale=6.0, size=(6, 3))
     path = np.concatenate(
-        [a + (b - a) * s for a, b in zip(corners, corners[1:]) for s in [np.linspace(0, 1, 4000)[:, None]]]
+        [
+            a + (b - a) * s
+            for a, b in zip(corners[:-1], corners[1:], strict=True)
+            for s in [np.linspace(0, 1, 4000)[:, None]]
+        ]
     )
     plastic, lost, work = np.zeros(3), 0.0, 0.0
     before = np.zeros(3)

@@ -30,7 +30,9 @@ def test_gauss_is_exact_to_its_degree_and_no_further(n_spans, points):
     assert np.sum(rule.weights * legendre**2) < 1e-12
 
 
-@pytest.mark.parametrize(("n_spans", "samples"), [(1, 2), (3, 7), (6, 101), (9, 10), (8, 8), (17, 4)])
+@pytest.mark.parametrize(
+    ("n_spans", "samples"), [(1, 2), (3, 7), (6, 101), (9, 10), (8, 8), (17, 4)]
+)
 def test_uniform_is_the_trapezoidal_rule_on_equal_steps(n_spans, samples):
     rule = quadrature.uniform(n_spans, LENGTH, samples)
     used = rule.weights > 0

@@ -35,7 +35,8 @@ def inflected() -> np.ndarray:
 
 
 def helix(radius: float, pitch: float, n: int = 60) -> tuple[np.ndarray, np.ndarray]:
-    """Control points and knots of a helix of unit speed: kappa = r / (r^2 + p^2), torsion p / (...)."""
+    """Control points and knots of a helix of unit speed: kappa = r / (r^2 + p^2), torsion p /
+    (...)."""
     knots = bspline.clamped_knots(n, LENGTH)
     u = bspline.greville(knots) / np.hypot(radius, pitch)
     curve = np.stack([radius * np.cos(u), radius * np.sin(u), pitch * u, 0.0 * u], axis=1)

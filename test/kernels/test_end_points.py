@@ -124,7 +124,9 @@ def test_twist_counts_whole_turns(bench):
     assert placed(bench, 0, 0.5)[6] == pytest.approx(16.0)
 
 
-@pytest.mark.xfail(strict=True, reason="the angle is that of the swing-twist split, the rate is omega.t")
+@pytest.mark.xfail(
+    strict=True, reason="the angle is that of the swing-twist split, the rate is omega.t"
+)
 def test_twist_rate_is_the_derivative_of_the_twist_when_the_tangent_swings_too(bench):
     bench.drive.follow("start", 0.0, motion())
     h = 1e-5

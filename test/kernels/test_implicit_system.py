@@ -26,7 +26,20 @@ def step_system(x, rates, terms, friction, viscosity, work, solver, tau, theta, 
     a = 2.0 / (tau * tau)
     tangent_coefficients(solver.start, terms.lattice, terms.axes, solver.p0)
     lost = step_force(
-        x, rates, terms, friction, viscosity, work, solver, 0.0, tau, theta, rate, 0.1, discrete, True
+        x,
+        rates,
+        terms,
+        friction,
+        viscosity,
+        work,
+        solver,
+        0.0,
+        tau,
+        theta,
+        rate,
+        0.1,
+        discrete,
+        True,
     )
     momentum_residual(terms, rates, work, solver, n, dim, a, a * tau, 0.3)
     newton_matrix(terms, friction, solver, n, dim, 0.0, tau, a, theta, rate)

@@ -52,7 +52,8 @@ def test_moment_works_on_a_rigid_turn_and_pushes_nowhere(place):
 
 
 def test_moment_across_bends_and_along_twists():
-    """The tangent at 0.5 decides: the axial part acts on theta alone, the rest on the shape alone."""
+    """The tangent at 0.5 decides: the axial part acts on theta alone, the rest on the shape
+    alone."""
     bench, _ = loaded(0.5)
     points = wild(bench)
     tangent = bspline.evaluate(points[:, :3], bench.model.knots, [0.5], 1)[0]
@@ -66,7 +67,8 @@ def test_moment_across_bends_and_along_twists():
 
 
 def test_loads_stay_in_the_world():
-    """Turn the cable and the load together: the forces turn along. Turn the cable alone: they do not."""
+    """Turn the cable and the load together: the forces turn along. Turn the cable alone: they do
+    not."""
     bench, load = loaded(0.5, FORCE, MOMENT)
     points = wild(bench)
     turn = rotation([0.4, -0.9, 1.3])
@@ -80,7 +82,11 @@ def test_loads_stay_in_the_world():
 
 
 def test_a_sine_swings():
-    values = {"loads.tip.signal": "sine", "loads.tip.force": list(FORCE), "loads.tip.frequency": 2.0}
+    values = {
+        "loads.tip.signal": "sine",
+        "loads.tip.force": list(FORCE),
+        "loads.tip.frequency": 2.0,
+    }
     bench = Bench(FULL, values, n=9)
     points = wild(bench)
     rest = bench.force(points, t=0.0)

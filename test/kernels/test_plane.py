@@ -1,4 +1,5 @@
-"""Planar scenes compute with two coordinates: the same energies, forces and stiffness as in space."""
+"""Planar scenes compute with two coordinates: the same energies, forces and stiffness as in
+space."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Compiled plastic bending: equal to the law, exact gradient, a set in a whole run, energy account."""
+"""Compiled plastic bending: equal to the law, exact gradient, a set in a whole run, energy
+account."""
 
 import numba
 import numpy as np
@@ -12,7 +13,6 @@ from dlo_sim.kernels.layout import DISSIPATED, PLASTIC_WORK
 from dlo_sim.kernels.plastic import plastic_flow
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation import workspace
-from dlo_sim.simulation.model import _quadrature
 from dlo_sim.simulation.optional_terms import sample_coordinates
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator

@@ -32,7 +32,8 @@ def test_stiffness_is_symmetric(n, rule):
 
 
 def test_straight_cable_has_exactly_six_free_motions():
-    """Three translations and two rotations; the turn about its own axis is none of the spatial DOFs."""
+    """Three translations and two rotations; the turn about its own axis is none of the spatial
+    DOFs."""
     bench = Bench(SOFT, FLAT, n=9)
     values = np.linalg.eigvalsh(bench.stiffness(straight(bench)))
     assert np.abs(values[:5]).max() < 1e-10 * values[-1]
@@ -50,7 +51,8 @@ def test_stiffness_turns_with_the_cable():
 
 
 def test_stretched_and_bent_stiffness_of_a_straight_cable():
-    """Energy of the modes u^2 along (axial) and across (bending): EA integral (2u)^2, EI integral 4."""
+    """Energy of the modes u^2 along (axial) and across (bending): EA integral (2u)^2, EI integral
+    4."""
     bench = Bench(SOFT, FLAT, n=10)
     square = np.zeros((10, 3))
     from dlo_sim.core import bspline

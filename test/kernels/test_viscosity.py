@@ -44,7 +44,9 @@ def test_a_plane_curve_that_turns_in_its_plane_is_not_damped(bench):
     assert np.abs(found).max() < 1e-12 * scale
 
 
-@pytest.mark.xfail(strict=True, reason="the corotational rate does not follow spin about the tangent")
+@pytest.mark.xfail(
+    strict=True, reason="the corotational rate does not follow spin about the tangent"
+)
 def test_no_rigid_motion_is_damped(bench):
     points = wild(bench)
     scale = np.abs(viscous(bench, points, some_rates(0))).max()

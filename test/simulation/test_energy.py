@@ -19,8 +19,8 @@ def by_name(method):
 
 @cache
 def energy_track(method, step, tolerance=1e-10, duration=10.0):
-    """Time and energy change, in units of the kinetic peak, of a cable that swings by a quarter of its
-    length; wilder motion would feed ever higher frequencies, and the error with them."""
+    """Time and energy change, in units of the kinetic peak, of a cable that swings by a quarter of
+    its length; wilder motion would feed ever higher frequencies, and the error with them."""
     values = {
         "integrator.tolerance": tolerance,
         "cable.bending_stiffness": 0.3,
@@ -94,7 +94,8 @@ SCENES = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
 
 
 def account_error(name, case, steps, end, motion):
-    """Energy that the account cannot explain, as a share of what was exchanged; checks the motion."""
+    """Energy that the account cannot explain, as a share of what was exchanged; checks the
+    motion."""
     sim = simulator(SCENES[case], LOAD, n=6, method=name, step=0.2 / steps)
     sim.set_motion(end, motion)
     assert sim.advance_steps(steps).status.ok
@@ -104,11 +105,16 @@ def account_error(name, case, steps, end, motion):
 
 def admitted(name, case):
     method = METHODS[name]
-    return case == "undamped" or (method.mass_damping if case == "mass" else method.stiffness_damping)
+    return case == "undamped" or (
+        method.mass_damping if case == "mass" else method.stiffness_damping
+    )
 
 
 KNOWN = {
-    ("forest_ruth", "undamped"): "the work of the last drift is booked after the account is checked",
+    (
+        "forest_ruth",
+        "undamped",
+    ): "the work of the last drift is booked after the account is checked",
     ("generalized_alpha", "undamped"): "the twist's loads are not those of the midpoint",
 }
 
@@ -126,7 +132,8 @@ KNOWN = {
     ],
 )
 def test_account_closes_with_load_damping_and_a_moved_clamp(name, case):
-    """Work in = energy change + losses: the rest is the method's own error, second order or better."""
+    """Work in = energy change + losses: the rest is the method's own error, second order or
+    better."""
     coarse, fine = (account_error(name, case, steps, "start", CLAMP) for steps in (400, 1600))
     assert coarse < 2e-2
     assert fine < coarse / 12 or fine < 1e-6
@@ -146,11 +153,17 @@ def test_account_against_works_computed_from_outside(name):
     """Force times way of a constant load, reaction times way of the clamp, without the ledger."""
     load = {"loads.tip.signal": "constant", "loads.tip.force": [0.3, 0.5, -0.4]}
     sim = simulator(SOFT, load, {"terms.out_of_plane": "on"}, n=6, method=name, step=1e-4)
-    slide = EndMotion(0.0, 0.2, [[0, 0, 0], [0.1, -0.3, 0.2], [3, 2, -4]], [0, 0, 0, 1], np.zeros((2, 3)))
+    slide = EndMotion(
+        0.0, 0.2, [[0, 0, 0], [0.1, -0.3, 0.2], [3, 2, -4]], [0, 0, 0, 1], np.zeros((2, 3))
+    )
     sim.set_motion("start", slide)
     sim.advance_steps(1)
     before, work = sim.energy().total, 0.0
-    tip, place, force = sim.control_points[-1, :3], sim.end_pose("start")[0], sim.reaction("start")[0]
+    tip, place, force = (
+        sim.control_points[-1, :3],
+        sim.end_pose("start")[0],
+        sim.reaction("start")[0],
+    )
     for _ in range(1500):
         sim.advance_steps(1)
         new_tip, new_place, new_force = (

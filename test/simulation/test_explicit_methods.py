@@ -71,7 +71,9 @@ def test_order_with_moved_end_load_and_damping(method: str, alpha: float) -> Non
     if alpha and not METHODS[method].mass_damping:
         pytest.skip(f"{method} is not valid with damping")
     steps = (400, 566, 800, 1131) if METHODS[method].order == 4 else (400, 800, 1600, 3200)
-    errors = np.array([np.abs(end_state(method, n, alpha) - reference(method, alpha)).max() for n in steps])
+    errors = np.array(
+        [np.abs(end_state(method, n, alpha) - reference(method, alpha)).max() for n in steps]
+    )
     slopes = -np.diff(np.log(errors)) / np.diff(np.log(steps))
     assert np.abs(slopes - METHODS[method].order).max() < 0.2
     assert errors[0] < {2: 1e-6, 4: 4e-9}[METHODS[method].order]  # [m], of a motion of some 5 cm

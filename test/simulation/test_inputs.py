@@ -145,7 +145,11 @@ def test_bad_poses_are_refused_whole(arguments, error):
 
 def test_an_unknown_end_has_no_pose_and_no_motion():
     sim = soft()
-    for call in (sim.end_pose, sim.reaction, lambda end: sim.set_motion(end, EndMotion.resting([0, 0, 0]))):
+    for call in (
+        sim.end_pose,
+        sim.reaction,
+        lambda end: sim.set_motion(end, EndMotion.resting([0, 0, 0])),
+    ):
         with pytest.raises(KeyError, match="middle"):
             call("middle")
 
@@ -190,7 +194,9 @@ def test_a_motion_is_followed_exactly_and_ends_at_rest(method):
 
 def test_both_ends_can_move_and_springs_follow_theirs():
     sim = simulator(FULL, FLAT, n=6, method="velocity_verlet", step=2e-4)
-    away = EndMotion(0.0, 0.1, [[1.0, 0, 0], [0.3, 0, 0], [0, 0, 0]], [0, 0, 0, 1], np.zeros((2, 3)))
+    away = EndMotion(
+        0.0, 0.1, [[1.0, 0, 0], [0.3, 0, 0], [0, 0, 0]], [0, 0, 0, 1], np.zeros((2, 3))
+    )
     sim.set_motion("end", away)
     sim.set_motion("start", EndMotion.resting([0.0, 0.0, 0.01]))
     sim.advance_steps(100)
@@ -200,7 +206,9 @@ def test_both_ends_can_move_and_springs_follow_theirs():
     assert sim.control_points[0, 2] == 0.01
 
 
-@pytest.mark.xfail(strict=True, reason="the axis follows when a motion is given, not while it goes on")
+@pytest.mark.xfail(
+    strict=True, reason="the axis follows when a motion is given, not while it goes on"
+)
 def test_the_axis_of_the_natural_curvature_turns_with_the_clamp():
     sim = simulator(FULL, FLAT, n=6, method="velocity_verlet", step=2e-4)
     spin = [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]

@@ -41,7 +41,10 @@ def test_frames_are_right_handed_and_do_not_turn_about_the_tangent_without_twist
     assert np.allclose(np.linalg.det(found), 1.0, atol=1e-12)
     for before, after in zip(found[:-1], found[1:], strict=True):
         turn = after @ before.T
-        spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+        spin = (
+            np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+            / 2
+        )
         middle = before[:, 0] + after[:, 0]
         assert abs(spin @ middle) < 1e-3 * np.linalg.norm(spin) + 1e-9
 

@@ -113,9 +113,7 @@ def test_reference_is_converged():
 BEND = "a driven end's acceleration is missing in the velocity that the stiffness damping sees"
 
 
-@pytest.mark.parametrize(
-    ("method", "damping"), pairs(fails=[("generalized_alpha", "all", BEND)])
-)
+@pytest.mark.parametrize(("method", "damping"), pairs(fails=[("generalized_alpha", "all", BEND)]))
 def test_shape_has_the_declared_order(method, damping):
     orders, first = convergence(method, damping)
     assert np.abs(orders[:, 0] - method.order).max() < 0.1
@@ -146,7 +144,9 @@ SPRINGS = "spring anchors are those of the step's end in a force of its middle"
         pytest.param(
             method,
             id=method.name,
-            marks=[pytest.mark.xfail(strict=True, reason=SPRINGS)] if method.family == IMPLICIT else [],
+            marks=[pytest.mark.xfail(strict=True, reason=SPRINGS)]
+            if method.family == IMPLICIT
+            else [],
         )
         for method in SAME_EQUATIONS
     ],

@@ -1,4 +1,5 @@
-"""The inextensible cable: its length, its rest, its reactions, and the elastic cable as its limit."""
+"""The inextensible cable: its length, its rest, its reactions, and the elastic cable as its
+limit."""
 
 import numpy as np
 import pytest

@@ -57,7 +57,8 @@ def orders(errors):
 
 @pytest.mark.parametrize("n", [4, 5, 13])
 def test_cantilever_with_a_small_tip_load(n):
-    """P L^3 / 3 EI: a cubic, so that one span is exact. Soft in tension, or a single span would lock."""
+    """P L^3 / 3 EI: a cubic, so that one span is exact. Soft in tension, or a single span would
+    lock."""
     force, soft = 1e-5, {"cable.axial_stiffness": 1.0}
     found = tip(soft, {"loads.tip.force": [0.0, 0.0, force]}, n=n)
     assert found[1] == pytest.approx(force / 3 / EI, rel=2e-6)
@@ -81,8 +82,8 @@ def test_cantilever_under_its_own_small_weight():
 def elastica(load):
     """Tip of the inextensible cantilever with P L^2 / EI = load across its unloaded direction.
 
-    theta'' = -load cos(theta), theta(0) = 0, theta'(1) = 0, by shooting with Runge-Kutta steps on the
-    branch with the smallest theta'(0) (Bisshopp & Drucker 1945).
+    theta'' = -load cos(theta), theta(0) = 0, theta'(1) = 0, by shooting with Runge-Kutta steps on
+    the branch with the smallest theta'(0) (Bisshopp & Drucker 1945).
     """
 
     def shoot(bend, steps=400):
@@ -139,7 +140,8 @@ def test_large_deflection_converges_to_the_elastica():
 def test_end_moment_closes_a_ring():
     """M = 2 pi EI / L bends the cable into a circle whose tip meets the clamp.
 
-    Curvature counts per deformed length here and energy per rest length, so that bending stretches a
+    Curvature counts per deformed length here and energy per rest length, so that bending stretches
+    a
     little: s = |r'| solves EA (s - 1) = 4 pi^2 EI / s^3, and the closing moment is 2 pi EI / s^2.
     """
     rigidity, s = 1e4, 1.0
@@ -169,7 +171,8 @@ def test_end_moment_closes_a_ring():
 
 @pytest.mark.parametrize(("curvature", "z"), [(np.pi, -2 / np.pi), (-np.pi, 2 / np.pi)])
 def test_naturally_curved_cable_rests_as_a_half_circle(curvature, z):
-    """Positive about +y turns the tangent from +x towards -z (right-hand rule); no energy is left."""
+    """Positive about +y turns the tangent from +x towards -z (right-hand rule); no energy is
+    left."""
     values = {"cable.rest_curvature": [curvature], "cable.axial_stiffness": 200.0}
     sim = simulator(BEAM, values, n=23)
     assert np.allclose(sim.control_points[-1, [0, 2]], [0.0, z], atol=1e-5)
@@ -196,9 +199,10 @@ def catenary(weight, rigidity, span):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if x(middle, 1.0) < span else (low, middle)
     root = np.hypot(high, weight / 2)
-    sag = weight * u / rigidity * (0.5 - u / 2) + (
-        root - np.sqrt(high**2 + (weight / 2 - weight * u) ** 2)
-    ) / weight
+    sag = (
+        weight * u / rigidity * (0.5 - u / 2)
+        + (root - np.sqrt(high**2 + (weight / 2 - weight * u) ** 2)) / weight
+    )
     return u, np.stack((x(high, u), -sag), axis=1), high
 
 
@@ -247,7 +251,9 @@ def test_a_damped_run_comes_to_rest_in_the_relaxed_shape():
     assert np.abs(run.control_points - goal).max() < 1e-8
 
 
-@pytest.mark.xfail(strict=True, reason="the relaxation does not converge where EA L^2 / EI is large")
+@pytest.mark.xfail(
+    strict=True, reason="the relaxation does not converge where EA L^2 / EI is large"
+)
 def test_steel_cantilever_finds_its_equilibrium():
     """A steel wire of 1 mm bends under its weight: an ordinary input."""
     steel = {

@@ -176,9 +176,7 @@ def test_a_symmetric_method_goes_back_the_way_it_came(method):
         assert left > 1e-10 * way
 
 
-@pytest.mark.parametrize(
-    "method", [m for m in ONE_STEP if m.family != IMPLICIT], ids=by_name
-)
+@pytest.mark.parametrize("method", [m for m in ONE_STEP if m.family != IMPLICIT], ids=by_name)
 def test_linear_stability_of_the_whole_cable(method):
     """Spectral radius of the one-step matrix of a straight cable at rest, around the limit."""
     limit = simulator(SOFT, FLAT, n=5, method=method.name).choice.limit
@@ -193,7 +191,7 @@ def test_linear_stability_of_the_whole_cable(method):
         sim = Simulator(scene, unchecked_step=True)
         half = mask.sum()
 
-        def step(state, sim=sim):
+        def step(state, sim=sim, half=half):
             points, rates = straight(bench), np.zeros((5, 4))
             points[:, :3][mask] += state[:half]
             rates[:, :3][mask] = state[half:] * omega

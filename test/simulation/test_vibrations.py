@@ -136,9 +136,7 @@ def ringing(values, axis, method, step, periods, n=8, scene=SOFT):
     share = values[up] / (values[up] - values[up + 1])
     crossings = times[up] + share * (times[up + 1] - times[up])
     frequency = 2 * np.pi * (len(crossings) - 1) / (crossings[-1] - crossings[0])
-    swings = [
-        np.abs(values[a:b]).max() for a, b in zip(up[:-1], up[1:], strict=True)
-    ]
+    swings = [np.abs(values[a:b]).max() for a, b in zip(up[:-1], up[1:], strict=True)]
     decay = -np.polyfit(np.arange(len(swings)), np.log(swings), 1)[0] / (2 * np.pi)
     return frequency, decay / np.hypot(1.0, decay), omega
 
@@ -173,7 +171,9 @@ def test_a_run_twists_at_the_natural_frequency():
         ({"damping.mass": 1e-300, "damping.stiffness": 0.05}, "implicit_midpoint"),
         ({"damping.mass": 0.05, "damping.stiffness": 0.03}, "energy_momentum"),
     ],
-    ids=lambda value: value if isinstance(value, str) else "-".join(k for k in value if value[k] > 1e-9),
+    ids=lambda value: (
+        value if isinstance(value, str) else "-".join(k for k in value if value[k] > 1e-9)
+    ),
 )
 def test_a_run_decays_at_the_damping_ratio(values, method):
     """alpha / (2 omega) + beta omega / 2; drag c is an alpha of c / mu."""

@@ -153,8 +153,8 @@ def _real(report: Report, settings: Settings) -> dict[str, Conservation]:
         rows,
         f"The real wire, scenario 1, {duration:g} s, each method at 0.9 and 0.45 of its limit; "
         f"energy relative to the largest exchanged; swing: standard deviation about the slope; "
-        f"drifts: the slope leads out of three times that; position against Forest-Ruth at 1/{FINE} "
-        f"of its step; exponent fitted from {0.1 * duration:g} s on",
+        f"drifts: the slope leads out of three times that; position against Forest-Ruth at "
+        f"1/{FINE} of its step; exponent fitted from {0.1 * duration:g} s on",
     )
     report.text(
         """Stability, not accuracy, sets the step of the real wire: at the limit even Verlet is

@@ -49,7 +49,7 @@ def add(report: Report, settings: Settings) -> Resolution:
     duration = settings.comparison
     length = scenario(1).cable.length
     u = (np.arange(POINTS) + 0.5) / POINTS * length
-    time = duration / INSTANTS * np.arange(1, INSTANTS + 1)
+    time = np.arange(1, INSTANTS + 1) * np.float64(duration / INSTANTS)
     reference = _track(*published.REFERENCE, duration, u)
     finer = _track(*FINER, duration, u)
     errors = np.zeros((len(published.CONTROL_POINTS), len(published.SAMPLES), INSTANTS, POINTS))
