@@ -1,0 +1,47 @@
+"""`dlo_sim study`: refusals; what it writes is tested in test/studies/test_paper.py."""
+
+import sys
+
+import pytest
+
+from dlo_sim.cli.main import main
+
+
+def refusal(arguments, capsys) -> str:
+    assert main(["study", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_unknown_study_is_refused(capsys):
+    assert "papers" in refusal(["papers", "--output", "x"], capsys)
+
+
+def test_output_is_needed(capsys):
+    assert "--output" in refusal(["paper"], capsys)
+
+
+def test_output_must_be_a_folder(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    message = refusal(["paper", "--output", str(tmp_path / "file" / "below")], capsys)
+    assert "is not a folder" in message
+    assert (tmp_path / "file").read_text() == ""
+
+
+def test_without_matplotlib_it_says_what_to_install(tmp_path, capsys, monkeypatch):
+    for name in [name for name in sys.modules if name.startswith("dlo_sim.studies")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    message = refusal(["paper", "--output", str(tmp_path / "new")], capsys)
+    assert "plots" in message
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("flag", ["--help"])
+def test_help_names_the_studies(flag, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["study", flag])
+    assert ended.value.code == 0
+    assert "paper" in capsys.readouterr().out

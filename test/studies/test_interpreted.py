@@ -1,0 +1,69 @@
+"""The interpreted twin against the compiled step, and its two ways of writing the force."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.interpreted import Wire
+
+METHODS_OF_THE_PAPER = ["forest_ruth", "rk4", "velocity_verlet", "zhai"]
+
+
+def scene(**values):
+    dotted = {key.replace("__", "."): value for key, value in values.items()}
+    return load_scene(shipped_scene("paper_wire_force"), dotted)
+
+
+@pytest.mark.parametrize("method", METHODS_OF_THE_PAPER)
+def test_interpreted_is_compiled(method):
+    force = [0.2, 5.0, -3.0]
+    one = scene(integrator__method=method, loads__centre__force=force)
+    simulator = Simulator(one)
+    simulator.advance_steps(400)
+    state = Wire(one, sample_by_sample=False).run(method, simulator.step, 400)
+    assert np.abs(simulator.control_points[:, 1]).max() > 1e-3
+    assert np.abs(state.position - simulator.control_points[:, :3]).max() < 1e-12
+    if method != "zhai":
+        assert np.abs(state.velocity - simulator.velocities[:, :3]).max() < 1e-9
+
+
+def test_both_ways_of_writing_the_force_agree():
+    one = scene()
+    loop, arrays = (Wire(one, way) for way in (True, False))
+    x = loop.start().position + 0.02 * np.random.default_rng(0).normal(size=(9, 3))
+    here, there = loop.gradient(x), arrays.gradient(x)
+    assert np.abs(here).max() > 1.0
+    assert np.abs(here - there).max() < 1e-11 * np.abs(here).max()
+    at, bt = loop.acceleration(x, 0.3), arrays.acceleration(x, 0.3)
+    assert np.abs(at - bt).max() < 1e-9 * np.abs(at).max()
+    assert (at[0, 1:] == 0.0).all()
+
+
+def test_evaluations_per_step_are_those_of_the_method():
+    wire = Wire(scene(), sample_by_sample=False)
+    count = 0
+    original = wire.acceleration
+
+    def counted(x, t):
+        nonlocal count
+        count += 1
+        return original(x, t)
+
+    wire.acceleration = counted
+    for method in METHODS_OF_THE_PAPER:
+        count = 0
+        wire.run(method, 1e-5, 20)
+        assert METHODS[method].force_evaluations * 20 <= count
+        assert count <= METHODS[method].force_evaluations * 20 + 1
+
+
+def test_what_it_does_not_know_is_refused():
+    with pytest.raises(ValueError, match="damping"):
+        Wire(scene(damping__mass=1.0), True)
+    with pytest.raises(ValueError, match="clamped ends"):
+        Wire(scene(start__clamped=True, start__fixed=[True] * 3, start__spring=[0.0] * 3), True)
+    with pytest.raises(KeyError):
+        implicit = next(m.name for m in METHODS.values() if m.family == IMPLICIT)
+        Wire(scene(), True).run(implicit, 1e-3, 1)
