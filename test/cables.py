@@ -188,8 +188,7 @@ class Reference:
         return acceleration
 
     def at_rest(self, v):
-        """Velocities of vanishing momentum of the free control points, with moving ends, (n,
-        rows)."""
+        """Velocities (n, rows) with vanishing momentum of the free control points, ends moving."""
         out = v.ravel().copy()
         out[self.mask] = -self.inverse @ (self.coupling @ out[~self.mask])
         return out.reshape(v.shape)

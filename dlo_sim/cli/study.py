@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         from dlo_sim.studies.paper.study import run_study
     except ModuleNotFoundError as missing:
-        if missing.name != "matplotlib":
+        if (missing.name or "").partition(".")[0] != "matplotlib":
             raise
         raise CommandError(
             "study needs matplotlib for its figures; install dlo_sim with the extra 'plots'"

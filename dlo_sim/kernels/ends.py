@@ -86,6 +86,9 @@ def end_points(m, t):
     if angle > 0.0 and norm > 0.0:
         along = m[38] * (w0 * u0 + w1 * u1 + w2 * u2) / (norm * angle)
         twist += 2.0 * np.arctan2(np.sin(0.5 * angle) * along, np.cos(0.5 * angle))
+        # The arctangent covers one turn of the half angle; count the whole ones.
+        turns = np.floor(angle / (4.0 * np.pi) + 0.5)
+        twist += np.copysign(4.0 * np.pi * turns, along)
     return x0, x1, x2, x0 + t0, x1 + t1, x2 + t2, twist
 
 
@@ -165,10 +168,17 @@ def end_rates(m, t):
     v0 = m[6] + 2.0 * s * m[9] + o1 * a2 - o2 * a1
     v1 = m[7] + 2.0 * s * m[10] + o2 * a0 - o0 * a2
     v2 = m[8] + 2.0 * s * m[11] + o0 * a1 - o1 * a0
-    norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+    # Rate of the swing-twist angle: omega.(t + u) / (1 + t.u) with the unit tangents now and at s =
+    # 0.
+    u0 = m[12] * m[30] + m[13] * m[31] + m[14] * m[32]
+    u1 = m[15] * m[30] + m[16] * m[31] + m[17] * m[32]
+    u2 = m[18] * m[30] + m[19] * m[31] + m[20] * m[32]
+    norm = np.sqrt(u0 * u0 + u1 * u1 + u2 * u2)
     twist = 0.0
-    if norm > 0.0:
-        twist = m[38] * (o0 * t0 + o1 * t1 + o2 * t2) / norm
+    both = norm * norm + t0 * u0 + t1 * u1 + t2 * u2
+    if both > 0.0:
+        along = o0 * (t0 + u0) + o1 * (t1 + u1) + o2 * (t2 + u2)
+        twist = m[38] * norm * along / both
     return (
         v0,
         v1,

@@ -261,7 +261,7 @@ def kick_twist(state, force, twist, n, row, dt):
 
 
 @inlined
-def rattle_step(state, terms, work, slopes, chain, t0, tau):
+def rattle_step(state, terms, work, slopes, chain, step, tau):
     """One step from a configuration whose matrix is factorised in chain.band; true if solved."""
     n = terms.lattice.n
     dim = len(terms.axes)
@@ -273,7 +273,7 @@ def rattle_step(state, terms, work, slopes, chain, t0, tau):
     for d in range(dim, x.shape[0]):
         for i in range(n):
             x[d, i] += tau * (state.w[d, i])
-    drive_ends(x, terms.drive, terms.springs, mass, terms.axes, n, t0 + tau, work.ends)
+    drive_ends(x, terms.drive, terms.springs, mass, terms.axes, n, (step + 1) * tau, work.ends)
     for d in range(dim):
         for i in range(n):
             chain.carried[d, i] = x[d, i]
@@ -291,7 +291,7 @@ def rattle_step(state, terms, work, slopes, chain, t0, tau):
         for d in range(dim):
             for i in range(n):
                 state.w[d, i] = (x[d, i] - chain.carried[d, i]) / tau * mass.free[d, i]
-        evaluate(state, terms, work, t0 + tau)
+        evaluate(state, terms, work, (step + 1) * tau)
         accelerate_twist(work.force, terms.twist, mass, n, dim)
         assemble(x, slopes, mass, n, dim, chain.band)
         good = eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2)
@@ -303,7 +303,7 @@ def rattle_step(state, terms, work, slopes, chain, t0, tau):
             terms.drive,
             work.force,
             0.5 * tau,
-            t0 + tau,
+            (step + 1) * tau,
             terms.axes,
             chain,
             n,
@@ -336,7 +336,7 @@ def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, gu
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
         kick_twist(state, work.force, terms.twist, n, dim, 0.5 * tau)
-        if not rattle_step(state, terms, work, slopes, chain, t0, tau):
+        if not rattle_step(state, terms, work, slopes, chain, step, tau):
             return NOT_CONVERGED, step - first_step, evaluations
         kick_twist(state, work.force, terms.twist, n, dim, 0.5 * tau)
         decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)

@@ -86,7 +86,7 @@ def book_work(state, terms, work):
 
 
 @inlined
-def runge_kutta_step(state, terms, work, table, nodes, slopes, t0, tau, fresh):
+def runge_kutta_step(state, terms, work, table, nodes, slopes, step, tau, fresh):
     """One step; `fresh` says that slopes[0] belongs to the present state.
 
     Row i of `table` leads to stage i, its last row (the weights b_j) to the end of the step. slopes
@@ -97,7 +97,7 @@ def runge_kutta_step(state, terms, work, table, nodes, slopes, t0, tau, fresh):
     keep_start(state, slopes[last])
     evaluations = 0
     for stage in range(1 if fresh else 0, last + 1):
-        t = t0 + nodes[stage] * tau
+        t = (step + nodes[stage]) * tau
         if stage > 0:
             lose_energy(state, terms.mass, terms.decay, n, tau * table[last, stage - 1])
             go_back(state, slopes[last])
@@ -134,7 +134,7 @@ def advance_runge_kutta(
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
-        evaluations += runge_kutta_step(state, terms, work, table, nodes, slopes, t0, tau, fresh)
+        evaluations += runge_kutta_step(state, terms, work, table, nodes, slopes, step, tau, fresh)
         fresh = not plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients)
         if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)

@@ -167,10 +167,11 @@ def decay_flow(state, mass, decay, n, dt):
 
 
 @inlined
-def splitting_step(state, terms, work, drift_weights, kick_weights, t0, tau, fresh):
+def splitting_step(state, terms, work, drift_weights, kick_weights, step, tau, fresh):
     """One step; `fresh` says that work.force holds the accelerations of the present state.
 
-    Returns (fresh after the step, force evaluations).
+    Times are (step + c) tau, so that the end of a step is the start of the next one to the last
+    bit. Returns (fresh after the step, force evaluations).
     """
     n = terms.lattice.n
     evaluations = 0
@@ -180,11 +181,11 @@ def splitting_step(state, terms, work, drift_weights, kick_weights, t0, tau, fre
         c = drift_weights[stage]
         if c != 0.0:
             elapsed += c
-            drift(state, terms, work, t0 + elapsed * tau, c * tau)
+            drift(state, terms, work, (step + elapsed) * tau, c * tau)
             fresh = False
         if kick_weights[stage] != 0.0:
             if not fresh:
-                evaluate(state, terms, work, t0 + elapsed * tau)
+                evaluate(state, terms, work, (step + elapsed) * tau)
                 solve_rows(terms.mass.lower, terms.mass.inverse_diagonal, n, work.force)
                 evaluations += 1
                 fresh = True
@@ -213,7 +214,7 @@ def advance_splitting(
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         fresh, used = splitting_step(
-            state, terms, work, drift_weights, kick_weights, t0, tau, fresh
+            state, terms, work, drift_weights, kick_weights, step, tau, fresh
         )
         evaluations += used
         if plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients):

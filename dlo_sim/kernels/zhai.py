@@ -41,7 +41,7 @@ def two_step(state, force, n, psi, phi, tau):
 
 
 @inlined
-def zhai_step(state, terms, work, psi, phi, t0, tau, fresh):
+def zhai_step(state, terms, work, psi, phi, step, tau, fresh):
     """One step; `fresh` says that work.force holds the accelerations of the present state.
 
     Returns force evaluations.
@@ -58,12 +58,12 @@ def zhai_step(state, terms, work, psi, phi, t0, tau, fresh):
                 terms.mass,
                 terms.axes,
                 n,
-                t0 + tau,
+                (step + 1) * tau,
                 work.ends,
             )
             two_step(state, work.force, n, psi, phi, tau)
             lose_energy(state, terms.mass, terms.decay, n, 0.5 * tau)
-        evaluate(state, terms, work, t0 + side * tau)
+        evaluate(state, terms, work, (step + side) * tau)
         solve_rows(terms.mass.lower, terms.mass.inverse_diagonal, n, work.force)
         add_decay(state, work.force, terms.decay, n)
         evaluations += 1
@@ -81,7 +81,7 @@ def advance_zhai(state, terms, work, psi, phi, first_step, steps, tau, guard, re
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
-        evaluations += zhai_step(state, terms, work, psi, phi, t0, tau, fresh)
+        evaluations += zhai_step(state, terms, work, psi, phi, step, tau, fresh)
         fresh = not plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients)
         if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)

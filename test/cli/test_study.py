@@ -1,5 +1,6 @@
 """`dlo_sim study`: refusals; what it writes is tested in test/studies/test_paper.py."""
 
+import subprocess
 import sys
 
 import pytest
@@ -30,12 +31,16 @@ def test_output_must_be_a_folder(tmp_path, capsys):
     assert (tmp_path / "file").read_text() == ""
 
 
-def test_without_matplotlib_it_says_what_to_install(tmp_path, capsys, monkeypatch):
-    for name in [name for name in sys.modules if name.startswith("dlo_sim.studies")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    message = refusal(["paper", "--output", str(tmp_path / "new")], capsys)
-    assert "plots" in message
+def test_without_matplotlib_it_says_what_to_install(tmp_path):
+    code = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "from dlo_sim.cli.main import main\n"
+        f"sys.exit(main(['study', 'paper', '--output', {str(tmp_path / 'new')!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "plots" in done.stderr
+    assert done.stderr.count("\n") == 1
     assert not (tmp_path / "new").exists()
 
 

@@ -117,16 +117,12 @@ def test_twist_goes_on_from_motion_to_motion(bench):
     assert placed(bench, 0, 0.3)[6] == pytest.approx(0.4)
 
 
-@pytest.mark.xfail(strict=True, reason="the angle of one motion is taken from -2 pi to 2 pi")
 def test_twist_counts_whole_turns(bench):
     tangent = rotation([0.3, -0.2, 0.5]) @ np.array(TANGENTS["start"])
     bench.drive.follow("start", 0.0, motion(rotation=(40.0 * tangent, 0.0 * tangent)))
     assert placed(bench, 0, 0.5)[6] == pytest.approx(16.0)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the angle is that of the swing-twist split, the rate is omega.t"
-)
 def test_twist_rate_is_the_derivative_of_the_twist_when_the_tangent_swings_too(bench):
     bench.drive.follow("start", 0.0, motion())
     h = 1e-5

@@ -52,8 +52,7 @@ def test_moment_works_on_a_rigid_turn_and_pushes_nowhere(place):
 
 
 def test_moment_across_bends_and_along_twists():
-    """The tangent at 0.5 decides: the axial part acts on theta alone, the rest on the shape
-    alone."""
+    """The tangent at 0.5 decides: the axial part acts on theta alone, the rest on the shape."""
     bench, _ = loaded(0.5)
     points = wild(bench)
     tangent = bspline.evaluate(points[:, :3], bench.model.knots, [0.5], 1)[0]
@@ -67,8 +66,7 @@ def test_moment_across_bends_and_along_twists():
 
 
 def test_loads_stay_in_the_world():
-    """Turn the cable and the load together: the forces turn along. Turn the cable alone: they do
-    not."""
+    """Forces turn along when cable and load are turned together, not with the cable alone."""
     bench, load = loaded(0.5, FORCE, MOMENT)
     points = wild(bench)
     turn = rotation([0.4, -0.9, 1.3])

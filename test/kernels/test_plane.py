@@ -1,5 +1,4 @@
-"""Planar scenes compute with two coordinates: the same energies, forces and stiffness as in
-space."""
+"""Planar scenes compute with two coordinates: same energies, forces, stiffness as in space."""
 
 import numpy as np
 import pytest
@@ -67,8 +66,7 @@ def test_elastic_forces_equal_the_oracle(pair):
     knots = bspline.clamped_knots(12, 1.0)
     rule = quadrature.gauss(9, 1.0, 3)
     first, second = (in_plane(planar, normal, seed) for seed in (0, 1))
-    # Differences of bent shapes: weight and load forces, which the oracle does not have, drop out
-    # but for springs and the moment's lever.
+    # The oracle knows bending only: take the change of force that a change of EI makes.
     stiff = Bench(values(normal), {"cable.bending_stiffness": 0.05}, n=12)
     axis = tuple(np.eye(3)[normal])
     bend = elasticity.Section(EI=0.03, rest_curvature=(0.5, -1.0, 2.0), rest_axis=axis)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cables import FLAT, FREE, FULL, FULLY_DAMPED, MASS_DAMPED, SOFT, set_state, simulator
 
+from dlo_sim.core import mass
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
 
@@ -20,7 +21,8 @@ def by_name(method):
 @cache
 def energy_track(method, step, tolerance=1e-10, duration=10.0):
     """Time and energy change, in units of the kinetic peak, of a cable that swings by a quarter of
-    its length; wilder motion would feed ever higher frequencies, and the error with them."""
+    its length; wilder motion would feed ever higher frequencies, and the error with them.
+    """
     values = {
         "integrator.tolerance": tolerance,
         "cable.bending_stiffness": 0.3,
@@ -94,8 +96,7 @@ SCENES = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
 
 
 def account_error(name, case, steps, end, motion):
-    """Energy that the account cannot explain, as a share of what was exchanged; checks the
-    motion."""
+    """Energy that the account cannot explain, as a share of what was exchanged."""
     sim = simulator(SCENES[case], LOAD, n=6, method=name, step=0.2 / steps)
     sim.set_motion(end, motion)
     assert sim.advance_steps(steps).status.ok
@@ -132,8 +133,7 @@ KNOWN = {
     ],
 )
 def test_account_closes_with_load_damping_and_a_moved_clamp(name, case):
-    """Work in = energy change + losses: the rest is the method's own error, second order or
-    better."""
+    """Work in = energy change + losses: the rest is the method's own error, of second order."""
     coarse, fine = (account_error(name, case, steps, "start", CLAMP) for steps in (400, 1600))
     assert coarse < 2e-2
     assert fine < coarse / 12 or fine < 1e-6
@@ -184,8 +184,6 @@ def test_account_against_works_computed_from_outside(name):
 
 def momenta(sim):
     """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s] of the centerline."""
-    from dlo_sim.core import mass
-
     points, rates = sim.control_points[:, :3], sim.velocities[:, :3]
     impulses = mass.multiply(sim.model.terms.mass.band[0], rates)
     return impulses.sum(axis=0), np.cross(points, impulses).sum(axis=0)

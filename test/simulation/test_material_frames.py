@@ -5,11 +5,11 @@ from cables import FLAT, FULL, SOFT, set_state, simulator
 
 from dlo_sim.core import bspline, rotations
 
-U = np.linspace(0.0, 1.0, 33)
+U = np.linspace(0.0, 1.0, 129)
 
 
 def axes(sim):
-    """Columns x, y, z of the frames at U, shape (33, 3, 3)."""
+    """Columns x, y, z of the frames at U, shape (129, 3, 3)."""
     quaternions = sim.frames(U)
     assert np.allclose(np.linalg.norm(quaternions, axis=1), 1.0, atol=1e-14)
     return rotations.to_matrix(quaternions)

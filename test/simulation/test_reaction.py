@@ -145,8 +145,7 @@ def test_forces_balance_with_every_damping():
 
 
 def test_moments_balance_the_change_of_angular_momentum():
-    """About the origin: reaction moment and force at the attachment, weight, load (no twist
-    here)."""
+    """About the origin: reaction at the attachment, weight, load; there is no twist here."""
     sim = simulator(SOFT, LOAD, SPATIAL, n=8, method="velocity_verlet", step=1e-5)
     change, now, points, _, _, lever = balance(sim, 3000, {"start": CLAMP})
     force, moment = now[0]
@@ -179,8 +178,7 @@ def test_reactions_hold_within_a_motion_and_at_its_borders():
 
 
 def test_twisted_cable_asks_for_a_moment_along_itself():
-    """A moment of GJ 0.8 rad / L at the free end, and the clamp turned by 0.5 rad about the
-    cable."""
+    """A moment of GJ 0.8 rad / L at the free end; the clamp turned by 0.5 rad about the cable."""
     moment = 0.015 * 0.8
     values = {
         "cable.rest_curvature": [1e-12],

@@ -70,17 +70,10 @@ def test_pieces_give_the_same_bits(method, scene):
     assert same(everything(whole), everything(pieces))
 
 
-def swinging(method):
-    """The first force of a step is kept from the last one where a method can."""
-    reason = "the time of a step's end is rounded in another way than that of the next one's start"
-    known = method in ("velocity_verlet", "rk4", "zhai")
-    return pytest.param(
-        method, marks=[pytest.mark.xfail(strict=True, reason=reason)] if known else []
-    )
-
-
-@pytest.mark.parametrize("method", [swinging(name) for name in NAMES])
+@pytest.mark.parametrize("method", NAMES)
 def test_pieces_give_the_same_bits_with_a_swinging_load(method):
+    """The time of a step's end must round as that of the next step's start: three steps a piece,
+    which meets times that do not."""
     whole, pieces = moving(method, FULL), moving(method, FULL)
     whole.advance_steps(120)
     for _ in range(40):
@@ -206,9 +199,6 @@ def test_a_step_that_cannot_be_solved_keeps_the_state():
     assert sim.advance_steps(3).status.ok
 
 
-@pytest.mark.xfail(
-    strict=True, reason="pieces of a step that were solved stay when a later one fails"
-)
 def test_a_step_that_is_solved_in_part_keeps_the_state_before_it(monkeypatch):
     monkeypatch.setattr("dlo_sim.simulation.stepper.MAX_HALVINGS", 1)
     values = {"loads.tip.signal": "sine", "terms.out_of_plane": "on"}

@@ -57,8 +57,7 @@ def orders(errors):
 
 @pytest.mark.parametrize("n", [4, 5, 13])
 def test_cantilever_with_a_small_tip_load(n):
-    """P L^3 / 3 EI: a cubic, so that one span is exact. Soft in tension, or a single span would
-    lock."""
+    """P L^3 / 3 EI: a cubic, so that one span is exact; stiff in tension it would lock."""
     force, soft = 1e-5, {"cable.axial_stiffness": 1.0}
     found = tip(soft, {"loads.tip.force": [0.0, 0.0, force]}, n=n)
     assert found[1] == pytest.approx(force / 3 / EI, rel=2e-6)
@@ -141,8 +140,7 @@ def test_end_moment_closes_a_ring():
     """M = 2 pi EI / L bends the cable into a circle whose tip meets the clamp.
 
     Curvature counts per deformed length here and energy per rest length, so that bending stretches
-    a
-    little: s = |r'| solves EA (s - 1) = 4 pi^2 EI / s^3, and the closing moment is 2 pi EI / s^2.
+    a little: s = |r'| solves EA (s - 1) = 4 pi^2 EI / s^3, and the closing moment is 2 pi EI / s^2.
     """
     rigidity, s = 1e4, 1.0
     for _ in range(50):
@@ -171,8 +169,7 @@ def test_end_moment_closes_a_ring():
 
 @pytest.mark.parametrize(("curvature", "z"), [(np.pi, -2 / np.pi), (-np.pi, 2 / np.pi)])
 def test_naturally_curved_cable_rests_as_a_half_circle(curvature, z):
-    """Positive about +y turns the tangent from +x towards -z (right-hand rule); no energy is
-    left."""
+    """Positive about +y turns the tangent from +x towards -z (right-hand rule), without stress."""
     values = {"cable.rest_curvature": [curvature], "cable.axial_stiffness": 200.0}
     sim = simulator(BEAM, values, n=23)
     assert np.allclose(sim.control_points[-1, [0, 2]], [0.0, z], atol=1e-5)
