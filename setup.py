@@ -40,6 +40,8 @@ setup(
         # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         "plots": ["matplotlib"],
+        # Studies and batches on more than one machine.
+        "dask": ["distributed"],
         "test": ["pytest", "setuptools"],
     },
     data_files=[

@@ -15,12 +15,13 @@ ARROWS = {
     "scene": set(),
     "kernels": {"core", "scene"},
     "simulation": {"core", "kernels", "scene"},
+    "batch": {"core", "scene", "simulation"},
     "session": {"core", "scene", "simulation"},
     "replay": {"core", "scene", "session", "simulation"},
     "ros": {"core", "scene", "session", "simulation"},
-    "studies": {"core", "kernels", "replay", "scene", "simulation"},
+    "studies": {"batch", "core", "kernels", "replay", "scene", "simulation"},
     "demo": {"core", "replay", "scene", "session", "simulation"},
-    "cli": {"core", "demo", "replay", "ros", "scene", "session", "simulation", "studies"},
+    "cli": {"batch", "core", "demo", "replay", "ros", "scene", "session", "simulation", "studies"},
     "": {"cli", "scene", "simulation"},  # dlo_sim/__init__.py and dlo_sim/__main__.py
 }
 ROS_MESSAGES = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces"}
@@ -33,6 +34,7 @@ FOREIGN = {
     "matplotlib": {"studies", "demo", "cli"},
     "ruamel": {"scene", "studies", "cli", "ros"},
     "numba": {"kernels"},
+    "distributed": {"batch/workers.py"},
     "scipy": {"studies"},
 }
 

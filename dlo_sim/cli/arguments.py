@@ -55,6 +55,15 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_scheduler_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--scheduler ADDRESS`."""
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers do what is not timed; default: this machine's cores",
+    )
+
+
 def read_scene(text: str, assignments: Sequence[str]) -> Scene:
     """The scene that a user means, with `--set` applied.
 

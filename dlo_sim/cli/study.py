@@ -6,12 +6,10 @@ import shlex
 import tempfile
 from pathlib import Path
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_json_option
+from dlo_sim.batch.workers import WorkersError, open_workers
+from dlo_sim.cli.arguments import CommandError, Parser, add_json_option, add_scheduler_option
 from dlo_sim.cli.output import print_json, print_rows, progress_bar
-
-STUDIES = {
-    "paper": "Khalifa & Palli reproduced: their tables and figures beside ours, claims judged",
-}
+from dlo_sim.studies.catalogue import STUDIES, Request
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
@@ -20,7 +18,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         "study",
         help="measure and write a report with figures and data",
         description="Run a study and write report.md, figures (PNG) and their data (CSV): "
-        + "; ".join(f"{name} ({what})" for name, what in STUDIES.items())
+        + "; ".join(f"{name} ({study.what})" for name, study in STUDIES.items())
         + ".",
     )
     parser.add_argument("name", metavar="NAME", choices=STUDIES, help=", ".join(STUDIES))
@@ -30,6 +28,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
     parser.add_argument(
         "--quick", action="store_true", help="shorter runs, with every table and figure"
     )
+    parser.add_argument(
+        "--peers",
+        action="store_true",
+        help="measure other simulators beside (" + ", ".join(_with_peers()) + ")",
+    )
+    add_scheduler_option(parser)
     add_json_option(parser)
     parser.set_defaults(run=run)
 
@@ -37,24 +41,46 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the study and print where its report is; returns the exit status."""
     _check_folder(options.output)
+    if options.peers and options.name not in _with_peers():
+        raise CommandError(f"--peers: study {options.name} knows none; leave it out")
+    words = ["dlo_sim", "study", options.name, "--output", str(options.output)]
+    words += [flag for flag in ("--quick", "--peers") if getattr(options, flag[2:])]
     try:
-        from dlo_sim.studies.paper.study import run_study
+        with (
+            open_workers(options.scheduler) as workers,
+            progress_bar(f"study {options.name}") as progress,
+        ):
+            request = Request(
+                options.output,
+                options.quick,
+                shlex.join(words),
+                workers,
+                options.peers,
+                progress or _silent,
+            )
+            outcome = STUDIES[options.name].run(request)
+    except WorkersError as refusal:
+        raise CommandError(str(refusal)) from None
     except ModuleNotFoundError as missing:
         if (missing.name or "").partition(".")[0] != "matplotlib":
             raise
         raise CommandError(
             "study needs matplotlib for its figures; install dlo_sim with the extra 'plots'"
         ) from None
-    words = ["dlo_sim", "study", options.name, "--output", str(options.output)]
-    command = shlex.join([*words, *(["--quick"] if options.quick else [])])
-    with progress_bar(f"study {options.name}") as progress:
-        outcome = run_study(options.output, options.quick, command, progress=progress)
     if options.json:
-        print_json(dataclasses.asdict(outcome))
+        print_json(dataclasses.asdict(outcome))  # type: ignore[call-overload]
         return 0
     print(f"{outcome.report}")
-    print_rows({claim.name: claim.verdict for claim in outcome.claims})
+    print_rows(outcome.verdicts)
     return 0
+
+
+def _silent(fraction: float) -> None:
+    """No progress bar."""
+
+
+def _with_peers() -> list[str]:
+    return [name for name, study in STUDIES.items() if study.peers]
 
 
 def _check_folder(path: Path) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import arithmetic
+from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.paper import (
     accuracy,
     claims,
@@ -22,7 +21,6 @@ from dlo_sim.studies.paper import (
 from dlo_sim.studies.paper.runs import Settings, at_method, scenario, scene_files
 from dlo_sim.studies.report import Cell, Report
 
-Progress = Callable[[float], None]
 TARGET_STEP = 4e-6  # [s], wanted of a Forest-Ruth step at (9, 101)
 
 
@@ -38,24 +36,22 @@ class Outcome:
     forest_ruth_step_us: float
     share_of_arithmetic_bound: float
 
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """Claim of the paper -> does it hold."""
+        return {claim.name: claim.verdict for claim in self.claims}
 
-def run_study(folder: Path, quick: bool, command: str, progress: Progress | None = None) -> Outcome:
-    """Run the whole study into a folder.
 
-    Args:
-        quick: shorter runs, every table and figure.
-        command: what the user typed, for the report.
-        progress: called with the fraction done.
-    """
-    settings = Settings(quick)
+def run_study(request: Request) -> Outcome:
+    """Run the whole study into a folder."""
+    settings = Settings(request.quick)
     report = Report(
-        folder, "Khalifa & Palli's symplectic spline cable, reproduced", command, scene_files()
+        request.folder,
+        "Khalifa & Palli's symplectic spline cable, reproduced",
+        request.command,
+        scene_files(),
     )
-
-    def done(fraction: float) -> None:
-        if progress is not None:
-            progress(fraction)
-
+    done = request.progress
     # What is timed comes first, while nothing else keeps the machine warm.
     bound = _arithmetic(report)
     done(0.02)

@@ -1,0 +1,116 @@
+"""Who does independent pieces of work: this process, processes of this machine, a Dask cluster.
+
+The pieces are calls of one importable function. Their results come back in the order of the items
+and do not depend on who did them.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+CONNECT_TIMEOUT = 10.0  # [s] until a scheduler that does not answer counts as absent
+
+
+class WorkersError(Exception):
+    """Workers that cannot be had: one line that names the address and the cure."""
+
+
+class Workers(Protocol):
+    """Does independent pieces of work."""
+
+    count: int
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """Results of `function` on each item, in their order; yields each as soon as it can.
+
+        The function and the items must be picklable: a function of a module, plain data.
+        """
+        ...
+
+
+class Here:
+    """This process, one piece after the other: what is timed belongs here."""
+
+    count = 1
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """See Workers."""
+        return map(function, items)
+
+
+class Processes:
+    """Processes of this machine, one per core."""
+
+    def __init__(self, pool: ProcessPoolExecutor, count: int) -> None:
+        self._pool = pool
+        self.count = count
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """See Workers."""
+        return self._pool.map(function, items)
+
+
+class Cluster:
+    """A Dask cluster; `dlo_sim` must be installed on its workers."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self.count = max(sum(client.nthreads().values()), 1)
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """See Workers."""
+        # pure=False: two equal items are two pieces of work, as they are here.
+        futures = self._client.map(function, list(items), pure=False)
+        return (future.result() for future in futures)
+
+
+@contextmanager
+def open_workers(scheduler: str | None = None, processes: int | None = None) -> Iterator[Workers]:
+    """Workers for the duration of a `with` block.
+
+    Args:
+        scheduler: address of a Dask scheduler such as tcp://host:8786; None = this machine.
+        processes: on this machine; None = one per core, 1 = this process itself.
+
+    Raises:
+        WorkersError: no Dask, or nobody at the address.
+    """
+    if scheduler is not None:
+        client = _connected(scheduler)
+        try:
+            yield Cluster(client)
+        finally:
+            client.close()
+        return
+    count = processes or len(os.sched_getaffinity(0))
+    if count == 1:
+        yield Here()
+        return
+    # Not fork: threads of this process (numba's, ROS's) would not survive it.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, mp_context=context) as pool:
+        yield Processes(pool, count)
+
+
+def _connected(scheduler: str) -> Any:
+    if importlib.util.find_spec("distributed") is None:
+        raise WorkersError(
+            f"--scheduler {scheduler} needs Dask; install dlo_sim with the extra 'dask'"
+        )
+    import distributed
+
+    try:
+        return distributed.Client(scheduler, timeout=CONNECT_TIMEOUT)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise WorkersError(
+            f"no Dask scheduler at {scheduler} ({type(error).__name__}); "
+            "start one with 'dask scheduler' or correct the address"
+        ) from None

@@ -1,0 +1,71 @@
+"""The studies by name: what each is for and where it is. Nothing heavy is imported here."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from dlo_sim.batch.workers import Workers
+
+
+class Outcome(Protocol):
+    """What a study leaves behind; a dataclass.
+
+    Attributes:
+        report: path of report.md. figures, data: names of the files beside it.
+        tables: name -> number of rows.
+    """
+
+    report: str
+    figures: list[str]
+    data: list[str]
+    tables: dict[str, int]
+
+    @property
+    def verdicts(self) -> Mapping[str, str]:
+        """What was asked -> the answer in a few words."""
+        ...
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a study is asked to do.
+
+    Attributes:
+        folder: where the results go. quick: shorter runs, with every table and figure.
+        command: what the user typed, for the report. workers: for what is not timed.
+        peers: measure other simulators beside, where the study can.
+        progress: called with the fraction done.
+    """
+
+    folder: Path
+    quick: bool
+    command: str
+    workers: Workers
+    peers: bool = False
+    progress: Callable[[float], None] = field(default=lambda fraction: None)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study: its module has `run_study(request: Request) -> Outcome`."""
+
+    what: str
+    module: str
+    peers: bool = False
+
+    def run(self, request: Request) -> Outcome:
+        """Import the study and run it."""
+        outcome: Outcome = importlib.import_module(self.module).run_study(request)
+        return outcome
+
+
+STUDIES = {
+    "paper": Study(
+        "Khalifa & Palli reproduced: their tables and figures beside ours, claims judged",
+        "dlo_sim.studies.paper.study",
+    ),
+}
