@@ -1,0 +1,120 @@
+"""What is right, from outside the simulator: closed forms and conservation laws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import mass
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+
+
+def catenary(
+    u: Array, length: float, span: float, weight: float, stiffness: float
+) -> tuple[Array, Array]:
+    """Elastic catenary between two points at one height: x(u), z(u) [m].
+
+    With the horizontal force H and V = w L / 2 at the left end,
+        x = H u / EA + H/w (asinh(V / H) - asinh((V - w u) / H))
+        z = - u (V - w u / 2) / EA - H/w (sqrt(1 + (V/H)^2) - sqrt(1 + ((V - w u) / H)^2)).
+
+    Args:
+        u: rest arc length [m]. span: distance of the ends [m], below the length. weight: w per rest
+            length [N/m]. stiffness: EA [N].
+
+    Source: Irvine, Cable Structures, 1981, section 2.3.
+    """
+    vertical = 0.5 * weight * length
+
+    def reach(horizontal: float, at: Array) -> Array:
+        slope = (vertical - weight * at) / horizontal
+        start = np.arcsinh(vertical / horizontal)
+        return np.asarray(
+            horizontal * at / stiffness + horizontal / weight * (start - np.arcsinh(slope))
+        )
+
+    end = np.array([length])
+    low, high = 1e-12 * vertical, 1e12 * vertical
+    for _ in range(300):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if reach(middle, end)[0] < span else (low, middle)
+    force = np.sqrt(low * high)
+    slope = (vertical - weight * u) / force
+    z = -u * (vertical - 0.5 * weight * u) / stiffness - force / weight * (
+        np.sqrt(1.0 + (vertical / force) ** 2) - np.sqrt(1.0 + slope**2)
+    )
+    return reach(force, u), z
+
+
+def string_deflection(force: float, stiffness: float, length: float, bending: float = 0.0) -> float:
+    """Deflection [m] of the middle of an elastic string, straight and stress-free before.
+
+    P = 2 EA (1 / cos a - 1) sin a with the slope a of its two straight halves. Bending stiffness
+    EI rounds the kink over the length l = sqrt(EI / T) and takes the share 2 l / L away, which
+    holds while l is small against L (a pulled beam in a great tension T, first order in l / L).
+    """
+    low, high = 0.0, 0.5 * np.pi - 1e-9
+    for _ in range(200):
+        angle = 0.5 * (low + high)
+        pull = 2.0 * stiffness * (1.0 / np.cos(angle) - 1.0) * np.sin(angle)
+        low, high = (angle, high) if pull < force else (low, angle)
+    tension = stiffness * (1.0 / np.cos(low) - 1.0)
+    rounding = 2.0 / length * np.sqrt(bending / tension)
+    return float(0.5 * length * np.tan(low) * (1.0 - rounding))
+
+
+def euler_load(scene: Scene) -> float:
+    """Buckling load EI pi^2 / L^2 [N] of a column pinned at both ends."""
+    return scene.cable.EI * np.pi**2 / scene.cable.length**2
+
+
+def elastica_gap(share: float) -> float:
+    """Distance of the ends of a buckled pinned column as a share of its length.
+
+    Args:
+        share: P / Pc > 1. With k = sin(a / 2) for the slope a at the ends, P / Pc = (2 K(k) / pi)^2
+            and gap / L = 2 E(k) / K(k) - 1, K and E the complete elliptic integrals.
+
+    Source: Timoshenko & Gere, Theory of Elastic Stability, 1961, section 2.7.
+    """
+    phase = (np.arange(2000) + 0.5) / 2000.0 * 0.5 * np.pi
+
+    def integrals(k: float) -> tuple[float, float]:
+        root = np.sqrt(1.0 - (k * np.sin(phase)) ** 2)
+        return float((1.0 / root).mean() * 0.5 * np.pi), float(root.mean() * 0.5 * np.pi)
+
+    low, high = 0.0, 1.0 - 1e-9
+    for _ in range(200):
+        k = 0.5 * (low + high)
+        low, high = (k, high) if (2.0 * integrals(k)[0] / np.pi) ** 2 < share else (low, k)
+    first, second = integrals(low)
+    return 2.0 * second / first - 1.0
+
+
+def momenta(simulator: Simulator) -> tuple[Array, Array]:
+    """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s], with the model's mass."""
+    band = simulator.model.terms.mass.band[0]
+    impulse = mass.multiply(band, simulator.velocities[:, :3])
+    return impulse.sum(axis=0), np.cross(simulator.control_points[:, :3], impulse).sum(axis=0)
+
+
+def momentum_error(
+    simulator: Simulator, pulses: Mapping[str, tuple[float, ...]], duration: float
+) -> float:
+    """Momentum against the impulse of constant forces, relative, and the change of the angular
+    momentum over the next second of free flight."""
+    momentum, angular = momenta(simulator)
+    impulse = duration * np.sum([np.array(force) for force in pulses.values()], axis=0)
+    simulator.advance(1.0)
+    _, later = momenta(simulator)
+    return float(
+        max(
+            np.linalg.norm(momentum - impulse) / np.linalg.norm(impulse),
+            np.linalg.norm(later - angular) / np.linalg.norm(angular),
+        )
+    )
