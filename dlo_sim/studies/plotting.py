@@ -51,6 +51,20 @@ def lines(axes: Axes, x: Array, values: Array, labels: list[str], colormap: str 
     axes.legend(fontsize="small", ncols=1, loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
+def trace(axes: Axes, x: Array, y: Array, color: str, windows: int = 250) -> None:
+    """A curve; one of many oscillations as a band from least to largest with its mean."""
+    size = len(x) // windows
+    if size < 8:
+        axes.plot(x, y, color=color, linewidth=0.6)
+        return
+    whole = len(x) // size * size
+    at, pieces = x[:whole].reshape(-1, size).mean(axis=1), y[:whole].reshape(-1, size)
+    low, high = pieces.min(axis=1), pieces.max(axis=1)
+    axes.fill_between(at, low, high, color=color, alpha=0.35, linewidth=0.0, label="range")
+    axes.plot(at, pieces.mean(axis=1), color=color, linewidth=1.2, label="mean")
+    axes.legend(fontsize="small", loc="best")
+
+
 def heat_map(
     axes: Axes,
     values: Array,

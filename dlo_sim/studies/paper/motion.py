@@ -24,6 +24,7 @@ from dlo_sim.studies.report import Report
 
 EVERY = 0.005  # [s] between samples
 SHAPES = 40  # shapes in a still
+START = 1.0  # [s] shown larger
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -122,13 +123,13 @@ def _chaos(report: Report, motion: Motion, gaps: dict[str, Array]) -> None:
     )
     report.text(
         f"""Scenario 2 is chaotic: differences of rounding size between two fourth-order methods
-        grow like exp({motion.rate:.2g} t){_when(motion.parted)}. Later positions are one of many
-        equally good motions, whatever the integrator; mirrored control points part then as well."""
+        grow like exp({motion.rate:.2g} t) and reach 1 mm at {motion.parted:.3g} s. Later positions
+        are one of many equally good motions, whatever the integrator; mirrored control points part
+        then as well."""
+        if np.isfinite(motion.parted)
+        else f"""Up to {time[-1]:g} s the methods agree to {max(g.max() for g in gaps.values()):.1g}
+        m."""
     )
-
-
-def _when(parted: float) -> str:
-    return f" and reach 1 mm at {parted:.3g} s" if np.isfinite(parted) else ""
 
 
 def _ends(recording: Recording) -> float:
@@ -141,14 +142,18 @@ def _coordinate(report: Report, recording: Recording, number: int, name: str) ->
     values = recording.control_points[:, :, AXES[name]]
     if name == "x":
         values = values - values[0]
-    figure, (axes,) = plotting.new_figure(width=9.0)
+    figure, (whole, start) = plotting.new_figure(2, 1, width=9.0, height=6.0)
     labels = [f"q{i + 1}" for i in range(values.shape[1])]
-    plotting.lines(axes, recording.time, 1e3 * values, labels)
-    axes.set_xlabel("time [s]")
     what = "displacement along x" if name == "x" else name
-    axes.set_ylabel(f"{what} of the control points [mm]")
-    axes.set_title(SCENARIOS[number])
-    axes.set_xlim(0.0, recording.time[-1])
+    for axes, end in ((whole, recording.time[-1]), (start, START)):
+        shown = recording.time <= end
+        plotting.lines(axes, recording.time[shown], 1e3 * values[shown], labels)
+        axes.set_xlim(0.0, end)
+        axes.set_ylabel(f"{what} [mm]")
+    start.set_xlabel("time [s]")
+    whole.set_title(
+        f"{what} of the control points, {SCENARIOS[number]}; below: the first {START:g} s"
+    )
     columns = {"time [s]": recording.time}
     columns |= {f"{name} of {label} [m]": values[:, i] for i, label in enumerate(labels)}
     caption = f"{what} of every control point, {SCENARIOS[number]}"

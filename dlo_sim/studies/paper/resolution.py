@@ -25,19 +25,22 @@ class Resolution:
 
     Attributes:
         reference_error: rms difference of the reference itself from a finer model [m].
-        n_s_effect: relative change of the rms error over all n_s at fixed n_u, for every n_u but
-            the reference's own; n_s_effect_81: the same over n_s from 81 up.
-        centre_shares: by n_u at n_s = 101, error of the two middle points over the largest along
-            the cable, each a mean over time.
+        n_s_effect: relative change of the rms error over all n_s at fixed n_u, by n_u, without the
+            reference's own; n_s_effect_81: the same over n_s from 81 up.
+        by_control_points: rms error [m] at n_s = 101 by n_u.
+        centre_shares: by n_u at n_s = 101, error of the two points beside the centre over the
+            largest along the cable, each a mean over time; largest_at: where that is, as the
+            distance from the nearer end [m].
         early, late: rms error of (9, 101) in the first and the last quarter of the run [m].
     """
 
     errors: Array
     reference_error: float
-    n_s_effect: Array
-    n_s_effect_81: Array
-    by_control_points: Array
+    n_s_effect: dict[int, float]
+    n_s_effect_81: dict[int, float]
+    by_control_points: dict[int, float]
     centre_shares: dict[int, float]
+    largest_at: dict[int, float]
     early: float
     late: float
     duration: float
@@ -60,14 +63,21 @@ def add(report: Report, settings: Settings) -> Resolution:
     shown = errors[published.CONTROL_POINTS.index(SHOWN[0]), published.SAMPLES.index(SHOWN[1])]
     rms = np.sqrt((errors**2).mean(axis=(2, 3))).astype(np.float64)
     quarter = INSTANTS // 4
-    useful = rms[:-1]  # n_u = 19 is the reference's own
+    centre_shares, largest_at = _centre_shares(errors, u)
     result = Resolution(
         errors=errors,
         reference_error=_rms(own),
-        n_s_effect=_change(useful),
-        n_s_effect_81=_change(useful[:, 1:]),
-        by_control_points=rms[:, published.SAMPLES.index(SHOWN[1])],
-        centre_shares=_centre_shares(errors),
+        n_s_effect=_change(rms),
+        n_s_effect_81=_change(rms[:, 1:]),
+        by_control_points=dict(
+            zip(
+                published.CONTROL_POINTS,
+                rms[:, published.SAMPLES.index(SHOWN[1])].tolist(),
+                strict=True,
+            )
+        ),
+        centre_shares=centre_shares,
+        largest_at=largest_at,
         early=_rms(shown[:quarter]),
         late=_rms(shown[-quarter:]),
         duration=duration,
@@ -85,17 +95,24 @@ def add(report: Report, settings: Settings) -> Resolution:
     return result
 
 
-def _centre_shares(errors: Array) -> dict[int, float]:
+def _centre_shares(errors: Array, u: Array) -> tuple[dict[int, float], dict[int, float]]:
     column = published.SAMPLES.index(SHOWN[1])
     profiles = errors[:, column].mean(axis=1)
     middle = profiles[:, POINTS // 2 - 1 : POINTS // 2 + 1].mean(axis=1)
     shares = middle / profiles.max(axis=1)
-    return dict(zip(published.CONTROL_POINTS, shares.tolist(), strict=True))
+    # Both halves see the same motion: where the error is largest is a distance from an end.
+    half = POINTS // 2
+    where = u[np.argmax(profiles[:, :half] + profiles[:, : half - 1 : -1], axis=1)]
+    return (
+        dict(zip(published.CONTROL_POINTS, shares.tolist(), strict=True)),
+        dict(zip(published.CONTROL_POINTS, where.tolist(), strict=True)),
+    )
 
 
-def _change(rms: Array) -> Array:
-    """Largest minus smallest over smallest, along every row."""
-    return np.asarray(np.ptp(rms, axis=1) / rms.min(axis=1))
+def _change(rms: Array) -> dict[int, float]:
+    """Largest minus smallest over smallest along n_s, by n_u; not for the reference's own n_u."""
+    pairs = zip(published.CONTROL_POINTS, rms, strict=True)
+    return {n: float(np.ptp(row) / row.min()) for n, row in pairs if n != published.REFERENCE[0]}
 
 
 def _rms(errors: Array) -> float:
