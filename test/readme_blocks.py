@@ -119,6 +119,8 @@ PLACES: dict[str, tuple[float, int, str]] = {
     "demo": (1.0, 1, "generated bag, picture"),
     "studies": (2.0, 1, "measurements, reports"),
     "replay": (1.0, 2, "bag in, bag out; knows rosbags"),
+    "tuning": (2.0, 2, "settings tried, the fastest found"),
+    "batch": (2.0, 3, "workers, many cables"),
     "session": (0.5, 3, "messages in, time, messages out"),
     "simulation": (1.0, 4, "a scene, stepped"),
     "scene": (0.0, 5, "parameters, checks, file"),

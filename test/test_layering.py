@@ -16,12 +16,16 @@ ARROWS = {
     "kernels": {"core", "scene"},
     "simulation": {"core", "kernels", "scene"},
     "batch": {"core", "scene", "simulation"},
+    "tuning": {"batch", "core", "kernels", "scene", "simulation"},
     "session": {"core", "scene", "simulation"},
     "replay": {"core", "scene", "session", "simulation"},
     "ros": {"core", "scene", "session", "simulation"},
-    "studies": {"batch", "core", "kernels", "replay", "scene", "simulation"},
+    "studies": {"batch", "core", "kernels", "replay", "scene", "simulation", "tuning"},
     "demo": {"core", "replay", "scene", "session", "simulation"},
-    "cli": {"batch", "core", "demo", "replay", "ros", "scene", "session", "simulation", "studies"},
+    "cli": {
+        *("batch", "core", "demo", "replay", "ros", "scene", "session", "simulation", "studies"),
+        "tuning",
+    },
     "": {"cli", "scene", "simulation"},  # dlo_sim/__init__.py and dlo_sim/__main__.py
 }
 ROS_MESSAGES = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces"}
@@ -33,7 +37,7 @@ FOREIGN = {
     "rosbags": {"replay/bags.py"},
     "matplotlib": {"studies", "demo", "cli"},
     "ruamel": {"scene", "studies", "cli", "ros"},
-    "numba": {"kernels"},
+    "numba": {"kernels", "studies/work_precision/peers/chain_peer.py"},
     "distributed": {"batch/workers.py"},
     "scipy": {"studies"},
 }

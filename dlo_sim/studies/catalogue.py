@@ -68,4 +68,13 @@ STUDIES = {
         "Khalifa & Palli reproduced: their tables and figures beside ours, claims judged",
         "dlo_sim.studies.paper.study",
     ),
+    "stability": Study(
+        "limits and energy errors of every method over maps, extreme cables, random scenes",
+        "dlo_sim.studies.stability.study",
+    ),
+    "work-precision": Study(
+        "error against run time: methods, resolutions, steps, beside other simulators",
+        "dlo_sim.studies.work_precision.study",
+        peers=True,
+    ),
 }

@@ -1,0 +1,209 @@
+"""MuJoCo's cables, run by a Python that has MuJoCo: a job as JSON on stdin, the motion on stdout.
+
+MuJoCo 3: the composite cable with the elasticity plugin, a chain of capsules on ball joints.
+MuJoCo 4: the one-dimensional flex, a discrete elastic rod whose edges are kept by constraints.
+Both are inextensible; the wire's end springs take over the stretch of the wire.
+
+Imports nothing of dlo_sim: the environment need not have it.
+"""
+
+import json
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+
+try:
+    import mujoco
+except ModuleNotFoundError:
+    mujoco = None  # the package may be imported where mujoco is not
+
+LIGHT = 1e-3  # [kg] of MuJoCo 3's sliders; lighter ones make the connection too soft
+
+
+def element(parent, tag, **attributes):
+    """A child element; numbers and lists become text."""
+    words = {key: text(value) for key, value in attributes.items()}
+    return ElementTree.SubElement(parent, tag, words)
+
+
+def text(value):
+    """A value as MuJoCo's XML has it."""
+    if isinstance(value, str):
+        return value
+    return " ".join(f"{float(v):.12g}" for v in np.ravel(value))
+
+
+def model_of(job):
+    """The XML of a job, and the name of the body whose frame is the observed point."""
+    root = ElementTree.Element("mujoco")
+    option = element(root, "option", timestep=job["step"], gravity=[0, 0, -9.81])
+    option.set("integrator", "Euler")
+    option.set("iterations", "50")
+    element(option, "flag", contact="disable")
+    build = composite if mujoco.__version__.startswith("3.") else flex
+    observed = build(root, option, job)
+    return ElementTree.tostring(root, encoding="unicode"), observed
+
+
+def softer_spring(job):
+    """Spring [N/m] that yields like the wire's and half of the wire's stretch together."""
+    return 1.0 / (1.0 / job["spring"] + 0.5 * job["length"] / job["EA"])
+
+
+def link_length(job):
+    """Links [m]; a clamp sits in the middle of the outermost link."""
+    clamps = {"pinned": 0, "cantilever": 1, "clamped": 2}[job["kind"]]
+    return job["length"] / (job["n"] - 0.5 * clamps)
+
+
+def hold(job):
+    """Constraint parameters: as stiff as the step allows, and critically damped."""
+    constant = max(2.0 * job["step"], 2e-4)
+    return {"solref": [constant, 1.0], "solimp": [0.9999, 0.9999, 0.001]}
+
+
+def composite(root, option, job):
+    """MuJoCo 3."""
+    option.set("solver", "PGS")
+    option.set("jacobian", "dense")
+    option.set("tolerance", "1e-10")
+    n, link, kind = job["n"], link_length(job), job["kind"]
+    plugin = "mujoco.elasticity.cable"
+    element(element(root, "extension"), "plugin", plugin=plugin)
+    world = element(root, "worldbody")
+    first = 0.0 if kind == "pinned" else -0.5 * link
+    holder = element(world, "body", name="A", pos=[first, 0, 0])
+    tiny = {"mass": LIGHT, "diaginertia": [1e-9] * 3, "pos": [0, 0, 0]}
+    if kind == "pinned":
+        slide = {"type": "slide", "axis": [1, 0, 0], "stiffness": softer_spring(job)}
+        element(holder, "joint", **slide)
+        element(holder, "inertial", **tiny)
+    vertices = [[k * link, 0.0, 0.0] for k in range(n + 1)]
+    initial = "ball" if kind == "pinned" else "none"
+    cable = element(holder, "composite", prefix="c", type="cable", vertex=vertices, initial=initial)
+    rod = element(cable, "plugin", plugin=plugin)
+    element(rod, "config", key="twist", value=job["shear_modulus"])
+    element(rod, "config", key="bend", value=job["youngs_modulus"])
+    damping = 0.1 * job["EI"] / link if job["damping"] else 0.0
+    element(cable, "joint", kind="main", damping=damping)
+    element(cable, "geom", type="capsule", size=0.5 * job["diameter"], mass=job["mu"] * link)
+    if kind == "pinned":
+        far = element(world, "body", name="B", pos=[job["length"], 0, 0])
+        element(far, "joint", **slide)
+        element(far, "inertial", **tiny)
+        tie = element(root, "equality")
+        element(tie, "connect", body1="cB_last", body2="B", anchor=[link, 0, 0], **hold(job))
+    if kind == "clamped":
+        element(world, "body", name="B", mocap="true", pos=[job["length"] - 0.5 * link, 0, 0])
+        element(element(root, "equality"), "weld", body1="B", body2="cB_last", **hold(job))
+    return "cB_last" if kind == "cantilever" else f"cB_{n // 2}"
+
+
+def flex(root, option, job):
+    """MuJoCo 4."""
+    option.set("solver", "Newton")
+    option.set("tolerance", "1e-10")
+    n, link, kind = job["n"], link_length(job), job["kind"]
+    world = element(root, "worldbody")
+    first = 0.0 if kind == "pinned" else -0.5 * link
+    bodies, vertices = [], []
+    for k in range(n + 1):
+        x = first + k * link
+        if kind != "pinned" and k < 2:
+            bodies.append("world")
+            vertices.append([x, 0.0, 0.0])
+        elif kind == "clamped" and k > n - 2:
+            bodies.append("B")
+            vertices.append([x - job["length"], 0.0, 0.0])
+        else:
+            mass = job["mu"] * link * (0.5 if k in (0, n) else 1.0)
+            ball = element(world, "body", name=f"v{k}", pos=[x, 0, 0])
+            element(ball, "inertial", pos=[0, 0, 0], mass=mass, diaginertia=[1e-12] * 3)
+            loose = range(1 if kind == "pinned" and k in (0, n) else 3)
+            for axis in loose:
+                spring = softer_spring(job) if len(loose) == 1 else 0.0
+                unit = np.eye(3)[axis]
+                # A flex takes no damping of joints: what settles it is Euler's method.
+                element(ball, "joint", type="slide", axis=unit, stiffness=spring)
+            bodies.append(f"v{k}")
+            vertices.append([0.0, 0.0, 0.0])
+    if kind == "clamped":
+        element(world, "body", name="B", mocap="true", pos=[job["length"], 0, 0])
+    rod = element(element(root, "deformable"), "flex", name="cable", radius=0.5 * job["diameter"])
+    rod.set("dim", "1")
+    rod.set("body", " ".join(bodies))
+    rod.set("vertex", text(vertices))
+    rod.set("element", " ".join(f"{k} {k + 1}" for k in range(n)))
+    element(rod, "elasticity", young=job["youngs_modulus"], shear=job["shear_modulus"])
+    still = element(rod, "contact", selfcollide="none")
+    still.set("contype", "0")
+    still.set("conaffinity", "0")
+    element(element(root, "equality"), "flex", flex="cable", **hold(job))
+    return f"v{n}" if kind == "cantilever" else f"v{n // 2}"
+
+
+def run(job):
+    """One run: times, observed points, wall time of stepping, and why it failed if it did."""
+    xml, observed = model_of(job)
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    body = model.body(observed).id
+    tip = np.zeros(3)
+    if job["kind"] == "cantilever" and observed == "cB_last":
+        tip[0] = link_length(job)
+    chunk = max(1, round(job["every"] / job["step"]))
+    shift = 0.5 * link_length(job) if mujoco.__version__.startswith("3.") else 0.0
+    times, points, wall = [], [], 0.0
+    for k in range(round(job["duration"] / (chunk * job["step"])) + 1):
+        now = k * chunk * job["step"]
+        times.append(now)
+        points.append((data.xpos[body] + data.xmat[body].reshape(3, 3) @ tip).tolist())
+        if not np.isfinite(points[-1]).all() or np.abs(points[-1]).max() > 10 * job["length"]:
+            return times, points, wall, f"left the room at {now:g} s"
+        if job["kind"] == "clamped":
+            data.mocap_pos[0, 0] = gap(job, now + chunk * job["step"]) - shift
+        middle = now + 0.5 * chunk * job["step"]
+        push = np.array(job["force"]) * np.sin(2.0 * np.pi * job["frequency"] * middle)
+        if push.any():
+            data.qfrc_applied[:] = 0.0
+            spot = data.xpos[body].copy()
+            mujoco.mj_applyFT(model, data, push, np.zeros(3), spot, body, data.qfrc_applied)
+        began = time.perf_counter()
+        mujoco.mj_step(model, data, nstep=chunk)
+        wall += time.perf_counter() - began
+        if any(warning.number for warning in data.warning):
+            return times, points, wall, f"MuJoCo warned and reset itself at {now:g} s"
+    return times, points, wall, ""
+
+
+def gap(job, t):
+    """Distance of the grippers [m]: two parabolas of closing."""
+    half = 0.5 * job["closing"]
+    s = min(t, 2 * half) / half
+    share = 0.5 * s * s if s < 1.0 else 1.0 - 0.5 * (2.0 - s) ** 2
+    return job["length"] - job["closed"] * share
+
+
+def main():
+    """Every job on stdin, one JSON line each on stdout."""
+    if mujoco is None:
+        sys.exit(f"{sys.executable} has no mujoco")
+    for job in json.load(sys.stdin):
+        walls = []
+        while len(walls) < job["repeats"] and sum(walls) < job["budget"] or not walls:
+            try:
+                times, points, wall, message = run(job)
+            except (ValueError, mujoco.FatalError) as refusal:
+                times, points, wall, message = [], [], 0.0, str(refusal).split("\n")[0]
+            walls.append(wall)
+            if message:
+                break
+        reply = {"version": mujoco.__version__, "times": times, "points": points}
+        print(json.dumps({**reply, "walls": walls, "message": message}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

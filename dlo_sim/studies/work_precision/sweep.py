@@ -1,0 +1,267 @@
+"""The work-precision diagram: settings tried on every case, error and time from the same run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.ticker import NullFormatter
+from numpy.typing import NDArray
+
+from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.studies import plotting
+from dlo_sim.studies.report import Cell, Report
+from dlo_sim.studies.work_precision.cases import Case
+from dlo_sim.studies.work_precision.peers.runs import PeerRun
+from dlo_sim.studies.work_precision.references import Reference
+from dlo_sim.tuning.setting import Setting
+from dlo_sim.tuning.trial import Trial, at_share, attempt, error
+
+Array = NDArray[np.float64]
+LEVELS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03)  # [%]
+PAPER_STEP = 2e-3  # [s], which no explicit method bears on the wire
+BEYOND = 1.2  # share of its own step at which an explicit method must be refused
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What is tried: methods, resolutions, steps of implicit methods [s], shares of own steps."""
+
+    methods: tuple[str, ...]
+    control_points: tuple[int, ...]
+    steps: tuple[float, ...]
+    shares: tuple[float, ...]
+    budget: float
+
+
+FULL = Grid(
+    (
+        *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
+        *("implicit_midpoint", "energy_momentum", "generalized_alpha"),
+    ),
+    (7, 9, 11, 13, 17, 23),
+    (1e-2, 5e-3, 2e-3, 1e-3, 5e-4),
+    (1.0, 0.5, 0.25),
+    0.2,
+)
+QUICK = Grid(("velocity_verlet", "rattle", "energy_momentum"), (7, 11), (5e-3, 2e-3), (1.0,), 0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A trial on a case and its error as a share of the case's scale; infinite if it failed."""
+
+    case: Case
+    trial: Trial
+    error: float
+
+    @property
+    def setting(self) -> Setting:
+        """What was tried."""
+        return self.trial.setting
+
+    @property
+    def evaluations(self) -> float:
+        """Force evaluations, or Newton iterations, per simulated second."""
+        return self.trial.force_evaluations / max(self.trial.steps * self.trial.step, 1e-300)
+
+    @property
+    def status(self) -> str:
+        """`ok`, or why not, in a word."""
+        if self.trial.ok:
+            return "ok"
+        if self.trial.steps == 0 and len(self.trial.points) == 0:
+            return "refused"
+        return "not converged" if "converge" in self.trial.message else "diverged"
+
+
+def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Point:
+    """A setting tried on a case and judged."""
+    trial = attempt(case.job, setting, budget=budget)
+    off = error(trial.points, truth.points, case.components) / case.scale
+    return Point(case, trial, off)
+
+
+def swept(
+    case: Case, truth: Reference, grid: Grid, progress: Callable[[], None] = lambda: None
+) -> list[Point]:
+    """All settings of a grid on a case."""
+    points = []
+    for method in grid.methods:
+        for n_u in grid.control_points:
+            for setting in _settings(case, grid, method, n_u):
+                points.append(tried(case, truth, setting, grid.budget))
+        progress()
+    return points
+
+
+def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
+    if METHODS[method].family == IMPLICIT:
+        return [Setting(method, n_u, step) for step in grid.steps]
+    first = Setting(method, n_u)
+    try:
+        found = [at_share(case.job, first, share) for share in grid.shares]
+    except SceneError:
+        return [first]
+    if method == "velocity_verlet" and n_u == grid.control_points[0]:
+        found.append(Setting(method, n_u, PAPER_STEP))
+    if method == "rattle":
+        found.append(Setting(method, n_u, found[0].step * BEYOND))
+    return found
+
+
+def best(points: list[Point], level: float) -> Point | None:
+    """The fastest of those whose error is at most `level` (a share)."""
+    good = [p for p in points if p.trial.ok and p.error <= level]
+    return min(good, key=lambda p: p.trial.wall) if good else None
+
+
+def add(
+    report: Report,
+    case: Case,
+    truth: Reference,
+    points: list[Point],
+    peers: list[PeerRun],
+) -> None:
+    """A case's diagram, the fastest setting for each error level, and every run."""
+    report.section(case.title, 3)
+    report.text(
+        f"""Error: rms over {case.job.duration:g} s of {_axes(case)} at
+        {", ".join(f"{u:g} L" for u in case.job.u)}, in % of {case.scale_words}
+        ({case.scale:.4g} m). Reference: {truth.setting.method}, n_u
+        {truth.setting.control_points}, step {1e6 * truth.step:.3g} us; its own error is
+        {100 * truth.space:.2g} % in space (against n_u {case.fine[0]}) and {100 * truth.time:.2g} %
+        in time (half the step), so nothing below {100 * truth.own_error:.2g} % is told apart."""
+    )
+    _figure(report, case, truth, points, peers)
+    report.table(
+        f"fastest_{case.name}",
+        ["error at most [%]", "setting", "error [%]", "s per simulated s", "spread", "steps/s"],
+        [_level_row(points, level, truth) for level in LEVELS],
+        f"{case.title}: the fastest setting for each error level",
+    )
+    report.table(
+        f"runs_{case.name}",
+        [
+            *("method", "n_u", "step [ms]", "status", "error [%]", "s per simulated s"),
+            *("spread", "evaluations/s", "energy error"),
+        ],
+        [
+            [
+                p.setting.method,
+                p.setting.control_points,
+                1e3 * p.trial.step,
+                p.status,
+                100 * p.error if p.trial.ok else None,
+                p.trial.wall if p.trial.ok else None,
+                f"{100 * p.trial.spread:.0f} %" if p.trial.ok else None,
+                p.evaluations if p.trial.ok else None,
+                p.trial.energy_error if p.trial.ok else None,
+            ]
+            for p in points
+        ],
+        f"{case.title}: every run; failed ones too",
+    )
+
+
+def _axes(case: Case) -> str:
+    names = ["xyz"[axis] for axis in case.components]
+    return names[0] if len(names) == 1 else f"the worse of {' and '.join(names)}"
+
+
+def _level_row(points: list[Point], level: float, truth: Reference) -> list[Cell]:
+    found = best(points, level / 100.0)
+    if level / 100.0 < truth.own_error:
+        return [level, "below the reference's own error", None, None, None, None]
+    if found is None:
+        return [level, "none of those tried", None, None, None, None]
+    trial = found.trial
+    return [
+        level,
+        trial.setting.words,
+        100 * found.error,
+        trial.wall,
+        f"{100 * trial.spread:.0f} %",
+        1.0 / trial.step,
+    ]
+
+
+def _figure(
+    report: Report, case: Case, truth: Reference, points: list[Point], peers: list[PeerRun]
+) -> None:
+    figure, axes = plotting.new_figure(1, 2, width=12.0, height=5.4)
+    good = [p for p in points if p.trial.ok]
+    failed = [p for p in points if not p.trial.ok]
+    ways: list[tuple[str, Callable[[Point], float]]] = [
+        ("run time [s per simulated s]", lambda p: p.trial.wall),
+        (
+            "force evaluations (implicit: Newton iterations) per simulated s",
+            lambda p: p.evaluations,
+        ),
+    ]
+    for panel, (label, cost) in zip(axes, ways, strict=True):
+        for method, n_u in dict.fromkeys(
+            (p.setting.method, p.setting.control_points) for p in good
+        ):
+            row = [p for p in good if (p.setting.method, p.setting.control_points) == (method, n_u)]
+            row.sort(key=cost)
+            x, y = [cost(p) for p in row], [100 * p.error for p in row]
+            color = plotting.COLORS.get(method, "black")
+            panel.plot(x, y, "o-", color=color, linewidth=0.9, markersize=3.5)
+            panel.annotate(
+                str(n_u), (x[0], y[0]), (-3, 3), textcoords="offset points", ha="right", fontsize=7
+            )
+        panel.axhline(100 * truth.own_error, color="0.5", linestyle=":", linewidth=1.0)
+        panel.set(xscale="log", yscale="log", xlabel=label)
+        panel.xaxis.set_minor_formatter(NullFormatter())
+        panel.set_ylabel(f"error [% of {case.scale_words}]")
+        panel.grid(alpha=0.3, which="both", linewidth=0.4)
+    _peer_marks(axes[0], peers)
+    _failed_marks(axes[0], failed)
+    for method in dict.fromkeys(p.setting.method for p in points):
+        color = plotting.COLORS.get(method, "black")
+        axes[1].plot([], [], "o-", color=color, label=method, markersize=4)
+    axes[1].plot([], [], "k:", label="own error of the reference")
+    if failed:
+        axes[1].plot([], [], "kx", label=f"failed or refused ({len(failed)})")
+    axes[1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
+    figure.suptitle(f"{case.title} (numbers: n_u; a line: one resolution at several steps)")
+    report.figure(
+        f"work_precision_{case.name}",
+        figure,
+        {
+            "method": np.array([p.setting.method for p in points]),
+            "n_u": [p.setting.control_points for p in points],
+            "step [s]": [p.trial.step for p in points],
+            "status": np.array([p.status for p in points]),
+            "error [%]": [100 * p.error for p in points],
+            "run time [s per simulated s]": [p.trial.wall for p in points],
+            "evaluations [1/s]": [p.evaluations for p in points],
+        },
+        f"{case.title}: error against run time and against force evaluations",
+    )
+
+
+def _peer_marks(panel: plotting.Axes, peers: list[PeerRun]) -> None:
+    for name, marker in zip(dict.fromkeys(p.peer for p in peers), "sD^v<>", strict=False):
+        row = [p for p in peers if p.peer == name and p.ok]
+        panel.plot(
+            [p.wall for p in row],
+            [100 * p.error for p in row],
+            marker,
+            color="black",
+            fillstyle="none",
+            label=name,
+        )
+    if peers:
+        panel.legend(fontsize="small")
+
+
+def _failed_marks(panel: plotting.Axes, failed: list[Point]) -> None:
+    """Failed runs have neither time nor error: crosses along the upper edge, in their order."""
+    place = np.linspace(0.03, 0.97, max(len(failed), 2))
+    for x, p in zip(place, failed, strict=False):
+        color = plotting.COLORS.get(p.setting.method, "black")
+        panel.plot([x], [0.985], "x", color=color, transform=panel.transAxes, markersize=5)

@@ -1,0 +1,1 @@
+"""Trial runs of settings of a scene, and the search for the fastest that is good enough."""

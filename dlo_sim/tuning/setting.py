@@ -1,0 +1,51 @@
+"""What a scene leaves to numerics: resolution, quadrature, method, step, and the stretch term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dlo_sim.scene.description import Scene
+
+
+@dataclass(frozen=True, order=True)
+class Setting:
+    """How a scene is computed; what it is stays.
+
+    Attributes:
+        method: integrator.method; a constrained one leaves stretching out.
+        control_points: n_u. samples: Gauss points per knot span, or uniform samples in all.
+        step: tau [s]; 0 = 0.9 of the stability limit, or for an implicit method what suits
+            accuracy.target.
+    """
+
+    method: str
+    control_points: int
+    step: float = 0.0
+    samples: int = 3
+    quadrature: str = "gauss"
+
+    @property
+    def values(self) -> dict[str, object]:
+        """The scene's keys that this setting decides, and their values."""
+        return {
+            "discretization.control_points": self.control_points,
+            "discretization.quadrature": self.quadrature,
+            "discretization.samples": self.samples,
+            "integrator.method": self.method,
+            "integrator.step": self.step,
+        }
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene computed with this setting.
+
+        Raises:
+            SceneError: the setting does not fit the scene.
+        """
+        return scene.with_values(self.values)
+
+    @property
+    def words(self) -> str:
+        """One line for people."""
+        step = "its own step" if self.step == 0.0 else f"{1e3 * self.step:.4g} ms"
+        rule = "per span" if self.quadrature == "gauss" else "in all"
+        return f"{self.method}, n_u {self.control_points}, {self.samples} points {rule}, {step}"

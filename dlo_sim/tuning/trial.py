@@ -1,0 +1,207 @@
+"""One setting tried on a job: its motion, then its time, from the same simulator."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.kernels import layout
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.report import Report
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.tuning.setting import Setting
+
+Array = NDArray[np.float64]
+TIMED = 0.3  # [s] of repeats per setting, about
+MOST_REPEATS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What is computed and looked at, whatever the setting.
+
+    Attributes:
+        scene: the cable and its world. duration: simulated time [s].
+        u: material coordinates looked at, as shares of the length. every: time between looks [s].
+        motions: what the grippers do, (end, motion) by start; a step that does not divide the times
+            between them sees each of them up to a step late.
+    """
+
+    scene: Scene
+    duration: float
+    u: tuple[float, ...]
+    every: float = 1e-3
+    motions: tuple[tuple[str, EndMotion], ...] = ()
+
+    @property
+    def times(self) -> Array:
+        """Times that are looked at [s], shape (T,)."""
+        return np.arange(round(self.duration / self.every) + 1, dtype=float) * self.every
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A setting and what it gave.
+
+    Attributes:
+        step: [s]. steps: in the run. force_evaluations: in the run; Newton iterations of an
+            implicit method.
+        points: positions [m] at the job's times and coordinates, shape (T, len(u), 3); those up to
+            the failure of a run that failed.
+        message: empty, or why the run failed or was refused.
+        wall: least run time [s per simulated s] of the repeats; infinite where not timed.
+        spread: (median - least) / least of them. repeats: how many.
+        energy_error: as the simulator reports it.
+    """
+
+    setting: Setting
+    step: float
+    steps: int
+    force_evaluations: int
+    points: Array
+    message: str
+    wall: float = float("inf")
+    spread: float = 0.0
+    repeats: int = 0
+    energy_error: float = float("nan")
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run got to its end."""
+        return not self.message
+
+
+def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIMED) -> Trial:
+    """Run a setting on a job, look at the motion, then time the same steps without looking.
+
+    The simulator is compiled and warm before anything is timed. A setting that the scene refuses
+    and a run that fails give a trial with a message.
+    """
+    try:
+        simulator = Simulator(setting.applied(job.scene))
+    except SceneError as refusal:
+        nothing = np.zeros((0, len(job.u), 3))
+        return Trial(setting, setting.step, 0, 0, nothing, str(refusal))
+    recorder = _recorder(simulator, job)
+    report, used = _run(simulator, job, recorder)
+    count = min(int(recorder.next[0]), len(job.times))
+    columns = simulator.model.to_columns(recorder.positions[:count])
+    u = np.asarray(job.u) * job.scene.cable.length
+    basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
+    result = Trial(
+        setting,
+        simulator.step,
+        simulator.steps,
+        used,
+        basis @ columns[:, :, :3],
+        "" if report.status.ok else report.message,
+        energy_error=simulator.energy_error,
+    )
+    return timed_again(result, job, simulator, budget) if timed and result.ok else result
+
+
+def timed_again(
+    trial: Trial, job: Job, simulator: Simulator | None = None, budget: float = TIMED
+) -> Trial:
+    """The trial with its run time measured, or measured once more and the least kept.
+
+    Args:
+        simulator: one of the trial's setting that has run already. budget: time for repeats [s].
+    """
+    if simulator is None:
+        simulator = Simulator(trial.setting.applied(job.scene))
+        _run(simulator, job, None)
+    walls: list[float] = []
+    while len(walls) < 2 or (sum(walls) < budget and len(walls) < MOST_REPEATS):
+        simulator.reset()
+        walls.append(_timed(simulator, job))
+    walls = sorted(wall / simulator.time for wall in walls)
+    middle = walls[len(walls) // 2]
+    best = min(walls[0], trial.wall)
+    spread = middle / best - 1.0
+    return Trial(
+        trial.setting,
+        trial.step,
+        trial.steps,
+        trial.force_evaluations,
+        trial.points,
+        trial.message,
+        best,
+        spread,
+        trial.repeats + len(walls),
+        trial.energy_error,
+    )
+
+
+def at_share(job: Job, setting: Setting, share: float) -> Setting:
+    """A setting at a share of its own step, such that whole steps make a second.
+
+    Raises:
+        SceneError: the setting does not fit the scene.
+    """
+    own = Simulator(replace(setting, step=0.0).applied(job.scene)).step
+    return replace(setting, step=float(1.0 / np.ceil(1.0 / (share * own) - 1e-9)))
+
+
+def error(
+    points: Array, truth: Array, components: Sequence[int] = (0, 1, 2), last: bool = False
+) -> float:
+    """Largest rms over time [m] of any of the components at any of the coordinates.
+
+    Args:
+        points, truth: shape (T, m, 3) at the same times. last: at the last time alone.
+
+    Returns:
+        Infinity where the run is shorter than the truth.
+    """
+    if len(points) != len(truth):
+        return float("inf")
+    gap = (points - truth)[-1:] if last else points - truth
+    return float(np.sqrt(np.mean(gap[:, :, list(components)] ** 2, axis=0)).max())
+
+
+def _recorder(simulator: Simulator, job: Job) -> layout.Recorder:
+    model, times = simulator.model, job.times
+    recorder = layout.Recorder(
+        times=times,
+        positions=np.zeros((len(times), model.rows, model.n)),
+        energies=np.zeros(len(times)),
+        next=np.ones(1, dtype=np.int64),
+        before=np.zeros((model.rows, model.width)),
+    )
+    recorder.positions[0] = simulator.control_points.T[: model.rows]
+    return recorder
+
+
+def _run(simulator: Simulator, job: Job, recorder: layout.Recorder | None) -> tuple[Report, int]:
+    """Step over the job; the last report and all force evaluations."""
+    total = int(np.ceil(job.duration / simulator.step - 1e-9))
+    used = 0
+    for start, motions in _legs(job):
+        upto = int(np.ceil(start / simulator.step - 1e-9))
+        report = simulator.advance_steps(upto - simulator.steps, recorder)
+        used += report.force_evaluations
+        if not report.status.ok:
+            return report, used
+        for end, motion in motions:
+            simulator.set_motion(end, motion)
+    report = simulator.advance_steps(total - simulator.steps, recorder)
+    return report, used + report.force_evaluations
+
+
+def _timed(simulator: Simulator, job: Job) -> float:
+    began = time.perf_counter()
+    _run(simulator, job, None)
+    return time.perf_counter() - began
+
+
+def _legs(job: Job) -> list[tuple[float, list[tuple[str, EndMotion]]]]:
+    starts = sorted({motion.start for _, motion in job.motions})
+    return [(start, [m for m in job.motions if m[1].start == start]) for start in starts]
