@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -180,14 +181,17 @@ def _run(
     jobs = [_job(case, n, step) for n, step in settings]
     script = Path(__file__).with_name(peer.script)
     try:
-        done = subprocess.run(
-            [python, str(script)],
-            input=json.dumps(jobs),
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT,
-            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-        )
+        # MuJoCo leaves a log where it runs.
+        with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+            done = subprocess.run(
+                [python, str(script)],
+                input=json.dumps(jobs),
+                capture_output=True,
+                text=True,
+                timeout=TIMEOUT,
+                cwd=folder,
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            )
         output, trouble = done.stdout, done.stderr.strip().splitlines()[-1:]
     except (OSError, subprocess.TimeoutExpired) as failure:
         others.absent.append(f"{peer.name} on {case.name}: {type(failure).__name__}")
