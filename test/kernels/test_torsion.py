@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import FLAT, SOFT, Bench, inflected, scene_of, straight, wild
+from cables import FLAT, SOFT, Bench, inflected, scene_of, set_state, straight, wild
 from differences import assert_limit
 
 from dlo_sim.core import torsion
@@ -75,6 +75,21 @@ def test_straight_cable_gives_numbers_and_is_reported(floor):
     assert report.worst == 15
     assert 0.0 < report.mean <= 15.0
     assert any("torsion" in note and "15 of 15" in note for note in sim.notes)
+
+
+def test_inflection_gives_numbers_and_is_reported():
+    """Undefined at the inflection and nowhere else: some samples, not all."""
+    bench = Bench(SOFT, {"terms.twist": "frenet"}, FLOOR, n=12)
+    sim = Simulator(bench.scene)
+    points = inflected(bench)
+    points[:, 1] = 0.05 * points[:, 0] ** 2  # out of the plane: the torsion is not zero
+    set_state(sim, points)
+    sim.advance_steps(20)
+    assert np.isfinite(sim.control_points).all() and np.isfinite(sim.velocities).all()
+    assert sim.energy().twist > 0.0
+    report = sim.undefined_torsion
+    assert 0 < report.last <= report.worst < report.samples
+    assert any("torsion" in note for note in sim.notes)
 
 
 def test_bent_cable_is_not_reported():
