@@ -8,7 +8,7 @@ this matrix is at most 1; a cable is stable where all its modes are.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core.methods import CONSTRAINED, METHODS, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 
@@ -21,21 +21,22 @@ MODES = 40  # samples of the spectrum below the largest frequency of a damped ca
 
 
 def amplification(
-    method: Method, omega: float, decay: float = 0.0, psi: float = 0.5, phi: float = 0.5
+    method: Method, omega: ArrayLike, decay: float = 0.0, psi: float = 0.5, phi: float = 0.5
 ) -> Array:
     """Matrix of one step of an explicit method.
 
     Args:
         method: its family decides what is computed.
-        omega, decay: omega tau [-] and decay tau [-].
+        omega, decay: omega tau [-], of any shape, and decay tau [-].
         psi, phi: parameters of Zhai's method.
 
     Returns:
-        Shape (2, 2), or (3, 3) for Zhai's method.
+        Shape omega.shape + (2, 2), or + (3, 3) for Zhai's method.
 
     Raises:
         ValueError: for an implicit method, which has no limit.
     """
+    omega = np.asarray(omega, dtype=float)
     if method.family == CONSTRAINED:
         # an oscillator has no constraint, and without one RATTLE is velocity Verlet
         method = METHODS["velocity_verlet"]
@@ -48,17 +49,24 @@ def amplification(
     raise ValueError(f"{method.name} is implicit: any step is stable on an oscillator")
 
 
-def _splitting(method: Method, omega: float, decay: float) -> Array:
+def _matrix(*rows: tuple[ArrayLike, ...]) -> Array:
+    """Matrices from entries of any common shape."""
+    shape = np.broadcast_shapes(*(np.shape(entry) for row in rows for entry in row))
+    wide = [[np.broadcast_to(entry, shape) for entry in row] for row in rows]
+    return np.stack([np.stack(row, axis=-1) for row in wide], axis=-2)
+
+
+def _splitting(method: Method, omega: Array, decay: float) -> Array:
     half = np.diag([1.0, np.exp(-0.5 * decay)])
     step = half
     for drift, kick in zip(method.drift_weights, method.kick_weights, strict=True):
         step = np.array([[1.0, drift], [0.0, 1.0]]) @ step
-        step = np.array([[1.0, 0.0], [-kick * omega * omega, 1.0]]) @ step
-    return half @ step
+        step = _matrix((1.0, 0.0), (-kick * omega * omega, 1.0)) @ step
+    return np.asarray(half @ step)
 
 
-def _runge_kutta(method: Method, omega: float, decay: float) -> Array:
-    system = np.array([[0.0, 1.0], [-omega * omega, -decay]])
+def _runge_kutta(method: Method, omega: Array, decay: float) -> Array:
+    system = _matrix((0.0, 1.0), (-omega * omega, -decay))
     slopes: list[Array] = []
     for row in method.stage_matrix:
         stage = np.eye(2)
@@ -71,16 +79,17 @@ def _runge_kutta(method: Method, omega: float, decay: float) -> Array:
     return step
 
 
-def _zhai(omega: float, decay: float, psi: float, phi: float) -> Array:
-    now = np.array([-omega * omega, -decay, 0.0])
-    before = np.array([0.0, 0.0, 1.0])
-    place = np.array([1.0, 1.0, 0.0]) + (0.5 + psi) * now - psi * before
-    speed = np.array([0.0, 1.0, 0.0]) + (1.0 + phi) * now - phi * before
-    return np.stack([place, speed, now])
+def _zhai(omega: Array, decay: float, psi: float, phi: float) -> Array:
+    stiffness = omega * omega
+    return _matrix(
+        (1.0 - (0.5 + psi) * stiffness, 1.0 - (0.5 + psi) * decay, -psi),
+        (-(1.0 + phi) * stiffness, 1.0 - (1.0 + phi) * decay, -phi),
+        (-stiffness, -decay, 0.0),
+    )
 
 
 def spectral_radius(matrix: Array) -> float:
-    """Largest magnitude of the eigenvalues."""
+    """Largest magnitude of the eigenvalues, over all matrices of a stack."""
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
@@ -109,11 +118,8 @@ def largest_step(
     modes = np.linspace(1.0 / MODES, 1.0, MODES) * omega
 
     def stable(tau: float) -> bool:
-        return all(
-            spectral_radius(amplification(method, w * tau, decay * tau, psi, phi))
-            <= 1.0 + ROUND_OFF
-            for w in modes
-        )
+        matrices = amplification(method, modes * tau, decay * tau, psi, phi)
+        return spectral_radius(matrices) <= 1.0 + ROUND_OFF
 
     high = SCAN_END / max(omega, decay)
     steps = np.linspace(0.0, high, int(SCAN_END / (4.0 * SCAN_STEP)))

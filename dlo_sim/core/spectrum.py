@@ -45,7 +45,7 @@ def largest_frequency(
 def dense(stiffness: Array) -> Array:
     """Row-stored band matrix as a full matrix, shape (size, size)."""
     size, columns = stiffness.shape
-    half = columns // 2
+    half = (columns - 1) // 2  # a row may be filled up by a last zero
     full = np.zeros((size, size))
     for r in range(size):
         low, high = max(0, r - half), min(size, r + half + 1)
@@ -63,13 +63,13 @@ def _lanczos(stiffness: Array, bands: Array, free: NDArray[np.bool_], iterations
             mass.dense(bands[d])[np.ix_(free[d], free[d])]
         )
         inverses.append(inverse)
-    size, columns = stiffness.shape
-    half = columns // 2
+    half = (stiffness.shape[1] - 1) // 2
+    stiffness = stiffness[:, : 2 * half + 1]
     mask = free.T.ravel().astype(float)
 
     def apply(x: Array) -> Array:
         padded = np.concatenate((np.zeros(half), x * mask, np.zeros(half)))
-        windows = np.lib.stride_tricks.sliding_window_view(padded, columns)
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
         return np.einsum("rc,rc->r", stiffness, windows) * mask
 
     def weigh(x: Array) -> Array:
@@ -78,7 +78,7 @@ def _lanczos(stiffness: Array, bands: Array, free: NDArray[np.bool_], iterations
     def solve(x: Array) -> Array:
         return np.stack([inverses[d] @ x[d::dim] for d in range(dim)], 1).ravel()
 
-    x = np.random.default_rng(0).standard_normal(size) * mask
+    x = np.random.default_rng(0).standard_normal(mask.size) * mask
     basis: list[Array] = []
     images: list[Array] = []
     diagonal: list[float] = []

@@ -212,3 +212,52 @@ def end_velocities(motion, t, n, axes, free, out):
     for e in range(2):
         if motion[e, 0] != 0.0:
             one_end_velocity(motion, e, t, n, axes, free, out)
+
+
+@kernel
+def keep_anchors(drive, springs, kept):
+    """kept = where the springs' anchors are."""
+    if drive is not None:
+        copy_anchors(springs, kept)
+
+
+@kernel
+def copy_anchors(springs, kept):
+    """kept = where the springs' anchors are."""
+    if springs is not None:
+        for e in range(2):
+            for d in range(kept.shape[1]):
+                kept[e, d] = springs.anchor[e, d]
+
+
+@kernel
+def restore_anchors(drive, springs, kept):
+    """Put the springs' anchors back."""
+    if drive is not None:
+        put_anchors(springs, kept)
+
+
+@kernel
+def put_anchors(springs, kept):
+    """Put the springs' anchors back."""
+    if springs is not None:
+        for e in range(2):
+            for d in range(kept.shape[1]):
+                springs.anchor[e, d] = kept[e, d]
+
+
+@kernel
+def anchor_work(springs, kept, x0, x1, n):
+    """Work done on the springs by anchors that moved from `kept` while the cable moved from x0 to
+    x1: k (mean anchor - mean end) . (change of the anchor), exact for straight and even motion.
+    """
+    done = 0.0
+    if springs is not None:
+        for e in range(2):
+            i = 0 if e == 0 else n - 1
+            for d in range(kept.shape[1]):
+                moved = springs.anchor[e, d] - kept[e, d]
+                if moved != 0.0:
+                    anchor = 0.5 * (springs.anchor[e, d] + kept[e, d])
+                    done += springs.stiffness[e, d] * moved * (anchor - 0.5 * (x0[d, i] + x1[d, i]))
+    return done

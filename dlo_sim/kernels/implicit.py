@@ -16,7 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels.banded import factorize_row, multiply, quadratic_form, solve_row
+from dlo_sim.kernels.discrete_gradient import span_discrete_gradient
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
+from dlo_sim.kernels.ends import anchor_work, copy_anchors, restore_anchors
 from dlo_sim.kernels.forces import clear, load_force
 from dlo_sim.kernels.jit import entry, inlined, kernel
 from dlo_sim.kernels.layout import (
@@ -27,6 +29,7 @@ from dlo_sim.kernels.layout import (
     FLOOR,
     HISTORY,
     LOAD_WORK,
+    MAX_CORRECTIONS,
     REACTION,
 )
 from dlo_sim.kernels.matrix import (
@@ -49,13 +52,14 @@ from dlo_sim.kernels.observe import (
     velocities,
 )
 from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends, drive_pull
-from dlo_sim.kernels.tangent import span_discrete_gradient
+from dlo_sim.kernels.tangent import span_jacobian
 
 NOT_CONVERGED = 2
-MAX_ITERATIONS = 14
 MAX_HALVINGS = 12
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # ratio of correction energies from which small corrections are round-off
+TRUSTED = 0.5  # largest share by which a correction may be repeated
+SMALLEST = 1e-300  # square of a correction
 NOISE = 1e-9  # largest share of the coordinates that such corrections may have
 BUDGET = 3000  # iterations per step, with all its pieces
 SAFETY = 10.0  # on the shrinking of the next correction
@@ -95,16 +99,21 @@ def friction_stiffness(friction, n, dim, tau, band):
 
 
 @kernel
-def gravity_and_springs(x, gravity, springs, n, out):
-    """out += weight and spring forces at configuration x (spatial rows)."""
+def gravity_and_springs(x, gravity, springs, before, theta, n, out):
+    """out += weight and spring forces at configuration x (spatial rows).
+
+    The springs' anchors are where they are on the way from `before`, at theta.
+    """
     if gravity is not None:
         for d in range(gravity.shape[0]):
             for i in range(n):
                 out[d, i] += gravity[d, i]
     if springs is not None:
-        for d in range(springs.stiffness.shape[1]):
-            out[d, 0] -= springs.stiffness[0, d] * (x[d, 0] - springs.anchor[0, d])
-            out[d, n - 1] -= springs.stiffness[1, d] * (x[d, n - 1] - springs.anchor[1, d])
+        for e in range(2):
+            i = 0 if e == 0 else n - 1
+            for d in range(springs.stiffness.shape[1]):
+                anchor = before[e, d] + theta * (springs.anchor[e, d] - before[e, d])
+                out[d, i] -= springs.stiffness[e, d] * (x[d, i] - anchor)
 
 
 @kernel
@@ -146,8 +155,10 @@ def elastic_discrete_force(
     if theta != 0.5:
         # d moved / d q1 is `rate`: scaled so that force and Jacobian come out right together
         rate_increments(viscosity, solver.moved, lattice, axes, 2.0 * theta / rate, solver.dp)
+    start = solver.p0 if discrete else solver.p1
+    seen = 2.0 * theta * tau / rate
     lost = span_discrete_gradient(
-        solver.p0 if discrete else solver.p1,
+        start,
         solver.p1,
         solver.dp,
         lattice,
@@ -155,13 +166,25 @@ def elastic_discrete_force(
         terms.bend,
         terms.rest,
         viscosity,
-        2.0 * theta * tau / rate,
+        seen,
         axes,
-        solver.scratch,
+        solver.loss,
         work.gradient,
-        solver.jacobian,
-        linearize,
     )
+    if linearize:
+        span_jacobian(
+            start,
+            solver.p1,
+            lattice,
+            terms.stretch,
+            terms.bend,
+            terms.rest,
+            viscosity,
+            seen,
+            axes,
+            solver.scratch,
+            solver.jacobian,
+        )
     scatter_gradient(work.gradient, lattice, axes, -1.0, out)
     return lost
 
@@ -205,7 +228,9 @@ def step_force(
     lost = elastic_discrete_force(
         x, terms, work, solver, viscosity, theta, rate, tau, discrete, linearize, work.force
     )
-    gravity_and_springs(solver.middle, terms.gravity, terms.springs, n, work.force)
+    gravity_and_springs(
+        solver.middle, terms.gravity, terms.springs, work.anchors, theta, n, work.force
+    )
     load_force(solver.middle, terms.loads, terms.axes, t + theta * tau, work.load)
     friction_force(friction, solver.moved, n, tau, solver.damping_force)
     for d in range(x.shape[0]):
@@ -313,7 +338,7 @@ def add_friction_band(friction, row, n, tau, band):
 
 
 @kernel
-def book_step(terms, drive, loads, work, state, lost, n):
+def book_step(terms, drive, loads, work, solver, state, lost, n):
     """Add the step's works and losses to the ledger; work.force holds the step's total force."""
     state.ledger[DISSIPATED] += lost
     if loads is not None:
@@ -321,6 +346,9 @@ def book_step(terms, drive, loads, work, state, lost, n):
             for i in range(n):
                 state.ledger[LOAD_WORK] += work.load[d, i] * work.before[d, i]
     if drive is not None:
+        state.ledger[DRIVE_WORK] += anchor_work(
+            terms.springs, work.anchors, solver.start, state.position, n
+        )
         drive_pull(work.force, drive, terms.mass, n, work.pull)
         for d in range(work.force.shape[0]):
             for j in range(4):
@@ -396,28 +424,62 @@ def absorb_loss(state, terms, work):
 
 
 @kernel
-def correct(x, moved, solver, n, dim):
-    """Solve for the correction and apply it.
+def correct(x, moved, solver, known, n, dim):
+    """Solve for the correction, sharpen it by the `known` ones since the matrix was made, apply it.
+
+    Broyden's method: each correction tells what the matrix misses along it. With z the solution for
+    the present residual and s_j the corrections, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the
+    last, then s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
 
     Returns |residual . correction|, the energy defect |residual . moved| that the residual would
     leave in a step of displacement `moved`, and the largest entry of the correction.
     """
     size = n * dim
+    z = solver.residual
     for r in range(size):
-        solver.rhs[r] = solver.residual[r]
-    substitute(solver.band, size, 4 * dim - 1, solver.residual)
+        solver.rhs[r] = z[r]
+    substitute(solver.band, size, 4 * dim - 1, z)
+    for j in range(known):
+        s = solver.corrections[j]
+        along = dot(s, z, size) * s[size]
+        if j + 1 < known:
+            following = solver.corrections[j + 1]
+            for r in range(size):
+                z[r] += along * following[r]
+        elif abs(along) < TRUSTED:
+            for r in range(size):
+                z[r] /= 1.0 - along
     energy = 0.0
     defect = 0.0
     change = 0.0
     for i in range(n):
         for d in range(dim):
-            correction = solver.residual[i * dim + d]
+            correction = z[i * dim + d]
             residual = solver.rhs[i * dim + d]
             x[d, i] += correction
             energy += abs(correction * residual)
             defect += abs((moved[d, i] + correction) * residual)
             change = max(change, abs(correction))
+    if known < MAX_CORRECTIONS:
+        for r in range(size):
+            solver.corrections[known, r] = z[r]
+        solver.corrections[known, size] = 1.0 / max(dot(z, z, size), SMALLEST)
     return energy, defect, change
+
+
+@kernel
+def dot(a, b, size):
+    """a . b, in four sums that do not wait for each other."""
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+    whole = size - size % 4
+    for r in range(0, whole, 4):
+        s0 += a[r] * b[r]
+        s1 += a[r + 1] * b[r + 1]
+        s2 += a[r + 2] * b[r + 2]
+        s3 += a[r + 3] * b[r + 3]
+    for r in range(whole, size):
+        s0 += a[r] * b[r]
+    return (s0 + s1) + (s2 + s3)
 
 
 @kernel
@@ -465,19 +527,19 @@ def implicit_step(
     predict(x, state.w, state.history, state.ledger[HISTORY], n, dim, tau)
     restore_prescribed(x, solver.start, terms.mass.free, n, dim)
     copy_rows(x, n, solver.coast)
+    copy_anchors(terms.springs, work.anchors)
     drive_ends(x, terms.drive, terms.springs, terms.mass, terms.axes, n, t0 + tau, work.ends)
     coasting(x, solver.start_w, n, tau, solver.coast)
-    scale = max(
-        max(state.ledger[EXCHANGED], kinetic_energy(state.w, terms.mass, n)), state.ledger[FLOOR]
-    )
+    scale = max(state.ledger[EXCHANGED], state.ledger[FLOOR])
     reach = largest(x, n, dim)  # size of the configuration, for the iteration's round-off floor
     converged = False
     iterations = 0
     previous = np.inf
     linearize = True
+    stalls = 0  # corrections in a row that did not get smaller
+    known = 0  # corrections since the matrix was made
     lost = 0.0
-    while iterations < MAX_ITERATIONS and not converged:
-        iterations += 1
+    while True:
         lost = step_force(
             x,
             acceleration,
@@ -494,24 +556,33 @@ def implicit_step(
             discrete,
             linearize,
         )
+        if converged or iterations == MAX_CORRECTIONS:
+            break
+        iterations += 1
         momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c)
         if linearize:
             newton_matrix(terms, friction, solver, n, dim, t0, tau, a, theta, rate)
             hold_prescribed(terms.mass.free, n, dim, solver.band)
             if not eliminate(solver.band, n * dim, 4 * dim - 1):
                 break
-        energy, defect, change = correct(x, work.before, solver, n, dim)
+            known = 0
+        energy, defect, change = correct(x, work.before, solver, known, n, dim)
+        known += 1
         if not energy < 1e300 or (iterations > 6 and energy > 4.0 * previous):
             break
         scale = max(scale, energy) if iterations == 1 else scale
+        stalls = stalls + 1 if energy > STALLED * previous else 0
         # The correction just made leaves about `shrinking` of the defect.
         shrinking = np.sqrt(energy / previous) if iterations > 1 else 1.0
         converged = (
             min(SAFETY * shrinking, 1.0) * defect <= tolerance * scale
             or change <= ROUND_OFF * reach
-            or (iterations > 4 and energy > STALLED * previous and change <= NOISE * reach)
+            or (stalls > 1 and change <= NOISE * reach)
         )
-        linearize = energy > SLOW * previous
+        # What driven ends do is booked with the forces after the last correction.
+        if converged and not ends_moved(terms.drive, terms.mass, work, n):
+            break
+        linearize = energy > SLOW * previous and not converged
         previous = energy
     if converged:
         difference(x, solver.start, n, work.before)
@@ -522,13 +593,26 @@ def implicit_step(
         )
         if alpha.theta != 0.5:
             lost = 0.0  # booked by `absorb_loss` with what the method itself dissipates
-        book_step(terms, terms.drive, terms.loads, work, state, lost, n)
+        book_step(terms, terms.drive, terms.loads, work, solver, state, lost, n)
         mean_reaction(state, terms, work, solver, n, t0, tau)
         state.ledger[HISTORY] += 1.0
     else:
         copy_rows(solver.start, n, x)
+        restore_anchors(terms.drive, terms.springs, work.anchors)
         state.ledger[HISTORY] = 0.0
     return converged, iterations
+
+
+@kernel
+def ends_moved(drive, mass, work, n):
+    """Whether a prescribed DOF moves in this step."""
+    if drive is not None:
+        for j in range(4):
+            column = prescribed_column(j, n)
+            for d in range(work.before.shape[0]):
+                if mass.free[d, column] == 0.0 and work.before[d, column] != 0.0:
+                    return True
+    return False
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels.banded import multiply, solve_rows
+from dlo_sim.kernels.discrete_gradient import span_viscous_gradient
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.ends import one_end_velocity
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
@@ -12,7 +13,7 @@ from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.matrix import add_springs, scatter_matrices, span_matrices
 from dlo_sim.kernels.observe import velocities
 from dlo_sim.kernels.rattle import add_constraint_force
-from dlo_sim.kernels.tangent import span_discrete_gradient
+from dlo_sim.kernels.tangent import span_jacobian
 
 RATE_STEP = 1e-6  # [s] of the difference that gives the acceleration of a driven end
 
@@ -36,36 +37,18 @@ def add_viscosity(v, terms, friction, viscosity, work, solver, out):
         for b in range(solver.dp.shape[0]):
             for lane in range(solver.dp.shape[2]):
                 solver.dp[b, 0, lane] -= terms.lattice.padding[b, lane]
-        # Viscous stresses alone: the same gradient without and with them, for unit time.
-        for viscous in range(2):
-            for b in range(solver.dp.shape[0]):
-                if viscous == 0:
-                    for row in range(solver.dp.shape[1]):
-                        for lane in range(solver.dp.shape[2]):
-                            solver.p0[b, row, lane] = solver.dp[b, row, lane]
-                            solver.dp[b, row, lane] = 0.0
-                else:
-                    for row in range(solver.dp.shape[1]):
-                        for lane in range(solver.dp.shape[2]):
-                            solver.dp[b, row, lane] = solver.p0[b, row, lane]
-            span_discrete_gradient(
-                solver.p1,
-                solver.p1,
-                solver.dp,
-                terms.lattice,
-                terms.stretch,
-                terms.bend,
-                terms.rest,
-                viscosity,
-                1.0,
-                terms.axes,
-                solver.scratch,
-                work.gradient,
-                solver.jacobian,
-                False,
-            )
-            scale = 1.0 if viscous == 0 else -1.0
-            scatter_gradient(work.gradient, terms.lattice, terms.axes, scale, out)
+        span_viscous_gradient(
+            solver.p1,
+            solver.dp,
+            terms.lattice,
+            terms.stretch,
+            terms.bend,
+            viscosity,
+            terms.axes,
+            solver.loss,
+            work.gradient,
+        )
+        scatter_gradient(work.gradient, terms.lattice, terms.axes, -1.0, out)
         add_twist_viscosity(v, terms.twist, viscosity, n, len(terms.axes), out)
 
 
@@ -92,10 +75,9 @@ def stiffness_band(x, terms, viscosity, work, solver):
     dim = len(terms.axes)
     clear(solver.band)
     tangent_coefficients(x, terms.lattice, terms.axes, solver.p1)
-    span_discrete_gradient(
+    span_jacobian(
         solver.p1,
         solver.p1,
-        solver.dp,
         terms.lattice,
         terms.stretch,
         terms.bend,
@@ -104,9 +86,7 @@ def stiffness_band(x, terms, viscosity, work, solver):
         np.inf,
         terms.axes,
         solver.scratch,
-        work.gradient,
         solver.jacobian,
-        True,
     )
     span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
     scatter_matrices(solver.matrices, n, dim, 2.0, solver.band)
@@ -139,10 +119,10 @@ def driven_acceleration(drive, free, t, n, axes, out, spare):
 
 
 @entry
-def missing_force(state, terms, friction, viscosity, work, solver, slopes, chain, t, out):
+def missing_force(state, terms, friction, viscosity, work, solver, chain, t, out):
     """What M a = f lacks on the prescribed rows: the forces of the ends, shape (rows, width).
 
-    `slopes` and `chain` are those of an inextensible cable, else None. With all other forces known,
+    `chain` is that of an inextensible cable, else None. With all other forces known,
     the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p).
     """
     n = terms.lattice.n
@@ -153,7 +133,7 @@ def missing_force(state, terms, friction, viscosity, work, solver, slopes, chain
     clear(out)
     driven_acceleration(terms.drive, mass.free, t, n, terms.axes, work.v1, out)
     dim = len(terms.axes)
-    add_constraint_force(state.position, work.v0, work.v1, mass, slopes, chain, n, dim, work.force)
+    add_constraint_force(state.position, work.v0, work.v1, mass, chain, n, dim, work.force)
     for d in range(out.shape[0]):
         for i in range(n):
             out[d, i] = 0.0

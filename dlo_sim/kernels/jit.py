@@ -2,17 +2,16 @@
 
 `kernel` and `entry` are numba's njit with
 - error_model numpy: a division by zero gives inf, which the divergence checks see, not an
-exception; - fastmath {contract}: fused multiply-add only. NaN and the order of sums keep their
-meaning; - noalias: arrays passed to one kernel never overlap. Without it the inner loops over knot
-spans
+  exception;
+- fastmath {contract}: fused multiply-add only. NaN and the order of sums keep their meaning;
+- noalias: arrays passed to one kernel never overlap. Without it the inner loops over knot spans
   stay scalar, a factor of four to five at 17 samples per span. The flag exists in numba's compiler
-  but not among its public options; where a numba release lacks it, kernels are only slower.
-- _nrt False: no reference counting. Kernels allocate nothing; counting references to a scene's some
-  forty arrays at every call took longer than the arithmetic (Forest-Ruth at 9 control points and
-  101
-  samples: 3.5 us per step with, 1.9 us without);
+  but not among its public options; where a numba release lacks it, kernels are only slower;
+- _nrt False: no reference counting. Kernels allocate nothing; counting references to a scene's
+  some forty arrays at every call took longer than the arithmetic (Forest-Ruth at 9 control points
+  and 101 samples: 3.5 us per step with, 1.9 us without);
 - cache (entries): machine code is kept per user in a directory named after everything it depends
-on.
+  on.
 """
 
 from __future__ import annotations

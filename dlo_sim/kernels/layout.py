@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LANES = 8
+MAX_CORRECTIONS = 14  # of one implicit step before it is halved
 Array = NDArray[np.float64]
 
 
@@ -171,7 +172,7 @@ class Work(NamedTuple):
     """Scratch arrays of one simulator, so that no step allocates.
 
     coefficients, gradient: (blocks, 3 dim, LANES); force, load, load_before, before, v0, v1:
-    (rows, width); ends: (rows, 4); pull: (2, rows, 4).
+    (rows, width); ends: (rows, 4); pull: (2, rows, 4); anchors of the springs before: (2, dim).
     """
 
     coefficients: Array
@@ -182,6 +183,7 @@ class Work(NamedTuple):
     before: Array
     ends: Array
     pull: Array
+    anchors: Array
     v0: Array
     v1: Array
 
@@ -231,7 +233,8 @@ class Solver(NamedTuple):
     """Scratch of the implicit step (see `kernels.matrix` for the band storage).
 
     start, coefficients of the two configurations and of their difference; per-sample scratch; span
-    and band matrices; residual and total force; LDL^T factors of the twist row.
+    and band matrices; residual, its copy and the corrections so far, each with 1 / its square,
+    shape (MAX_CORRECTIONS, n dim + 1); energy lost, per lane; LDL^T factors of the twist row.
     """
 
     start: Array
@@ -248,6 +251,8 @@ class Solver(NamedTuple):
     coast: Array
     residual: Array
     rhs: Array
+    corrections: Array
+    loss: Array
     damping_force: Array
     twist_band: Array
     twist_lower: Array
@@ -257,11 +262,14 @@ class Solver(NamedTuple):
 class Chain(NamedTuple):
     """Scratch of the inextensible step (`kernels.rattle`).
 
-    band: saddle-point matrix, unknowns ordered by control point, shape (n (dim + 1) + 1, band);
+    gram: A of every constraint, shape (n - 1, 4, 4); band: saddle-point matrix, unknowns ordered by
+    control point, shape (n (dim + 1) + 1, band); blank: what of it never changes;
     rhs; multipliers, shape (n - 1,); start, guess, carried, change: shape (dim, width).
     """
 
+    gram: Array
     band: Array
+    blank: Array
     rhs: Array
     pull: Array
     multipliers: Array

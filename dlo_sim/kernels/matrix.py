@@ -1,49 +1,42 @@
 """The step's linear system: unsymmetric band matrix over all spatial DOFs, assembled and solved.
 
 DOF (control point i, row d) has index i dim + d. Entry (r, c) is stored at band[r, c - r + K] with
-half bandwidth K = 4 dim - 1, so that a row operation runs over contiguous memory.
+half bandwidth K = 4 dim - 1, so that a row operation runs over contiguous memory. A last column of
+zeros fills the row up to 2 K + 2 = 8 dim entries, whole vectors of the machine.
 """
 
 from __future__ import annotations
 
 from dlo_sim.kernels.forces import load_amplitude, load_tangent
 from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.layout import LANES
 
 
 @kernel
 def span_matrices(jacobian, lattice, dim, out):
-    """Blocks over the four control points of each span: rows ((4 k + other) dim^2 + entry)."""
-    square = dim * dim
+    """Blocks over the four control points of each span: rows ((4 k + other) dim^2 + entry).
+
+    Row r of lane l of a span block is at r LANES + l, in `jacobian` as in `out`.
+    """
+    square = dim * dim * LANES
     for b in range(jacobian.shape[0]):
         h = jacobian[b]
         e = lattice.extraction[b]
         m = out[b]
-        for entry in range(square):
-            for k in range(4):
-                row = 4 * k * square + entry
-                for lane in range(h.shape[1]):
+        for k in range(4):
+            for entry in range(dim * dim):
+                row = entry * LANES
+                for lane in range(LANES):
                     e0, e1, e2 = e[3 * k, lane], e[3 * k + 1, lane], e[3 * k + 2, lane]
-                    t0 = (
-                        e0 * h[entry, lane]
-                        + e1 * h[3 * square + entry, lane]
-                        + e2 * h[6 * square + entry, lane]
-                    )
-                    t1 = (
-                        e0 * h[square + entry, lane]
-                        + e1 * h[4 * square + entry, lane]
-                        + e2 * h[7 * square + entry, lane]
-                    )
-                    t2 = (
-                        e0 * h[2 * square + entry, lane]
-                        + e1 * h[5 * square + entry, lane]
-                        + e2 * h[8 * square + entry, lane]
-                    )
-                    m[row, lane] = t0 * e[0, lane] + t1 * e[1, lane] + t2 * e[2, lane]
-                    m[row + square, lane] = t0 * e[3, lane] + t1 * e[4, lane] + t2 * e[5, lane]
-                    m[row + 2 * square, lane] = t0 * e[6, lane] + t1 * e[7, lane] + t2 * e[8, lane]
-                    m[row + 3 * square, lane] = (
-                        t0 * e[9, lane] + t1 * e[10, lane] + t2 * e[11, lane]
-                    )
+                    at = row + lane
+                    t0 = e0 * h[at] + e1 * h[3 * square + at] + e2 * h[6 * square + at]
+                    t1 = e0 * h[square + at] + e1 * h[4 * square + at] + e2 * h[7 * square + at]
+                    t2 = e0 * h[2 * square + at] + e1 * h[5 * square + at] + e2 * h[8 * square + at]
+                    at += 4 * k * square
+                    m[at] = t0 * e[0, lane] + t1 * e[1, lane] + t2 * e[2, lane]
+                    m[square + at] = t0 * e[3, lane] + t1 * e[4, lane] + t2 * e[5, lane]
+                    m[2 * square + at] = t0 * e[6, lane] + t1 * e[7, lane] + t2 * e[8, lane]
+                    m[3 * square + at] = t0 * e[9, lane] + t1 * e[10, lane] + t2 * e[11, lane]
 
 
 @kernel
@@ -51,10 +44,9 @@ def scatter_matrices(matrices, n, dim, scale, band):
     """Add scale * span blocks to the band matrix."""
     square = dim * dim
     half = 4 * dim - 1
-    lanes = matrices.shape[2]
     for span in range(n - 3):
-        b = span // lanes
-        lane = span - b * lanes
+        b = span // LANES
+        lane = span - b * LANES
         m = matrices[b]
         for k in range(4):
             for i in range(dim):
@@ -62,10 +54,10 @@ def scatter_matrices(matrices, n, dim, scale, band):
                 line = band[r]
                 offset = span * dim - r + half
                 for other in range(4):
-                    base = (4 * k + other) * square + i * dim
+                    base = ((4 * k + other) * square + i * dim) * LANES + lane
                     column = offset + other * dim
                     for j in range(dim):
-                        line[column + j] += scale * m[base + j, lane]
+                        line[column + j] += scale * m[base + j * LANES]
 
 
 @kernel
@@ -157,35 +149,41 @@ def eliminate(band, size, half):
             return False
         inverse = 1.0 / pivot
         band[r, half] = inverse
-        last = min(size - 1, r + half)
-        for row in range(r + 1, last + 1):
-            shift = r - row + half
-            factor = band[row, shift] * inverse
-            band[row, shift] = factor
-            if factor != 0.0:
-                eliminate_row(
-                    band[row, shift + 1 : shift + 1 + last - r], band[r, half + 1 :], factor
-                )
+        source = band[r, half + 1 :]
+        for below in range(1, min(half, size - 1 - r) + 1):
+            row = band[r + below]
+            factor = row[half - below] * inverse
+            row[half - below] = factor
+            # Always the full width: beyond the matrix there are zeros. A width known to the
+            # compiler is worth more than the few operations saved.
+            target = row[half + 1 - below :]
+            for c in range(half + 1):
+                target[c] -= factor * source[c]
     return True
 
 
 @kernel
-def eliminate_row(target, source, factor):
-    """target -= factor * source over the length of target."""
-    for c in range(target.shape[0]):
-        target[c] -= factor * source[c]
-
-
-@kernel
 def substitute(band, size, half, x):
-    """Solve with the factors of `eliminate`, in place."""
+    """Solve with the factors of `eliminate`, in place.
+
+    Every sum ends with the newest unknown, so that the rest of it is done while that one is being
+    computed; away from the borders the sums have a length that the compiler knows.
+    """
     for r in range(size):
         value = x[r]
-        for c in range(max(0, r - half), r):
-            value -= band[r, c - r + half] * x[c]
+        if r >= half:
+            for k in range(half):
+                value -= band[r, k] * x[r - half + k]
+        else:
+            for k in range(half - r, half):
+                value -= band[r, k] * x[r - half + k]
         x[r] = value
     for r in range(size - 1, -1, -1):
         value = x[r]
-        for c in range(r + 1, min(size, r + half + 1)):
-            value -= band[r, c - r + half] * x[c]
+        if r + half < size:
+            for k in range(half, 0, -1):
+                value -= band[r, half + k] * x[r + k]
+        else:
+            for k in range(size - 1 - r, 0, -1):
+                value -= band[r, half + k] * x[r + k]
         x[r] = value * band[r, half]

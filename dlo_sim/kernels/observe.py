@@ -166,6 +166,7 @@ def start_account(state, terms, work):
     parts = potentials(state.position, terms, work)
     total = kinetic_energy(state.w, terms.mass, terms.lattice.n)
     raise_floor(state, terms, parts, total)
+    ledger[EXCHANGED] = total
     for i in range(5):
         ledger[POTENTIAL_START + i] = parts[i]
         total += parts[i]
@@ -174,7 +175,6 @@ def start_account(state, terms, work):
     ledger[DISSIPATED] = 0.0
     ledger[ENERGY_START] = total
     ledger[ENERGY_ERROR] = 0.0
-    ledger[EXCHANGED] = 0.0
     ledger[BOOKED] = 0.0
     ledger[PENDING] = 0.0
     ledger[PLASTIC_WORK] = 0.0

@@ -9,6 +9,9 @@ is
 with w_half = (q1 - q0) / tau: second order, symmetric and symplectic on the constraint manifold.
 Both lines are one banded saddle-point system in (q, mu), factorised once a step.
 
+A constraint is quadratic in its four control points, g = (sum_d x_d^T A x_d - 1) / 2 with a
+constant A whose rows sum to zero (`Chain.gram`), so only differences of control points count.
+
 Source: Andersen 1983, J. Comput. Phys. 52; Hairer, Lubich & Wanner 2006, VII.1.4.
 """
 
@@ -49,82 +52,105 @@ def first_point(j, n):
 
 
 @kernel
-def constraint_tangent(x, slopes, j, q, n, d):
-    """Component d of r' at point q of constraint j."""
+def gradient_row(x, gram, j, n, d):
+    """dg_j / dq of row d at the four control points of constraint j."""
     first = first_point(j, n)
-    value = 0.0
-    for k in range(4):
-        value += slopes[j, q, k] * x[d, first + k]
-    return value
+    start = x[d, first]
+    e1 = x[d, first + 1] - start
+    e2 = x[d, first + 2] - start
+    e3 = x[d, first + 3] - start
+    return (
+        gram[j, 0, 1] * e1 + gram[j, 0, 2] * e2 + gram[j, 0, 3] * e3,
+        gram[j, 1, 1] * e1 + gram[j, 1, 2] * e2 + gram[j, 1, 3] * e3,
+        gram[j, 2, 1] * e1 + gram[j, 2, 2] * e2 + gram[j, 2, 3] * e3,
+        gram[j, 3, 1] * e1 + gram[j, 3, 2] * e2 + gram[j, 3, 3] * e3,
+    )
 
 
 @kernel
-def gradient_row(x, slopes, j, n, d, k):
-    """dg_j / dq of row d and k-th control point of constraint j; slopes[j, q, 4] is a weight."""
-    value = 0.0
-    for q in range(slopes.shape[1]):
-        value += slopes[j, q, 4] * slopes[j, q, k] * constraint_tangent(x, slopes, j, q, n, d)
-    return value
+def along_gradient(x, moved, gram, j, n, dim):
+    """G_j moved."""
+    first = first_point(j, n)
+    total = 0.0
+    for d in range(dim):
+        g = gradient_row(x, gram, j, n, d)
+        start = moved[d, first]
+        total += g[1] * (moved[d, first + 1] - start)
+        total += g[2] * (moved[d, first + 2] - start)
+        total += g[3] * (moved[d, first + 3] - start)
+    return total
 
 
 @kernel
-def assemble(x, slopes, mass, n, dim, band):
-    """Saddle-point matrix [[M, G^T], [G, 0]] at configuration x."""
+def prepare(mass, chain, n, dim):
+    """Write what never changes of the saddle-point matrix into chain.blank."""
     stride = dim + 1
-    half = band.shape[1] // 2
-    for r in range(band.shape[0]):
-        for c in range(band.shape[1]):
-            band[r, c] = 0.0
-        band[r, half] = 1.0  # unused places and prescribed DOFs
+    half = 4 * stride
+    blank = chain.blank
+    for r in range(blank.shape[0]):
+        for c in range(blank.shape[1]):
+            blank[r, c] = 0.0
+        blank[r, half] = 1.0  # unused places and prescribed DOFs
     for d in range(dim):
         for i in range(n):
             if mass.free[d, i] == 0.0:
                 continue
             r = i * stride + d
-            band[r, half] = mass.band[d, 0, i]
+            blank[r, half] = mass.band[d, 0, i]
             for k in range(1, 4):
                 if i + k < n and mass.free[d, i + k] != 0.0:
-                    band[r, half + k * stride] = mass.band[d, k, i]
-                    band[r + k * stride, half - k * stride] = mass.band[d, k, i]
+                    blank[r, half + k * stride] = mass.band[d, k, i]
+                    blank[r + k * stride, half - k * stride] = mass.band[d, k, i]
+    for j in range(n - 1):
+        first = first_point(j, n)
+        for d in range(dim):
+            for k in range(4):
+                if mass.free[d, first + k] != 0.0 and chain.gram[j, k, k] != 0.0:
+                    blank[slot(j, n, dim), half] = 0.0
+
+
+@kernel
+def assemble(x, mass, chain, n, dim):
+    """Saddle-point matrix [[M, G^T], [G, 0]] at configuration x into chain.band."""
+    stride = dim + 1
+    half = 4 * stride
+    band = chain.band
+    for r in range(band.shape[0]):
+        for c in range(2 * half + 2):
+            band[r, c] = chain.blank[r, c]
     for j in range(n - 1):
         place = slot(j, n, dim)
         first = first_point(j, n)
-        active = False
         for d in range(dim):
+            g = gradient_row(x, chain.gram, j, n, d)
             for k in range(4):
-                g = gradient_row(x, slopes, j, n, d, k)
-                if mass.free[d, first + k] != 0.0 and slopes[j, 0, k] != 0.0:
-                    r = (first + k) * stride + d
-                    band[r, place - r + half] = g
-                    band[place, r - place + half] = g
-                    active = True
-        band[place, half] = 0.0 if active else 1.0
+                value = g[k] * mass.free[d, first + k]
+                r = (first + k) * stride + d
+                band[r, place - r + half] = value
+                band[place, r - place + half] = value
 
 
 @kernel
-def add_multipliers(x, slopes, multipliers, n, dim, sign, rhs):
+def add_multipliers(x, chain, n, dim, sign, rhs):
     """rhs += sign G(x)^T multipliers on the DOF places."""
     stride = dim + 1
     for j in range(n - 1):
-        value = sign * multipliers[j]
+        value = sign * chain.multipliers[j]
         first = first_point(j, n)
         for d in range(dim):
+            g = gradient_row(x, chain.gram, j, n, d)
             for k in range(4):
-                rhs[(first + k) * stride + d] += gradient_row(x, slopes, j, n, d, k) * value
+                rhs[(first + k) * stride + d] += g[k] * value
 
 
 @kernel
-def violation(x, slopes, n, dim, rhs):
-    """Write -g into the constraint places of rhs; returns the largest |g|."""
+def violation(x, chain, n, dim):
+    """Write -g into the constraint places of chain.rhs; returns the largest |g|."""
     worst = 0.0
     for j in range(n - 1):
-        total = -1.0
-        for d in range(dim):
-            for q in range(slopes.shape[1]):
-                t = constraint_tangent(x, slopes, j, q, n, d)
-                total += slopes[j, q, 4] * t * t
-        rhs[slot(j, n, dim)] = -0.5 * total
-        worst = max(worst, abs(0.5 * total))
+        value = 0.5 * (along_gradient(x, x, chain.gram, j, n, dim) - 1.0)
+        chain.rhs[slot(j, n, dim)] = -value
+        worst = max(worst, abs(value))
     return worst
 
 
@@ -154,33 +180,32 @@ def mass_times(mass, d, n, x, out, stride, scale):
 
 
 @kernel
-def keep_length(x, guess, start, slopes, mass, force, scale, chain, n, dim):
-    """Solve M (x - guess) = scale force - G(start)^T mu, g(x) = 0 for x, from x = guess.
+def keep_length(x, guess, start, mass, force, scale, chain, n, dim):
+    """Solve M (x - guess) = scale force - G(start)^T mu, g(x) = 0 for x, from the x given.
 
-    Chord iteration with the factors in chain.band (those of `start`). Returns success.
+    Chord iteration with the factors in chain.band (those of `start`). Returns success. The balance
+    of momentum is linear: the first correction meets it, and later ones only have lengths to mend.
     """
     stride = dim + 1
     rhs = chain.rhs
-    for j in range(n - 1):
-        chain.multipliers[j] = 0.0
+    clear_row(rhs)
+    clear_row(chain.multipliers)
+    for d in range(dim):
+        for i in range(n):
+            chain.change[d, i] = guess[d, i] - x[d, i]
+            rhs[i * stride + d] = scale * force[d, i]
+        mass_times(mass, d, n, chain.change[d], rhs, stride, 1.0)
+    clear_prescribed(mass, n, dim, rhs)
+    violation(x, chain, n, dim)
     for _ in range(MAX_ITERATIONS):
-        for r in range(rhs.shape[0]):
-            rhs[r] = 0.0
-        for d in range(dim):
-            for i in range(n):
-                chain.change[d, i] = guess[d, i] - x[d, i]
-                rhs[i * stride + d] = scale * force[d, i]
-            mass_times(mass, d, n, chain.change[d], rhs, stride, 1.0)
-        add_multipliers(start, slopes, chain.multipliers, n, dim, -1.0, rhs)
-        clear_prescribed(mass, n, dim, rhs)
-        violation(x, slopes, n, dim, rhs)
-        substitute(chain.band, rhs.shape[0], chain.band.shape[1] // 2, rhs)
+        substitute(chain.band, rhs.shape[0], 4 * stride, rhs)
         for i in range(n):
             for d in range(dim):
                 x[d, i] += rhs[i * stride + d] * mass.free[d, i]
         for j in range(n - 1):
             chain.multipliers[j] += rhs[slot(j, n, dim)]
-        worst = violation(x, slopes, n, dim, rhs)
+        clear_row(rhs)
+        worst = violation(x, chain, n, dim)
         if worst <= TOLERANCE:
             return True
         if not worst < 0.5:
@@ -189,25 +214,26 @@ def keep_length(x, guess, start, slopes, mass, force, scale, chain, n, dim):
 
 
 @kernel
-def fix_velocity(x, w, slopes, mass, drive, force, scale, t, axes, chain, n, dim):
+def clear_row(row):
+    """row = 0."""
+    for r in range(row.shape[0]):
+        row[r] = 0.0
+
+
+@kernel
+def fix_velocity(x, w, mass, drive, force, scale, t, axes, chain, n, dim):
     """w += the solution of M dw = scale force - G^T nu with G v = 0, for the factors of x."""
     stride = dim + 1
     rhs = chain.rhs
-    for r in range(rhs.shape[0]):
-        rhs[r] = 0.0
+    clear_row(rhs)
     for d in range(dim):
         for i in range(n):
             rhs[i * stride + d] = scale * force[d, i] * mass.free[d, i]
             chain.change[d, i] = w[d, i]
     driven_velocity(drive, mass, t, n, axes, chain.change)
     for j in range(n - 1):
-        first = first_point(j, n)
-        value = 0.0
-        for d in range(dim):
-            for k in range(4):
-                value += gradient_row(x, slopes, j, n, d, k) * chain.change[d, first + k]
-        rhs[slot(j, n, dim)] = -value
-    substitute(chain.band, rhs.shape[0], chain.band.shape[1] // 2, rhs)
+        rhs[slot(j, n, dim)] = -along_gradient(x, chain.change, chain.gram, j, n, dim)
+    substitute(chain.band, rhs.shape[0], 4 * stride, rhs)
     for j in range(n - 1):
         chain.multipliers[j] = rhs[slot(j, n, dim)]
     for i in range(n):
@@ -261,7 +287,7 @@ def kick_twist(state, force, twist, n, row, dt):
 
 
 @inlined
-def rattle_step(state, terms, work, slopes, chain, step, tau):
+def rattle_step(state, terms, work, chain, step, tau):
     """One step from a configuration whose matrix is factorised in chain.band; true if solved."""
     n = terms.lattice.n
     dim = len(terms.axes)
@@ -280,25 +306,22 @@ def rattle_step(state, terms, work, slopes, chain, step, tau):
             x[d, i] += tau * state.w[d, i] * mass.free[d, i]
             chain.guess[d, i] = x[d, i]
     good = keep_length(
-        x, chain.guess, chain.start, slopes, mass, work.force, 0.5 * tau * tau, chain, n, dim
+        x, chain.guess, chain.start, mass, work.force, 0.5 * tau * tau, chain, n, dim
     )
     if good:
         for r in range(chain.pull.shape[0]):
             chain.pull[r] = 0.0
-        add_multipliers(
-            chain.start, slopes, chain.multipliers, n, dim, -1.0 / (tau * tau), chain.pull
-        )
+        add_multipliers(chain.start, chain, n, dim, -1.0 / (tau * tau), chain.pull)
         for d in range(dim):
             for i in range(n):
                 state.w[d, i] = (x[d, i] - chain.carried[d, i]) / tau * mass.free[d, i]
         evaluate(state, terms, work, (step + 1) * tau)
         accelerate_twist(work.force, terms.twist, mass, n, dim)
-        assemble(x, slopes, mass, n, dim, chain.band)
-        good = eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2)
+        assemble(x, mass, chain, n, dim)
+        good = eliminate(chain.band, chain.band.shape[0], 4 * (dim + 1))
         fix_velocity(
             x,
             state.w,
-            slopes,
             mass,
             terms.drive,
             work.force,
@@ -309,18 +332,17 @@ def rattle_step(state, terms, work, slopes, chain, step, tau):
             n,
             dim,
         )
-        add_multipliers(x, slopes, chain.multipliers, n, dim, -1.0 / tau, chain.pull)
+        add_multipliers(x, chain, n, dim, -1.0 / tau, chain.pull)
         book_constraints(x, work.ends, terms.drive, mass, chain.pull, state.ledger, n, dim)
     return good
 
 
 @entry
-def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, guard, recorder):
+def advance_rattle(state, terms, work, chain, first_step, steps, tau, guard, recorder):
     """Advance by whole steps from time first_step * tau.
 
-    `slopes` holds four derivatives [1/m] and a weight for each point of a constraint, shape
-    (n - 1, points, 5). Returns
-    (status, steps done, force evaluations). A step whose constraints cannot be met ends the run.
+    Returns (status, steps done, force evaluations). A step whose constraints cannot be met ends the
+    run.
     """
     n = terms.lattice.n
     dim = len(terms.axes)
@@ -330,18 +352,19 @@ def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, gu
         if step == first_step:
             evaluate(state, terms, work, t0)
             accelerate_twist(work.force, terms.twist, terms.mass, n, dim)
-            assemble(state.position, slopes, terms.mass, n, dim, chain.band)
-            if not eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2):
+            prepare(terms.mass, chain, n, dim)
+            assemble(state.position, terms.mass, chain, n, dim)
+            if not eliminate(chain.band, chain.band.shape[0], 4 * (dim + 1)):
                 return NOT_CONVERGED, 0, 0
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
         kick_twist(state, work.force, terms.twist, n, dim, 0.5 * tau)
-        if not rattle_step(state, terms, work, slopes, chain, step, tau):
+        if not rattle_step(state, terms, work, chain, step, tau):
             return NOT_CONVERGED, step - first_step, evaluations
         kick_twist(state, work.force, terms.twist, n, dim, 0.5 * tau)
         decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
         evaluations += 1
-        if (step + 1) % guard == 0:
+        if (step + 1) % guard == 0 or step + 1 == first_step + steps:
             _, sane = update_account(state, terms, work)
             if not sane:
                 return DIVERGED, step - first_step, evaluations
@@ -351,7 +374,7 @@ def advance_rattle(state, terms, work, slopes, chain, first_step, steps, tau, gu
 
 
 @kernel
-def add_constraint_force(x, v, acceleration, mass, slopes, chain, n, dim, force):
+def add_constraint_force(x, v, acceleration, mass, chain, n, dim, force):
     """force += - G^T lambda of the present motion; `acceleration` holds that of prescribed DOFs.
 
     lambda follows from G a = - |dr'/dt|^2, the second derivative of the constraints.
@@ -359,10 +382,10 @@ def add_constraint_force(x, v, acceleration, mass, slopes, chain, n, dim, force)
     if chain is not None:
         stride = dim + 1
         rhs = chain.rhs
-        assemble(x, slopes, mass, n, dim, chain.band)
-        eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2)
-        for r in range(rhs.shape[0]):
-            rhs[r] = 0.0
+        prepare(mass, chain, n, dim)
+        assemble(x, mass, chain, n, dim)
+        eliminate(chain.band, chain.band.shape[0], 4 * (dim + 1))
+        clear_row(rhs)
         for d in range(dim):
             for i in range(n):
                 chain.change[d, i] = 0.0
@@ -370,39 +393,32 @@ def add_constraint_force(x, v, acceleration, mass, slopes, chain, n, dim, force)
             for i in range(n):
                 rhs[i * stride + d] = (force[d, i] + chain.change[d, i]) * mass.free[d, i]
         for j in range(n - 1):
-            value = 0.0
-            for d in range(dim):
-                for q in range(slopes.shape[1]):
-                    rate = constraint_tangent(v, slopes, j, q, n, d)
-                    tangent = constraint_tangent(x, slopes, j, q, n, d)
-                    pull = tangent * constraint_tangent(acceleration, slopes, j, q, n, d)
-                    value += slopes[j, q, 4] * (rate * rate + pull)
+            value = along_gradient(v, v, chain.gram, j, n, dim)
+            value += along_gradient(x, acceleration, chain.gram, j, n, dim)
             rhs[slot(j, n, dim)] = -value
-        substitute(chain.band, rhs.shape[0], chain.band.shape[1] // 2, rhs)
+        substitute(chain.band, rhs.shape[0], 4 * (dim + 1), rhs)
         for j in range(n - 1):
             chain.multipliers[j] = rhs[slot(j, n, dim)]
-        for r in range(rhs.shape[0]):
-            rhs[r] = 0.0
-        add_multipliers(x, slopes, chain.multipliers, n, dim, -1.0, rhs)
+        clear_row(rhs)
+        add_multipliers(x, chain, n, dim, -1.0, rhs)
         for d in range(dim):
             for i in range(n):
                 force[d, i] += rhs[i * stride + d]
 
 
 @entry
-def project(x, slopes, mass, chain, n, dim):
+def project(x, mass, chain, n, dim):
     """Move a configuration to rest length by the least kinetic distance; true if done."""
+    prepare(mass, chain, n, dim)
     for _ in range(20):
         for d in range(dim):
             for i in range(n):
                 chain.start[d, i] = x[d, i]
                 chain.guess[d, i] = x[d, i]
                 chain.carried[d, i] = 0.0
-        assemble(x, slopes, mass, n, dim, chain.band)
-        if not eliminate(chain.band, chain.band.shape[0], chain.band.shape[1] // 2):
+        assemble(x, mass, chain, n, dim)
+        if not eliminate(chain.band, chain.band.shape[0], 4 * (dim + 1)):
             return False
-        if keep_length(
-            x, chain.guess, chain.start, slopes, mass, chain.carried, 0.0, chain, n, dim
-        ):
+        if keep_length(x, chain.guess, chain.start, mass, chain.carried, 0.0, chain, n, dim):
             return True
     return False

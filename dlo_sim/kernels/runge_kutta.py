@@ -81,8 +81,8 @@ def book_work(state, terms, work):
     drive_pull(work.force, terms.drive, terms.mass, n, work.pull)
     if state.ledger[BOOKED] != 0.0:
         book_loads(state, terms.loads, n, work)
-        book_drive(state, terms.drive, n, work)
-    remember(state, terms.loads, terms.drive, n, work)
+        book_drive(state, terms.drive, terms.springs, n, work)
+    remember(state, terms.loads, terms.drive, terms.springs, n, work)
 
 
 @inlined
@@ -136,7 +136,7 @@ def advance_runge_kutta(
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         evaluations += runge_kutta_step(state, terms, work, table, nodes, slopes, step, tau, fresh)
         fresh = not plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients)
-        if (step + 1) % guard == 0:
+        if (step + 1) % guard == 0 or step + 1 == first_step + steps:
             _, sane = update_account(state, terms, work)
             if not sane:
                 return DIVERGED, step - first_step, evaluations

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels.banded import solve_rows
-from dlo_sim.kernels.ends import move_anchors, place_ends
+from dlo_sim.kernels.ends import anchor_work, keep_anchors, move_anchors, place_ends
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
 from dlo_sim.kernels.jit import entry, inlined, kernel
 from dlo_sim.kernels.layout import BOOKED, DISSIPATED, DRIVE_WORK, LOAD_WORK, PENDING
@@ -101,10 +101,10 @@ def book_loads(state, loads, n, work):
 
 
 @kernel
-def book_drive(state, drive, n, work):
+def book_drive(state, drive, springs, n, work):
     """Work of the driven ends since the last evaluation, by the trapezoidal rule."""
     if drive is not None:
-        done = 0.0
+        done = anchor_work(springs, work.anchors, work.before, state.position, n)
         for d in range(state.position.shape[0]):
             for j in range(4):
                 column = prescribed_column(j, n)
@@ -114,18 +114,19 @@ def book_drive(state, drive, n, work):
 
 
 @kernel
-def remember(state, loads, drive, n, work):
+def remember(state, loads, drive, springs, n, work):
     """Keep the positions that the booked work counts from."""
     if loads is not None or drive is not None:
         for d in range(state.position.shape[0]):
             for i in range(n):
                 work.before[d, i] = state.position[d, i]
+        keep_anchors(drive, springs, work.anchors)
         state.ledger[BOOKED] = 1.0
         state.ledger[PENDING] = 0.0
 
 
 @kernel
-def foresee_work(state, loads, drive, n, work):
+def foresee_work(state, loads, drive, springs, n, work):
     """Work since the last evaluation with the forces of that: for a step that ends with a drift."""
     if loads is not None or drive is not None:
         done = 0.0
@@ -138,6 +139,8 @@ def foresee_work(state, loads, drive, n, work):
                     column = prescribed_column(j, n)
                     moved = state.position[d, column] - work.before[d, column]
                     done -= work.pull[0, d, j] * moved
+        if drive is not None:
+            done += anchor_work(springs, work.anchors, work.before, state.position, n)
         state.ledger[PENDING] = done
 
 
@@ -150,8 +153,8 @@ def evaluate(state, terms, work, t):
     drive_pull(work.force, terms.drive, terms.mass, n, work.pull)
     if state.ledger[BOOKED] != 0.0:
         book_loads(state, terms.loads, n, work)
-        book_drive(state, terms.drive, n, work)
-    remember(state, terms.loads, terms.drive, n, work)
+        book_drive(state, terms.drive, terms.springs, n, work)
+    remember(state, terms.loads, terms.drive, terms.springs, n, work)
 
 
 @kernel
@@ -194,7 +197,7 @@ def splitting_step(state, terms, work, drift_weights, kick_weights, step, tau, f
                 for i in range(n):
                     state.w[d, i] += dt * work.force[d, i]
     if not fresh:
-        foresee_work(state, terms.loads, terms.drive, n, work)
+        foresee_work(state, terms.loads, terms.drive, terms.springs, n, work)
     decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
     return fresh, evaluations
 
@@ -219,7 +222,7 @@ def advance_splitting(
         evaluations += used
         if plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients):
             fresh = False
-        if (step + 1) % guard == 0:
+        if (step + 1) % guard == 0 or step + 1 == first_step + steps:
             _, sane = update_account(state, terms, work)
             if not sane:
                 return DIVERGED, step - first_step, evaluations

@@ -11,7 +11,6 @@ from dlo_sim.kernels.observe import kinetic_energy
 from dlo_sim.kernels.rattle import advance_rattle, project
 from dlo_sim.kernels.splitting import OK
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.workspace import new_chain
 
 Array = NDArray[np.float64]
 GAUSS_POINTS = 3
@@ -44,11 +43,32 @@ def constraint_slopes(knots: Array) -> Array:
     return result
 
 
+def new_chain(model: Model) -> layout.Chain:
+    """Scratch of the inextensible step. A row reaches four control points and their constraints."""
+    dim = len(model.axes)
+    n = model.n
+    size = n * (dim + 1) + 1
+    half = 4 * (dim + 1)
+    shape = (dim, model.width)
+    points = constraint_slopes(model.knots)
+    return layout.Chain(
+        gram=np.einsum("jqk,jqm,jq->jkm", points[..., :4], points[..., :4], points[..., 4]),
+        band=np.zeros((size, 2 * half + 2)),
+        blank=np.zeros((size, 2 * half + 2)),
+        rhs=np.zeros(size),
+        pull=np.zeros(size),
+        multipliers=np.zeros(n - 1),
+        start=np.zeros(shape),
+        guess=np.zeros(shape),
+        carried=np.zeros(shape),
+        change=np.zeros(shape),
+    )
+
+
 def to_rest_length(model: Model, state: layout.State) -> bool:
     """Move a configuration onto the constraints; true if that succeeded."""
-    slopes = constraint_slopes(model.knots)
     dim = len(model.axes)
-    return bool(project(state.position, slopes, model.terms.mass, new_chain(model), model.n, dim))
+    return bool(project(state.position, model.terms.mass, new_chain(model), model.n, dim))
 
 
 def to_equilibrium(model: Model, state: layout.State, work: layout.Work, step: float) -> bool:
@@ -57,15 +77,13 @@ def to_equilibrium(model: Model, state: layout.State, work: layout.Work, step: f
     Steps of RATTLE with kinetic damping: whenever the kinetic energy falls, the velocity is set to
     zero (Cundall's dynamic relaxation), until a restart hardly moves the cable any more.
     """
-    slopes, chain = constraint_slopes(model.knots), new_chain(model)
+    chain = new_chain(model)
     length = float(model.knots[-1])
     dim = len(model.axes)
     peak, still = 0.0, 0
     resting = state.position.copy()
     for _ in range(MOST_STEPS):
-        status, _, _ = advance_rattle(
-            state, model.terms, work, slopes, chain, 0, 1, step, MOST_STEPS, None
-        )
+        status, _, _ = advance_rattle(state, model.terms, work, chain, 0, 1, step, MOST_STEPS, None)
         if status != OK:
             return False
         kinetic = kinetic_energy(state.w, model.terms.mass, model.n)

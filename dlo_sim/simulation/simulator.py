@@ -218,7 +218,7 @@ class Simulator:
             self._solver,
             self.time,
             end,
-            self._stepper.inextensible,
+            self._stepper.chain,
         )
 
     # -- change ---------------------------------------------------------------------------------
@@ -371,6 +371,7 @@ class Simulator:
     def _mutable(self) -> tuple[Array, ...]:
         terms = self._model.terms
         arrays: list[Any] = [*self._state, self._work.load, self._work.before, self._work.pull]
+        arrays.append(self._work.anchors)
         if terms.loads is not None:
             arrays += [terms.loads.force, terms.loads.torque, terms.loads.frequency]
         if terms.springs is not None:

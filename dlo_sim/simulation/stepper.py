@@ -21,10 +21,9 @@ from dlo_sim.kernels.splitting import advance_splitting
 from dlo_sim.kernels.zhai import advance_zhai
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import optional_terms
-from dlo_sim.simulation.inextensible import constraint_slopes, largest_constrained_frequency
+from dlo_sim.simulation.inextensible import largest_constrained_frequency, new_chain
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.selection import Choice
-from dlo_sim.simulation.workspace import new_chain
 
 GUARD_STEPS = 16  # explicit steps between two looks at the energy
 
@@ -72,9 +71,9 @@ class Stepper:
         self._kick = np.array(choice.method.kick_weights)
         self._alpha = alpha_constants(choice.method, scene.integrator.spectral_radius)
         self._zhai = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
-        self.inextensible: tuple[np.ndarray, layout.Chain] | None = None
+        self.chain: layout.Chain | None = None
         if choice.method.family == CONSTRAINED:
-            self.inextensible = (constraint_slopes(model.knots), new_chain(model))
+            self.chain = new_chain(model)
         if choice.method.family == RUNGE_KUTTA:
             self._table, self._nodes = _butcher_table(choice.method)
             self._slopes = np.zeros((len(self._table), 2, model.rows, model.width))
@@ -129,12 +128,12 @@ class Stepper:
                 GUARD_STEPS,
                 recorder,
             )
-        if self.inextensible is not None:
+        if self.chain is not None:
             return advance_rattle(
                 state,
                 model.terms,
                 work,
-                *self.inextensible,
+                self.chain,
                 first,
                 steps,
                 choice.step,

@@ -35,6 +35,7 @@ def new_work(model: Model) -> layout.Work:
         before=np.zeros(shape),
         ends=np.zeros((model.rows, 4)),
         pull=np.zeros((2, model.rows, 4)),
+        anchors=np.zeros((2, dim)),
         v0=np.zeros(shape),
         v1=np.zeros(shape),
     )
@@ -54,35 +55,18 @@ def new_solver(model: Model) -> layout.Solver:
         p0=np.zeros(spans),
         p1=np.zeros(spans),
         dp=np.zeros(spans),
-        scratch=np.zeros((tangent.SCRATCH_ROWS, layout.LANES)),
-        jacobian=np.zeros((blocks, 9 * dim * dim, layout.LANES)),
-        matrices=np.zeros((blocks, 16 * dim * dim, layout.LANES)),
-        band=np.zeros((n * dim, 8 * dim - 1)),
+        scratch=np.zeros(tangent.SCRATCH_ROWS * layout.LANES),
+        jacobian=np.zeros((blocks, 9 * dim * dim * layout.LANES)),
+        matrices=np.zeros((blocks, 16 * dim * dim * layout.LANES)),
+        band=np.zeros((n * dim, 8 * dim)),
         moved=np.zeros(shape),
         coast=np.zeros(shape),
         residual=np.zeros(n * dim),
         rhs=np.zeros(n * dim),
+        corrections=np.zeros((layout.MAX_CORRECTIONS, n * dim + 1)),
+        loss=np.zeros(layout.LANES),
         damping_force=np.zeros(shape),
         twist_band=np.zeros((4, n)),
         twist_lower=np.zeros((3, n)),
         twist_diagonal=np.zeros(n),
-    )
-
-
-def new_chain(model: Model) -> layout.Chain:
-    """Scratch of the inextensible step. A row reaches four control points and their constraints."""
-    dim = len(model.axes)
-    n = model.n
-    size = n * (dim + 1) + 1
-    half = 4 * (dim + 1)
-    shape = (dim, model.width)
-    return layout.Chain(
-        band=np.zeros((size, 2 * half + 1)),
-        rhs=np.zeros(size),
-        pull=np.zeros(size),
-        multipliers=np.zeros(n - 1),
-        start=np.zeros(shape),
-        guess=np.zeros(shape),
-        carried=np.zeros(shape),
-        change=np.zeros(shape),
     )

@@ -46,7 +46,7 @@ def test_mass_rows_are_solved_and_prescribed_entries_become_zero(n, held):
 def test_unsymmetric_band_is_solved(size, half):
     rng = np.random.default_rng(size)
     full = np.zeros((size, size))
-    band = np.zeros((size, 2 * half + 1))
+    band = np.zeros((size, 2 * half + 2))
     for r in range(size):
         for c in range(max(0, r - half), min(size, r + half + 1)):
             full[r, c] = rng.normal() + (3.0 * half if r == c else 0.0)

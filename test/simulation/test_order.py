@@ -135,22 +135,7 @@ def test_twist_has_the_declared_order(method, damping):
     assert first[2] < {2: 4e-4, 4: 4e-5}[method.order]
 
 
-SPRINGS = "spring anchors are those of the step's end in a force of its middle"
-
-
-@pytest.mark.parametrize(
-    "method",
-    [
-        pytest.param(
-            method,
-            id=method.name,
-            marks=[pytest.mark.xfail(strict=True, reason=SPRINGS)]
-            if method.family == IMPLICIT
-            else [],
-        )
-        for method in SAME_EQUATIONS
-    ],
-)
+@pytest.mark.parametrize("method", SAME_EQUATIONS, ids=lambda method: method.name)
 def test_order_holds_with_springs_that_are_moved(method):
     orders, first = convergence(method, "undamped", springs_move=True)
     assert np.abs(orders[:, 0] - method.order).max() < 0.1
