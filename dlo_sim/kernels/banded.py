@@ -38,16 +38,32 @@ def solve_rows(lower, inverse_diagonal, n, x):
 
 
 @kernel
+def row_times(band, n, x, i):
+    """(A x)_i near the border, where the band is cut off."""
+    value = band[0, i] * x[i]
+    for k in range(1, 4):
+        if i >= k:
+            value += band[k, i - k] * x[i - k]
+        if i + k < n:
+            value += band[k, i] * x[i + k]
+    return value
+
+
+@kernel
 def multiply(band, n, x, scale, out):
-    """out += scale A x for one row."""
-    for i in range(n):
-        value = band[0, i] * x[i]
-        for k in range(1, 4):
-            if i >= k:
-                value += band[k, i - k] * x[i - k]
-            if i + k < n:
-                value += band[k, i] * x[i + k]
-        out[i] += scale * value
+    """out += scale A x for one row of at least four control points."""
+    b0, b1, b2, b3 = band[0], band[1], band[2], band[3]
+    for i in range(3):
+        out[i] += scale * row_times(band, n, x, i)
+    for i in range(3, n - 3):
+        out[i] += scale * (
+            b0[i] * x[i]
+            + (b1[i - 1] * x[i - 1] + b1[i] * x[i + 1])
+            + (b2[i - 2] * x[i - 2] + b2[i] * x[i + 2])
+            + (b3[i - 3] * x[i - 3] + b3[i] * x[i + 3])
+        )
+    for i in range(max(n - 3, 3), n):
+        out[i] += scale * row_times(band, n, x, i)
 
 
 @kernel

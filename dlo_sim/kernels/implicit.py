@@ -55,9 +55,12 @@ from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends, drive_pull
 from dlo_sim.kernels.tangent import span_jacobian
 
 NOT_CONVERGED = 2
+MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # ratio of correction energies from which small corrections are round-off
+GROWTH = 1.0  # of the residual along a correction beyond which the correction is shortened
+SMALLEST_SHARE = 1e-6  # of a correction; below, the step is halved
 TRUSTED = 0.5  # largest share by which a correction may be repeated
 SMALLEST = 1e-300  # square of a correction
 NOISE = 1e-9  # largest share of the coordinates that such corrections may have
@@ -242,20 +245,22 @@ def step_force(
 
 @kernel
 def momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c):
-    """Residual of the momentum balance on the spatial rows, interleaved by control point."""
+    """Residual of the momentum balance on the spatial rows, interleaved by control point.
+
+    Returns the size of the work against inertia in the step.
+    """
+    inertia = 0.0
     for d in range(dim):
-        band = terms.mass.band[d]
-        dx = work.before[d]
-        w = solver.start_w[d]
-        a0 = acceleration[d]
+        row = solver.moved[d]  # free again: what it holds is in the forces by now
+        push = solver.damping_force[d]
         for i in range(n):
-            value = 0.0
-            for k in range(-3, 4):
-                j = i + k
-                if j >= 0 and j < n:
-                    mass = band[k, i] if k >= 0 else band[-k, j]
-                    value += mass * (a * dx[j] - b * w[j] - c * a0[j])
-            solver.residual[i * dim + d] = (work.force[d, i] - value) * terms.mass.free[d, i]
+            row[i] = a * work.before[d, i] - b * solver.start_w[d, i] - c * acceleration[d, i]
+            push[i] = 0.0
+        multiply(terms.mass.band[d], n, row, 1.0, push)
+        for i in range(n):
+            inertia += abs(push[i] * work.before[d, i])
+            solver.residual[i * dim + d] = (work.force[d, i] - push[i]) * terms.mass.free[d, i]
+    return inertia
 
 
 @inlined
@@ -431,8 +436,9 @@ def correct(x, moved, solver, known, n, dim):
     the present residual and s_j the corrections, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the
     last, then s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
 
-    Returns |residual . correction|, the energy defect |residual . moved| that the residual would
-    leave in a step of displacement `moved`, and the largest entry of the correction.
+    Returns |residual . correction| entry by entry and as a whole, the energy defect
+    |residual . moved| that the residual would leave in a step of displacement `moved`, and the
+    largest entry of the correction.
     """
     size = n * dim
     z = solver.residual
@@ -450,6 +456,7 @@ def correct(x, moved, solver, known, n, dim):
             for r in range(size):
                 z[r] /= 1.0 - along
     energy = 0.0
+    slope = 0.0
     defect = 0.0
     change = 0.0
     for i in range(n):
@@ -458,13 +465,35 @@ def correct(x, moved, solver, known, n, dim):
             residual = solver.rhs[i * dim + d]
             x[d, i] += correction
             energy += abs(correction * residual)
+            slope += correction * residual
             defect += abs((moved[d, i] + correction) * residual)
             change = max(change, abs(correction))
-    if known < MAX_CORRECTIONS:
-        for r in range(size):
-            solver.corrections[known, r] = z[r]
-        solver.corrections[known, size] = 1.0 / max(dot(z, z, size), SMALLEST)
-    return energy, defect, change
+    for r in range(size):
+        solver.corrections[known, r] = z[r]
+    solver.corrections[known, size] = 1.0 / max(dot(z, z, size), SMALLEST)
+    return energy, abs(slope), defect, change
+
+
+@kernel
+def residual_along(solver, last, size):
+    """Residual . correction, with the residual after that correction."""
+    return dot(solver.residual, solver.corrections[last], size)
+
+
+@kernel
+def shortened(before, after):
+    """Share of a correction at which the residual along it would vanish, by the secant."""
+    share = before / (before - after)
+    return min(max(share, 0.1), 0.5) if share > 0.0 and share < np.inf else 0.1
+
+
+@kernel
+def retreat(x, solver, last, share, n, dim):
+    """Take back a share of a correction."""
+    step = solver.corrections[last]
+    for i in range(n):
+        for d in range(dim):
+            x[d, i] -= share * step[i * dim + d]
 
 
 @kernel
@@ -483,20 +512,38 @@ def dot(a, b, size):
 
 
 @kernel
+def alternates(x, history, n, dim):
+    """Whether the present configuration is nearer to the last but one than to the last.
+
+    Undamped motion that the step is far too long for turns its sign from step to step.
+    """
+    once, twice = 0.0, 0.0
+    for d in range(dim):
+        for i in range(n):
+            once += (x[d, i] - history[0, d, i]) ** 2
+            twice += (x[d, i] - history[1, d, i]) ** 2
+    return twice < once
+
+
+@kernel
 def predict(x, w, history, steps_known, n, dim, tau):
-    """First guess of the free DOFs: the parabola through the last three configurations, or constant
-    w.
+    """First guess of the free DOFs: the parabola through the last three configurations, the last
+    configuration where the motion alternates, or constant w.
 
     Shifts the history: history[0] becomes the present configuration, history[1] the one before.
     """
+    back = steps_known >= 2 and alternates(x, history, n, dim)
     for d in range(dim):
         for i in range(n):
             now = x[d, i]
-            if steps_known >= 2:
-                x[d, i] = 3.0 * (now - history[0, d, i]) + history[1, d, i]
+            before = history[0, d, i]
+            if back:
+                x[d, i] = before
+            elif steps_known >= 2:
+                x[d, i] = 3.0 * (now - before) + history[1, d, i]
             else:
                 x[d, i] += tau * w[d, i]
-            history[1, d, i] = history[0, d, i]
+            history[1, d, i] = before
             history[0, d, i] = now
 
 
@@ -536,6 +583,8 @@ def implicit_step(
     iterations = 0
     previous = np.inf
     linearize = True
+    slope = 0.0  # |residual . correction| before the last correction
+    share = 1.0  # of the last correction that is in x
     stalls = 0  # corrections in a row that did not get smaller
     known = 0  # corrections since the matrix was made
     lost = 0.0
@@ -556,26 +605,35 @@ def implicit_step(
             discrete,
             linearize,
         )
-        if converged or iterations == MAX_CORRECTIONS:
+        if converged or iterations == MAX_ITERATIONS:
             break
         iterations += 1
-        momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c)
-        if linearize:
+        inertia = momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c)
+        if known > 0:
+            along = residual_along(solver, known - 1, n * dim)
+            if not abs(along) <= GROWTH * slope and share > SMALLEST_SHARE:
+                # Too far: back on the way that the last correction went, and on with a new matrix.
+                less = share * shortened(slope, along)
+                retreat(x, solver, known - 1, share - less, n, dim)
+                share = less
+                linearize = True
+                continue
+        if linearize or known == MAX_CORRECTIONS:
             newton_matrix(terms, friction, solver, n, dim, t0, tau, a, theta, rate)
             hold_prescribed(terms.mass.free, n, dim, solver.band)
             if not eliminate(solver.band, n * dim, 4 * dim - 1):
                 break
             known = 0
-        energy, defect, change = correct(x, work.before, solver, known, n, dim)
+        energy, slope, defect, change = correct(x, work.before, solver, known, n, dim)
         known += 1
-        if not energy < 1e300 or (iterations > 6 and energy > 4.0 * previous):
+        if not energy < 1e300:
             break
-        scale = max(scale, energy) if iterations == 1 else scale
         stalls = stalls + 1 if energy > STALLED * previous else 0
         # The correction just made leaves about `shrinking` of the defect.
-        shrinking = np.sqrt(energy / previous) if iterations > 1 else 1.0
+        shrinking = np.sqrt(energy / previous) if share == 1.0 and iterations > 1 else 1.0
+        share = 1.0
         converged = (
-            min(SAFETY * shrinking, 1.0) * defect <= tolerance * scale
+            min(SAFETY * shrinking, 1.0) * defect <= tolerance * max(scale, inertia)
             or change <= ROUND_OFF * reach
             or (stalls > 1 and change <= NOISE * reach)
         )

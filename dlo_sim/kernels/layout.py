@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LANES = 8
-MAX_CORRECTIONS = 14  # of one implicit step before it is halved
+MAX_CORRECTIONS = 14  # of one implicit step with one matrix
 Array = NDArray[np.float64]
 
 

@@ -364,7 +364,7 @@ def advance_rattle(state, terms, work, chain, first_step, steps, tau, guard, rec
         kick_twist(state, work.force, terms.twist, n, dim, 0.5 * tau)
         decay_flow(state, terms.mass, terms.decay, n, 0.5 * tau)
         evaluations += 1
-        if (step + 1) % guard == 0 or step + 1 == first_step + steps:
+        if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:
                 return DIVERGED, step - first_step, evaluations

@@ -222,7 +222,7 @@ def advance_splitting(
         evaluations += used
         if plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients):
             fresh = False
-        if (step + 1) % guard == 0 or step + 1 == first_step + steps:
+        if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:
                 return DIVERGED, step - first_step, evaluations

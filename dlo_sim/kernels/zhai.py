@@ -83,7 +83,7 @@ def advance_zhai(state, terms, work, psi, phi, first_step, steps, tau, guard, re
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         evaluations += zhai_step(state, terms, work, psi, phi, step, tau, fresh)
         fresh = not plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients)
-        if (step + 1) % guard == 0 or step + 1 == first_step + steps:
+        if (step + 1) % guard == 0:
             _, sane = update_account(state, terms, work)
             if not sane:
                 return DIVERGED, step - first_step, evaluations

@@ -134,10 +134,10 @@ class CableNode(Node):
         self._outputs.publish(self._session.messages(self._outputs.wanted(now)))
         end = time.perf_counter_ns()
         self._times.record(now, begin, stepped, end, report.advanced_steps, self._period_ns)
-        if report.status is not self._status:
-            self._log_status(report.status, report.message)
         if report.stop:
-            self.failure = report.message
+            self.failure = report.message  # said once, as the reason why the node ends
+        elif report.status is not self._status:
+            self._log_status(report.status, report.message)
 
     def _hand_over_early(self, now: int) -> None:
         for topic, raw in self._early.items():

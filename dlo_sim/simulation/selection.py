@@ -17,6 +17,7 @@ from dlo_sim.simulation import optional_terms
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is preferred
 HORIZON = 1.0  # [s] over which a chosen step keeps the accuracy asked for
+LEAST_LOADED_STEP = 1e-3  # [s]
 LEAST_ACCELERATION = 1.0  # [m/s^2] for scenes in which nothing but the grippers acts
 
 
@@ -90,19 +91,30 @@ def _accurate_step(scene: Scene) -> tuple[float, str]:
 
     Under an acceleration a, a mode of frequency w moves by a / w^2 and its phase errs by
     (w tau)^2 w T / 12 after a time T, so it is off by a tau^2 w T / 12. Faster modes err more, to
-    w = sqrt(a / target): beyond it they move by less than the target anyway.
+    w = sqrt(a / target): beyond it they move by less than the target anyway. Forces that would
+    shoot a light cable away, such as newtons on a suture, meet its stiffness instead: for them no
+    step is chosen below `LEAST_LOADED_STEP`.
     """
     target = scene.accuracy.target
     mass = scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass
     pull = sum(float(np.linalg.norm(load.force)) for load in scene.loads)
-    acceleration = max(float(np.linalg.norm(scene.gravity)) + pull / mass, LEAST_ACCELERATION)
-    fastest = np.sqrt(acceleration / target)
-    step = np.sqrt(12.0 * target / (acceleration * fastest * HORIZON))
+    calm = max(float(np.linalg.norm(scene.gravity)), LEAST_ACCELERATION)
+    step, fastest = _following(calm + pull / mass, target)
     why = f"modes up to {fastest:.3g} rad/s stay within accuracy.target {target:g} m for 1 s"
+    least = min(_following(calm, target)[0], LEAST_LOADED_STEP)
+    if step < least:
+        step = least
+        why = f"what the loads set vibrating beyond {1.0 / step:.3g} rad/s is stepped over"
     sines = [load.frequency for load in scene.loads if load.signal == "sine"]
     if sines and step > 0.05 / max(sines):
         step, why = 0.05 / max(sines), f"twenty steps a period of the {max(sines):g} Hz load"
     return float(step), why
+
+
+def _following(acceleration: float, target: float) -> tuple[float, float]:
+    """Step [s] and fastest mode [rad/s] that matter under an acceleration [m/s^2]."""
+    fastest = np.sqrt(acceleration / target)
+    return float(np.sqrt(12.0 * target / (acceleration * fastest * HORIZON))), float(fastest)
 
 
 def _method(scene: Scene, name: str) -> Method:

@@ -31,6 +31,7 @@ from dlo_sim.simulation.stepper import Stepper, largest_frequency
 Array = NDArray[np.float64]
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 MOST_BASES = 16  # sets of material coordinates whose basis values are kept
+GROSS_SHARE = 1.0  # of the energy exchanged; near its limit a stable method errs by half of it
 CHUNK = 4096  # steps between two saved states of a long advance
 
 
@@ -197,9 +198,11 @@ class Simulator:
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
         ledger = self._state.ledger
-        return float(
-            ledger[layout.ENERGY_ERROR] / max(ledger[layout.EXCHANGED], ledger[layout.FLOOR])
-        )
+        worst, exchanged = ledger[layout.ENERGY_ERROR], ledger[layout.EXCHANGED]
+        if not self._stepper.looked_at(self._steps):
+            error, present = self._balance()
+            worst, exchanged = max(worst, error), max(exchanged, present)
+        return float(worst / max(exchanged, ledger[layout.FLOOR]))
 
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
@@ -244,7 +247,7 @@ class Simulator:
             )
             evaluations += used
             status = _STATUS[code]
-            if status.ok and not np.isfinite(self._state.position).all():
+            if status.ok and not self._sane(first + made):
                 status = Status.DIVERGED
             if not status.ok:
                 failed_at = (first + made) * self.step
@@ -354,6 +357,27 @@ class Simulator:
                 self._bases.clear()
             self._bases[key] = table
         return table
+
+    def _balance(self) -> tuple[float, float]:
+        """|energy - work done + energy lost| [J] now, and the largest energy exchanged so far."""
+        ledger = self._state.ledger
+        kinetic = kinetic_energy(self._state.w, self._model.terms.mass, self._model.n)
+        parts = np.array(potentials(self._state.position, self._model.terms, self._work))
+        start = ledger[layout.POTENTIAL_START : layout.POTENTIAL_START + len(parts)]
+        works = ledger[layout.LOAD_WORK], ledger[layout.DRIVE_WORK]
+        error = kinetic + float(parts.sum()) - ledger[layout.ENERGY_START] - sum(works)
+        error += ledger[layout.DISSIPATED] - ledger[layout.PENDING]
+        largest = float(np.abs(parts - start).max())
+        return abs(error), max(ledger[layout.EXCHANGED], kinetic, largest, *np.abs(works))
+
+    def _sane(self, step: int) -> bool:
+        """Whether the state may be shown: explicit loops look at the energy only now and then."""
+        if not np.isfinite(self._state.position).all():
+            return False
+        if self._stepper.looked_at(step):
+            return True
+        error, exchanged = self._balance()
+        return bool(error <= GROSS_SHARE * exchanged + self._state.ledger[layout.FLOOR])
 
     def _keep(self) -> None:
         """Remember the state before an advance, without allocating."""

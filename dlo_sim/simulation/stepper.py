@@ -7,6 +7,7 @@ import numpy as np
 from dlo_sim.core import spectrum
 from dlo_sim.core.methods import (
     CONSTRAINED,
+    IMPLICIT,
     RUNGE_KUTTA,
     SPLITTING,
     ZHAI,
@@ -77,6 +78,10 @@ class Stepper:
         if choice.method.family == RUNGE_KUTTA:
             self._table, self._nodes = _butcher_table(choice.method)
             self._slopes = np.zeros((len(self._table), 2, model.rows, model.width))
+
+    def looked_at(self, step: int) -> bool:
+        """Whether the loop compares the energy of the state after so many steps."""
+        return self._choice.method.family == IMPLICIT or step % GUARD_STEPS == 0
 
     def advance(
         self,

@@ -7,6 +7,7 @@ from differences import assert_limit
 
 from dlo_sim.core import spectrum
 from dlo_sim.kernels.elastic import tangent_coefficients
+from dlo_sim.kernels.ends import copy_anchors
 from dlo_sim.kernels.implicit import momentum_residual, newton_matrix, step_force
 from dlo_sim.kernels.jit import entry
 
@@ -25,6 +26,7 @@ def step_system(x, rates, terms, friction, viscosity, work, solver, tau, theta, 
     dim = len(terms.axes)
     a = 2.0 / (tau * tau)
     tangent_coefficients(solver.start, terms.lattice, terms.axes, solver.p0)
+    copy_anchors(terms.springs, work.anchors)
     lost = step_force(
         x,
         rates,

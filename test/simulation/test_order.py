@@ -11,7 +11,7 @@ import pytest
 from cables import FULL, FULLY_DAMPED, MASS_DAMPED, Bench, Reference, simulator, straight
 
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.loading import SceneError
 
 DURATION = 0.08  # [s]; 5 cm and 0.35 rad of the clamp, some 10 cm of the middle
