@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from dlo_sim import __version__
-from dlo_sim.cli import demo, methods, node, parameters, replay, simulate, study
+from dlo_sim.cli import demo, methods, node, parameters, replay, simulate, study, tune
 from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.scene.loading import SceneError
 
@@ -19,7 +19,7 @@ INTERRUPTED = 130
 
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
-    for module in (demo, simulate, replay, study, node, methods, parameters)
+    for module in (demo, simulate, replay, study, tune, node, methods, parameters)
 }
 
 

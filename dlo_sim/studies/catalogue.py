@@ -77,4 +77,8 @@ STUDIES = {
         "dlo_sim.studies.work_precision.study",
         peers=True,
     ),
+    "omission": Study(
+        "time per step with and without each term of the shipped scenes, and the error without",
+        "dlo_sim.studies.omission.study",
+    ),
 }

@@ -59,6 +59,7 @@ class Trial:
         wall: least run time [s per simulated s] of the repeats; infinite where not timed.
         spread: (median - least) / least of them. repeats: how many.
         energy_error: as the simulator reports it.
+        first: run time of the run that was looked at [s per simulated s], a rough one.
     """
 
     setting: Setting
@@ -71,6 +72,7 @@ class Trial:
     spread: float = 0.0
     repeats: int = 0
     energy_error: float = float("nan")
+    first: float = float("inf")
 
     @property
     def ok(self) -> bool:
@@ -90,7 +92,10 @@ def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIME
         nothing = np.zeros((0, len(job.u), 3))
         return Trial(setting, setting.step, 0, 0, nothing, str(refusal))
     recorder = _recorder(simulator, job)
+    _warm(simulator)
+    began = time.perf_counter()
     report, used = _run(simulator, job, recorder)
+    took = time.perf_counter() - began
     count = min(int(recorder.next[0]), len(job.times))
     columns = simulator.model.to_columns(recorder.positions[:count])
     u = np.asarray(job.u) * job.scene.cable.length
@@ -103,6 +108,7 @@ def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIME
         basis @ columns[:, :, :3],
         "" if report.status.ok else report.message,
         energy_error=simulator.energy_error,
+        first=took / max(simulator.time, 1e-300),
     )
     return timed_again(result, job, simulator, budget) if timed and result.ok else result
 
@@ -126,18 +132,7 @@ def timed_again(
     middle = walls[len(walls) // 2]
     best = min(walls[0], trial.wall)
     spread = middle / best - 1.0
-    return Trial(
-        trial.setting,
-        trial.step,
-        trial.steps,
-        trial.force_evaluations,
-        trial.points,
-        trial.message,
-        best,
-        spread,
-        trial.repeats + len(walls),
-        trial.energy_error,
-    )
+    return replace(trial, wall=best, spread=spread, repeats=trial.repeats + len(walls))
 
 
 def at_share(job: Job, setting: Setting, share: float) -> Setting:
@@ -165,6 +160,20 @@ def error(
         return float("inf")
     gap = (points - truth)[-1:] if last else points - truth
     return float(np.sqrt(np.mean(gap[:, :, list(components)] ** 2, axis=0)).max())
+
+
+def farthest(points: Array, truth: Array) -> float:
+    """Largest distance [m] between two motions (T, m, 3); infinity where one is shorter."""
+    if len(points) != len(truth):
+        return float("inf")
+    return float(np.linalg.norm(points - truth, axis=2).max())
+
+
+def _warm(simulator: Simulator) -> None:
+    """Have the looking version of the stepping loop compiled."""
+    nothing = Job(simulator.scene, 0.0, ())
+    simulator.advance_steps(1, _recorder(simulator, nothing))
+    simulator.reset()
 
 
 def _recorder(simulator: Simulator, job: Job) -> layout.Recorder:

@@ -144,10 +144,10 @@ def _measure(wire: Scene, method: str, settings: Settings, factor: float) -> Met
 
 
 def _at_paper_step(soft: Scene, method: str) -> float:
-    """Run time [s] of 10 s at 2 ms, the least of five; infinite if the run fails."""
+    """Run time [s] of 10 s at 2 ms, the least of twenty; infinite if the run fails."""
     simulator = Simulator(at_method(soft, method, published.STEP), unchecked_step=True)
     best = float("inf")
-    for _ in range(5):
+    for _ in range(20):
         simulator.reset()
         began = time.perf_counter()
         fine = simulator.advance(published.DURATION).status.ok

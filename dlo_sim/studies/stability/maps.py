@@ -9,7 +9,7 @@ piece of work.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ class Extent:
         tolerance: of observed limits. budget: time of one energy run [s].
     """
 
-    values: dict[str, tuple[float, ...]]
+    values: dict[str, tuple[float, ...]] = field(hash=False)
     steps: tuple[float, ...]
     duration: float
     trial: float

@@ -220,7 +220,7 @@ HAPPENINGS: tuple[Extreme, ...] = (
         1.0,
         checks.energy_balance,
         ENERGY,
-        1e-6,
+        1e-5,
         (Event(0.1, "jump", "end", (-1.0, 0.0, 0.0)),),
         (RAN, STOPPED),
     ),

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies import plotting
 from dlo_sim.studies.report import Cell, Report
@@ -27,12 +27,14 @@ BEYOND = 1.2  # share of its own step at which an explicit method must be refuse
 
 @dataclass(frozen=True)
 class Grid:
-    """What is tried: methods, resolutions, steps of implicit methods [s], shares of own steps."""
+    """What is tried: methods, resolutions, steps of implicit methods [s], shares of own steps of
+    explicit and of constrained ones, and how long repeats take [s]."""
 
     methods: tuple[str, ...]
     control_points: tuple[int, ...]
     steps: tuple[float, ...]
     shares: tuple[float, ...]
+    constrained_shares: tuple[float, ...]
     budget: float
 
 
@@ -43,10 +45,13 @@ FULL = Grid(
     ),
     (7, 9, 11, 13, 17, 23),
     (1e-2, 5e-3, 2e-3, 1e-3, 5e-4),
+    (1.0, 0.5),
     (1.0, 0.5, 0.25),
-    0.2,
+    0.1,
 )
-QUICK = Grid(("velocity_verlet", "rattle", "energy_momentum"), (7, 11), (5e-3, 2e-3), (1.0,), 0.02)
+QUICK = Grid(
+    ("velocity_verlet", "rattle", "energy_momentum"), (7, 11), (5e-3, 2e-3), (1.0,), (1.0,), 0.02
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +106,10 @@ def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
     if METHODS[method].family == IMPLICIT:
         return [Setting(method, n_u, step) for step in grid.steps]
     first = Setting(method, n_u)
+    constrained = METHODS[method].family == CONSTRAINED
+    shares = grid.constrained_shares if constrained else grid.shares
     try:
-        found = [at_share(case.job, first, share) for share in grid.shares]
+        found = [at_share(case.job, first, share) for share in shares]
     except SceneError:
         return [first]
     if method == "velocity_verlet" and n_u == grid.control_points[0]:

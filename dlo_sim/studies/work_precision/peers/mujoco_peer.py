@@ -19,6 +19,7 @@ try:
 except ModuleNotFoundError:
     mujoco = None  # the package may be imported where mujoco is not
 
+SOFT_TWIST = 1e6  # [Pa]
 LIGHT = 1e-3  # [kg] of MuJoCo 3's sliders; lighter ones make the connection too soft
 
 
@@ -84,7 +85,8 @@ def composite(root, option, job):
     initial = "ball" if kind == "pinned" else "none"
     cable = element(holder, "composite", prefix="c", type="cable", vertex=vertices, initial=initial)
     rod = element(cable, "plugin", plugin=plugin)
-    element(rod, "config", key="twist", value=job["shear_modulus"])
+    # Nothing twists these cables, and the true value would cost MuJoCo its larger steps.
+    element(rod, "config", key="twist", value=min(job["shear_modulus"], SOFT_TWIST))
     element(rod, "config", key="bend", value=job["youngs_modulus"])
     damping = 0.1 * job["EI"] / link if job["damping"] else 0.0
     element(cable, "joint", kind="main", damping=damping)

@@ -1,0 +1,201 @@
+"""`dlo_sim tune SCENE`: the fastest setting on this machine that is within a tolerance."""
+
+import argparse
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dlo_sim.cli.arguments import (
+    CommandError,
+    Parser,
+    add_json_option,
+    add_scene_options,
+    positive_seconds,
+    read_scene,
+)
+from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import find_scene
+
+if TYPE_CHECKING:
+    from dlo_sim.tuning.search import Tuned
+
+FAILED = 3
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "tune",
+        help="find the fastest setting within a tolerance",
+        description="Try methods, resolutions, quadratures, steps and the inextensible cable on a "
+        "scene, and write the scene with the fastest that stays within the tolerance of the "
+        "scene's own converged motion. Grippers rest where the scene has them. Exit status 3 when "
+        "nothing is within the tolerance; then nothing is written.",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
+    parser.add_argument(
+        "--tolerance",
+        metavar="METRES",
+        type=_metres,
+        required=True,
+        help="largest distance of the cable from its converged motion [m]",
+    )
+    parser.add_argument(
+        "--duration",
+        metavar="S",
+        type=positive_seconds,
+        required=True,
+        help="simulated time over which that holds [s]",
+    )
+    parser.add_argument(
+        "--output", metavar="TUNED.yaml", type=Path, required=True, help="scene file to write"
+    )
+    add_scene_options(parser)
+    add_json_option(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Search, write and print; returns the exit status."""
+    scene = read_scene(options.scene, options.assignments)
+    check_output_file(options.output)
+    source = find_scene(options.scene)
+    if options.output.exists() and os.path.samefile(options.output, source):
+        raise CommandError(f"--output {options.output} is the scene itself; give another name")
+    if options.tolerance >= scene.cable.length:
+        raise CommandError(
+            f"--tolerance {options.tolerance:g} m is not below the cable's length "
+            f"{scene.cable.length:g} m; give metres, such as 2e-4"
+        )
+
+    from dlo_sim.tuning.reference import NoReference
+    from dlo_sim.tuning.search import tune
+
+    try:
+        with progress_bar("tune") as progress:
+            tuned = tune(scene, options.tolerance, options.duration, progress or _silent)
+    except NoReference as trouble:
+        return _failed(options, str(trouble))
+    if tuned.best is None:
+        return _failed(
+            options,
+            f"none of {tuned.tried} settings is within {options.tolerance:g} m; the best is "
+            f"{tuned.least:.2g} m off; raise --tolerance",
+        )
+    facts = _facts(tuned, options)
+    _write(options, scene, tuned, facts)
+    if options.json:
+        print_json(facts)
+    else:
+        _print(options, facts)
+    return 0
+
+
+def _metres(text: str) -> float:
+    """A length [m], finite and above zero."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give metres") from None
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"{text} is not a tolerance; give metres above zero")
+    return value
+
+
+def _silent(fraction: float) -> None:
+    """No progress bar."""
+
+
+def _failed(options: argparse.Namespace, message: str) -> int:
+    if options.json:
+        print_json({"status": "failed", "message": message})
+    else:
+        print(f"{options.scene}: not tuned: {message}")
+    return FAILED
+
+
+def _facts(tuned: "Tuned", options: argparse.Namespace) -> dict[str, Any]:
+    best, present = tuned.best, tuned.present
+    assert best is not None
+    return {
+        "status": "ok",
+        "output": str(options.output),
+        "method": best.setting.method,
+        "control_points": best.setting.control_points,
+        "quadrature": best.setting.quadrature,
+        "samples": best.setting.samples,
+        "step_s": best.step,
+        "error_m": tuned.error,
+        "reference_error_m": tuned.reference.error,
+        "reference": tuned.reference.setting.words,
+        "tolerance_m": options.tolerance,
+        "duration_s": options.duration,
+        "wall_s_per_s": best.wall,
+        "spread": best.spread,
+        "repeats": best.repeats,
+        "real_time_factor": 1.0 / best.wall,
+        "present_error_m": tuned.present_error,
+        "present_wall_s_per_s": present.wall,
+        "faster_than_present": present.wall / best.wall if present.ok else None,
+        "tried": tuned.tried,
+    }
+
+
+def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
+    """What was measured, as the head of the file."""
+    present = "failed"
+    if facts["faster_than_present"] is not None:
+        present = f"{facts['present_wall_s_per_s']:.3g} s, error {facts['present_error_m']:.2g} m"
+    return [
+        f"Tuned by dlo_sim tune {options.scene} --tolerance {options.tolerance:g} "
+        f"--duration {options.duration:g}: what differs from the defaults.",
+        "",
+        f"setting    {facts['method']}, n_u {facts['control_points']}, {facts['samples']} "
+        f"Gauss points per span, step {facts['step_s']:g} s; the fastest of "
+        f"{facts['tried']} tried",
+        f"error      {facts['error_m']:.2g} m: largest distance from the converged motion at any "
+        f"of 21 points within {options.duration:g} s",
+        f"reference  {facts['reference']}; itself uncertain by {facts['reference_error_m']:.2g} m",
+        f"time       {facts['wall_s_per_s']:.3g} s per simulated second, least of "
+        f"{facts['repeats']} runs (median {100 * facts['spread']:.0f} % above), "
+        f"{facts['real_time_factor']:.3g} x real time",
+        f"before     {present}",
+        "Grippers rested. Times hold for the machine that measured them.",
+        *(["rattle leaves stretching out."] if facts["method"] == "rattle" else []),
+        "",
+    ]
+
+
+def _write(
+    options: argparse.Namespace, scene: Scene, tuned: "Tuned", facts: dict[str, Any]
+) -> None:
+    from dataclasses import replace
+
+    from dlo_sim.tuning.scene_file import scene_text
+
+    assert tuned.best is not None
+    setting = replace(tuned.best.setting, step=tuned.best.step)
+    text = scene_text(setting.applied(scene), _comments(options, facts))
+    target = options.output.resolve()
+    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, target)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise CommandError(
+            f"--output {options.output} could not be written ({error.strerror}); free space or "
+            "choose another folder"
+        ) from None
+
+
+def _print(options: argparse.Namespace, facts: dict[str, Any]) -> None:
+    print(f"{options.scene}: tuned")
+    rows = {}
+    for line in _comments(options, facts)[2:-2]:
+        label, _, text = line.partition(" ")
+        if text.startswith(" "):
+            rows[label] = text.strip()
+    print_rows({**rows, "output": str(options.output)})

@@ -1,0 +1,1 @@
+"""What leaving a term out saves, and what it costs."""

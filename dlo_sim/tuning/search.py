@@ -1,0 +1,158 @@
+"""The fastest setting within a tolerance: every valid method, coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.tuning.reference import Reference, converged
+from dlo_sim.tuning.setting import Setting
+from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, timed_again
+
+TRIED = (
+    *("rattle", "velocity_verlet", "forest_ruth"),
+    *("generalized_alpha", "energy_momentum", "implicit_midpoint"),
+)
+RESOLUTIONS = (5, 6, 7, 8, 9, 10, 11, 12, 13, 15, 17, 19, 21, 25, 29, 33, 41, 57)
+POINTS = (2, 3)  # Gauss points per span
+SHARES = (1.0, 0.5, 0.25)  # of an explicit method's own step
+PARTS = (1, 2, 4, 8, 16, 32)  # of a timer period, for the steps of implicit methods
+PLACES = 21  # points of the cable that are compared
+MOST_TIMES = 1000
+HOPELESS = 2.0  # times the best run time: finer settings of a method are not tried any more
+STUCK = 0.9  # a smaller step that leaves this share of the error shows that space limits it
+FINALISTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """The outcome of a search.
+
+    Attributes:
+        best: the fastest trial within the tolerance; None if there was none.
+        error: its largest distance from the reference [m].
+        reference: what it was compared with.
+        present: the scene as it was, timed; its error [m] is infinite if it failed.
+        tried: number of settings that were run. least: smallest error found [m].
+    """
+
+    best: Trial | None
+    error: float
+    reference: Reference
+    present: Trial
+    present_error: float
+    tried: int
+    least: float
+
+
+@dataclass(eq=False)
+class _Search:
+    """What the search knows so far."""
+
+    job: Job
+    reference: Reference
+    allowed: float
+    good: list[tuple[Trial, float]]
+    tried: int = 0
+    least: float = float("inf")
+
+    def run(self, setting: Setting) -> tuple[Trial, float]:
+        """Try a setting; time it if it is good enough."""
+        trial = attempt(self.job, setting, timed=False)
+        off = farthest(trial.points, self.reference.points) if trial.ok else float("inf")
+        self.tried += trial.steps > 0
+        self.least = min(self.least, off)
+        if off <= self.allowed:
+            trial = timed_again(trial, self.job, budget=0.1)
+            self.good.append((trial, off))
+        return trial, off
+
+    @property
+    def fastest(self) -> float:
+        """Run time of the best so far [s per simulated s]."""
+        return min((trial.wall for trial, _ in self.good), default=float("inf"))
+
+
+def tune(
+    scene: Scene,
+    tolerance: float,
+    duration: float,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> Tuned:
+    """Find the fastest setting whose centerline stays within the tolerance of the converged one.
+
+    The error is the largest distance at any of 21 points of the cable and any time; what the
+    reference itself may be off is taken from the tolerance. Grippers rest where the scene has them.
+
+    Args:
+        tolerance: [m]. duration: simulated time [s].
+
+    Raises:
+        SceneError: the scene cannot be simulated. NoReference: it does not converge.
+    """
+    Simulator(scene)  # refuses what cannot be simulated at all
+    every = duration / min(MOST_TIMES, max(int(np.ceil(duration / 1e-3)), 1))
+    job = Job(scene, duration, tuple(np.linspace(0.0, 1.0, PLACES)), every)
+    reference = converged(job, tolerance, lambda fraction: progress(0.3 * fraction))
+    search = _Search(job, reference, tolerance - reference.error, [])
+    for k, method in enumerate(TRIED):
+        for points in POINTS:
+            _method(search, method, points)
+        progress(0.3 + 0.6 * (k + 1) / len(TRIED))
+    finalists = sorted(search.good, key=lambda pair: pair[0].wall)[:FINALISTS]
+    finalists = [(timed_again(trial, job), off) for trial, off in finalists]
+    best, error = min(finalists, key=lambda pair: pair[0].wall, default=(None, float("inf")))
+    present = attempt(job, present_setting(scene))
+    progress(1.0)
+    off = farthest(present.points, reference.points)
+    return Tuned(best, error, reference, present, off, search.tried, search.least)
+
+
+def present_setting(scene: Scene) -> Setting:
+    """What a scene asks for now."""
+    rule, integrator = scene.discretization, scene.integrator
+    return Setting(
+        integrator.method, rule.control_points, integrator.step, rule.samples, rule.quadrature
+    )
+
+
+def _method(search: _Search, method: str, points: int) -> None:
+    """Resolutions of a method from coarse to fine, until one is good or it gets too slow."""
+    beyond = 0
+    for n_u in RESOLUTIONS:
+        if n_u >= search.reference.setting.control_points:
+            return
+        found, first = False, float("inf")
+        last = float("inf")
+        for step in _steps(search, method, n_u, points):
+            trial, off = search.run(Setting(method, n_u, step, points))
+            first = min(first, trial.first)
+            if off <= search.allowed:
+                found = True
+                break
+            if trial.first > HOPELESS * search.fastest or off > STUCK * last:
+                break
+            last = off
+        # One resolution more may allow a longer step.
+        beyond += found
+        if beyond >= 2 or (np.isfinite(first) and first > HOPELESS * search.fastest):
+            return
+
+
+def _steps(search: _Search, method: str, n_u: int, points: int) -> list[float]:
+    """Steps to try [s], from long to short; empty if the scene refuses the method."""
+    scene = search.job.scene
+    if METHODS[method].family == IMPLICIT:
+        return [1.0 / scene.rate / part for part in PARTS]
+    try:
+        own = Simulator(Setting(method, n_u, 0.0, points).applied(scene)).step
+    except SceneError:
+        return []
+    # Whole nanoseconds: message stamps have no finer unit.
+    return [max(np.floor(share * own * 1e9 + 1e-3), 1.0) / 1e9 for share in SHARES]

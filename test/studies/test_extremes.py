@@ -1,0 +1,111 @@
+"""Extreme scenes of the stability study, and that a wrong one is seen.
+
+The scenes are changed by nothing that matters, so that many share one compiled step: damping of
+1e-30, an end that may be driven and is not, a third dimension in which nothing happens.
+"""
+
+from dataclasses import replace
+
+import pytest
+
+from dlo_sim.studies.stability import extremes, scenes
+from dlo_sim.studies.stability.extremes import RAN, REFUSED, STOPPED, Extreme, examine
+from dlo_sim.studies.stability.parts import wire
+
+BY_NAME = {extreme.name: extreme for extreme in scenes.EXTREMES}
+NOTHING = 1e-30  # of damping
+GUIDED = (
+    "aluminium wire",
+    "steel wire",
+    "n_u = 4",
+    *(one.name for one in scenes.SIZES if one.name.startswith("step of")),
+)
+HELD = (
+    "glass fibre",
+    "rubber hose",
+    "overhead line",
+    "slack cable snapped taut",
+    "ends that meet",
+    "pose jump of 1 m in one tick",
+    "stiffness times 1e6 at run time",
+    "catenary settled by damping",
+    "catenary at rest, large damping",
+    "cable of 1 mm",
+    "cable of 1 km",
+)
+PUSHED = (
+    "suture of 3 kg/m^3",
+    "suture of 1300 kg/m^3",
+    "suture at rest",
+    "pulse of 1e6 N for 1 ms",
+    "free flight",
+    "straight under compression",
+    "column below its buckling load",
+    "column above its buckling load",
+)
+ALONE = ("straight under twist", "ring", "n_u = 2000")
+
+
+def sharing(name: str) -> Extreme:
+    """The scene with terms that make no difference, as others have them."""
+    extreme = BY_NAME[name]
+    values = dict(extreme.values)
+    if name in HELD:
+        values |= {"start.pose_topic": "/start", "terms.gravity": "on"}
+        for key in ("damping.mass", "damping.stiffness"):
+            values.setdefault(key, NOTHING)
+    if name in PUSHED:
+        values["terms.out_of_plane"] = "on"
+    # the budget of the suture is for an idle machine; the study reports it
+    return replace(extreme, values=values, budget=60.0)
+
+
+def test_every_scene_has_its_own_name():
+    assert len(BY_NAME) == len(scenes.EXTREMES)
+    known = {*GUIDED, *HELD, *PUSHED, *ALONE}
+    sudden = {name for name in BY_NAME if name.endswith("sudden")}
+    assert known | sudden == set(BY_NAME)
+
+
+@pytest.mark.parametrize("name", [*GUIDED, *HELD, *PUSHED, *ALONE])
+def test_extreme_scene(name):
+    finding = examine(sharing(name))
+    assert finding.outcome in (RAN, STOPPED), finding.reason
+    assert finding.right, finding
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("overhead line", {"gravity": [1.0, 0.0, -9.81]}),
+        ("glass fibre", {"end.mass": 1e-7}),
+        ("column above its buckling load", {"loads.side.force": [0.0, 0.0, 0.02]}),
+        ("suture at rest", {"end.position": [0.101, 0.0, 0.0]}),
+    ],
+)
+def test_a_wrong_cable_is_not_right(name, changes):
+    extreme = sharing(name)
+    finding = examine(replace(extreme, values=extreme.values | changes))
+    assert finding.outcome == RAN
+    assert finding.error > extreme.bound
+    assert not finding.right
+
+
+def test_refused_and_slow_scenes_are_not_right():
+    refused = examine(Extreme("no", "", {"cable.length": -1.0}, 1.0, lambda run: 0.0, "", 1.0))
+    assert (refused.outcome, refused.right) == (REFUSED, False)
+    assert "cable.length" in refused.reason
+    slow = examine(replace(BY_NAME["aluminium wire"], budget=0.0))
+    assert (slow.outcome, slow.right) == (STOPPED, False)
+    assert "budget" in slow.reason
+
+
+def test_a_stopped_scene_keeps_its_state():
+    """A step far beyond the limit of an explicit method, taken all the same."""
+    values = wire(scenes.ALUMINIUM) | {"integrator.method": "velocity_verlet"}
+    with pytest.MonkeyPatch.context() as patch:
+        simulator = extremes.Simulator
+        patch.setattr(extremes, "Simulator", lambda scene: simulator(scene, unchecked_step=True))
+        finding = examine(replace(BY_NAME["aluminium wire"], values=values))
+    assert (finding.outcome, finding.right) == (STOPPED, False)
+    assert "energy" in finding.reason

@@ -1,0 +1,50 @@
+"""Truths of the stability study against values from elsewhere."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.studies.stability import truths
+
+
+def test_catenary_between_ends_ninety_percent_apart():
+    # inextensible: sinh(a) / a = 1 / 0.9 with a = w span / 2 H, by hand: a = 0.80405
+    u = np.linspace(0.0, 10.0, 1001)
+    x, z = truths.catenary(u, 10.0, 9.0, 2.0, 1e12)
+    assert x[-1] == pytest.approx(9.0, abs=1e-9)
+    assert z[-1] == pytest.approx(0.0, abs=1e-9)
+    a = 0.5 * 2.0 * 9.0 / _horizontal(z[500], x[500])
+    assert np.sinh(a) / a == pytest.approx(1.0 / 0.9, rel=1e-6)
+    assert np.hypot(np.diff(x), np.diff(z)).sum() == pytest.approx(10.0, rel=1e-5)
+
+
+def _horizontal(sag, half_span):
+    """H of a catenary of weight 2 N/m from its sag, by bisection of H/w (cosh(w x / H) - 1)."""
+    low, high = 1e-3, 1e3
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        deep = middle / 2.0 * (np.cosh(2.0 * half_span / middle) - 1.0) > -sag
+        low, high = (middle, high) if deep else (low, middle)
+    return low
+
+
+def test_elastic_catenary_is_longer():
+    u = np.linspace(0.0, 10.0, 1001)
+    x, z = truths.catenary(u, 10.0, 9.0, 2.0, 1e3)
+    # mean tension about 11 N: 1.1 percent
+    assert np.hypot(np.diff(x), np.diff(z)).sum() == pytest.approx(10.1, abs=0.03)
+
+
+def test_string_deflection_in_the_small():
+    # P = EA a^3 for small slopes a
+    assert truths.string_deflection(1e-3, 100.0, 2.0) == pytest.approx(1e-5 ** (1 / 3), rel=1e-3)
+    stiff = truths.string_deflection(1.0, 100.0, 0.1, 1e-6)
+    assert stiff < truths.string_deflection(1.0, 100.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("angle", "load", "gap"),
+    # Timoshenko & Gere, table 2-4: slope at the ends, P / Pcr, 1 - shortening
+    [(40.0, 1.063, 0.881), (60.0, 1.152, 0.741), (100.0, 1.518, 0.349)],
+)
+def test_elastica(angle, load, gap):
+    assert truths.elastica_gap(load) == pytest.approx(gap, abs=2e-3)
