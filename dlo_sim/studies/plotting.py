@@ -22,6 +22,7 @@ COLORS = {
     "energy_momentum": "tab:orange",
     "implicit_midpoint": "tab:brown",
     "rattle": "tab:gray",
+    "generalized_alpha": "tab:pink",
 }
 MARKERS = {"forest_ruth": "o", "rk4": "s", "velocity_verlet": "^", "zhai": "x"}
 TIME_MAP = "viridis"

@@ -218,7 +218,7 @@ def _figure(
             color = plotting.COLORS.get(method, "black")
             panel.plot(x, y, "o-", color=color, linewidth=0.9, markersize=3.5)
             panel.annotate(
-                str(n_u), (x[0], y[0]), (-3, 3), textcoords="offset points", ha="right", fontsize=7
+                str(n_u), (x[-1], y[-1]), (4, -2), textcoords="offset points", fontsize=7
             )
         panel.axhline(100 * truth.own_error, color="0.5", linestyle=":", linewidth=1.0)
         panel.set(xscale="log", yscale="log", xlabel=label)
@@ -234,7 +234,7 @@ def _figure(
     if failed:
         axes[1].plot([], [], "kx", label=f"failed or refused ({len(failed)})")
     axes[1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
-    figure.suptitle(f"{case.title} (numbers: n_u; a line: one resolution at several steps)")
+    figure.suptitle(f"{case.title} (numbers: n_u, at the smallest step; a line: one resolution)")
     report.figure(
         f"work_precision_{case.name}",
         figure,
@@ -253,7 +253,9 @@ def _figure(
 
 def _peer_marks(panel: plotting.Axes, peers: list[PeerRun]) -> None:
     for name, marker in zip(dict.fromkeys(p.peer for p in peers), "sD^v<>", strict=False):
-        row = [p for p in peers if p.peer == name and p.ok]
+        row = [p for p in peers if p.peer == name and p.ok and np.isfinite(p.error)]
+        if not row:
+            continue
         panel.plot(
             [p.wall for p in row],
             [100 * p.error for p in row],
@@ -262,7 +264,7 @@ def _peer_marks(panel: plotting.Axes, peers: list[PeerRun]) -> None:
             fillstyle="none",
             label=name,
         )
-    if peers:
+    if panel.get_legend_handles_labels()[0]:
         panel.legend(fontsize="small")
 
 
