@@ -16,43 +16,38 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels.banded import factorize_row, multiply, quadratic_form, solve_row
-from dlo_sim.kernels.discrete_gradient import span_discrete_gradient
-from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
-from dlo_sim.kernels.ends import anchor_work, copy_anchors, restore_anchors
-from dlo_sim.kernels.forces import clear, load_force
+from dlo_sim.kernels.elastic import tangent_coefficients
+from dlo_sim.kernels.ends import copy_anchors, restore_anchors
+from dlo_sim.kernels.friction import (
+    add_friction_band,
+    add_friction_row,
+    friction_beta,
+    friction_loss,
+)
 from dlo_sim.kernels.jit import entry, inlined, kernel
-from dlo_sim.kernels.layout import (
-    DISSIPATED,
-    DRIVE_WORK,
-    ENERGY_START,
-    EXCHANGED,
-    FLOOR,
-    HISTORY,
-    LOAD_WORK,
-    MAX_CORRECTIONS,
-    REACTION,
+from dlo_sim.kernels.layout import EXCHANGED, FLOOR, HISTORY, MAX_CORRECTIONS
+from dlo_sim.kernels.matrix import eliminate, hold_prescribed
+from dlo_sim.kernels.newton import (
+    coasting,
+    correct,
+    largest,
+    predict,
+    residual_along,
+    restore_prescribed,
+    retreat,
+    shortened,
 )
-from dlo_sim.kernels.matrix import (
-    add_load_stiffness,
-    add_mass,
-    add_springs,
-    eliminate,
-    hold_prescribed,
-    scatter_matrices,
-    span_matrices,
-    substitute,
+from dlo_sim.kernels.observe import begin_sample, end_sample, update_account
+from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends
+from dlo_sim.kernels.step_account import (
+    absorb_loss,
+    book_step,
+    ends_moved,
+    finish_momentum,
+    free_travel,
+    mean_reaction,
 )
-from dlo_sim.kernels.observe import (
-    begin_sample,
-    end_sample,
-    kinetic_energy,
-    potentials,
-    prescribed_column,
-    update_account,
-    velocities,
-)
-from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends, drive_pull
-from dlo_sim.kernels.tangent import span_jacobian
+from dlo_sim.kernels.step_forces import momentum_residual, newton_matrix, step_force
 
 NOT_CONVERGED = 2
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
@@ -61,217 +56,11 @@ SLOW = 0.02  # ratio of successive correction energies above which the matrix is
 STALLED = 0.2  # ratio of correction energies from which small corrections are round-off
 GROWTH = 1.0  # of the residual along a correction beyond which the correction is shortened
 SMALLEST_SHARE = 1e-6  # of a correction; below, the step is halved
-TRUSTED = 0.5  # largest share by which a correction may be repeated
-SMALLEST = 1e-300  # square of a correction
 NOISE = 1e-9  # largest share of the coordinates that such corrections may have
-BUDGET = 3000  # iterations per step, with all its pieces
+BUDGET = 2_000_000  # unknowns times iterations per step, with all its pieces: about a second
+LEAST_BUDGET = 500  # iterations per step
 SAFETY = 10.0  # on the shrinking of the next correction
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
-
-
-@kernel
-def friction_beta(friction, tau):
-    """beta / tau of the Kelvin-Voigt damping."""
-    if friction is not None:
-        return friction.stiffness / tau
-    return 0.0
-
-
-@kernel
-def friction_force(friction, dx, n, tau, out):
-    """out -= C (q1 - q0) / tau of the linear damping, every row."""
-    if friction is not None:
-        for d in range(dx.shape[0]):
-            multiply(friction.viscous[d], n, dx[d], -1.0 / tau, out[d])
-
-
-@kernel
-def friction_stiffness(friction, n, dim, tau, band):
-    """Add C / tau to the band matrix."""
-    if friction is not None:
-        half = 4 * dim - 1
-        for d in range(dim):
-            for i in range(n):
-                r = i * dim + d
-                band[r, half] += friction.viscous[d, 0, i] / tau
-                for k in range(1, 4):
-                    if i + k < n:
-                        value = friction.viscous[d, k, i] / tau
-                        band[r, half + k * dim] += value
-                        band[r + k * dim, half - k * dim] += value
-
-
-@kernel
-def gravity_and_springs(x, gravity, springs, before, theta, n, out):
-    """out += weight and spring forces at configuration x (spatial rows).
-
-    The springs' anchors are where they are on the way from `before`, at theta.
-    """
-    if gravity is not None:
-        for d in range(gravity.shape[0]):
-            for i in range(n):
-                out[d, i] += gravity[d, i]
-    if springs is not None:
-        for e in range(2):
-            i = 0 if e == 0 else n - 1
-            for d in range(springs.stiffness.shape[1]):
-                anchor = before[e, d] + theta * (springs.anchor[e, d] - before[e, d])
-                out[d, i] -= springs.stiffness[e, d] * (x[d, i] - anchor)
-
-
-@kernel
-def span_configurations(solver, theta, discrete):
-    """Turn p1 into the configuration whose force is wanted, dp into the change over the step."""
-    for b in range(solver.p0.shape[0]):
-        for row in range(solver.p0.shape[1]):
-            for lane in range(solver.p0.shape[2]):
-                change = solver.p1[b, row, lane] - solver.p0[b, row, lane]
-                solver.dp[b, row, lane] = change
-                if not discrete:
-                    solver.p1[b, row, lane] = solver.p0[b, row, lane] + theta * change
-
-
-@kernel
-def rate_increments(viscosity, moved, lattice, axes, scale, dp):
-    """Span coefficients of scale times `moved`."""
-    if viscosity is not None:
-        tangent_coefficients(moved, lattice, axes, dp)
-        for b in range(dp.shape[0]):
-            for lane in range(dp.shape[2]):
-                dp[b, 0, lane] -= lattice.padding[b, lane]
-            for row in range(dp.shape[1]):
-                for lane in range(dp.shape[2]):
-                    dp[b, row, lane] *= scale
-
-
-@inlined
-def elastic_discrete_force(
-    x, terms, work, solver, viscosity, theta, rate, tau, discrete, linearize, out
-):
-    """out -= discrete gradient between solver.start and x; returns the energy lost to viscosity.
-
-    Leaves the span Jacobian, divided by 2 theta, in solver.jacobian if `linearize`.
-    """
-    lattice, axes = terms.lattice, terms.axes
-    tangent_coefficients(x, lattice, axes, solver.p1)
-    span_configurations(solver, theta, discrete)
-    if theta != 0.5:
-        # d moved / d q1 is `rate`: scaled so that force and Jacobian come out right together
-        rate_increments(viscosity, solver.moved, lattice, axes, 2.0 * theta / rate, solver.dp)
-    start = solver.p0 if discrete else solver.p1
-    seen = 2.0 * theta * tau / rate
-    lost = span_discrete_gradient(
-        start,
-        solver.p1,
-        solver.dp,
-        lattice,
-        terms.stretch,
-        terms.bend,
-        terms.rest,
-        viscosity,
-        seen,
-        axes,
-        solver.loss,
-        work.gradient,
-    )
-    if linearize:
-        span_jacobian(
-            start,
-            solver.p1,
-            lattice,
-            terms.stretch,
-            terms.bend,
-            terms.rest,
-            viscosity,
-            seen,
-            axes,
-            solver.scratch,
-            solver.jacobian,
-        )
-    scatter_gradient(work.gradient, lattice, axes, -1.0, out)
-    return lost
-
-
-@inlined
-def step_force(
-    x,
-    acceleration,
-    terms,
-    friction,
-    viscosity,
-    work,
-    solver,
-    t,
-    tau,
-    theta,
-    rate,
-    g,
-    discrete,
-    linearize,
-):
-    """All forces of the step between solver.start and x into work.force; energy lost to damping.
-
-    Damping sees the velocity at theta; tau times it is kept in solver.moved. By Newmark's formulas
-    it is rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0, which is q1 - q0 for the midpoint family.
-    """
-    n = terms.lattice.n
-    clear(work.force)
-    clear(work.load)
-    clear(solver.damping_force)
-    for d in range(x.shape[0]):
-        for i in range(n):
-            change = x[d, i] - solver.start[d, i]
-            solver.middle[d, i] = solver.start[d, i] + theta * change
-            work.before[d, i] = change
-            solver.moved[d, i] = (
-                rate * change
-                + (1.0 - rate) * solver.coast[d, i]
-                + g * tau * tau * acceleration[d, i]
-            )
-    lost = elastic_discrete_force(
-        x, terms, work, solver, viscosity, theta, rate, tau, discrete, linearize, work.force
-    )
-    gravity_and_springs(
-        solver.middle, terms.gravity, terms.springs, work.anchors, theta, n, work.force
-    )
-    load_force(solver.middle, terms.loads, terms.axes, t + theta * tau, work.load)
-    friction_force(friction, solver.moved, n, tau, solver.damping_force)
-    for d in range(x.shape[0]):
-        for i in range(n):
-            lost -= solver.damping_force[d, i] * work.before[d, i]
-            work.force[d, i] += work.load[d, i] + solver.damping_force[d, i]
-    return lost
-
-
-@kernel
-def momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c):
-    """Residual of the momentum balance on the spatial rows, interleaved by control point.
-
-    Returns the size of the work against inertia in the step.
-    """
-    inertia = 0.0
-    for d in range(dim):
-        row = solver.moved[d]  # free again: what it holds is in the forces by now
-        push = solver.damping_force[d]
-        for i in range(n):
-            row[i] = a * work.before[d, i] - b * solver.start_w[d, i] - c * acceleration[d, i]
-            push[i] = 0.0
-        multiply(terms.mass.band[d], n, row, 1.0, push)
-        for i in range(n):
-            inertia += abs(push[i] * work.before[d, i])
-            solver.residual[i * dim + d] = (work.force[d, i] - push[i]) * terms.mass.free[d, i]
-    return inertia
-
-
-@inlined
-def newton_matrix(terms, friction, solver, n, dim, t, tau, a, theta, rate):
-    """Tangent of the momentum balance into solver.band."""
-    add_mass(terms.mass.band, n, dim, a, solver.band)
-    friction_stiffness(friction, n, dim, tau / rate, solver.band)
-    span_matrices(solver.jacobian, terms.lattice, dim, solver.matrices)
-    scatter_matrices(solver.matrices, n, dim, 2.0 * theta, solver.band)
-    add_springs(terms.springs, n, dim, theta, solver.band)
-    add_load_stiffness(solver.middle, terms.loads, terms.axes, t + theta * tau, theta, solver.band)
 
 
 @kernel
@@ -316,235 +105,6 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
         + friction_loss(friction, dx, n, row, tau)
         + beta * quadratic_form(twist.stiffness, n, dx)
     )
-
-
-@kernel
-def friction_loss(friction, dx, n, row, tau):
-    """Energy that the linear damping of one row takes over a step."""
-    if friction is not None:
-        return quadratic_form(friction.viscous[row], n, dx) / tau
-    return 0.0
-
-
-@kernel
-def add_friction_row(friction, dx, n, row, tau, out):
-    """out -= C dx / tau of one row."""
-    if friction is not None:
-        multiply(friction.viscous[row], n, dx, -1.0 / tau, out)
-
-
-@kernel
-def add_friction_band(friction, row, n, tau, band):
-    """Add C / tau of one row to its symmetric band."""
-    if friction is not None:
-        for k in range(4):
-            for i in range(n):
-                band[k, i] += friction.viscous[row, k, i] / tau
-
-
-@kernel
-def book_step(terms, drive, loads, work, solver, state, lost, n):
-    """Add the step's works and losses to the ledger; work.force holds the step's total force."""
-    state.ledger[DISSIPATED] += lost
-    if loads is not None:
-        for d in range(work.load.shape[0]):
-            for i in range(n):
-                state.ledger[LOAD_WORK] += work.load[d, i] * work.before[d, i]
-    if drive is not None:
-        state.ledger[DRIVE_WORK] += anchor_work(
-            terms.springs, work.anchors, solver.start, state.position, n
-        )
-        drive_pull(work.force, drive, terms.mass, n, work.pull)
-        for d in range(work.force.shape[0]):
-            for j in range(4):
-                moved = work.before[d, prescribed_column(j, n)]
-                state.ledger[DRIVE_WORK] -= work.pull[0, d, j] * moved
-
-
-@kernel
-def free_travel(drive, mass, work, n, out):
-    """out = dq_f + shift dq_p of the step on free DOFs, 0 on prescribed ones."""
-    for d in range(out.shape[0]):
-        for i in range(n):
-            out[d, i] = work.before[d, i] * mass.free[d, i]
-    if drive is not None:
-        for d in range(out.shape[0]):
-            for j in range(4):
-                column = prescribed_column(j, n)
-                moved = work.before[d, column]
-                if mass.free[d, column] == 0.0 and moved != 0.0:
-                    for i in range(n):
-                        out[d, i] += drive.shift[d, j, i] * moved
-
-
-@kernel
-def finish_momentum(w, acceleration, travel, mass, solver, alpha, newmark, n, dim, tau):
-    """w1 = 2 travel / tau - w0, or the generalised-alpha update of w and the acceleration."""
-    for d in range(w.shape[0]):
-        for i in range(n):
-            w0 = solver.start_w[d, i]
-            a0 = acceleration[d, i]
-            if newmark and d < dim:
-                a1 = (travel[d, i] / tau - w0 - tau * (0.5 - alpha.beta) * a0) / (tau * alpha.beta)
-                w[d, i] = w0 + tau * ((1.0 - alpha.gamma) * a0 + alpha.gamma * a1)
-                acceleration[d, i] = a1
-            else:
-                w[d, i] = (2.0 / tau * travel[d, i] - w0) * mass.free[d, i]
-                if alpha.theta != 0.5 and d < dim:
-                    acceleration[d, i] = (w[d, i] - w0) / tau
-
-
-@kernel
-def mean_reaction(state, terms, work, solver, n, t0, tau):
-    """Forces of the ends over the step, M (v1 - v0) / tau - f on the prescribed rows.
-
-    Undamped waves that the step does not resolve change sign from step to step, and with them the
-    reaction at an instant; its mean over a step does not.
-    """
-    velocities(solver.start_w, terms, t0, solver.coast)
-    velocities(state.w, terms, t0 + tau, solver.moved)
-    clear(state.reaction)
-    for d in range(state.reaction.shape[0]):
-        for i in range(n):
-            solver.moved[d, i] -= solver.coast[d, i]
-        multiply(terms.mass.band[d], n, solver.moved[d], 1.0 / tau, state.reaction[d])
-        for i in range(n):
-            free = terms.mass.free[d, i]
-            state.reaction[d, i] = (state.reaction[d, i] - work.force[d, i]) * (1.0 - free)
-    state.ledger[REACTION] = 1.0
-
-
-@kernel
-def absorb_loss(state, terms, work):
-    """Book what the method itself dissipated; energy it adds stays an error."""
-    ledger = state.ledger
-    total = kinetic_energy(state.w, terms.mass, terms.lattice.n)
-    for part in potentials(state.position, terms, work):
-        total += part
-    missing = (
-        ledger[ENERGY_START] + ledger[LOAD_WORK] + ledger[DRIVE_WORK] - ledger[DISSIPATED] - total
-    )
-    if missing > 0.0:
-        ledger[DISSIPATED] += missing
-
-
-@kernel
-def correct(x, moved, solver, known, n, dim):
-    """Solve for the correction, sharpen it by the `known` ones since the matrix was made, apply it.
-
-    Broyden's method: each correction tells what the matrix misses along it. With z the solution for
-    the present residual and s_j the corrections, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the
-    last, then s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
-
-    Returns |residual . correction| entry by entry and as a whole, the energy defect
-    |residual . moved| that the residual would leave in a step of displacement `moved`, and the
-    largest entry of the correction.
-    """
-    size = n * dim
-    z = solver.residual
-    for r in range(size):
-        solver.rhs[r] = z[r]
-    substitute(solver.band, size, 4 * dim - 1, z)
-    for j in range(known):
-        s = solver.corrections[j]
-        along = dot(s, z, size) * s[size]
-        if j + 1 < known:
-            following = solver.corrections[j + 1]
-            for r in range(size):
-                z[r] += along * following[r]
-        elif abs(along) < TRUSTED:
-            for r in range(size):
-                z[r] /= 1.0 - along
-    energy = 0.0
-    slope = 0.0
-    defect = 0.0
-    change = 0.0
-    for i in range(n):
-        for d in range(dim):
-            correction = z[i * dim + d]
-            residual = solver.rhs[i * dim + d]
-            x[d, i] += correction
-            energy += abs(correction * residual)
-            slope += correction * residual
-            defect += abs((moved[d, i] + correction) * residual)
-            change = max(change, abs(correction))
-    for r in range(size):
-        solver.corrections[known, r] = z[r]
-    solver.corrections[known, size] = 1.0 / max(dot(z, z, size), SMALLEST)
-    return energy, abs(slope), defect, change
-
-
-@kernel
-def residual_along(solver, last, size):
-    """Residual . correction, with the residual after that correction."""
-    return dot(solver.residual, solver.corrections[last], size)
-
-
-@kernel
-def shortened(before, after):
-    """Share of a correction at which the residual along it would vanish, by the secant."""
-    share = before / (before - after)
-    return min(max(share, 0.1), 0.5) if share > 0.0 and share < np.inf else 0.1
-
-
-@kernel
-def retreat(x, solver, last, share, n, dim):
-    """Take back a share of a correction."""
-    step = solver.corrections[last]
-    for i in range(n):
-        for d in range(dim):
-            x[d, i] -= share * step[i * dim + d]
-
-
-@kernel
-def dot(a, b, size):
-    """a . b, in four sums that do not wait for each other."""
-    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
-    whole = size - size % 4
-    for r in range(0, whole, 4):
-        s0 += a[r] * b[r]
-        s1 += a[r + 1] * b[r + 1]
-        s2 += a[r + 2] * b[r + 2]
-        s3 += a[r + 3] * b[r + 3]
-    for r in range(whole, size):
-        s0 += a[r] * b[r]
-    return (s0 + s1) + (s2 + s3)
-
-
-@kernel
-def alternates(x, history, n, dim):
-    """Whether the present configuration is nearer to the last but one than to the last.
-
-    Undamped motion that the step is far too long for turns its sign from step to step.
-    """
-    once, twice = 0.0, 0.0
-    for d in range(dim):
-        for i in range(n):
-            once += (x[d, i] - history[0, d, i]) ** 2
-            twice += (x[d, i] - history[1, d, i]) ** 2
-    return twice < once
-
-
-@kernel
-def predict(x, w, history, steps_known, n, dim, tau):
-    """First guess of the free DOFs: the parabola through the last three configurations, the last
-    configuration where the motion alternates, or constant w.
-
-    Shifts the history: history[0] becomes the present configuration, history[1] the one before.
-    """
-    back = steps_known >= 2 and alternates(x, history, n, dim)
-    for d in range(dim):
-        for i in range(n):
-            now = x[d, i]
-            before = history[0, d, i]
-            if back:
-                x[d, i] = before
-            elif steps_known >= 2:
-                x[d, i] = 3.0 * (now - before) + history[1, d, i]
-            else:
-                x[d, i] += tau * w[d, i]
-            history[1, d, i] = before
-            history[0, d, i] = now
 
 
 @inlined
@@ -662,35 +222,6 @@ def implicit_step(
 
 
 @kernel
-def ends_moved(drive, mass, work, n):
-    """Whether a prescribed DOF moves in this step."""
-    if drive is not None:
-        for j in range(4):
-            column = prescribed_column(j, n)
-            for d in range(work.before.shape[0]):
-                if mass.free[d, column] == 0.0 and work.before[d, column] != 0.0:
-                    return True
-    return False
-
-
-@kernel
-def coasting(x, w, n, tau, coast):
-    """Change over the step at constant w: what driven ends did to x since `coast`, + tau w."""
-    for d in range(x.shape[0]):
-        for i in range(n):
-            coast[d, i] = x[d, i] - coast[d, i] + tau * w[d, i]
-
-
-@kernel
-def restore_prescribed(x, start, free, n, dim):
-    """Undo a prediction where nothing is free."""
-    for d in range(dim):
-        for i in range(n):
-            if free[d, i] == 0.0:
-                x[d, i] = start[d, i]
-
-
-@kernel
 def copy_rows(source, n, target):
     """target = source."""
     for d in range(source.shape[0]):
@@ -706,16 +237,6 @@ def difference(a, b, n, out):
             out[d, i] = a[d, i] - b[d, i]
 
 
-@kernel
-def largest(x, n, dim):
-    """Largest coordinate."""
-    value = 0.0
-    for d in range(dim):
-        for i in range(n):
-            value = max(value, abs(x[d, i]))
-    return value
-
-
 @inlined
 def implicit_step_halving(
     state, terms, friction, viscosity, work, solver, t0, tau, discrete, alpha, tolerance, halvings
@@ -725,6 +246,7 @@ def implicit_step_halving(
     level = 0
     done = 0  # in units of tau 2^-MAX_HALVINGS
     whole = 1 << MAX_HALVINGS
+    budget = max(BUDGET // (terms.lattice.n * len(terms.axes)), LEAST_BUDGET)
     while done < whole:
         piece = whole >> level
         converged, used = implicit_step(
@@ -747,7 +269,7 @@ def implicit_step_halving(
             if level > 0 and done % (2 * piece) == 0:
                 level -= 1
                 state.ledger[HISTORY] = 0.0
-        elif level == halvings or total > BUDGET:
+        elif level == halvings or total > budget:
             return NOT_CONVERGED, total
         else:
             level += 1

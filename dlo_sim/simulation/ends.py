@@ -122,6 +122,11 @@ class EndDrive:
         self._write(end, motion)
         row[0] = 1.0
 
+    def take_twist(self, other: EndDrive, t: float) -> None:
+        """Go on with the twist that another pair of end effectors has at time t."""
+        for row in range(2):
+            self.motion[row, TWIST] = end_points(other.motion[row], t)[6]
+
     def stays_in_plane(self, end: str, axes: tuple[int, ...]) -> bool:
         """Whether this end's motion and tangent keep to the plane of two axes (true for three)."""
         if len(axes) == 3:

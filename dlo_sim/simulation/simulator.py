@@ -14,24 +14,25 @@ from dlo_sim.core import bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.kernels import layout
 from dlo_sim.kernels.frames import curve_frames
-from dlo_sim.kernels.observe import kinetic_energy, potentials, start_account, velocities
+from dlo_sim.kernels.observe import kinetic_energy, potentials, velocities
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, needs_of, needs_of_load
 from dlo_sim.simulation import optional_terms, workspace
+from dlo_sim.simulation.account import balance, grossly_open, open_account
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import Pose, end_geometries
+from dlo_sim.simulation.geometry import ENDS, Pose, end_geometries
 from dlo_sim.simulation.model import Model, build_model, local_axis
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.report import Energy, Report, Status, UndefinedTorsion
 from dlo_sim.simulation.selection import Choice, choose
 from dlo_sim.simulation.stepper import Stepper, largest_frequency
+from dlo_sim.simulation.transfer import carry_inputs, put_state, resampled
 
 Array = NDArray[np.float64]
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 MOST_BASES = 16  # sets of material coordinates whose basis values are kept
-GROSS_SHARE = 1.0  # of the energy exchanged; near its limit a stable method errs by half of it
 CHUNK = 4096  # steps between two saved states of a long advance
 
 
@@ -200,7 +201,7 @@ class Simulator:
         ledger = self._state.ledger
         worst, exchanged = ledger[layout.ENERGY_ERROR], ledger[layout.EXCHANGED]
         if not self._stepper.looked_at(self._steps):
-            error, present = self._balance()
+            error, present = balance(self._model, self._state, self._work)
             worst, exchanged = max(worst, error), max(exchanged, present)
         return float(worst / max(exchanged, ledger[layout.FLOOR]))
 
@@ -256,6 +257,9 @@ class Simulator:
                     # The failed step was left half done: do the good ones again.
                     self._stepper.advance(self._state, self._work, self._solver, first, made)
                     self._steps = first + made
+                    if not self._sane(self._steps):
+                        self._go_back()
+                        self._steps = first
                 done = self._steps - (first - done)
                 return Report(
                     status,
@@ -338,7 +342,15 @@ class Simulator:
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends."""
-        other = Simulator(scene, {end: self.end_pose(end) for end in ("start", "end")})
+        # Tangents that the scene leaves open are those of the cable as it was placed.
+        tangents = {
+            f"{end}.tangent": list(self._geometries[end].tangent)
+            for end in ENDS
+            if not any(scene.ends[end].tangent)
+        }
+        poses = {end: self.end_pose(end) for end in ENDS}
+        other = Simulator(scene.with_values(tangents), poses)
+        other.scene = scene
         other._adopt(self)
         return other
 
@@ -358,26 +370,13 @@ class Simulator:
             self._bases[key] = table
         return table
 
-    def _balance(self) -> tuple[float, float]:
-        """|energy - work done + energy lost| [J] now, and the largest energy exchanged so far."""
-        ledger = self._state.ledger
-        kinetic = kinetic_energy(self._state.w, self._model.terms.mass, self._model.n)
-        parts = np.array(potentials(self._state.position, self._model.terms, self._work))
-        start = ledger[layout.POTENTIAL_START : layout.POTENTIAL_START + len(parts)]
-        works = ledger[layout.LOAD_WORK], ledger[layout.DRIVE_WORK]
-        error = kinetic + float(parts.sum()) - ledger[layout.ENERGY_START] - sum(works)
-        error += ledger[layout.DISSIPATED] - ledger[layout.PENDING]
-        largest = float(np.abs(parts - start).max())
-        return abs(error), max(ledger[layout.EXCHANGED], kinetic, largest, *np.abs(works))
-
     def _sane(self, step: int) -> bool:
         """Whether the state may be shown: explicit loops look at the energy only now and then."""
         if not np.isfinite(self._state.position).all():
             return False
         if self._stepper.looked_at(step):
             return True
-        error, exchanged = self._balance()
-        return bool(error <= GROSS_SHARE * exchanged + self._state.ledger[layout.FLOOR])
+        return not grossly_open(self._model, self._state, self._work)
 
     def _keep(self) -> None:
         """Remember the state before an advance, without allocating."""
@@ -437,20 +436,11 @@ class Simulator:
         return self._ends.turned_axis("start", self.time, self._frame_axis)
 
     def _open_account(self) -> None:
-        cable = self.scene.cable
-        self._state.ledger[:] = 0.0
-        # Kinetic energy of creeping by a millionth of the length per second.
-        self._state.ledger[layout.FLOOR] = (
-            0.5 * cable.mu * cable.length * (1e-6 * cable.length) ** 2
-        )
-        start_account(self._state, self._model.terms, self._work)
+        open_account(self.scene, self._model, self._state, self._work)
 
     def _set(self, points: Array, rates: Array) -> None:
         """Take over control points (n, 4) and their velocities."""
-        n = self._model.n
-        self._state.position[:, :n] = self._model.to_rows(points)
-        self._state.w[:, :n] = self._model.to_rows(rates) * self._model.terms.mass.free
-        self._state.history[:] = 0.0
+        put_state(self._model, self._state, points, rates)
 
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
@@ -471,15 +461,7 @@ class Simulator:
         old, ledger = self._model.terms, self._state.ledger
         self._rebuild(needs)
         new = self._model.terms
-        if old.loads is not None and new.loads is not None:
-            new.loads.force[:] = 0.0
-            columns = [new.axes.index(axis) for axis in old.axes]
-            new.loads.force[:, columns] = old.loads.force
-            new.loads.torque[:] = old.loads.torque
-            new.loads.frequency[:] = old.loads.frequency
-        if old.springs is not None and new.springs is not None:
-            columns = [new.axes.index(axis) for axis in old.axes]
-            new.springs.anchor[:, columns] = old.springs.anchor
+        carry_inputs(old, new)
         optional_terms.carry_plastic(old, new)
         self._set(points, rates)
         self._state.ledger[:] = ledger
@@ -487,16 +469,14 @@ class Simulator:
         self._turn_rest_axis()
 
     def _adopt(self, other: Simulator) -> None:
-        n = self._model.n
         points, rates = other.control_points, other.velocities
-        if n != other._model.n or self.scene.cable.length != other.scene.cable.length:
+        old, new = other._model, self._model
+        if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-            points = bspline.interpolate(
-                self._model.knots, bspline.evaluate(points, other._model.knots, u)
-            )
-            rates = bspline.interpolate(
-                self._model.knots, bspline.evaluate(rates, other._model.knots, u)
-            )
+            points, rates = (resampled(values, old, new, u) for values in (points, rates))
+        self._ends.take_twist(other._ends, other.time)
+        if self.scene.terms.twist == "auto" and any(self._ends.twists(end) for end in ENDS):
+            self._extend(self._needs.with_twist())
         self._ends.put(points, 0.0)
         self._set(points, rates)
         optional_terms.carry_plastic(other._model.terms, self._model.terms)

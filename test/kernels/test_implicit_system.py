@@ -8,8 +8,8 @@ from differences import assert_limit
 from dlo_sim.core import spectrum
 from dlo_sim.kernels.elastic import tangent_coefficients
 from dlo_sim.kernels.ends import copy_anchors
-from dlo_sim.kernels.implicit import momentum_residual, newton_matrix, step_force
 from dlo_sim.kernels.jit import entry
+from dlo_sim.kernels.step_forces import momentum_residual, newton_matrix, step_force
 
 QUIET = FULL | {"damping.mass": 1e-300, "damping.stiffness": 1e-300}
 DAMPED = FULL | {"damping.mass": 0.8, "damping.stiffness": 5e-3, "damping.air_drag": 0.05}

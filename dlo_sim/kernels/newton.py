@@ -1,0 +1,157 @@
+"""The iteration of an implicit step: first guess, sharpened corrections, search along them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.matrix import substitute
+
+TRUSTED = 0.5  # largest share by which a correction may be repeated
+SMALLEST = 1e-300  # square of a correction
+
+
+@kernel
+def alternates(x, history, n, dim):
+    """Whether the present configuration is nearer to the last but one than to the last.
+
+    Undamped motion that the step is far too long for turns its sign from step to step.
+    """
+    once, twice = 0.0, 0.0
+    for d in range(dim):
+        for i in range(n):
+            once += (x[d, i] - history[0, d, i]) ** 2
+            twice += (x[d, i] - history[1, d, i]) ** 2
+    return twice < once
+
+
+@kernel
+def predict(x, w, history, steps_known, n, dim, tau):
+    """First guess of the free DOFs: the parabola through the last three configurations, the last
+    configuration where the motion alternates, or constant w.
+
+    Shifts the history: history[0] becomes the present configuration, history[1] the one before.
+    """
+    back = steps_known >= 2 and alternates(x, history, n, dim)
+    for d in range(dim):
+        for i in range(n):
+            now = x[d, i]
+            before = history[0, d, i]
+            if back:
+                x[d, i] = before
+            elif steps_known >= 2:
+                x[d, i] = 3.0 * (now - before) + history[1, d, i]
+            else:
+                x[d, i] += tau * w[d, i]
+            history[1, d, i] = before
+            history[0, d, i] = now
+
+
+@kernel
+def restore_prescribed(x, start, free, n, dim):
+    """Undo a prediction where nothing is free."""
+    for d in range(dim):
+        for i in range(n):
+            if free[d, i] == 0.0:
+                x[d, i] = start[d, i]
+
+
+@kernel
+def coasting(x, w, n, tau, coast):
+    """Change over the step at constant w: what driven ends did to x since `coast`, + tau w."""
+    for d in range(x.shape[0]):
+        for i in range(n):
+            coast[d, i] = x[d, i] - coast[d, i] + tau * w[d, i]
+
+
+@kernel
+def largest(x, n, dim):
+    """Largest coordinate."""
+    value = 0.0
+    for d in range(dim):
+        for i in range(n):
+            value = max(value, abs(x[d, i]))
+    return value
+
+
+@kernel
+def correct(x, moved, solver, known, n, dim):
+    """Solve for the correction, sharpen it by the `known` ones since the matrix was made, apply it.
+
+    Broyden's method: each correction tells what the matrix misses along it. With z the solution for
+    the present residual and s_j the corrections, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the
+    last, then s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
+
+    Returns |residual . correction| entry by entry and as a whole, the energy defect
+    |residual . moved| that the residual would leave in a step of displacement `moved`, and the
+    largest entry of the correction.
+    """
+    size = n * dim
+    z = solver.residual
+    for r in range(size):
+        solver.rhs[r] = z[r]
+    substitute(solver.band, size, 4 * dim - 1, z)
+    for j in range(known):
+        s = solver.corrections[j]
+        along = dot(s, z, size) * s[size]
+        if j + 1 < known:
+            following = solver.corrections[j + 1]
+            for r in range(size):
+                z[r] += along * following[r]
+        elif abs(along) < TRUSTED:
+            for r in range(size):
+                z[r] /= 1.0 - along
+    energy = 0.0
+    slope = 0.0
+    defect = 0.0
+    change = 0.0
+    for i in range(n):
+        for d in range(dim):
+            correction = z[i * dim + d]
+            residual = solver.rhs[i * dim + d]
+            x[d, i] += correction
+            energy += abs(correction * residual)
+            slope += correction * residual
+            defect += abs((moved[d, i] + correction) * residual)
+            change = max(change, abs(correction))
+    for r in range(size):
+        solver.corrections[known, r] = z[r]
+    solver.corrections[known, size] = 1.0 / max(dot(z, z, size), SMALLEST)
+    return energy, abs(slope), defect, change
+
+
+@kernel
+def residual_along(solver, last, size):
+    """Residual . correction, with the residual after that correction."""
+    return dot(solver.residual, solver.corrections[last], size)
+
+
+@kernel
+def shortened(before, after):
+    """Share of a correction at which the residual along it would vanish, by the secant."""
+    share = before / (before - after)
+    return min(max(share, 0.1), 0.5) if share > 0.0 and share < np.inf else 0.1
+
+
+@kernel
+def retreat(x, solver, last, share, n, dim):
+    """Take back a share of a correction."""
+    step = solver.corrections[last]
+    for i in range(n):
+        for d in range(dim):
+            x[d, i] -= share * step[i * dim + d]
+
+
+@kernel
+def dot(a, b, size):
+    """a . b, in four sums that do not wait for each other."""
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+    whole = size - size % 4
+    for r in range(0, whole, 4):
+        s0 += a[r] * b[r]
+        s1 += a[r + 1] * b[r + 1]
+        s2 += a[r + 2] * b[r + 2]
+        s3 += a[r + 3] * b[r + 3]
+    for r in range(whole, size):
+        s0 += a[r] * b[r]
+    return (s0 + s1) + (s2 + s3)
