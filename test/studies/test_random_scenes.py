@@ -117,6 +117,8 @@ def test_a_stop_with_a_reason_is_not_wrong(case, monkeypatch):
     monkeypatch.setattr(Simulator, "advance_steps", lambda simulator, steps: stopped)
     found = run_case(case)
     assert (found.outcome, found.reason) == (STOPPED, "too fast")
+    monkeypatch.setattr(Simulator, "velocities", property(lambda simulator: np.full(4, np.nan)))
+    assert run_case(case).outcome == WRONG
 
 
 def test_more_time_than_the_budget_is_wrong(case):

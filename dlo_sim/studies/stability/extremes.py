@@ -89,7 +89,8 @@ class Extreme:
 class Finding:
     """What became of an extreme scene; `error` is None unless it ran to its end.
 
-    wall: time of stepping [s]. right: outcome and error are what they should be.
+    wall: time of stepping [s], budget: what it may be. right: outcome, error and time are what
+    they should be.
     """
 
     name: str
@@ -106,6 +107,7 @@ class Finding:
     steps: int
     iterations: int
     wall: float
+    budget: float
     right: bool
 
 
@@ -152,6 +154,7 @@ def _finding(
         steps=run.steps if run else 0,
         iterations=run.iterations if run else 0,
         wall=run.wall if run else 0.0,
+        budget=extreme.budget,
         right=right,
     )
 

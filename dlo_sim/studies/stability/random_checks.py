@@ -159,6 +159,8 @@ class _Watch:
         parts = (sim.control_points, sim.velocities, *sim.reaction("start"), *sim.reaction("end"))
         if not all(np.isfinite(part).all() for part in parts):
             return "a number that is not finite"
+        if self.reason:
+            return ""  # it has said that something is wrong; the report counts what it kept
         ledger = sim._state.ledger  # what the public energy_error is a quotient of
         scale = max(ledger[layout.EXCHANGED], ledger[layout.FLOOR])
         if not sim.energy_error <= self.tolerance:

@@ -352,7 +352,7 @@ SIZES: tuple[Extreme, ...] = (
         10.0,
         checks.energy_balance,
         ENERGY,
-        1e-8,
+        1e-7,
     ),
     Extreme(
         "n_u = 2000",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.kernels.layout import MAX_CORRECTIONS
+from dlo_sim.kernels.implicit import MAX_ITERATIONS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
@@ -132,7 +132,7 @@ def _retried(simulator: Simulator) -> int:
         report = simulator.advance_steps(1)
         if not report.status.ok:
             break
-        count += report.force_evaluations > MAX_CORRECTIONS
+        count += report.force_evaluations > MAX_ITERATIONS
     simulator.reset()
     return count
 

@@ -11,11 +11,12 @@ from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.stability import extremes, map_figures, maps, sections, stiff
 from dlo_sim.studies.stability.random_checks import run_seed
-from dlo_sim.studies.stability.scenes import EXTREMES
+from dlo_sim.studies.stability.scenes import EXTREMES, MATERIALS
 from dlo_sim.studies.stability.sections import Verdict
 
 Result = TypeVar("Result")
 WARM = 0.002  # of an extreme scene, run before it is timed
+ALUMINIUM, STEEL = "aluminium wire", "steel wire"  # of the extreme scenes
 RANDOM = {True: 60, False: 2000}  # scenes, by `quick`
 
 
@@ -50,7 +51,7 @@ def run_study(request: Request) -> Outcome:
     for extreme in EXTREMES:
         extremes.examine(extreme, share=WARM)
         findings.append(extremes.examine(extreme))
-    asked += sections.add_extremes(report, findings)
+    asked += sections.add_extremes(report, findings, _steel())
     request.progress(0.2)
     extent = maps.QUICK if request.quick else maps.FULL
     points = maps.points(extent)
@@ -69,6 +70,16 @@ def _stiff(report: Report, quick: bool) -> list[Verdict]:
     rows = [row for n in stiff.ASKED_RATIO for row in stiff.measure(n, steps, False, repeats)]
     gauss = [row for n in stiff.ASKED_RATIO for row in stiff.measure(n, steps, True, repeats)]
     return sections.add_stiff(report, rows, gauss, stiff.reference_error())
+
+
+def _steel() -> float:
+    """Run time of the steel wire over that of the aluminium wire, in turns, the least of each."""
+    walls: dict[str, list[float]] = {ALUMINIUM: [], STEEL: []}
+    for _ in range(5):
+        for extreme in MATERIALS:
+            if extreme.name in walls:
+                walls[extreme.name].append(extremes.examine(extreme).wall)
+    return min(walls[STEEL]) / min(walls[ALUMINIUM])
 
 
 def _watched(
