@@ -80,6 +80,34 @@ def quadratic_form(band, n, x):
 
 
 @kernel
+def multiply_differences(band, n, x, scale, out):
+    """out += scale A x where the rows of A sum to zero: sum_j A_ij (x_j - x_i).
+
+    Nothing cancels however far x is from zero, as in a cable that has turned a thousand times.
+    """
+    for i in range(n):
+        value = 0.0
+        for k in range(1, 4):
+            if i >= k:
+                value += band[k, i - k] * (x[i - k] - x[i])
+            if i + k < n:
+                value += band[k, i] * (x[i + k] - x[i])
+        out[i] += scale * value
+
+
+@kernel
+def difference_form(band, n, x):
+    """x^T A x where the rows of A sum to zero: - sum_(i<j) A_ij (x_j - x_i)^2."""
+    total = 0.0
+    for i in range(n):
+        for k in range(1, 4):
+            if i + k < n:
+                change = x[i + k] - x[i]
+                total -= band[k, i] * change * change
+    return total
+
+
+@kernel
 def factorize_row(band, free, n, lower, inverse_diagonal):
     """LDL^T of the free part of one row's matrix; false when it is not positive definite."""
     for i in range(n):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.banded import multiply
+from dlo_sim.kernels.banded import multiply_differences
 from dlo_sim.kernels.elastic import scatter_gradient, span_gradient, tangent_coefficients
 from dlo_sim.kernels.jit import inlined, kernel
 from dlo_sim.kernels.plastic import plastic_force
@@ -32,7 +32,7 @@ def elastic_force(x, lattice, stretch, bend, rest, axes, coefficients, gradient,
 def twist_force(x, twist, n, row, out):
     """out[row] -= GJ integral b' theta'."""
     if twist is not None:
-        multiply(twist.stiffness, n, x[row], -1.0, out[row])
+        multiply_differences(twist.stiffness, n, x[row], -1.0, out[row])
 
 
 @kernel

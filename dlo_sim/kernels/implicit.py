@@ -15,7 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.banded import factorize_row, multiply, quadratic_form, solve_row
+from dlo_sim.kernels.banded import (
+    difference_form,
+    factorize_row,
+    multiply,
+    multiply_differences,
+    solve_row,
+)
 from dlo_sim.kernels.elastic import tangent_coefficients
 from dlo_sim.kernels.ends import copy_anchors, restore_anchors
 from dlo_sim.kernels.friction import (
@@ -37,7 +43,7 @@ from dlo_sim.kernels.newton import (
     retreat,
     shortened,
 )
-from dlo_sim.kernels.observe import begin_sample, end_sample, update_account
+from dlo_sim.kernels.observe import RESOLUTION, begin_sample, end_sample, update_account
 from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends
 from dlo_sim.kernels.step_account import (
     absorb_loss,
@@ -87,10 +93,10 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
     force = work.force[row]
     change = solver.residual[:n]
     # dx holds the prescribed part; force holds the loads and the friction of that part.
-    multiply(twist.stiffness, n, solver.start[row], -1.0, force)
+    multiply_differences(twist.stiffness, n, solver.start[row], -1.0, force)
     for i in range(n):
         change[i] = force[i]
-    multiply(twist.stiffness, n, dx, -0.5 - beta, change)
+    multiply_differences(twist.stiffness, n, dx, -0.5 - beta, change)
     multiply(mass, n, dx, -a, change)
     multiply(mass, n, solver.start_w[row], 2.0 / tau, change)
     solve_row(solver.twist_lower, solver.twist_diagonal, n, change)
@@ -98,12 +104,12 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
     for i in range(n):
         x[row, i] += change[i]
         dx[i] += change[i]
-    multiply(twist.stiffness, n, dx, -0.5 - beta, force)
+    multiply_differences(twist.stiffness, n, dx, -0.5 - beta, force)
     add_friction_row(friction, change, n, row, tau, force)
     return (
         lost
         + friction_loss(friction, dx, n, row, tau)
-        + beta * quadratic_form(twist.stiffness, n, dx)
+        + beta * difference_form(twist.stiffness, n, dx)
     )
 
 
@@ -193,10 +199,13 @@ def implicit_step(
         shrinking = np.sqrt(energy / previous) if share == 1.0 and iterations > 1 else 1.0
         share = 1.0
         converged = (
-            min(SAFETY * shrinking, 1.0) * defect <= tolerance * max(scale, inertia)
+            min(SAFETY * shrinking, 1.0) * defect <= tolerance * max(scale, 0.1 * inertia)
             or change <= ROUND_OFF * reach
             or (stalls > 1 and change <= NOISE * reach)
         )
+        if change <= ROUND_OFF * reach:
+            # The coordinates have no digits left: the account cannot be better than this.
+            state.ledger[FLOOR] = max(state.ledger[FLOOR], RESOLUTION * defect)
         # What driven ends do is booked with the forces after the last correction.
         if converged and not ends_moved(terms.drive, terms.mass, work, n):
             break

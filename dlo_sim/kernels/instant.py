@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.banded import multiply, solve_rows
+from dlo_sim.kernels.banded import multiply, multiply_differences, solve_rows
 from dlo_sim.kernels.discrete_gradient import span_viscous_gradient
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.ends import one_end_velocity
@@ -56,7 +56,7 @@ def add_viscosity(v, terms, friction, viscosity, work, solver, out):
 def add_twist_viscosity(v, twist, viscosity, n, row, out):
     """out += Kelvin-Voigt moment of the twist row."""
     if twist is not None:
-        multiply(twist.stiffness, n, v[row], -viscosity, out[row])
+        multiply_differences(twist.stiffness, n, v[row], -viscosity, out[row])
 
 
 @kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.banded import quadratic_form
+from dlo_sim.kernels.banded import difference_form, quadratic_form
 from dlo_sim.kernels.elastic import elastic_energy, tangent_coefficients
 from dlo_sim.kernels.ends import end_velocities
 from dlo_sim.kernels.jit import entry, kernel
@@ -67,7 +67,7 @@ def velocities(w, terms, t, out):
 def twist_energy(x, twist, n, row):
     """Twisting energy [J]."""
     if twist is not None:
-        return 0.5 * quadratic_form(twist.stiffness, n, x[row])
+        return 0.5 * difference_form(twist.stiffness, n, x[row])
     return 0.0
 
 
@@ -140,22 +140,35 @@ def gravity_round_off(x, gravity, n):
 
 
 @kernel
+def strain_round_off(term, energy, strain, length):
+    """Round-off of an energy E = k length eps^2 / 2 [J] whose strain is known to `strain`:
+    k length (eps strain + strain^2). It outweighs that of E itself where the strain is small.
+    """
+    if term is not None:
+        stiffness = term.stiffness * length
+        return np.sqrt(2.0 * abs(energy) * stiffness) * strain + stiffness * strain * strain
+    return 0.0
+
+
+@kernel
 def raise_floor(state, terms, parts, kinetic):
     """Raise the energy below which differences mean nothing to what round-off leaves certain.
 
-    Curvature is a difference of coordinates over the square of a span, so its round-off grows with
-    the square of the number of spans and with the distance from the origin.
+    Strain is a difference of coordinates over a span, curvature one over the square of a span, so
+    their round-off grows with the number of spans and with the distance from the origin.
     """
     lattice = terms.lattice
     reach = 0.0
     for d in range(len(terms.axes)):
         for i in range(lattice.n):
             reach = max(reach, abs(state.position[d, i]))
-    spans = lattice.n - 3.0
-    magnified = 1.0 + 0.5 * reach * lattice.slope * spans  # spans^2 reach / length
-    elastic = abs(parts[0]) + abs(parts[1]) + abs(parts[2])
-    noise = EPSILON * (magnified * elastic + abs(parts[4]) + kinetic)
+    span = 2.0 / lattice.slope
+    length = span * (lattice.n - 3.0)
+    noise = EPSILON * (abs(parts[0]) + abs(parts[1]) + abs(parts[2]) + abs(parts[4]) + kinetic)
     noise += gravity_round_off(state.position, terms.gravity, lattice.n)
+    strain = EPSILON * (1.0 + reach / span)
+    noise += strain_round_off(terms.stretch, parts[0], strain, length)
+    noise += strain_round_off(terms.bend, parts[1], strain / span, length)
     state.ledger[FLOOR] = max(state.ledger[FLOOR], RESOLUTION * noise)
 
 
