@@ -97,10 +97,30 @@ def record(
     """
     began = time.perf_counter()
     simulator = Simulator(scene)
+    estimated = scene.accuracy.estimate == "on"
+    return record_simulator(simulator, duration, every, progress, began, estimated)
+
+
+def record_simulator(
+    simulator: Simulator,
+    duration: float,
+    every: float,
+    progress: Callable[[float], None] | None = None,
+    began: float | None = None,
+    estimated: bool = False,
+) -> Recording:
+    """`record` for a simulator at its start.
+
+    Args:
+        began: when the building of the simulator began [s].
+        estimated: estimate the error, for a simulator that starts as its scene says.
+    """
+    began = time.perf_counter() if began is None else began
     _compile(simulator)
-    estimate = ErrorEstimate(simulator) if scene.accuracy.estimate == "on" else None
+    scene = simulator.scene
+    estimate = ErrorEstimate(simulator) if estimated else None
     compile_s = time.perf_counter() - began
-    recorder = _recorder(simulator, _sample_times(duration, every))
+    recorder = _recorder(simulator, sample_times(duration, every))
     wall_s, report, evaluations = _run(estimate or simulator, duration, recorder, progress)
     count = _good_samples(simulator, recorder)
     control_points = simulator.model.to_columns(recorder.positions[:count])
@@ -112,7 +132,9 @@ def record(
         control_points=control_points,
         centerline=basis @ control_points[:, :, :3],
         centerline_u=u,
-        energy=_energies(recorder, count, simulator.step, every),
+        energy=energies_at(
+            recorder.times[:count], recorder.energies[:count], simulator.step, every
+        ),
         status=report.status.name.lower(),
         message=report.message,
         simulated_s=simulator.time,
@@ -143,7 +165,7 @@ def _unknown(estimate: ErrorEstimate | None) -> tuple[str, ...]:
     return (f"the position error is unknown: {reason}",) if reason else ()
 
 
-def _sample_times(duration: float, every: float) -> Array:
+def sample_times(duration: float, every: float) -> Array:
     """Multiples of `every` [s] from 0 up to the duration."""
     count = int(np.floor(duration / every + _ROUNDING)) + 1
     return np.arange(count, dtype=float) * every
@@ -209,9 +231,8 @@ def _good_samples(simulator: Simulator, recorder: layout.Recorder) -> int:
     return min(int(recorder.next[0]), int(np.searchsorted(recorder.times, reached, side="right")))
 
 
-def _energies(recorder: layout.Recorder, count: int, step: float, every: float) -> Array:
+def energies_at(times: Array, energies: Array, step: float, every: float) -> Array:
     """Energy [J] at the samples, from those at the ends of the steps that hold them."""
-    times, energies = recorder.times[:count], recorder.energies[:count]
     if every >= step:
         return energies
     return np.interp(times, np.ceil(times / step - _ROUNDING) * step, energies)
