@@ -3,8 +3,8 @@
 A configuration has a row of dim x LANES numbers for each control point: a scene to each lane.
 
 Loops over a row take its length from the array: short loops of constant length are unrolled before
-they could be vectorised (eight scenes of 13 control points took 7.7 us per Forest-Ruth step with
-those, 6.2 without, on a busy machine).
+they could be vectorised (eight scenes of 13 control points, Forest-Ruth: 2.3 times as fast as one
+by one with those, 3.6 times without).
 """
 
 from __future__ import annotations
