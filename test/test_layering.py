@@ -15,7 +15,7 @@ ARROWS = {
     "scene": set(),
     "kernels": {"core", "scene"},
     "simulation": {"core", "kernels", "scene"},
-    "batch": {"core", "scene", "simulation"},
+    "batch": {"core", "kernels", "scene", "simulation"},
     "tuning": {"batch", "core", "kernels", "scene", "simulation"},
     "session": {"core", "scene", "simulation"},
     "replay": {"core", "scene", "session", "simulation"},

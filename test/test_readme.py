@@ -180,13 +180,24 @@ def test_parameters_named_in_the_text_exist(readme):
     assert keys <= known
 
 
-def test_python_example_runs(readme, checkout, monkeypatch):
-    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+@pytest.fixture(name="examples")
+def _examples(readme, checkout, monkeypatch):
+    """What the names of each Python example are after it ran as a script."""
     monkeypatch.chdir(checkout)
-    names: dict[str, object] = {}
-    exec(compile(code, "README.md", "exec"), names)
+    found = []
+    for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):
+        names = {"__name__": "__main__"}
+        exec(compile(code, "README.md", "exec"), names)
+        found.append(names)
+    return found
+
+
+def test_python_examples_run(examples):
+    names, batch = examples
     assert names["tip"][1] > 0.05, "the hand has pulled the free end towards y"
     assert names["force"][2] > 1.0, "the gripper carries the cable"
+    assert batch["result"].one_by_one == ("",) * 16
+    assert (batch["sag"] < -0.01).all(), "the wires fall"
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ _REPORT = (
     "force_evaluations",
     "real_time_factor",
     "energy_error_max",
+    "error_estimate",
     "active_terms",
     "left_out",
     "notes",
@@ -131,12 +132,20 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
         "active": ", ".join(recording.active_terms) or "-",
         "left out": "\n".join(left_out) or "-",
     }
+    estimate = recording.error_estimate
+    if estimate is not None:
+        parts = (f"{name} {_length(part)}" for name, part in estimate.items())
+        rows["position error"] = f"{', '.join(parts)} (estimated)"
     if recording.notes:
         rows["note"] = "\n".join(recording.notes)
     if output is not None:
         times, points, _ = recording.control_points.shape
         rows["output"] = f"{output} ({times} times, {points} control points)"
     print_rows(rows)
+
+
+def _length(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.2g} m"
 
 
 def _counted(method: str) -> str:

@@ -73,8 +73,8 @@ class CableNode(Node):
         log = self.get_logger()
         log.info("building the simulator; the first start with a new kind of scene compiles it")
         begin = time.perf_counter()
-        session = Session(scene)
-        rehearse(scene)
+        session = Session(scene, live=True)
+        rehearse(scene, live=True)
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
         return session
 

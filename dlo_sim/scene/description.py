@@ -205,9 +205,10 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Position error [m] that is acceptable."""
+    """Position error [m] that is acceptable, and whether the error is estimated."""
 
     target: float
+    estimate: str
 
 
 @dataclass(frozen=True)

@@ -379,6 +379,13 @@ _REST = (
         1.0e3,
         "Position error that is acceptable; a larger estimate is a warning.",
     ),
+    _choice(
+        "accuracy.estimate",
+        "auto",
+        _SWITCH,
+        "Run two finer companions and report how far they are away; auto = in the node, until it "
+        "cannot keep up.",
+    ),
 )
 
 PARAMETERS: tuple[Parameter, ...] = (

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.cdr import DiagnosticStatus
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -40,6 +41,8 @@ EVENTS: dict[str, str] = {
     "reset": "reset was called",
     "failed": "the simulator gave up; the last good state is held",
     "not_published": "an output was not finite and was not published",
+    "inaccurate": "the estimated error exceeds accuracy.target",
+    "estimate_spared": "it fell behind and goes on without its error estimate",
 }
 """Everything else that is counted."""
 
@@ -134,6 +137,7 @@ def session_status(
     status: str,
     message: str,
     simulator: Any,
+    accuracy: Accuracy,
     *,
     failed: bool,
     waiting: bool,
@@ -147,6 +151,7 @@ def session_status(
     Args:
         status: what the session is doing; message: what there is to say about it, may be empty.
         simulator: read for time, step, method, terms and energy.
+        accuracy: the estimated error and what it means.
         lag, most_lag: how far the state is behind [s], and what is worth a warning.
         offset: clock minus stamps [s].
         extra: more values.
@@ -157,6 +162,8 @@ def session_status(
         level = ERROR
     elif waiting or lag > most_lag:
         level = WARN
+    elif accuracy.warning:
+        level, text = WARN, message or accuracy.warning
     elif fresh:
         level, text = WARN, message or journal.last_event
     energy = simulator.energy()
@@ -169,6 +176,7 @@ def session_status(
         ("left out", "; ".join(f"{name}: {why}" for name, why in simulator.left_out.items())),
         ("energy [J]", f"{energy.total:.9g}"),
         ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
+        *accuracy.values(),
         ("lag [s]", f"{lag:.3f}"),
         ("skipped [s]", f"{journal.skipped_ns * 1e-9:.3f}"),
         ("clock minus stamps [s]", f"{offset:.9g}"),

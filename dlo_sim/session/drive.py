@@ -8,13 +8,16 @@ same messages give the same bits however the advance is cut into ticks.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
 from dlo_sim.session.time_base import SECOND, StepGrid, grid_multiple_at_or_after
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.error_estimate import ErrorEstimate
 
 SimulatorFactory = Callable[..., Any]
 
@@ -37,17 +40,26 @@ class Drive:
         scene: what is simulated.
         factory: builds the simulator: factory(scene, end_poses=None).
         note: called with the name of an event and one line of text.
+        live: whether the prediction is made live, for accuracy.estimate auto.
 
     Attributes:
         simulator: the simulator; placed by `begin`.
+        estimate: runs its companions, None without any.
         grid: times of its steps, None before `begin`.
         index: the step at which it is.
     """
 
     def __init__(
-        self, scene: Scene, factory: SimulatorFactory, note: Callable[[str, str], None]
+        self,
+        scene: Scene,
+        factory: SimulatorFactory,
+        note: Callable[[str, str], None],
+        live: bool = False,
     ) -> None:
         self.simulator = factory(scene)
+        self.estimate: ErrorEstimate | None = None
+        self._live = live
+        self._too_slow = False
         self._scene = scene
         self._factory = factory
         self.paths = {
@@ -62,6 +74,17 @@ class Drive:
         self.index = 0
         self._knots: dict[str, int | None] = {}
         self._motions: dict[str, EndMotion] = {}
+
+    @property
+    def _estimating(self) -> bool:
+        """Whether companions run from the next beginning on."""
+        wanted = self._scene.accuracy.estimate
+        return wanted == "on" or (wanted == "auto" and self._live and not self._too_slow)
+
+    @property
+    def _driven(self) -> Any:
+        """What takes motions, loads and steps: the simulator, alone or with its companions."""
+        return self.simulator if self.estimate is None else self.estimate
 
     @property
     def now_ns(self) -> int:
@@ -99,6 +122,10 @@ class Drive:
             self.simulator = self._factory(self._scene, end_poses=poses)
         else:
             self.simulator.reset()
+        if self._estimating:
+            from dlo_sim.simulation.error_estimate import ErrorEstimate
+
+            self.estimate = ErrorEstimate.placed(self.simulator, poses)
         self.grid = StepGrid(origin, self.simulator.step)
         self.index = 0
         self._knots = dict.fromkeys(self.paths, 0)
@@ -110,6 +137,7 @@ class Drive:
         for schedule in self.schedules.values():
             schedule.remove(self.simulator)
         self.grid = None
+        self.estimate = None
 
     def advance(self, wanted_ns: int, most_steps: int, silence_ns: int | None = None) -> Advance:
         """Take whole steps up to `wanted_ns`, at most so many, stopping where a pose is missing.
@@ -127,7 +155,7 @@ class Drive:
             if waiting:
                 return Advance(self.index - begin, waiting, "")
             stop = self._apply_loads(grid, target)
-            report = self.simulator.advance_steps(stop - self.index)
+            report = self._driven.advance_steps(stop - self.index)
             self.index += report.steps
             if not report.status.ok:
                 return Advance(self.index - begin, (), report.message)
@@ -149,7 +177,7 @@ class Drive:
             else:
                 self._knots[name] = segment.last
                 self._motions[name] = segment.motion
-                self.simulator.set_motion(name, segment.motion)
+                self._driven.set_motion(name, segment.motion)
         return waiting
 
     def _apply_loads(self, grid: StepGrid, target: int) -> int:
@@ -160,7 +188,7 @@ class Drive:
             if knot is not None and knot < stop:
                 stop = knot
         for schedule in self.schedules.values():
-            schedule.apply(now_ns, step_ns, self.simulator)
+            schedule.apply(now_ns, step_ns, self._driven)
             change = schedule.next_change_ns()
             if change is not None and change < grid.time_of(stop):
                 stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))
@@ -183,6 +211,13 @@ class Drive:
             self._knots[name] = self.index
         return after - before
 
+    def spare_estimate(self) -> bool:
+        """Go on without companions that are not asked for by name; whether there were any."""
+        if self.estimate is None or self._scene.accuracy.estimate == "on":
+            return False
+        self.estimate, self._too_slow = None, True
+        return True
+
     def shift_time(self, delta_ns: int) -> None:
         """Relabel every time by delta [ns]."""
         if self.grid is not None:
@@ -200,21 +235,26 @@ class Drive:
         """
         old, grid = self.simulator, self.grid
         simulator = self._factory(scene) if grid is None else old.reconfigured(scene)
-        if grid is not None:
-            self._continue_motions(grid, old.time, simulator)
         self.simulator, self._scene = simulator, scene
+        self.estimate, self._too_slow = None, False
+        if grid is not None:
+            if self._estimating:
+                from dlo_sim.simulation.error_estimate import ErrorEstimate
+
+                self.estimate = ErrorEstimate.continued(simulator)
+            self._continue_motions(grid, old.time)
         for name, path in self.paths.items():
             end = scene.ends[name]
             path.configure(round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND))
         for schedule in self.schedules.values():
             schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
-            schedule.resend(simulator)
+            schedule.resend(self._driven)
 
-    def _continue_motions(self, old: StepGrid, old_time: float, simulator: Any) -> None:
+    def _continue_motions(self, old: StepGrid, old_time: float) -> None:
         """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
         were.
         """
-        now_ns = self.now_ns
+        now_ns, simulator = self.now_ns, self.simulator
         grid = self.grid = StepGrid(now_ns, simulator.step)
         for name, knot in self._knots.items():
             if knot is None or knot <= self.index or name not in self._motions:
@@ -224,5 +264,5 @@ class Drive:
             motion = self._motions[name]
             segment = self.paths[name].replan(motion, old_time, grid, last, simulator.time)
             self._knots[name], self._motions[name] = last, segment.motion
-            simulator.set_motion(name, segment.motion)
+            self._driven.set_motion(name, segment.motion)
         self.index = 0

@@ -9,13 +9,13 @@ _MESSAGES = 6
 _PERIOD = _SECOND // 50
 
 
-def rehearse(scene: Scene) -> None:
+def rehearse(scene: Scene, *, live: bool = False) -> None:
     """Take a session of this scene through poses, loads, ticks, every output, a report and a reset.
 
     Without it the first message of each kind and the first report would each hold up a tick, or
     be counted as time of a replay.
     """
-    session = Session(scene)
+    session = Session(scene, live=live)
     latency = round(scene.inputs.latency * _SECOND)
     now = _SECOND
     for _ in range(_MESSAGES):

@@ -18,6 +18,7 @@ from typing import Any
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
+from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.diagnostics import Journal, session_status, topic_status
 from dlo_sim.session.drive import Drive, SimulatorFactory
 from dlo_sim.session.intake import InputTopic, Intake
@@ -42,6 +43,7 @@ class Session:
         scene: what is simulated.
         simulator_factory: builds the simulator, `Simulator` by default: factory(scene,
             end_poses=None).
+        live: a prediction made live, whose error is worth knowing (accuracy.estimate auto).
 
     Attributes:
         scene: the scene as configured now.
@@ -52,7 +54,13 @@ class Session:
         ValueError: the simulator refuses the scene.
     """
 
-    def __init__(self, scene: Scene, simulator_factory: SimulatorFactory | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        simulator_factory: SimulatorFactory | None = None,
+        *,
+        live: bool = False,
+    ) -> None:
         if simulator_factory is None:
             # Here, because it brings the compiler along; importing this module must stay light.
             from dlo_sim.simulation.simulator import Simulator
@@ -65,7 +73,8 @@ class Session:
         self.journal = Journal(list(dict.fromkeys(topics)))
         self._intake = Intake(scene, self._time, self.journal)
         self.inputs = self._intake.inputs
-        self._drive = Drive(scene, simulator_factory, self.journal.event)
+        self._drive = Drive(scene, simulator_factory, self.journal.event, live)
+        self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
         self._paused = False
         self._resuming = False
@@ -153,14 +162,9 @@ class Session:
             self._resuming = False
             self._drive.skip_to(wanted_ns)
         steps = self._advance(wanted_ns, self._most_steps, wanted_ns)
-        self._lag_ns = max(0, wanted_ns - self._drive.now_ns)
-        if self._lag_ns > self._most_lag_ns and not self._waiting and not self._failure:
-            skipped = self._drive.skip_to(wanted_ns)
-            self.journal.skipped_ns += skipped
-            self.journal.event(
-                "time_skipped",
-                f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped",
-            )
+        lag_before, self._lag_ns = self._lag_ns, max(0, wanted_ns - self._drive.now_ns)
+        if not self._waiting and not self._failure:
+            self._ease(wanted_ns, lag_before)
         return self._report(steps)
 
     def messages(self, wanted: Collection[str] | None = None) -> list[OutgoingMessage]:
@@ -193,6 +197,7 @@ class Session:
             self.status.value,
             self._message(),
             drive.simulator,
+            self._accuracy,
             failed=bool(self._failure),
             waiting=not self.started,
             lag=self._lag_ns * 1e-9,
@@ -249,6 +254,7 @@ class Session:
         time_mode_changed = scene.inputs.time != self.scene.inputs.time
         self.scene = scene
         self._intake.configure(scene)
+        self._accuracy.configure(scene)
         self._limits()
         self._outputs = self._new_outputs()
         if time_mode_changed:
@@ -292,10 +298,30 @@ class Session:
 
     def _advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> int:
         steps, self._waiting, failure = self._drive.advance(wanted_ns, most_steps, silence_ns)
+        self._accuracy.look(self._drive.estimate)
         if failure:
             at = self._drive.now_ns * 1e-9
             self._fail(f"{failure} (at {self._drive.simulator.time:.6f} s, stamp {at:.6f} s)")
         return steps
+
+    def _ease(self, wanted_ns: int, lag_before: int) -> None:
+        """Keep a simulation that is too slow from falling behind for ever: first without the error
+        estimate, then by leaving out time.
+        """
+        falling = self._lag_ns >= lag_before > self._most_lag_ns // 2
+        if falling and self._drive.spare_estimate():
+            self.journal.event(
+                "estimate_spared",
+                "the prediction fell behind and goes on without its error estimate; keep it with "
+                "accuracy.estimate: on",
+            )
+        if self._lag_ns > self._most_lag_ns:
+            skipped = self._drive.skip_to(wanted_ns)
+            self.journal.skipped_ns += skipped
+            self.journal.event(
+                "time_skipped",
+                f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped",
+            )
 
     def _fail(self, message: str) -> None:
         self._failure = message
@@ -303,6 +329,7 @@ class Session:
 
     def _restart(self, event: str, detail: str) -> None:
         self._drive.clear()
+        self._accuracy.forget()
         self._failure = ""
         self._waiting = ()
         self._lag_ns = 0

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.simulator import CHUNK, Simulator
 
@@ -41,6 +42,8 @@ class Recording:
         real_time_factor: simulated_s / wall_s.
         energy_error_max: largest |energy - work done + energy lost| relative to the largest energy
             exchanged; None if it has no finite value.
+        error_estimate: largest estimated position errors [m] of the run: `time`, `space`, `total`
+            (None = unknown); None unless accuracy.estimate is on.
         active_terms, left_out: terms in the step, and the others with the reason.
         notes: what a reader of the results should know, one line each.
     """
@@ -61,6 +64,7 @@ class Recording:
     force_evaluations: int
     real_time_factor: float
     energy_error_max: float | None
+    error_estimate: dict[str, float | None] | None
     active_terms: tuple[str, ...]
     left_out: dict[str, str]
     notes: tuple[str, ...] = ()
@@ -93,10 +97,31 @@ def record(
     """
     began = time.perf_counter()
     simulator = Simulator(scene)
+    estimated = scene.accuracy.estimate == "on"
+    return record_simulator(simulator, duration, every, progress, began, estimated)
+
+
+def record_simulator(
+    simulator: Simulator,
+    duration: float,
+    every: float,
+    progress: Callable[[float], None] | None = None,
+    began: float | None = None,
+    estimated: bool = False,
+) -> Recording:
+    """`record` for a simulator at its start.
+
+    Args:
+        began: when the building of the simulator began [s].
+        estimated: estimate the error, for a simulator that starts as its scene says.
+    """
+    began = time.perf_counter() if began is None else began
     _compile(simulator)
+    scene = simulator.scene
+    estimate = ErrorEstimate(simulator) if estimated else None
     compile_s = time.perf_counter() - began
-    recorder = _recorder(simulator, _sample_times(duration, every))
-    wall_s, report, evaluations = _run(simulator, duration, recorder, progress)
+    recorder = _recorder(simulator, sample_times(duration, every))
+    wall_s, report, evaluations = _run(estimate or simulator, duration, recorder, progress)
     count = _good_samples(simulator, recorder)
     control_points = simulator.model.to_columns(recorder.positions[:count])
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
@@ -107,7 +132,9 @@ def record(
         control_points=control_points,
         centerline=basis @ control_points[:, :, :3],
         centerline_u=u,
-        energy=_energies(recorder, count, simulator.step, every),
+        energy=energies_at(
+            recorder.times[:count], recorder.energies[:count], simulator.step, every
+        ),
         status=report.status.name.lower(),
         message=report.message,
         simulated_s=simulator.time,
@@ -119,13 +146,26 @@ def record(
         force_evaluations=evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
+        error_estimate=None if estimate is None else _estimated(estimate),
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
-        notes=simulator.notes,
+        notes=simulator.notes + _unknown(estimate),
     )
 
 
-def _sample_times(duration: float, every: float) -> Array:
+def _estimated(estimate: ErrorEstimate) -> dict[str, float | None]:
+    error = estimate.largest
+    parts = {"time": error.time, "space": error.space, "total": error.total}
+    return {name: part if np.isfinite(part) else None for name, part in parts.items()}
+
+
+def _unknown(estimate: ErrorEstimate | None) -> tuple[str, ...]:
+    """Why an error is unknown, as notes."""
+    reason = "" if estimate is None else estimate.largest.unknown
+    return (f"the position error is unknown: {reason}",) if reason else ()
+
+
+def sample_times(duration: float, every: float) -> Array:
     """Multiples of `every` [s] from 0 up to the duration."""
     count = int(np.floor(duration / every + _ROUNDING)) + 1
     return np.arange(count, dtype=float) * every
@@ -155,7 +195,7 @@ def _compile(simulator: Simulator) -> None:
 
 
 def _run(
-    simulator: Simulator,
+    run: Simulator | ErrorEstimate,
     duration: float,
     recorder: layout.Recorder,
     progress: Callable[[float], None] | None,
@@ -164,19 +204,22 @@ def _run(
 
     A piece that fails is taken back and done again in smaller ones, down to the last good step.
     Pieces depend on the scene alone, never on the clock, so a run that fails does so in one way.
+    Time spent on an error estimate does not count.
     """
+    estimate = run if isinstance(run, ErrorEstimate) else None
+    simulator = run.simulator if isinstance(run, ErrorEstimate) else run
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
     piece = min(max(total // _PIECES, _FEWEST_STEPS), CHUNK)
     wall, evaluations = 0.0, 0
     while True:
         began = time.perf_counter()
-        report = simulator.advance_steps(min(piece, total - simulator.steps), recorder)
+        report = run.advance_steps(min(piece, total - simulator.steps), recorder)
         wall += time.perf_counter() - began
         evaluations += report.force_evaluations
         if progress is not None:
             progress(simulator.steps / total)
         if simulator.steps >= total or (piece == 1 and not report.status.ok):
-            return wall, report, evaluations
+            return wall - (estimate.seconds if estimate else 0.0), report, evaluations
         if not report.status.ok:
             recorder.next[0] = _good_samples(simulator, recorder)
             piece = max(piece // 4, 1)
@@ -188,9 +231,8 @@ def _good_samples(simulator: Simulator, recorder: layout.Recorder) -> int:
     return min(int(recorder.next[0]), int(np.searchsorted(recorder.times, reached, side="right")))
 
 
-def _energies(recorder: layout.Recorder, count: int, step: float, every: float) -> Array:
+def energies_at(times: Array, energies: Array, step: float, every: float) -> Array:
     """Energy [J] at the samples, from those at the ends of the steps that hold them."""
-    times, energies = recorder.times[:count], recorder.energies[:count]
     if every >= step:
         return energies
     return np.interp(times, np.ceil(times / step - _ROUNDING) * step, energies)

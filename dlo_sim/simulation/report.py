@@ -39,6 +39,26 @@ class Report:
 
 
 @dataclass(frozen=True)
+class DiscretizationError:
+    """Estimated position errors [m] of the centerline that are due to the discretisation.
+
+    Attributes:
+        time: due to the step, 0 where it is so short that its part is not told apart; space: due
+            to the control points; infinite where unknown.
+        unknown: why it is unknown, one line; empty otherwise.
+    """
+
+    time: float
+    space: float
+    unknown: str = ""
+
+    @property
+    def total(self) -> float:
+        """Sum of both [m]."""
+        return self.time + self.space
+
+
+@dataclass(frozen=True)
 class UndefinedTorsion:
     """Samples whose curvature is below the floor of the Frenet torsion, of `samples` in all.
 

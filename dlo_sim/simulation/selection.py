@@ -76,7 +76,7 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
     if method.family != IMPLICIT:
         step, why = SAFETY * limit, f"{SAFETY:g} of the stability limit {limit:.3g} s"
     else:
-        step, why = _accurate_step(scene)
+        step, why = accurate_step(scene)
     period = 1.0 / scene.rate
     if step >= period:
         step, why = period, f"one period of rate {scene.rate:g} Hz"
@@ -86,7 +86,7 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
     return float(step), f"step {step:.4g} s: {why}"
 
 
-def _accurate_step(scene: Scene) -> tuple[float, str]:
+def accurate_step(scene: Scene) -> tuple[float, str]:
     """Step of a second-order method that keeps the motion within accuracy.target over a second.
 
     Under an acceleration a, a mode of frequency w moves by a / w^2 and its phase errs by

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -339,6 +339,39 @@ class Simulator:
     def reset(self) -> None:
         """Go back to the first state."""
         self.restore(self._initial)
+
+    def start_from(self, points: ArrayLike, rates: ArrayLike | None = None) -> None:
+        """Make this the first state: control points (x, y, z, theta), shape (n_u, 4), and their
+        velocities (default: at rest). What the ends hold stays where they hold it.
+
+        Raises:
+            ValueError: another shape, not finite, or out of the coordinates of the scene's step.
+        """
+        place = self._own_coordinates("control points", points, self._model.to_columns)
+        speed = np.zeros_like(place)
+        if rates is not None:
+            speed = self._own_coordinates("velocities", rates, self._still)
+        self._ends.put(place, 0.0)
+        self._set(place, speed)
+        self._steps, self._remainder = 0, 0.0
+        self._open_account()
+        self._initial = self.snapshot()
+
+    def _still(self, rows: Array) -> Array:
+        return self._model.to_columns(rows, rest=False)
+
+    def _own_coordinates(
+        self, what: str, value: ArrayLike, back: Callable[[Array], Array]
+    ) -> Array:
+        columns = np.array(value, dtype=float)
+        if columns.shape != (self._model.n, 4) or not np.isfinite(columns).all():
+            raise ValueError(f"{what}: needs finite numbers of shape ({self._model.n}, 4)")
+        if not np.allclose(back(self._model.to_rows(columns)), columns, rtol=0.0, atol=1e-12):
+            raise ValueError(
+                f"{what}: leave the coordinates of the step, {self._model.columns} of x, y, z, "
+                f"theta; set terms.out_of_plane or terms.twist to on"
+            )
+        return columns
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends."""

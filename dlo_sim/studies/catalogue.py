@@ -77,6 +77,10 @@ STUDIES = {
         "dlo_sim.studies.work_precision.study",
         peers=True,
     ),
+    "batch": Study(
+        "many cables at once: vector lanes against one by one, all cores against one",
+        "dlo_sim.studies.batch.study",
+    ),
     "omission": Study(
         "time per step with and without each term of the shipped scenes, and the error without",
         "dlo_sim.studies.omission.study",

@@ -15,7 +15,14 @@ from dlo_sim.cli.main import main
 
 JSON_KEYS = {
     *("status", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
-    *("force_evaluations", "real_time_factor", "energy_error_max", "active_terms", "left_out"),
+    *(
+        "force_evaluations",
+        "real_time_factor",
+        "energy_error_max",
+        "error_estimate",
+        "active_terms",
+    ),
+    *("active_terms", "left_out"),
 }
 
 
@@ -34,6 +41,7 @@ class MadeUp:
     force_evaluations: int = 1500
     real_time_factor: float = 2.0
     energy_error_max: float | None = 1e-6
+    error_estimate: dict | None = None
     active_terms: tuple = ("bend", "gravity")
     left_out: dict = field(default_factory=lambda: {"twist": "nothing twists"})
     notes: tuple = ()

@@ -16,7 +16,7 @@ def test_every_input_is_taken_and_every_output_made(monkeypatch, loaded, latency
     reports: list[bytes] = []
 
     class Watched(Session):
-        def __init__(self, scene):
+        def __init__(self, scene, *, live=False):
             super().__init__(scene, FakeSimulator)
             made.append(self)
 

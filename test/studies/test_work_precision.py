@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from dlo_sim.batch.workers import Here
+from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import STUDIES, Request
-from dlo_sim.studies.work_precision import cases, elastica, targets
+from dlo_sim.studies.work_precision import analytic, cases, elastica, targets
 from dlo_sim.studies.work_precision.peers import beside
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
@@ -125,6 +126,15 @@ def test_elastica_meets_small_deflections_and_two_known_shapes():
     assert elastica.clamped_sag(soft, 1.0, 0.8) == pytest.approx(0.26940789, abs=1e-8)
     rubber = elastica.cantilever_tip(cases.rod_of(cases.cantilever().scene), 0.3)
     assert rubber == pytest.approx((0.08908223, -0.26705251), abs=1e-8)
+
+
+def test_equilibrium_converges_to_the_elastica_of_its_own_curvature():
+    """Curvature per rest length instead would move the tip by 7e-5 m, four times the error."""
+    _, scene, _, truth, length = analytic._cantilever()
+    tip = Simulator(analytic.at(scene, 27)).centerline([length])[0][[0, 2]]
+    assert np.abs(tip - truth).max() < 2.5e-5  # measured 1.6e-5
+    per_rest_length = elastica.cantilever_tip(cases.rod_of(scene), length)
+    assert np.abs(truth - per_rest_length).max() == pytest.approx(6.9e-5, abs=2e-6)
 
 
 def test_gripper_closes_by_02_in_two_seconds_smoothly():

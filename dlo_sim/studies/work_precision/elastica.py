@@ -3,7 +3,9 @@
 In the plane, with slope angle th, moment M and internal force (H, V) along rest length s,
     x' = c cos th, z' = c sin th, th' = M / EI, M' = c (H sin th - V cos th), V' = w,
 with the stretch c = 1 + (H cos th + V sin th) / EA (Antman, Nonlinear Problems of Elasticity, 2005,
-ch. 4, without shear).
+ch. 4, without shear). There the bending energy is EI th'^2 / 2; the simulator's curvature is per
+deformed length, th' / c, so that M = EI th' / c^2 and
+    th' = M c^2 / EI,   c = (1 + (H cos th + V sin th) / EA) / (1 - M^2 / (EI EA)).
 """
 
 from __future__ import annotations
@@ -22,11 +24,13 @@ TOLERANCE = 1e-11
 
 @dataclass(frozen=True)
 class Rod:
-    """EI [N m^2], EA [N] and weight per rest length w [N/m]."""
+    """EI [N m^2], EA [N], weight per rest length w [N/m], and whether curvature is per deformed
+    length, as in the simulator."""
 
     bending: float
     axial: float
     weight: float
+    deformed: bool = False
 
 
 @cache
@@ -155,11 +159,15 @@ def _integrated(
     def slope(y: Array) -> Array:
         cos, sin = np.cos(y[2]), np.sin(y[2])
         stretch = 1.0 + (pull * cos + y[4] * sin) / rod.axial
+        turn = y[3] / rod.bending
+        if rod.deformed:
+            stretch = stretch / (1.0 - y[3] ** 2 / (rod.bending * rod.axial))
+            turn = turn * stretch**2
         return np.stack(
             (
                 stretch * cos,
                 stretch * sin,
-                y[3] / rod.bending,
+                turn,
                 stretch * (pull * sin - y[4] * cos),
                 np.full_like(cos, weight),
             )

@@ -1,0 +1,245 @@
+"""Many cables at once: `simulate_batch`.
+
+Scenes that fit go eight at a time to the vector lanes (`lanes`), the others one by one; both are
+spread over workers. Who computes what never changes a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.batch.lanes import LANES, Lane, Run, new_lane, reason_against, run_lanes
+from dlo_sim.batch.workers import Workers, open_workers
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.recording import energies_at, record_simulator, sample_times
+from dlo_sim.simulation.report import Status
+from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+Start = tuple[ArrayLike, ArrayLike]
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """What came of every scene, in their order.
+
+    Attributes:
+        time: of the samples [s], shape (T,).
+        control_points: x, y, z [m] and theta [rad], shape (scenes, T, n_u, 4). After a scene's last
+            good state that state is repeated, so every number is finite.
+        samples: how many of the T samples are no repetitions, shape (scenes,).
+        energy: kinetic and potential [J], shape (scenes, T), as `Recording.energy`.
+        energy_error: largest |energy - work done + energy lost| as a share of the energy exchanged,
+            up to the last good state, shape (scenes,).
+        status: ok, diverged or not_converged; message: one line, empty if all is well.
+        method: of each scene; step [s] and simulated [s]: shape (scenes,).
+        one_by_one: why a scene was not on a vector lane, empty if it was.
+    """
+
+    time: Array
+    control_points: Array
+    samples: NDArray[np.int64]
+    energy: Array
+    energy_error: Array
+    status: tuple[str, ...]
+    message: tuple[str, ...]
+    method: tuple[str, ...]
+    step: Array
+    simulated: Array
+    one_by_one: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every scene got to its end."""
+        return all(status == "ok" for status in self.status)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A few scenes, and for how long."""
+
+    first: int
+    scenes: tuple[Scene, ...]
+    starts: tuple[Start | None, ...]
+    duration: float
+    every: float
+
+
+@dataclass(frozen=True)
+class _Together:
+    """Scenes of one stack; index: where they are in the batch."""
+
+    index: tuple[int, ...]
+    lanes: tuple[Lane, ...]
+    step: float
+    duration: float
+    every: float
+
+
+def simulate_batch(
+    scenes: Sequence[Scene],
+    duration: float,
+    *,
+    initial: Sequence[Start | None] | None = None,
+    every: float | None = None,
+    workers: Workers | None = None,
+    processes: int | None = None,
+    scheduler: str | None = None,
+) -> BatchResult:
+    """Run scenes of one number of control points from their initial states.
+
+    Scenes of one structure (method, terms, quadrature, number of loads) with a drift/kick method
+    (velocity_verlet, forest_ruth) and nothing but stretching, bending, gravity, springs, point
+    forces, held ends and mass-proportional damping share the vector unit. Such a stack takes ONE
+    step: where integrator.step is 0, the smallest of the steps that its scenes would choose; where
+    steps are given, scenes of different steps are different stacks. All other scenes run one by one
+    as `simulation.recording.record` runs them; `BatchResult.one_by_one` says why. Errors are not
+    estimated (accuracy.estimate).
+
+    A scene on a lane and the same scene (with that step) in a `Simulator` differ by round-off and
+    what the motion makes of it. A scene whose energy grows without cause is stopped at its last
+    sane state, which is one of those at which the energy is looked at (every 16 steps and at
+    samples), and marked; its neighbours do not notice.
+
+    Args:
+        duration: simulated time [s], above 0; covered by whole steps.
+        initial: for each scene None (as the scene says) or (control points, velocities), each of
+            shape (n_u, 4) [m, rad; m/s, rad/s].
+        every: time between samples [s]; default: the start and the end.
+        workers: from `open_workers`, to be used again; else they are opened for this call:
+        processes: on this machine, default one per core, 1 = none but this one; scheduler: address
+            of a Dask scheduler. New processes import the calling script: it needs the usual guard
+            `if __name__ == "__main__":`.
+
+    Raises:
+        ValueError: no scenes, different numbers of control points, times that are not above 0, or
+            an initial state that does not fit. SceneError: a scene that cannot be simulated, with
+            its number. WorkersError: nobody at the address.
+    """
+    every = duration if every is None else every
+    starts = _checked(scenes, duration, initial, every)
+    asked = [
+        _Asked(k, tuple(scenes[k : k + LANES]), tuple(starts[k : k + LANES]), duration, every)
+        for k in range(0, len(scenes), LANES)
+    ]
+    opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
+    runs: dict[int, Run] = {}
+    with opened as crew:
+        looked = [found for part in crew.map(_look_at, asked) for found in part]
+        lanes = {k: found for k, found in enumerate(looked) if isinstance(found, Lane)}
+        runs.update((k, found) for k, found in enumerate(looked) if isinstance(found, Run))
+        stacks = _stacks(lanes, duration, every)
+        for stack, results in zip(stacks, crew.map(_run_stack, stacks), strict=True):
+            runs.update(zip(stack.index, results, strict=True))
+    return _gathered([runs[k] for k in range(len(scenes))], sample_times(duration, every))
+
+
+def _checked(
+    scenes: Sequence[Scene],
+    duration: float,
+    initial: Sequence[Start | None] | None,
+    every: float,
+) -> Sequence[Start | None]:
+    if not scenes:
+        raise ValueError("scenes: there are none; give at least one")
+    for name, value in (("duration", duration), ("every", every)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name}: {value:g} s is not above 0")
+    count = scenes[0].discretization.control_points
+    for k, scene in enumerate(scenes):
+        if scene.discretization.control_points != count:
+            raise ValueError(
+                f"scene {k} has {scene.discretization.control_points} control points, scene 0 has "
+                f"{count}; give scenes of one number of control points"
+            )
+    if initial is not None and len(initial) != len(scenes):
+        raise ValueError(f"initial: {len(initial)} states for {len(scenes)} scenes; give one each")
+    return [None] * len(scenes) if initial is None else initial
+
+
+def _look_at(asked: _Asked) -> list[Lane | Run]:
+    """Lanes of the scenes that fit; the others are run at once."""
+    found: list[Lane | Run] = []
+    for k, (scene, start) in enumerate(zip(asked.scenes, asked.starts, strict=True), asked.first):
+        try:
+            simulator = Simulator(scene)
+            if start is not None:
+                simulator.start_from(*start)
+        except SceneError as refusal:
+            raise SceneError(f"scene {k}: {refusal}") from None
+        except ValueError as refusal:
+            raise ValueError(f"initial {k}: {refusal}") from None
+        reason = reason_against(simulator)
+        if reason:
+            found.append(_run_alone(simulator, asked.duration, asked.every, reason))
+        else:
+            found.append(new_lane(simulator))
+    return found
+
+
+def _run_alone(simulator: Simulator, duration: float, every: float, reason: str) -> Run:
+    recording = record_simulator(simulator, duration, every)
+    repeated = len(sample_times(duration, every)) - len(recording.time)
+    last = simulator.control_points[None]
+    points = np.concatenate([recording.control_points, np.repeat(last, repeated, axis=0)])
+    energy = np.concatenate([recording.energy, np.repeat(recording.energy[-1:], repeated)])
+    return Run(
+        control_points=points,
+        energy=energy,
+        good=len(recording.time),
+        energy_error=simulator.energy_error,
+        status=Status[recording.status.upper()],
+        message=recording.message,
+        method=recording.method,
+        step=recording.step_s,
+        simulated=recording.simulated_s,
+        one_by_one=reason,
+    )
+
+
+def _stacks(lanes: dict[int, Lane], duration: float, every: float) -> list[_Together]:
+    """Lanes of one structure together, up to LANES in a stack, all with one step."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for k, lane in lanes.items():
+        groups.setdefault(lane.structure, []).append(k)
+    stacks = []
+    for members in groups.values():
+        step = min(lanes[k].step for k in members)
+        for first in range(0, len(members), LANES):
+            index = tuple(members[first : first + LANES])
+            chosen = tuple(lanes[k] for k in index)
+            stacks.append(_Together(index, chosen, step, duration, every))
+    return stacks
+
+
+def _run_stack(stack: _Together) -> list[Run]:
+    times = sample_times(stack.duration, stack.every)
+    runs = run_lanes(stack.lanes, stack.step, stack.duration, times)
+    return [_with_energies(run, times, stack.every) for run in runs]
+
+
+def _with_energies(run: Run, times: Array, every: float) -> Run:
+    """The run with its energies at the samples, where samples are closer than steps."""
+    return replace(run, energy=energies_at(times, run.energy, run.step, every))
+
+
+def _gathered(runs: Sequence[Run], time: Array) -> BatchResult:
+    return BatchResult(
+        time=time,
+        control_points=np.stack([run.control_points for run in runs]),
+        samples=np.array([run.good for run in runs]),
+        energy=np.stack([run.energy for run in runs]),
+        energy_error=np.array([run.energy_error for run in runs]),
+        status=tuple(run.status.name.lower() for run in runs),
+        message=tuple(run.message for run in runs),
+        method=tuple(run.method for run in runs),
+        step=np.array([run.step for run in runs]),
+        simulated=np.array([run.simulated for run in runs]),
+        one_by_one=tuple(run.one_by_one for run in runs),
+    )

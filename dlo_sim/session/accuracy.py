@@ -1,0 +1,83 @@
+"""What the estimated discretisation error means: a warning that says which part and the cure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from dlo_sim.scene.description import Scene
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.error_estimate import ErrorEstimate
+
+AGAIN = 0.5  # of the target: the error must have been below it before a new excess is an event
+_SPARE = 1.2  # in the advice, so that a setting that follows it is not at the target again
+
+
+class Accuracy:
+    """The estimated error of a session against its target.
+
+    Attributes:
+        warning: what is wrong and the cure, one line; empty while the error is acceptable.
+    """
+
+    def __init__(self, scene: Scene, note: Callable[[str, str], None]) -> None:
+        self._note = note
+        self.configure(scene)
+
+    def configure(self, scene: Scene) -> None:
+        """Follow a changed scene."""
+        self._target = scene.accuracy.target
+        self._control_points = scene.discretization.control_points
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is estimated."""
+        self._estimate: ErrorEstimate | None = None
+        self._exceeded = False
+        self.warning = ""
+
+    def look(self, estimate: ErrorEstimate | None) -> None:
+        """Compare the largest error of the last second with the target."""
+        self._estimate = estimate
+        if estimate is None:
+            self.forget()
+            return
+        error = estimate.recent
+        exceeds = error.total > self._target
+        if exceeds and not self._exceeded:
+            self._exceeded = True
+            self._note("inaccurate", self._explain(estimate))
+        elif error.total < AGAIN * self._target:
+            self._exceeded = False
+        self.warning = self._explain(estimate) if exceeds else ""
+
+    def values(self) -> list[tuple[str, str]]:
+        """Keys and values for the diagnostics."""
+        if self._estimate is None:
+            return [("error estimate [m]", "off")]
+        error = self._estimate.recent
+        return [
+            ("error estimate [m]", _shown(error.total)),
+            ("time error [m]", _shown(error.time)),
+            ("space error [m]", _shown(error.space)),
+            ("accuracy target [m]", f"{self._target:g}"),
+        ]
+
+    def _explain(self, estimate: ErrorEstimate) -> str:
+        error = estimate.recent
+        if error.unknown:
+            return f"the position error is unknown: {error.unknown}"
+        excess = _SPARE * error.total / self._target
+        if error.space >= error.time:
+            spans = (self._control_points - 3) * math.sqrt(excess)
+            part = f"mostly of space; raise discretization.control_points to {spans + 3:.0f}"
+        else:
+            step = estimate.simulator.step / excess ** (1.0 / estimate.order)
+            part = f"mostly of time; lower integrator.step to {step:.2g} s"
+        return f"position error of some {error.total:.2g} m exceeds {self._target:g} m, {part}"
+
+
+def _shown(error: float) -> str:
+    return f"{error:.3g}" if math.isfinite(error) else "unknown"

@@ -1,0 +1,1 @@
+"""`dlo_sim study batch`: what running many cables at once gains."""

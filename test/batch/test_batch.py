@@ -1,0 +1,150 @@
+"""`simulate_batch`: scenes on vector lanes against the same scenes one by one."""
+
+import numpy as np
+import pytest
+from batch_scenes import STEP, pulled, wire
+
+from dlo_sim.batch import simulate_batch
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.simulator import Simulator
+
+# A lane and a simulator do the same sums in another order. What that leaves, 1e-16 of some metres,
+# grows with the motion; over the few hundred steps here by less than 1e4. The bounds leave 1e3.
+POSITION = 1e-9  # [m]
+ENERGY = 1e-9  # of the energy exchanged
+
+
+def alone(scene, duration, start=None):
+    """A simulator of the scene after `duration`."""
+    sim = Simulator(scene)
+    if start is not None:
+        sim.start_from(*start)
+    assert sim.advance_steps(round(duration / sim.step)).status.ok
+    return sim
+
+
+@pytest.mark.parametrize(
+    ("scenes", "duration"),
+    [([wire(k) for k in range(9)], 600 * STEP), ([pulled(k) for k in range(5)], 0.3)],
+    ids=["planar wire on springs", "soft cable in space with loads and damping"],
+)
+def test_lanes_move_as_one_by_one(scenes, duration):
+    result = simulate_batch(scenes, duration, processes=1)
+    assert result.one_by_one == ("",) * len(scenes)
+    assert result.ok and result.message == ("",) * len(scenes)
+    moved = np.abs(result.control_points[:, -1] - result.control_points[:, 0])
+    assert (moved.max(axis=(1, 2)) > 1e4 * POSITION).all()
+    assert np.abs(np.diff(result.control_points[:, -1], axis=0)).max() > 1e3 * POSITION
+    for k, scene in enumerate(scenes):
+        sim = alone(scene, duration)
+        assert result.simulated[k] == pytest.approx(duration) and result.method[k] == sim.method
+        np.testing.assert_allclose(
+            result.control_points[k, -1], sim.control_points, rtol=0.0, atol=POSITION
+        )
+        assert sim.energy_error > 1e-14
+        assert abs(result.energy_error[k] - sim.energy_error) < ENERGY
+        scale = np.ptp(result.energy[k]) + sim.energy().kinetic
+        assert abs(result.energy[k, -1] - sim.energy().total) < ENERGY * scale
+
+
+def test_samples_are_those_of_a_single_run():
+    scenes = [pulled(k) for k in range(3)]
+    every = 7.3e-3  # never a whole number of steps
+    result = simulate_batch(scenes, 0.1, every=every, processes=1)
+    assert result.time.tolist() == [k * every for k in range(14)]
+    sim = Simulator(scenes[1])
+    for time, points in zip(result.time, result.control_points[1], strict=True):
+        while sim.time + sim.step <= time:
+            sim.advance_steps(1)
+        before, slope = sim.control_points, sim.velocities
+        # The cubic between two steps is within h^2 of the line along the velocity.
+        np.testing.assert_allclose(points, before + (time - sim.time) * slope, rtol=0, atol=1e-5)
+
+
+def test_lanes_do_not_depend_on_their_neighbours():
+    scenes = [wire(k) for k in range(10)]
+    together = simulate_batch(scenes, 100 * STEP, processes=1)
+    other = simulate_batch(scenes[::-1], 100 * STEP, processes=1)
+    assert together.control_points.tobytes() == other.control_points[::-1].tobytes()
+    assert together.energy.tobytes() == other.energy[::-1].tobytes()
+
+
+def test_initial_states_are_taken_over():
+    scenes = [wire(0)] * 3
+    rng = np.random.default_rng(1)
+    starts = [None]
+    for size in (0.01, 0.02):
+        points, rates = np.zeros((13, 4)), np.zeros((13, 4))
+        points[:, 0] = Simulator(scenes[0]).control_points[:, 0]
+        points[:, 2] = size * np.sin(np.pi * points[:, 0] / 2.0)
+        points[[0, -1], 2] = 0.0
+        rates[1:-1, 2] = rng.normal(size=11)
+        starts.append((points, rates))
+    result = simulate_batch(scenes, 200 * STEP, initial=starts, processes=1)
+    np.testing.assert_array_equal(result.control_points[1, 0], starts[1][0])
+    for k, start in enumerate(starts):
+        sim = alone(scenes[k], 200 * STEP, start)
+        np.testing.assert_allclose(
+            result.control_points[k, -1], sim.control_points, rtol=0.0, atol=POSITION
+        )
+        assert abs(result.energy_error[k] - sim.energy_error) < ENERGY
+
+
+def test_a_lane_that_diverges_harms_no_other():
+    scenes = [wire(0)] * 4
+    kicked = np.zeros((13, 4))
+    kicked[1:-1, 0] = 3e4 * (-1.0) ** np.arange(11)  # m/s: tears it through itself
+    straight = Simulator(scenes[0]).control_points
+    starts = [None, None, (straight, kicked), None]
+    every = 20 * STEP
+    result = simulate_batch(scenes, 400 * STEP, initial=starts, every=every, processes=1)
+    calm = simulate_batch(scenes[:3], 400 * STEP, every=every, processes=1)
+    assert result.status == ("ok", "ok", "diverged", "ok") and not result.ok
+    assert "energy grew" in result.message[2] and "forest_ruth" in result.message[2]
+    assert result.control_points[[0, 1, 3]].tobytes() == calm.control_points.tobytes()
+    for values in (result.control_points, result.energy, result.energy_error, result.simulated):
+        assert np.isfinite(values).all()
+    good = result.samples[2]
+    assert 1 <= good < len(result.time) and result.simulated[2] < 400 * STEP
+    assert (result.control_points[2, good:] == result.control_points[2, -1]).all()
+    assert result.samples[0] == len(result.time) and result.simulated[0] == 400 * STEP
+
+
+def test_a_stack_takes_the_smallest_step_of_its_scenes():
+    free = {"integrator.step": 0.0}
+    scenes = [wire(k, **free) for k in (0, 6, 3)] + [wire(0)]
+    result = simulate_batch(scenes, 50 * STEP, processes=1)
+    own = [Simulator(scene).step for scene in scenes]
+    assert own[0] != own[1]
+    assert result.step.tolist() == [min(own[:3])] * 3 + [STEP]
+
+
+def test_what_does_not_fit_runs_one_by_one():
+    implicit = wire(1, **{"integrator.method": "energy_momentum", "integrator.step": 2e-3})
+    result = simulate_batch([wire(0), implicit], 0.01, processes=1)
+    assert result.one_by_one == ("", "method energy_momentum")
+    assert result.method == ("forest_ruth", "energy_momentum")
+    assert result.step.tolist() == [STEP, 2e-3]
+    sim = alone(implicit, 0.01)
+    np.testing.assert_array_equal(result.control_points[1, -1], sim.control_points)
+
+
+def test_refused():
+    with pytest.raises(ValueError, match="scenes: there are none"):
+        simulate_batch([], 1.0)
+    with pytest.raises(ValueError, match="scene 1 has 9 control points, scene 0 has 13"):
+        simulate_batch([wire(0), wire(0, **{"discretization.control_points": 9})], 1.0)
+    for name in ("duration", "every"):
+        for value in (0.0, float("nan")):
+            with pytest.raises(ValueError, match=f"{name}: {value:g} s is not above 0"):
+                simulate_batch([wire(0)], **{"duration": 1.0, name: value})
+    with pytest.raises(ValueError, match="initial: 1 states for 2 scenes"):
+        simulate_batch([wire(0)] * 2, 1.0, initial=[None])
+    with pytest.raises(SceneError, match=r"scene 1: integrator.step: 0.001 s exceeds"):
+        simulate_batch([wire(0), wire(0, **{"integrator.step": 1e-3})], 1.0, processes=1)
+    points = Simulator(wire(0)).control_points
+    for column, match in ((1, "leave the coordinates of the step"), (0, "finite numbers")):
+        wrong = points.copy()
+        wrong[4, column] = np.nan if column == 0 else 0.1
+        with pytest.raises(ValueError, match=f"initial 0: control points: .*{match}"):
+            simulate_batch([wire(0)], 1.0, initial=[(wrong, 0.0 * wrong)], processes=1)

@@ -1,0 +1,61 @@
+"""The same numbers from this process, from processes of this machine and from a Dask cluster."""
+
+import socket
+
+import numpy as np
+import pytest
+from batch_scenes import STEP, wire
+
+from dlo_sim.batch import simulate_batch, workers
+from dlo_sim.batch.workers import WorkersError, open_workers
+
+SCENES = [wire(k) for k in range(9)]
+SCENES.append(wire(0, **{"integrator.method": "energy_momentum", "integrator.step": 2e-3}))
+
+
+@pytest.fixture(scope="module")
+def here():
+    """The batch in this process."""
+    return simulate_batch(SCENES, 100 * STEP, every=10 * STEP, processes=1)
+
+
+def same(result, other):
+    """Whether two results are equal to the last bit."""
+    assert result.status == other.status and result.one_by_one == other.one_by_one
+    assert len(result.control_points) == len(SCENES)
+    for name in ("time", "control_points", "energy", "energy_error", "step", "simulated"):
+        assert np.array_equal(getattr(result, name), getattr(other, name)), name
+    return True
+
+
+def test_processes_give_the_same_numbers(here):
+    with open_workers(processes=2) as crew:
+        assert crew.count == 2
+        assert same(simulate_batch(SCENES, 100 * STEP, every=10 * STEP, workers=crew), here)
+
+
+def test_a_cluster_gives_the_same_numbers(here):
+    distributed = pytest.importorskip("distributed", reason="Dask (extra 'dask') is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        result = simulate_batch(SCENES, 100 * STEP, every=10 * STEP, scheduler=address)
+    assert same(result, here)
+
+
+def test_nobody_at_the_address_is_one_line(monkeypatch):
+    pytest.importorskip("distributed", reason="Dask (extra 'dask') is not installed")
+    monkeypatch.setattr(workers, "CONNECT_TIMEOUT", 0.5)
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))  # bound and not listening: nobody can answer there
+        address = f"tcp://127.0.0.1:{unused.getsockname()[1]}"
+        with pytest.raises(WorkersError, match=f"no Dask scheduler at {address} ") as refusal:
+            simulate_batch(SCENES, 1.0, scheduler=address)
+    assert "\n" not in str(refusal.value) and "dask scheduler" in str(refusal.value)
+
+
+def test_without_dask_the_cure_is_named(monkeypatch):
+    monkeypatch.setattr(workers.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(WorkersError, match="install dlo_sim with the extra 'dask'"):
+        simulate_batch(SCENES, 1.0, scheduler="tcp://somewhere:8786")

@@ -1,0 +1,164 @@
+"""What a session makes of the error estimate: diagnostics, warning with a cure, sparing it."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from fake_simulator import FakeSimulator
+from session_bench import FREE, MS, SECOND
+
+from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.session.accuracy import Accuracy
+from dlo_sim.session.session import Session
+from dlo_sim.simulation.error_estimate import ErrorEstimate
+from dlo_sim.simulation.report import DiscretizationError
+
+T0 = 100 * SECOND
+
+
+class FakeEstimate:
+    """Passes everything on and reports what it is told to."""
+
+    def __init__(self, simulator) -> None:
+        self.simulator = simulator
+        self.recent = DiscretizationError(1e-5, 2e-5)
+        self.order = 2
+
+    def __getattr__(self, name):
+        return getattr(self.simulator, name)
+
+
+@pytest.fixture
+def estimates(monkeypatch):
+    """The estimates that sessions make."""
+    made: list[FakeEstimate] = []
+
+    def make(simulator, end_poses=None):
+        made.append(FakeEstimate(simulator))
+        return made[-1]
+
+    monkeypatch.setattr(ErrorEstimate, "placed", make)
+    monkeypatch.setattr(ErrorEstimate, "continued", make)
+    return made
+
+
+def session(live=True, **changes) -> Session:
+    scene = scene_from_values({**FREE, **{k.replace("__", "."): v for k, v in changes.items()}})
+    return Session(scene, FakeSimulator, live=live)
+
+
+def found(one: Session) -> tuple[int, str, dict[str, str]]:
+    """Level, message and values of the session's diagnostic status."""
+    from rosbags.typesys import Stores, get_typestore
+
+    from dlo_sim.session import cdr
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    array = store.deserialize_cdr(one.diagnostics(T0), cdr.DIAGNOSTIC_ARRAY)
+    status = array.status[0]
+    return status.level, status.message, {v.key: v.value for v in status.values}
+
+
+@pytest.mark.parametrize(
+    ("live", "setting", "expected"),
+    [(True, "auto", True), (False, "auto", False), (False, "on", True), (True, "off", False)],
+)
+def test_who_estimates(estimates, live, setting, expected):
+    one = session(live, accuracy__estimate=setting)
+    one.tick(T0)
+    one.tick(T0 + 5 * MS)
+    assert bool(estimates) is expected
+    values = found(one)[2]
+    assert values["error estimate [m]"] == ("3e-05" if expected else "off")
+    assert ("space error [m]" in values) is expected
+
+
+def test_excess_is_a_warning_while_it_lasts_and_an_event_once(estimates):
+    one = session()
+    one.tick(T0)
+    assert found(one)[0] == 0
+    estimates[0].recent = DiscretizationError(1e-5, 4e-3)
+    for k in range(1, 4):
+        one.tick(T0 + k * 5 * MS)
+        level, message, values = found(one)
+        assert level == 1
+        assert "0.004 m exceeds 0.001 m" in message
+        assert "raise discretization.control_points to 7" in message
+        assert values["space error [m]"] == "0.004"
+    assert one.journal.events["inaccurate"] == 1
+    estimates[0].recent = DiscretizationError(0.0, 4e-4)
+    one.tick(T0 + 30 * MS)
+    assert found(one)[0] == 0
+    estimates[0].recent = DiscretizationError(2e-3, 1e-4)
+    one.tick(T0 + 35 * MS)
+    assert "lower integrator.step to 0.00063 s" in found(one)[1]
+    assert one.journal.events["inaccurate"] == 2
+
+
+def test_unknown_error_is_told(estimates):
+    one = session()
+    one.tick(T0)
+    estimates[0].recent = DiscretizationError(0.0, math.inf, "the finer run failed: why")
+    one.tick(T0 + 5 * MS)
+    level, message, values = found(one)
+    assert level == 1
+    assert "unknown: the finer run failed: why" in message
+    assert values["space error [m]"] == "unknown"
+
+
+@pytest.mark.parametrize("setting", ["auto", "on"])
+def test_a_session_that_falls_behind_spares_the_estimate_unless_it_was_asked_for(
+    estimates, setting
+):
+    one = session(accuracy__estimate=setting)
+    for k in range(12):  # twice as fast as inputs.catch_up allows
+        one.tick(T0 + k * 200 * MS)
+    spared = one.journal.events["estimate_spared"]
+    assert spared == (1 if setting == "auto" else 0)
+    assert (found(one)[2]["error estimate [m]"] == "off") is (setting == "auto")
+
+
+def test_one_long_pause_of_the_machine_does_not_cost_the_estimate(estimates):
+    one = session()
+    for k in range(40):
+        one.tick(T0 + k * 5 * MS + (k > 5) * 800 * MS)
+    assert one.journal.events["estimate_spared"] == 0
+
+
+def test_reset_and_changed_parameters_estimate_anew(estimates):
+    one = session()
+    one.tick(T0)
+    one.reset()
+    assert found(one)[2]["error estimate [m]"] == "off"
+    one.tick(T0 + 5 * MS)
+    one.reconfigure(one.scene.with_values({"discretization.control_points": 9}))
+    assert len(estimates) == 3
+    one.reconfigure(one.scene.with_values({"accuracy.estimate": "off"}))
+    one.tick(T0 + 10 * MS)
+    assert len(estimates) == 3
+    assert found(one)[2]["error estimate [m]"] == "off"
+
+
+def test_loads_and_steps_go_to_the_companions(monkeypatch):
+    asked: list[str] = []
+    monkeypatch.setattr(
+        ErrorEstimate,
+        "placed",
+        lambda simulator, poses=None: SimpleNamespace(
+            simulator=simulator,
+            recent=DiscretizationError(0.0, 0.0),
+            set_load=lambda *a, **k: asked.append("load"),
+            advance_steps=lambda n: (asked.append("steps"), simulator.advance_steps(n))[1],
+        ),
+    )
+    from dlo_sim.session import cdr
+
+    one = session()
+    one.tick(T0)
+    raw = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world").encode(T0, (1.0, 0, 0, 0, 0, 0))
+    one.receive("/wrench", raw, T0)
+    one.tick(T0 + 200 * MS)
+    assert asked[:2] == ["steps", "load"]
+    assert isinstance(one._accuracy, Accuracy)

@@ -1,0 +1,207 @@
+"""The running error estimate against true errors, and that it changes nothing but what it reports.
+
+True errors are distances to a run with a quarter of the step and twice the control points.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
+from dlo_sim.simulation.error_estimate import LOOK, ErrorEstimate
+from dlo_sim.simulation.recording import record
+from dlo_sim.simulation.simulator import Simulator
+
+# Scene -> simulated time [s], the end that a gripper swings, along which axis.
+SHIPPED = {
+    "hanging_cable": (1.0, "start", 0),
+    "two_grippers": (1.0, "end", 1),
+    "paper_wire": (0.5, "", 0),
+    "paper_wire_force": (0.5, "", 0),
+}
+U = np.linspace(0.0, 1.0, 20)
+
+
+def shipped(name: str, **changes: object) -> Scene:
+    """A shipped scene; `a__b` stands for the key `a.b`."""
+    values = {key.replace("__", "."): value for key, value in changes.items()}
+    return load_scene(shipped_scene(name), values)
+
+
+def swing(scene: Scene, end: str, axis: int) -> list[EndMotion]:
+    """A gripper speeds up for a quarter of a second and stops again."""
+    if not end:
+        return []
+    along = np.eye(3)[axis] * 2.0  # [m/s^2]
+    place, motions = np.array(scene.ends[end].position), []
+    for start, first, half in ((0.0, 0.0 * along, along), (0.25, along / 2.0, -along)):
+        rows = np.stack([place, first, half / 2.0])
+        motions.append(
+            EndMotion(start, 0.25, rows, np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3)))
+        )
+        place = motions[-1].position_at(start + 0.25)
+    return motions
+
+
+def run(name: str, target: Simulator | ErrorEstimate, simulator: Simulator) -> np.ndarray:
+    """Points of the centerline at every look, shape (T, 20, 3)."""
+    duration, end, axis = SHIPPED[name]
+    motions = swing(simulator.scene, end, axis)
+    points = [simulator.centerline(U * simulator.scene.cable.length)]
+    for k in range(round(duration / LOOK)):
+        for motion in motions:
+            # The second motion begins between two looks.
+            if k * LOOK <= motion.start < (k + 1) * LOOK:
+                target.advance_steps(round(motion.start / simulator.step) - simulator.steps)
+                target.set_motion(end, motion)
+        report = target.advance_steps(round((k + 1) * LOOK / simulator.step) - simulator.steps)
+        assert report.status.ok
+        points.append(simulator.centerline(U * simulator.scene.cable.length))
+    return np.array(points)
+
+
+def finer(simulator: Simulator, steps: int, points: int) -> Simulator:
+    """The same with so many times shorter steps and more control points."""
+    values = {
+        "integrator.method": simulator.method,
+        "integrator.step": simulator.step / steps,
+        "discretization.control_points": simulator.scene.discretization.control_points * points,
+    }
+    return Simulator(simulator.scene.with_values(values))
+
+
+def distance(points: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.linalg.norm(points - truth, axis=-1).max())
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_total_error_of_shipped_scenes(name):
+    simulator = Simulator(shipped(name))
+    estimate = ErrorEstimate(simulator)
+    points = run(name, estimate, simulator)
+    fine = finer(simulator, 4, 2)
+    true = distance(points, run(name, fine, fine))
+    found = estimate.largest
+    print(f"{name}: true {true:.3e} m, estimated {found}")
+    assert not found.unknown
+    assert true / 3.0 < found.total < 3.0 * true
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("two_grippers", {}),
+        ("two_grippers", {"integrator__step": 5e-3}),
+        ("hanging_cable", {"integrator__step": 5e-3}),
+    ],
+)
+def test_time_error(name, changes):
+    simulator = Simulator(shipped(name, **changes))
+    estimate = ErrorEstimate(simulator)
+    points = run(name, estimate, simulator)
+    fine = finer(simulator, 8, 1)
+    true = distance(points, run(name, fine, fine))
+    assert estimate.largest.time == pytest.approx(true, rel=0.1)
+
+
+def test_short_explicit_step_errs_far_less_in_time_than_in_space():
+    simulator = Simulator(shipped("paper_wire"))
+    estimate = ErrorEstimate(simulator)
+    points = run("paper_wire", estimate, simulator)
+    fine = finer(simulator, 4, 1)
+    assert estimate.largest.time == 0.0  # not told apart
+    assert distance(points, run("paper_wire", fine, fine)) < 0.01 * estimate.largest.space
+
+
+def test_simulator_is_not_disturbed_and_cuts_do_not_matter():
+    first = Simulator(shipped("two_grippers"))
+    whole, pieces = (ErrorEstimate(Simulator(first.scene)) for _ in range(2))
+    motion = swing(first.scene, "end", 1)[0]
+    for one in (first, whole, pieces):
+        one.set_motion("end", motion)
+    first.advance_steps(30)
+    whole.advance_steps(30)
+    done = [pieces.advance_steps(n).steps for n in (0, 3, 9, 1, 17)]
+    assert sum(done) == 30
+    for estimate in (whole, pieces):
+        np.testing.assert_array_equal(estimate.simulator.control_points, first.control_points)
+    assert pieces.recent == whole.recent
+    assert 0.0 < whole.recent.time < whole.recent.space
+
+
+def test_largest_error_is_held_for_a_second():
+    """A tug at a damped cable: each look's error counts for 50 looks, and for the whole run."""
+    scene = shipped("hanging_cable", damping__mass=6.0)
+    estimate = ErrorEstimate(Simulator(scene))
+    estimate.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
+    fine = finer(estimate.simulator, 2, 1)
+    fine.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
+    u, looks, held = U * scene.cable.length, [0.0], []
+    for _ in range(150):
+        estimate.advance_steps(8)
+        fine.advance_steps(16)
+        looks.append(4.0 / 3.0 * distance(estimate.simulator.centerline(u), fine.centerline(u)))
+        held.append(estimate.recent.time)
+    expected = [max(looks[max(0, k - 48) : k + 2]) for k in range(150)]
+    np.testing.assert_allclose(held, expected, rtol=1e-12)
+    assert held[-1] < 0.3 * max(held)
+    assert estimate.largest.time == max(held)
+    estimate.reset()
+    assert estimate.recent.time == estimate.largest.time == 0.0
+    assert estimate.simulator.steps == 0
+
+
+def test_companions_continue_from_the_present_state():
+    scene = shipped("two_grippers")
+    running = Simulator(scene)
+    running.advance_steps(100)
+    placed = ErrorEstimate(Simulator(scene))
+    continued = ErrorEstimate.continued(running.reconfigured(scene))
+    assert continued.recent.time == 0.0
+    assert continued.recent.space < 0.1 * placed.recent.space
+
+
+def test_run_without_a_finer_one_is_of_unknown_error():
+    scene = shipped("two_grippers")
+
+    def place(finer_scene):
+        if finer_scene.discretization.control_points > 13:
+            raise SceneError("initial.shape: no equilibrium found")
+        return Simulator(finer_scene)
+
+    estimate = ErrorEstimate(Simulator(scene), place)
+    estimate.advance_steps(10)
+    assert estimate.recent.total == math.inf
+    assert "no equilibrium" in estimate.recent.unknown
+    assert math.isfinite(estimate.recent.time)
+
+
+def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
+    estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
+    companion = estimate._space.simulator
+    assert companion is not None
+    companion._state.position[0, 5] = np.nan
+    report = estimate.advance_steps(20)
+    assert report.status.ok and estimate.simulator.steps == 20
+    assert estimate.recent.space == math.inf
+    assert "finer run failed" in estimate.recent.unknown
+    estimate.reset()
+    assert math.isfinite(estimate.recent.total)
+
+
+def test_recording_reports_the_estimate_only_where_asked():
+    scene = shipped("two_grippers")
+    plain = record(scene, 0.1, 0.01)
+    assert plain.error_estimate is None
+    asked = record(scene.with_values({"accuracy.estimate": "on"}), 0.1, 0.01)
+    np.testing.assert_array_equal(asked.control_points, plain.control_points)
+    assert asked.error_estimate is not None
+    assert asked.error_estimate["space"] > 1e-3
+    assert asked.error_estimate["total"] == pytest.approx(
+        asked.error_estimate["space"] + asked.error_estimate["time"]
+    )
