@@ -5,6 +5,7 @@ far a tick goes and what is worth a warning is decided in `dlo_sim.session`, whi
 shares.
 """
 
+import contextlib
 import time
 from typing import Any
 
@@ -14,13 +15,14 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
+from dlo_sim.ros.background import in_background
 from dlo_sim.ros.parameters import SceneParameters, refuse_unknown_overrides
 from dlo_sim.ros.status import ClockWatch, node_status
 from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import encode_diagnostic_array
-from dlo_sim.session.rehearsal import rehearse
+from dlo_sim.session.rehearsal import rehearse, rehearse_elsewhere, structure
 from dlo_sim.session.session import Session, SessionStatus
 
 NODE_NAME = "dlo_sim"
@@ -75,6 +77,7 @@ class CableNode(Node):
         begin = time.perf_counter()
         session = Session(scene, live=True)
         rehearse(scene, live=True)
+        self._compiled = {structure(scene)}
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
         return session
 
@@ -175,12 +178,28 @@ class CableNode(Node):
     # -- parameters -----------------------------------------------------------------------------
 
     def _prepare(self, scene: Scene) -> None:
-        """Build the simulator of a changed scene to see whether it can be; compiles what is new.
+        """Build the simulator of a changed scene to see whether it can be, and compile what is new
+        in it. Ticks and inputs go on meanwhile; only services wait.
 
         Raises:
             SceneError: the simulator refuses the scene, in one line.
         """
-        self._session.simulator.reconfigured(scene)
+        running, kind = self._session.simulator, structure(scene)
+
+        def build() -> None:
+            if kind not in self._compiled:
+                rehearse_elsewhere(scene)
+            running.reconfigured(scene)
+            with contextlib.suppress(ValueError):  # not from the file's poses: no refusal
+                rehearse(scene, live=True)
+
+        in_background(build, self._keep_ticking, lambda: self._period_ns * 1e-9)
+        self._compiled.add(kind)
+
+    def _keep_ticking(self) -> None:
+        """What the executor would do now if it were not in a callback."""
+        self._inputs.take_waiting()
+        self._tick()
 
     def _adopt(self, scene: Scene, prepared: None) -> None:
         """Go on with a changed scene; callbacks take turns, so this is between two ticks."""

@@ -141,6 +141,16 @@ class Inputs:
             raw=True,
         )
 
+    def take_waiting(self) -> None:
+        """Hand over what has come, from inside a callback, when the executor cannot."""
+        for subscription in self._subscriptions.values():
+            while True:
+                with subscription.handle:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    break
+                subscription.callback(taken[0])
+
     @property
     def topics(self) -> list[str]:
         """Names of the topics as they are on the wire, remapped."""

@@ -1,6 +1,13 @@
 """A short run before the first message, so that what is compiled on first use is ready then."""
 
+import json
+import os
+import subprocess
+import sys
+
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import scene_from_values, scene_values
+from dlo_sim.scene.needs import needs_of
 from dlo_sim.session.cdr import StampedEncoder
 from dlo_sim.session.session import InputTopic, Session
 
@@ -28,6 +35,34 @@ def rehearse(scene: Scene, *, live: bool = False) -> None:
     session.reset()
 
 
+def structure(scene: Scene) -> tuple[object, ...]:
+    """What decides about the machine code of a scene: equal for scenes that share it."""
+    needs, damping = needs_of(scene), scene.damping
+    return (
+        needs.active,
+        needs.axes,
+        scene.integrator.method,
+        bool(damping.stiffness),
+        bool(damping.mass or damping.air_drag),
+        any(scene.cable.rest_curvature),
+    )
+
+
+def rehearse_elsewhere(scene: Scene) -> None:
+    """Rehearse a scene in a process of its own, so that its machine code is on disk afterwards.
+
+    Compiling holds the interpreter for up to a tenth of a second at a time; loading does not. A
+    process that fails leaves the work to whoever needs the code next.
+    """
+    subprocess.run(
+        [sys.executable, "-m", "dlo_sim.session.rehearsal"],
+        input=json.dumps(scene_values(scene)).encode(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        check=False,
+    )
+
+
 def _still(scene: Scene, source: InputTopic, stamp_ns: int) -> bytes:
     """A message that moves nothing: an end where the scene has it, a load of zero."""
     encoder = StampedEncoder(source.type, scene.frame_id)
@@ -35,3 +70,8 @@ def _still(scene: Scene, source: InputTopic, stamp_ns: int) -> bytes:
         at_rest = (*scene.ends[source.target].position, 0.0, 0.0, 0.0, 1.0)
         return encoder.encode(stamp_ns, at_rest)
     return encoder.encode(stamp_ns, (0.0,) * (3 if source.kind == "force" else 6))
+
+
+if __name__ == "__main__":
+    os.nice(10)  # whoever waits for this has more urgent work to do meanwhile
+    rehearse(scene_from_values(json.load(sys.stdin)), live=True)

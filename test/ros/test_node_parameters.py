@@ -89,6 +89,17 @@ def test_a_change_takes_effect(peer: Peer) -> None:
     peer.until(lambda: points() == 9, "9 control points")
 
 
+def test_ticks_go_on_while_a_change_is_made_ready(peer: Peer) -> None:
+    """A method named anew is compiled (here: found on disk) by another process, which takes a
+    while.
+    """
+    received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    peer.until(lambda: received, "control points")
+    received.clear()
+    assert peer.set({"integrator.method": "energy_momentum"}).successful
+    assert len(received) > 20
+
+
 def test_an_integer_is_a_number_and_on_is_a_text(peer: Peer) -> None:
     result = peer.set({"cable.density": 1300, "gravity": [0, 0, -5], "terms.bend": True})
     assert result.successful, result.reason

@@ -1,0 +1,50 @@
+"""Work that takes long, such as compiling, while the ticks go on."""
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+# [s] for which a thread may keep the interpreter to itself. A tick gives it away at each compiled
+# step and each publication, and would wait 5 ms, Python's own value, to get it back every time.
+_TURN = 1.0e-4
+
+
+def in_background(
+    work: Callable[[], None], meanwhile: Callable[[], None], period: Callable[[], float]
+) -> None:
+    """Run `work` in a thread and call `meanwhile` periodically until it is done.
+
+    Args:
+        work: must not touch what `meanwhile` changes.
+        meanwhile: called in this thread.
+        period: time between two calls [s], asked each time.
+
+    Raises:
+        Exception: whatever `work` or `meanwhile` raises; the thread has ended by then.
+    """
+    failures: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            work()
+        except BaseException as failure:
+            failures.append(failure)
+
+    thread = threading.Thread(target=run, name="preparing")
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(_TURN)
+    thread.start()
+    try:
+        due = time.perf_counter() + period()
+        while True:
+            thread.join(max(due - time.perf_counter(), 0.0))
+            if not thread.is_alive():
+                break
+            meanwhile()
+            due = max(due + period(), time.perf_counter())
+    finally:
+        thread.join()
+        sys.setswitchinterval(usual)
+    if failures:
+        raise failures[0]

@@ -1,0 +1,47 @@
+"""A structural change while poses come in: compiled beside the ticks, none of which stops."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from dlo_sim.ros.background import in_background
+
+
+def test_ticks_go_on_while_the_work_is_done():
+    done = threading.Event()
+    ticks = []
+
+    def tick() -> None:
+        ticks.append(threading.current_thread())
+        if len(ticks) == 5:
+            done.set()
+
+    in_background(lambda: done.wait(20.0) or pytest.fail("no ticks"), tick, lambda: 1e-3)
+    assert set(ticks) == {threading.current_thread()}
+
+
+def test_failure_of_the_work_is_raised_here_and_the_interpreter_is_as_before():
+    import sys
+
+    def fail() -> None:
+        raise ValueError("refused")
+
+    before = sys.getswitchinterval()
+    with pytest.raises(ValueError, match="refused"):
+        in_background(fail, lambda: None, lambda: 1e-3)
+    assert sys.getswitchinterval() == before
+
+
+def test_failing_tick_waits_for_the_thread():
+    released = threading.Event()
+
+    def tick() -> None:
+        released.set()
+        raise RuntimeError("tick")
+
+    with pytest.raises(RuntimeError, match="tick"):
+        in_background(lambda: (released.wait(20.0), time.sleep(0))[1], tick, lambda: 1e-3)
+    assert not [t for t in threading.enumerate() if t.name == "preparing"]
