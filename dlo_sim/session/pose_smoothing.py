@@ -99,10 +99,7 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
     orientations = np.array([p.orientation for p in window])
     if (orientations == middle).all():
         return Pose(pose.stamp_ns, position, middle)
-    turns = rotations.to_rotation_vector(
-        rotations.multiply(orientations, rotations.conjugate(middle))
-    )
-    turn = rotations.from_rotation_vector(share @ turns)
+    turn = rotations.from_rotation_vector(share @ rotations.turns_from(middle, orientations))
     return Pose(pose.stamp_ns, position, rotations.multiply(turn, middle))
 
 

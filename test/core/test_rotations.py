@@ -123,3 +123,13 @@ def test_nonsense_is_refused():
         r.normalized([np.nan, 0, 0, 1])
     with pytest.raises(ValueError, match="direction"):
         r.minimal_rotation([0, 0, 0], [1, 0, 0])
+
+
+def test_turns_from_one_orientation_to_many():
+    orientations = random_quaternions(9)
+    start = orientations[4]
+    slowly = [
+        rotations.to_rotation_vector(rotations.multiply(q, rotations.conjugate(start)))
+        for q in orientations
+    ]
+    assert np.allclose(rotations.turns_from(start, orientations), slowly, rtol=0.0, atol=1e-12)
