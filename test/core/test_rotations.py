@@ -128,8 +128,5 @@ def test_nonsense_is_refused():
 def test_turns_from_one_orientation_to_many():
     orientations = random_quaternions(9)
     start = orientations[4]
-    slowly = [
-        rotations.to_rotation_vector(rotations.multiply(q, rotations.conjugate(start)))
-        for q in orientations
-    ]
-    assert np.allclose(rotations.turns_from(start, orientations), slowly, rtol=0.0, atol=1e-12)
+    slowly = [r.to_rotation_vector(r.multiply(q, r.conjugate(start))) for q in orientations]
+    assert np.allclose(r.turns_from(start, orientations), slowly, rtol=0.0, atol=1e-12)

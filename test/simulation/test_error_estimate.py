@@ -170,7 +170,7 @@ def test_run_without_a_finer_one_is_of_unknown_error():
     scene = shipped("two_grippers")
 
     def place(finer_scene):
-        if finer_scene.discretization.control_points > 13:
+        if finer_scene.discretization.control_points > scene.discretization.control_points:
             raise SceneError("initial.shape: no equilibrium found")
         return Simulator(finer_scene)
 
@@ -195,7 +195,7 @@ def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
 
 
 def test_recording_reports_the_estimate_only_where_asked():
-    scene = shipped("two_grippers")
+    scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
     plain = record(scene, 0.1, 0.01)
     assert plain.error_estimate is None
     asked = record(scene.with_values({"accuracy.estimate": "on"}), 0.1, 0.01)
