@@ -8,6 +8,9 @@ Scalar = float | int | bool | str
 Value = Scalar | tuple[float, ...] | tuple[bool, ...] | tuple[str, ...]
 
 
+SWITCH = ("auto", "on", "off")
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One parameter of a scene.
@@ -45,6 +48,44 @@ class Parameter:
     def element_kind(self) -> str:
         """Kind of the value itself, or of each element of a list."""
         return self.kind.removesuffix("_array")
+
+
+def number(
+    key: str,
+    default: float,
+    unit: str,
+    low: float,
+    high: float,
+    description: str,
+    choices: tuple[float, ...] = (),
+) -> Parameter:
+    """A double within bounds."""
+    return Parameter(key, "double", default, unit, low, high, choices, None, description)
+
+
+def vector(
+    key: str,
+    default: tuple[float, float, float],
+    unit: str,
+    bound: float,
+    description: str,
+    low: float | None = None,
+) -> Parameter:
+    """Three doubles."""
+    lowest = -bound if low is None else low
+    return Parameter(key, "double_array", default, unit, lowest, bound, (), 3, description)
+
+
+def choice(
+    key: str, default: str, choices: tuple[str, ...], description: str, read_only: bool = False
+) -> Parameter:
+    """A string out of a few."""
+    return Parameter(key, "string", default, "", None, None, choices, None, description, read_only)
+
+
+def text(key: str, default: str, description: str, read_only: bool = False) -> Parameter:
+    """Any string."""
+    return Parameter(key, "string", default, "", None, None, (), None, description, read_only)
 
 
 def shown(value: object) -> str:

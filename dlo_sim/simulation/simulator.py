@@ -13,26 +13,23 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.kernels import layout
-from dlo_sim.kernels.frames import curve_frames
-from dlo_sim.kernels.observe import kinetic_energy, potentials, velocities
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, needs_of, needs_of_load
 from dlo_sim.simulation import optional_terms, workspace
-from dlo_sim.simulation.account import balance, grossly_open, open_account
+from dlo_sim.simulation.account import grossly_open, open_account
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import ENDS, Pose, end_geometries
-from dlo_sim.simulation.model import Model, build_model, local_axis
+from dlo_sim.simulation.model import build_model, local_axis
 from dlo_sim.simulation.placement import place
-from dlo_sim.simulation.reaction import reaction
-from dlo_sim.simulation.report import Energy, Report, Status, UndefinedTorsion
-from dlo_sim.simulation.selection import Choice, choose
+from dlo_sim.simulation.report import Report, Status
+from dlo_sim.simulation.selection import choose
 from dlo_sim.simulation.stepper import Stepper, largest_frequency
 from dlo_sim.simulation.transfer import carry_inputs, put_state, resampled
+from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
-MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 CHUNK = 4096  # steps between two saved states of a long advance
 
 
@@ -46,7 +43,7 @@ class Snapshot:
     arrays: tuple[Array, ...]
 
 
-class Simulator:
+class Simulator(CableView):
     """A cable of one scene.
 
     Args:
@@ -97,133 +94,6 @@ class Simulator:
         self._stepper.advance(self._state, self._work, self._solver, 0, 0)
         self.compile_seconds = time.perf_counter() - started
         self._initial = self.snapshot()
-
-    # -- what it is -----------------------------------------------------------------------------
-
-    @property
-    def time(self) -> float:
-        """Simulated time [s]: whole steps since the start."""
-        return self._steps * self._choice.step if self._steps else 0.0
-
-    @property
-    def steps(self) -> int:
-        """Whole steps since the start."""
-        return self._steps
-
-    @property
-    def step(self) -> float:
-        """Step tau [s]."""
-        return self._choice.step
-
-    @property
-    def method(self) -> str:
-        """Name of the integrator."""
-        return self._choice.method.name
-
-    @property
-    def choice(self) -> Choice:
-        """Method, step and the reason for them."""
-        return self._choice
-
-    @property
-    def model(self) -> Model:
-        """Constant arrays of the scene."""
-        return self._model
-
-    @property
-    def active_terms(self) -> tuple[str, ...]:
-        """Terms that the compiled step contains."""
-        return self._needs.active
-
-    @property
-    def left_out(self) -> dict[str, str]:
-        """Terms that it does not contain, with the reason."""
-        return dict(self._needs.left_out)
-
-    # -- state ----------------------------------------------------------------------------------
-
-    @property
-    def control_points(self) -> Array:
-        """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
-        return self._model.to_columns(self._state.position)
-
-    @property
-    def velocities(self) -> Array:
-        """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
-        out = np.zeros_like(self._state.w)
-        velocities(self._state.w, self._model.terms, self.time, out)
-        return self._model.to_columns(out, rest=False)
-
-    @property
-    def greville(self) -> Array:
-        """Material coordinate [m] that belongs to each control point, shape (n_u,)."""
-        return self._greville.copy()
-
-    def centerline(self, u: ArrayLike) -> Array:
-        """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3)."""
-        columns, values, _ = self._basis(u)
-        return np.einsum("mk,mkd->md", values, self.control_points[columns, :3])
-
-    def frames(self, u: ArrayLike) -> Array:
-        """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent."""
-        columns, values, slopes = self._basis(u)
-        out = np.empty((len(values), 4))
-        curve_frames(self.control_points, columns, values, slopes, self._frame_reference(), out)
-        return out
-
-    def energy(self) -> Energy:
-        """Energies of the present state."""
-        parts = potentials(self._state.position, self._model.terms, self._work)
-        out = np.zeros_like(self._state.w)
-        velocities(self._state.w, self._model.terms, self.time, out)
-        kinetic = kinetic_energy(out, self._model.terms.mass, self._model.n)
-        return Energy(kinetic, *parts)
-
-    @property
-    def undefined_torsion(self) -> UndefinedTorsion:
-        """Where the Frenet torsion was undefined in the run so far."""
-        return optional_terms.undefined_torsion(self._model.terms, self._state.ledger)
-
-    @property
-    def plastic_work(self) -> float:
-        """Energy [J] that plastic bending has dissipated since the start."""
-        return float(self._state.ledger[layout.PLASTIC_WORK])
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What a reader of the results should know, one line each."""
-        torsion = self.undefined_torsion
-        return (torsion.note,) if torsion.worst else ()
-
-    @property
-    def energy_error(self) -> float:
-        """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
-        ledger = self._state.ledger
-        worst, exchanged = ledger[layout.ENERGY_ERROR], ledger[layout.EXCHANGED]
-        if not self._stepper.looked_at(self._steps):
-            error, present = balance(self._model, self._state, self._work)
-            worst, exchanged = max(worst, error), max(exchanged, present)
-        return float(worst / max(exchanged, ledger[layout.FLOOR]))
-
-    def end_pose(self, end: str) -> tuple[Array, Array]:
-        """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
-        return self._ends.pose(end, self.time)
-
-    def reaction(self, end: str) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] ON THE CABLE BY the end effector, world frame, each (3,).
-
-        The moment is about the attachment point; it is zero at an end that is not clamped. The
-        inertia and weight of the end's point mass are included.
-        """
-        return reaction(
-            self._model,
-            self._state,
-            self._work,
-            self._solver,
-            self.time,
-            end,
-            self._stepper.chain,
-        )
 
     # -- change ---------------------------------------------------------------------------------
 
@@ -389,20 +259,6 @@ class Simulator:
 
     # -- inside ---------------------------------------------------------------------------------
 
-    def _basis(self, u: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]:
-        """Active control points (m, 4), basis values and derivatives at u; kept for reuse."""
-        u = np.asarray(u, dtype=float)
-        key = u.tobytes()
-        table = self._bases.get(key)
-        if table is None:
-            first, values = bspline.active_basis(self._model.knots, u)
-            _, slopes = bspline.active_basis(self._model.knots, u, 1)
-            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
-            if len(self._bases) >= MOST_BASES:
-                self._bases.clear()
-            self._bases[key] = table
-        return table
-
     def _sane(self, step: int) -> bool:
         """Whether the state may be shown: explicit loops look at the energy only now and then."""
         if not np.isfinite(self._state.position).all():
@@ -463,10 +319,6 @@ class Simulator:
             axis = np.asarray(self.scene.cable.rest_curvature_axis, dtype=float)
             turned = rotations.rotate(self._ends.pose("start", self.time)[1], axis)
             rest.axis[:] = local_axis(turned / np.linalg.norm(axis), self._model.axes)
-
-    def _frame_reference(self) -> Array:
-        """A vector that the second axis of the material frame follows at the start."""
-        return self._ends.turned_axis("start", self.time, self._frame_axis)
 
     def _open_account(self) -> None:
         open_account(self.scene, self._model, self._state, self._work)
