@@ -136,7 +136,7 @@ def test_simulator_is_not_disturbed_and_cuts_do_not_matter():
 
 def test_largest_error_is_held_for_a_second():
     """A tug at a damped cable: each look's error counts for 50 looks, and for the whole run."""
-    scene = shipped("hanging_cable", damping__mass=6.0)
+    scene = shipped("hanging_cable", damping__mass=6.0, integrator__step=2.5e-3)
     estimate = ErrorEstimate(Simulator(scene))
     estimate.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     fine = finer(estimate.simulator, 2, 1)
