@@ -27,6 +27,15 @@ def check_output_file(path: Path) -> None:
     folder = path.resolve().parent
     if not folder.is_dir():
         raise CommandError(f"--output {path}: the folder {folder} does not exist; create it first")
+    check_writable(path, folder)
+
+
+def check_writable(path: Path, folder: Path) -> None:
+    """Refuse a folder that takes no file, for the output `path` in it.
+
+    Raises:
+        CommandError: naming the path, what is wrong and the cure.
+    """
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass

@@ -3,12 +3,11 @@
 import argparse
 import dataclasses
 import shlex
-import tempfile
 from pathlib import Path
 
 from dlo_sim.batch.workers import WorkersError, open_workers
 from dlo_sim.cli.arguments import CommandError, Parser, add_json_option, add_scheduler_option
-from dlo_sim.cli.output import print_json, print_rows, progress_bar
+from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
 from dlo_sim.studies.catalogue import STUDIES, Request
 
 
@@ -94,10 +93,4 @@ def _check_folder(path: Path) -> None:
         folder = folder.parent
     if not folder.is_dir():
         raise CommandError(f"--output {path}: {folder} is not a folder; choose another one")
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise CommandError(
-            f"--output {path} cannot be written ({error.strerror}); choose another folder"
-        ) from None
+    check_writable(path, folder)
