@@ -23,7 +23,7 @@ from dlo_sim.kernels.batch_layout import (
     clear_row,
     put,
 )
-from dlo_sim.kernels.jit import inlined, kernel
+from dlo_sim.kernels.jit import kernel
 from dlo_sim.kernels.layout import (
     DISSIPATED,
     ENERGY_ERROR,
@@ -135,7 +135,7 @@ def spring_energy(x, springs, out):
                 out[e % LANES] += 0.5 * springs.stiffness[end, e] * moved * moved
 
 
-@inlined
+@kernel
 def energies(state, stack, work):
     """All parts of the energy of every lane into work.parts; work.sums[1] is the size of the
     weight's terms."""
@@ -238,7 +238,7 @@ def judge(state, slope, reach, weight, parts, step):
                 keep_good(state, lane)
 
 
-@inlined
+@kernel
 def look(state, stack, work, step):
     """Energies of all lanes into work.parts, and a judgement of every lane."""
     energies(state, stack, work)

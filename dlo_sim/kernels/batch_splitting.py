@@ -12,7 +12,7 @@ from __future__ import annotations
 from dlo_sim.kernels.batch_forces import add_elastic, add_loads, add_springs, solve, start_force
 from dlo_sim.kernels.batch_layout import add_rows, add_scaled, clear_row, put
 from dlo_sim.kernels.batch_observe import kinetic, look, sampled, store_samples
-from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import DISSIPATED, LANES, LOAD_WORK, PENDING
 
 
@@ -48,7 +48,7 @@ def foresee_work(x, loads, load, before, scratch, ledger):
         add_rows(scratch, ledger[PENDING])
 
 
-@inlined
+@kernel
 def evaluate(state, stack, work, t):
     """Accelerations at the present configurations into work.force; the loads' work is booked."""
     x = state.position
@@ -103,7 +103,7 @@ def decay(w, keep, band, sums, scratch, ledger):
             shrink_row(keep, w[i])
 
 
-@inlined
+@kernel
 def stack_step(state, stack, work, drift_weights, kick_weights, step, tau, fresh):
     """One step of every lane; see `kernels.splitting.splitting_step`."""
     elapsed = 0.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from dlo_sim.kernels.banded import multiply_differences
 from dlo_sim.kernels.elastic import scatter_gradient, span_gradient, tangent_coefficients
-from dlo_sim.kernels.jit import inlined, kernel
+from dlo_sim.kernels.jit import kernel
 from dlo_sim.kernels.plastic import plastic_force
 from dlo_sim.kernels.torsion import torsion_force
 
@@ -53,7 +53,7 @@ def spring_force(x, springs, n, out):
             out[d, n - 1] -= springs.stiffness[1, d] * (x[d, n - 1] - springs.anchor[1, d])
 
 
-@inlined
+@kernel
 def conservative_force(x, terms, work, out):
     """out = - dU/dq of everything that has a potential."""
     n = terms.lattice.n

@@ -30,7 +30,7 @@ from dlo_sim.kernels.friction import (
     friction_beta,
     friction_loss,
 )
-from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import EXCHANGED, FLOOR, HISTORY, MAX_CORRECTIONS
 from dlo_sim.kernels.matrix import eliminate, hold_prescribed
 from dlo_sim.kernels.newton import (
@@ -113,7 +113,7 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
     )
 
 
-@inlined
+@kernel
 def implicit_step(
     state, terms, friction, viscosity, work, solver, t0, tau, discrete, alpha, tolerance
 ):
@@ -246,7 +246,7 @@ def difference(a, b, n, out):
             out[d, i] = a[d, i] - b[d, i]
 
 
-@inlined
+@kernel
 def implicit_step_halving(
     state, terms, friction, viscosity, work, solver, t0, tau, discrete, alpha, tolerance, halvings
 ):
@@ -289,17 +289,17 @@ def implicit_step_halving(
 def advance_implicit(
     state,
     terms,
-    friction,
-    viscosity,
     work,
     solver,
-    first_step,
-    steps,
-    tau,
+    friction,
+    viscosity,
     discrete,
     alpha,
     tolerance,
     halvings,
+    first_step,
+    steps,
+    tau,
     recorder,
 ):
     """Advance by whole steps; returns (status, steps done, Newton iterations).

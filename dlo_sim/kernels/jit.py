@@ -26,7 +26,8 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core import config
-from numba.core.compiler import Flags
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, Flags
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
 
@@ -59,6 +60,45 @@ def cache_directory() -> Path:
     return Path(base).expanduser() / "dlo_sim" / digest.hexdigest()[:16]
 
 
+class _Part(JITCodeLibrary):
+    """The code of one kernel, only ever linked into entries, which are optimised as a whole.
+
+    numba would optimise every kernel together with all that it calls, level by level, and turn each
+    into machine code that nobody runs: a fifth of the time that a scene takes to compile.
+    """
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> _Part:
+        return self
+
+    def set_env(self, name: str, environment: object) -> None:
+        """Nothing to set: kernels make no Python objects, and there is no machine code."""
+
+
+class _PartCompiler(Compiler):
+    """numba's compiler, working into a `_Part`."""
+
+    def __init__(
+        self, typing: Any, target: Any, library: Any, args: Any, result: Any, flags: Any, types: Any
+    ) -> None:
+        if library is None:
+            library = _Part(target.codegen(), "kernel")
+            library.enable_object_caching()
+        super().__init__(typing, target, library, args, result, flags, types)
+
+
 @contextlib.contextmanager
 def _cached_under(directory: Path) -> Iterator[None]:
     """Let functions decorated inside keep their machine code in `directory` (numba's own setting
@@ -78,20 +118,11 @@ def kernel(function: F) -> F:
     time than the function itself. Tests and tools reach it through `.py_func`.
     """
     compiled: F = numba.njit(
-        no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, **_OPTIONS
-    )(function)
-    return compiled
-
-
-def inlined(function: F) -> F:
-    """A kernel whose body is copied into its callers.
-
-    For functions that only call others in turn. Every compiled level generates the code of all
-    levels below it again, so flat is faster to build. Such a function may not test a term for None
-    (absent terms are pruned before bodies are copied).
-    """
-    compiled: F = numba.njit(
-        inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
+        forceinline=True,
+        pipeline_class=_PartCompiler,
+        **_OPTIONS,
     )(function)
     return compiled
 
@@ -104,3 +135,16 @@ def entry(function: F) -> F:
         except RuntimeError:  # no writable cache anywhere: compile in memory, every time
             compiled = numba.njit(no_cfunc_wrapper=True, **_OPTIONS)(function)
     return compiled
+
+
+def bound(function: Callable[..., Any], *arguments: object) -> Callable[..., Any]:
+    """The machine code of an entry for arguments of these types, compiled if need be.
+
+    A call of the entry itself looks at the type of every array in a scene's terms first, 10 us in
+    all. A call of what this returns does not look: its arguments must keep to the types.
+    """
+    signature = tuple(numba.typeof(argument) for argument in arguments)
+    entry_of_any_type: Any = function
+    entry_of_any_type.compile(signature)
+    code: Callable[..., Any] = entry_of_any_type.overloads[signature].entry_point
+    return code

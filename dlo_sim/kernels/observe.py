@@ -228,14 +228,13 @@ def update_account(state, terms, work):
 @kernel
 def begin_sample(state, terms, work, recorder, t0, tau):
     """Keep the state before a step if a sample falls into it; true if so."""
-    if recorder is not None:
-        k = recorder.next[0]
-        if k < recorder.times.shape[0] and recorder.times[k] <= t0 + tau * (1.0 + 1e-9):
-            for d in range(state.position.shape[0]):
-                for i in range(terms.lattice.n):
-                    recorder.before[d, i] = state.position[d, i]
-            velocities(state.w, terms, t0, work.v0)
-            return True
+    k = recorder.next[0]
+    if k < recorder.times.shape[0] and recorder.times[k] <= t0 + tau * (1.0 + 1e-9):
+        for d in range(state.position.shape[0]):
+            for i in range(terms.lattice.n):
+                recorder.before[d, i] = state.position[d, i]
+        velocities(state.w, terms, t0, work.v0)
+        return True
     return False
 
 
@@ -245,28 +244,27 @@ def end_sample(state, terms, work, recorder, t0, tau):
 
     The energy is that of the state at the end of the step.
     """
-    if recorder is not None:
-        n = terms.lattice.n
-        velocities(state.w, terms, t0 + tau, work.v1)
-        energy, _ = update_account(state, terms, work)
-        while recorder.next[0] < recorder.times.shape[0]:
-            k = recorder.next[0]
-            s = (recorder.times[k] - t0) / tau
-            if s > 1.0 + 1e-9:
-                break
-            a = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
-            b = s * (1.0 - s) * (1.0 - s) * tau
-            c = s * s * (3.0 - 2.0 * s)
-            e = s * s * (s - 1.0) * tau
-            if abs(s - 1.0) < 1e-9:
-                a, b, c, e = 0.0, 0.0, 1.0, 0.0
-            for d in range(state.position.shape[0]):
-                for i in range(n):
-                    recorder.positions[k, d, i] = (
-                        a * recorder.before[d, i]
-                        + b * work.v0[d, i]
-                        + c * state.position[d, i]
-                        + e * work.v1[d, i]
-                    )
-            recorder.energies[k] = energy
-            recorder.next[0] = k + 1
+    n = terms.lattice.n
+    velocities(state.w, terms, t0 + tau, work.v1)
+    energy, _ = update_account(state, terms, work)
+    while recorder.next[0] < recorder.times.shape[0]:
+        k = recorder.next[0]
+        s = (recorder.times[k] - t0) / tau
+        if s > 1.0 + 1e-9:
+            break
+        a = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
+        b = s * (1.0 - s) * (1.0 - s) * tau
+        c = s * s * (3.0 - 2.0 * s)
+        e = s * s * (s - 1.0) * tau
+        if abs(s - 1.0) < 1e-9:
+            a, b, c, e = 0.0, 0.0, 1.0, 0.0
+        for d in range(state.position.shape[0]):
+            for i in range(n):
+                recorder.positions[k, d, i] = (
+                    a * recorder.before[d, i]
+                    + b * work.v0[d, i]
+                    + c * state.position[d, i]
+                    + e * work.v1[d, i]
+                )
+        recorder.energies[k] = energy
+        recorder.next[0] = k + 1

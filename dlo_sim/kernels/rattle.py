@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dlo_sim.kernels.banded import multiply, solve_row
 from dlo_sim.kernels.ends import end_velocities
-from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import DRIVE_WORK
 from dlo_sim.kernels.matrix import eliminate, substitute
 from dlo_sim.kernels.observe import (
@@ -286,7 +286,7 @@ def kick_twist(state, force, twist, n, row, dt):
             state.w[row, i] += dt * force[row, i]
 
 
-@inlined
+@kernel
 def rattle_step(state, terms, work, chain, step, tau):
     """One step from a configuration whose matrix is factorised in chain.band; true if solved."""
     n = terms.lattice.n

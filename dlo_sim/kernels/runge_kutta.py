@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dlo_sim.kernels.banded import solve_rows
 from dlo_sim.kernels.forces import conservative_force, load_force
-from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import BOOKED, DISSIPATED
 from dlo_sim.kernels.observe import begin_sample, end_sample, kinetic_energy, update_account
 from dlo_sim.kernels.plastic import plastic_flow
@@ -74,7 +74,7 @@ def lose_energy(state, mass, decay, n, dt):
         state.ledger[DISSIPATED] += 2.0 * dt * decay * kinetic_energy(state.w, mass, n)
 
 
-@inlined
+@kernel
 def book_work(state, terms, work):
     """Work of loads and driven ends since the last call into the ledger; needs their forces."""
     n = terms.lattice.n
@@ -85,7 +85,7 @@ def book_work(state, terms, work):
     remember(state, terms.loads, terms.drive, terms.springs, n, work)
 
 
-@inlined
+@kernel
 def runge_kutta_step(state, terms, work, table, nodes, slopes, step, tau, fresh):
     """One step; `fresh` says that slopes[0] belongs to the present state.
 

@@ -13,7 +13,7 @@ import numpy as np
 from dlo_sim.kernels.banded import solve_rows
 from dlo_sim.kernels.ends import anchor_work, keep_anchors, move_anchors, place_ends
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
-from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import BOOKED, DISSIPATED, DRIVE_WORK, LOAD_WORK, PENDING
 from dlo_sim.kernels.observe import (
     begin_sample,
@@ -47,7 +47,7 @@ def drive_ends(x, drive, springs, mass, axes, n, t, ends):
                         x[d, i] -= drive.shift[d, j, i] * moved
 
 
-@inlined
+@kernel
 def drift(state, terms, work, t, dt):
     """Move every DOF over dt to time t: free ones at rate w, driven ends to their place."""
     n = terms.lattice.n
@@ -144,7 +144,7 @@ def foresee_work(state, loads, drive, springs, n, work):
         state.ledger[PENDING] = done
 
 
-@inlined
+@kernel
 def evaluate(state, terms, work, t):
     """All forces at the present configuration into work.force; their work into the ledger."""
     n = terms.lattice.n
@@ -169,7 +169,7 @@ def decay_flow(state, mass, decay, n, dt):
         state.ledger[DISSIPATED] += lost
 
 
-@inlined
+@kernel
 def splitting_step(state, terms, work, drift_weights, kick_weights, step, tau, fresh):
     """One step; `fresh` says that work.force holds the accelerations of the present state.
 

@@ -7,7 +7,7 @@ from dlo_sim.kernels.discrete_gradient import span_discrete_gradient
 from dlo_sim.kernels.elastic import scatter_gradient, tangent_coefficients
 from dlo_sim.kernels.forces import clear, load_force
 from dlo_sim.kernels.friction import friction_force, friction_stiffness
-from dlo_sim.kernels.jit import inlined, kernel
+from dlo_sim.kernels.jit import kernel
 from dlo_sim.kernels.matrix import (
     add_load_stiffness,
     add_mass,
@@ -61,7 +61,7 @@ def rate_increments(viscosity, moved, lattice, axes, scale, dp):
                     dp[b, row, lane] *= scale
 
 
-@inlined
+@kernel
 def elastic_discrete_force(
     x, terms, work, solver, viscosity, theta, rate, tau, discrete, linearize, out
 ):
@@ -109,7 +109,7 @@ def elastic_discrete_force(
     return lost
 
 
-@inlined
+@kernel
 def step_force(
     x,
     acceleration,
@@ -180,7 +180,7 @@ def momentum_residual(terms, acceleration, work, solver, n, dim, a, b, c):
     return inertia
 
 
-@inlined
+@kernel
 def newton_matrix(terms, friction, solver, n, dim, t, tau, a, theta, rate):
     """Tangent of the momentum balance into solver.band."""
     add_mass(terms.mass.band, n, dim, a, solver.band)

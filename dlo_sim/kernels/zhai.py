@@ -8,7 +8,7 @@ the end of the step and the free DOFs carried along (see `layout.State`).
 from __future__ import annotations
 
 from dlo_sim.kernels.banded import solve_rows
-from dlo_sim.kernels.jit import entry, inlined, kernel
+from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import HISTORY
 from dlo_sim.kernels.observe import begin_sample, end_sample, update_account
 from dlo_sim.kernels.plastic import plastic_flow
@@ -40,7 +40,7 @@ def two_step(state, force, n, psi, phi, tau):
             before[d, i] = a
 
 
-@inlined
+@kernel
 def zhai_step(state, terms, work, psi, phi, step, tau, fresh):
     """One step; `fresh` says that work.force holds the accelerations of the present state.
 

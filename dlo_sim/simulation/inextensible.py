@@ -11,6 +11,7 @@ from dlo_sim.kernels.observe import kinetic_energy
 from dlo_sim.kernels.rattle import advance_rattle, project
 from dlo_sim.kernels.splitting import OK
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.workspace import new_recorder
 
 Array = NDArray[np.float64]
 GAUSS_POINTS = 3
@@ -78,12 +79,15 @@ def to_equilibrium(model: Model, state: layout.State, work: layout.Work, step: f
     zero (Cundall's dynamic relaxation), until a restart hardly moves the cable any more.
     """
     chain = new_chain(model)
+    recorder = new_recorder(model, np.zeros(0))
     length = float(model.knots[-1])
     dim = len(model.axes)
     peak, still = 0.0, 0
     resting = state.position.copy()
     for _ in range(MOST_STEPS):
-        status, _, _ = advance_rattle(state, model.terms, work, chain, 0, 1, step, MOST_STEPS, None)
+        status, _, _ = advance_rattle(
+            state, model.terms, work, chain, 0, 1, step, MOST_STEPS, recorder
+        )
         if status != OK:
             return False
         kinetic = kinetic_energy(state.w, model.terms.mass, model.n)

@@ -15,6 +15,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.simulator import CHUNK, Simulator
+from dlo_sim.simulation.workspace import new_recorder
 
 Array = NDArray[np.float64]
 
@@ -116,7 +117,6 @@ def record_simulator(
         estimated: estimate the error, for a simulator that starts as its scene says.
     """
     began = time.perf_counter() if began is None else began
-    _compile(simulator)
     scene = simulator.scene
     estimate = ErrorEstimate(simulator) if estimated else None
     compile_s = time.perf_counter() - began
@@ -173,25 +173,11 @@ def sample_times(duration: float, every: float) -> Array:
 
 def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:
     """Room for samples at these times; the first, at time zero, is the present state."""
-    model = simulator.model
-    recorder = layout.Recorder(
-        times=times,
-        positions=np.zeros((len(times), model.rows, model.n)),
-        energies=np.zeros(len(times)),
-        next=np.zeros(1, dtype=np.int64),
-        before=np.zeros((model.rows, model.width)),
-    )
-    if len(times):
-        recorder.positions[0] = simulator.control_points.T[: model.rows]
-        recorder.energies[0] = simulator.energy().total
-        recorder.next[0] = 1
+    recorder = new_recorder(simulator.model, times)
+    recorder.positions[0] = simulator.control_points.T[: simulator.model.rows]
+    recorder.energies[0] = simulator.energy().total
+    recorder.next[0] = 1
     return recorder
-
-
-def _compile(simulator: Simulator) -> None:
-    """Have the recording version of the stepping loop ready, so that no timed step waits for it."""
-    simulator.advance_steps(1, _recorder(simulator, np.zeros(0)))
-    simulator.reset()
 
 
 def _run(

@@ -77,6 +77,7 @@ class Simulator(CableView):
         self._state = workspace.new_state(self._model)
         self._work = workspace.new_work(self._model)
         self._solver = workspace.new_solver(self._model)
+        self._unrecorded = workspace.new_recorder(self._model, np.zeros(0))
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self._kept: tuple[tuple[Array, Array], ...] = ()
         self._bases: dict[bytes, tuple[NDArray[np.int64], Array, Array]] = {}
@@ -91,7 +92,7 @@ class Simulator(CableView):
         self._stepper = Stepper(scene, self._model, self._choice)
         self._open_account()
         started = time.perf_counter()
-        self._stepper.advance(self._state, self._work, self._solver, 0, 0)
+        self._stepper.advance(self._state, self._work, self._solver, 0, 0, self._unrecorded)
         self.compile_seconds = time.perf_counter() - started
         self._initial = self.snapshot()
 
@@ -109,6 +110,7 @@ class Simulator(CableView):
         """Advance by whole steps. A failed run keeps the last good state and says why."""
         done = 0
         evaluations = 0
+        recorder = self._unrecorded if recorder is None else recorder
         while done < steps:
             piece = min(CHUNK, steps - done)
             self._keep()
@@ -125,7 +127,9 @@ class Simulator(CableView):
                 self._go_back()
                 if status is not Status.DIVERGED:
                     # The failed step was left half done: do the good ones again.
-                    self._stepper.advance(self._state, self._work, self._solver, first, made)
+                    self._stepper.advance(
+                        self._state, self._work, self._solver, first, made, self._unrecorded
+                    )
                     self._steps = first + made
                     if not self._sane(self._steps):
                         self._go_back()
@@ -336,6 +340,7 @@ class Simulator(CableView):
         self._state = workspace.new_state(self._model)
         self._work = workspace.new_work(self._model)
         self._solver = workspace.new_solver(self._model)
+        self._unrecorded = workspace.new_recorder(self._model, np.zeros(0))
         self._stepper = Stepper(self.scene, self._model, self._choice)
 
     def _extend(self, needs: Needs) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from dlo_sim.core import spectrum
@@ -16,6 +19,7 @@ from dlo_sim.core.methods import (
 from dlo_sim.kernels import layout
 from dlo_sim.kernels.implicit import MAX_HALVINGS, advance_implicit
 from dlo_sim.kernels.instant import stiffness_band
+from dlo_sim.kernels.jit import bound
 from dlo_sim.kernels.rattle import advance_rattle
 from dlo_sim.kernels.runge_kutta import advance_runge_kutta
 from dlo_sim.kernels.splitting import advance_splitting
@@ -25,6 +29,8 @@ from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.inextensible import largest_constrained_frequency, new_chain
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.selection import Choice
+
+Loop = Callable[..., Any]
 
 GUARD_STEPS = 16  # explicit steps between two looks at the energy
 
@@ -67,17 +73,35 @@ class Stepper:
     def __init__(self, scene: Scene, model: Model, choice: Choice) -> None:
         self._model = model
         self._choice = choice
-        self._tolerance = scene.integrator.tolerance
-        self._drift = np.array(choice.method.drift_weights)
-        self._kick = np.array(choice.method.kick_weights)
-        self._alpha = alpha_constants(choice.method, scene.integrator.spectral_radius)
-        self._zhai = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
+        self._code: Loop | None = None
         self.chain: layout.Chain | None = None
-        if choice.method.family == CONSTRAINED:
+        method = choice.method
+        self._loop: Loop
+        self._own: tuple[object, ...]  # what only this method needs
+        if method.family == SPLITTING:
+            self._loop = advance_splitting
+            self._own = (np.array(method.drift_weights), np.array(method.kick_weights))
+        elif method.family == RUNGE_KUTTA:
+            self._loop = advance_runge_kutta
+            table, nodes = _butcher_table(method)
+            self._own = (table, nodes, np.zeros((len(table), 2, model.rows, model.width)))
+        elif method.family == ZHAI:
+            self._loop = advance_zhai
+            self._own = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
+        elif method.family == CONSTRAINED:
+            self._loop = advance_rattle
             self.chain = new_chain(model)
-        if choice.method.family == RUNGE_KUTTA:
-            self._table, self._nodes = _butcher_table(choice.method)
-            self._slopes = np.zeros((len(self._table), 2, model.rows, model.width))
+            self._own = (self.chain,)
+        else:
+            self._loop = advance_implicit
+            self._own = (
+                model.friction,
+                model.viscosity,
+                method.conserves_energy,
+                alpha_constants(method, scene.integrator.spectral_radius),
+                scene.integrator.tolerance,
+                MAX_HALVINGS,
+            )
 
     def looked_at(self, step: int) -> bool:
         """Whether the loop compares the energy of the state after so many steps."""
@@ -90,77 +114,19 @@ class Stepper:
         solver: layout.Solver,
         first: int,
         steps: int,
-        recorder: layout.Recorder | None = None,
+        recorder: layout.Recorder,
     ) -> tuple[int, int, int]:
         """(kernel status, steps done, force evaluations or Newton iterations)."""
-        model, choice = self._model, self._choice
-        if choice.method.family == SPLITTING:
-            return advance_splitting(
-                state,
-                model.terms,
-                work,
-                self._drift,
-                self._kick,
-                first,
-                steps,
-                choice.step,
-                GUARD_STEPS,
-                recorder,
-            )
-        if choice.method.family == RUNGE_KUTTA:
-            return advance_runge_kutta(
-                state,
-                model.terms,
-                work,
-                self._table,
-                self._nodes,
-                self._slopes,
-                first,
-                steps,
-                choice.step,
-                GUARD_STEPS,
-                recorder,
-            )
-        if choice.method.family == ZHAI:
-            return advance_zhai(
-                state,
-                model.terms,
-                work,
-                *self._zhai,
-                first,
-                steps,
-                choice.step,
-                GUARD_STEPS,
-                recorder,
-            )
-        if self.chain is not None:
-            return advance_rattle(
-                state,
-                model.terms,
-                work,
-                self.chain,
-                first,
-                steps,
-                choice.step,
-                GUARD_STEPS,
-                recorder,
-            )
-        return advance_implicit(
-            state,
-            model.terms,
-            model.friction,
-            model.viscosity,
-            work,
-            solver,
-            first,
-            steps,
-            choice.step,
-            choice.method.conserves_energy,
-            self._alpha,
-            self._tolerance,
-            MAX_HALVINGS,
-            recorder,
-        )
+        shared = (state, self._model.terms, work)
+        span = (first, steps, self._choice.step)
+        if self._choice.method.family == IMPLICIT:
+            arguments = (*shared, solver, *self._own, *span, recorder)
+        else:
+            arguments = (*shared, *self._own, *span, GUARD_STEPS, recorder)
+        if self._code is None:
+            self._code = bound(self._loop, *arguments)
+        done: tuple[int, int, int] = self._code(*arguments)
+        return done
 
 
 def alpha_constants(method: Method, spectral_radius: float) -> layout.Alpha:

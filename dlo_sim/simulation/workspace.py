@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_sim.kernels import layout, tangent
 from dlo_sim.simulation.model import Model
@@ -69,4 +70,15 @@ def new_solver(model: Model) -> layout.Solver:
         twist_band=np.zeros((4, n)),
         twist_lower=np.zeros((3, n)),
         twist_diagonal=np.zeros(n),
+    )
+
+
+def new_recorder(model: Model, times: NDArray[np.float64]) -> layout.Recorder:
+    """Room for a sample of the state at each of these times [s]."""
+    return layout.Recorder(
+        times=times,
+        positions=np.zeros((len(times), model.rows, model.n)),
+        energies=np.zeros(len(times)),
+        next=np.zeros(1, dtype=np.int64),
+        before=np.zeros((model.rows, model.width)),
     )

@@ -16,6 +16,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.workspace import new_recorder
 from dlo_sim.tuning.setting import Setting
 
 Array = NDArray[np.float64]
@@ -92,7 +93,6 @@ def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIME
         nothing = np.zeros((0, len(job.u), 3))
         return Trial(setting, setting.step, 0, 0, nothing, str(refusal))
     recorder = _recorder(simulator, job)
-    _warm(simulator)
     began = time.perf_counter()
     report, used = _run(simulator, job, recorder)
     took = time.perf_counter() - began
@@ -169,23 +169,10 @@ def farthest(points: Array, truth: Array) -> float:
     return float(np.linalg.norm(points - truth, axis=2).max())
 
 
-def _warm(simulator: Simulator) -> None:
-    """Have the looking version of the stepping loop compiled."""
-    nothing = Job(simulator.scene, 0.0, ())
-    simulator.advance_steps(1, _recorder(simulator, nothing))
-    simulator.reset()
-
-
 def _recorder(simulator: Simulator, job: Job) -> layout.Recorder:
-    model, times = simulator.model, job.times
-    recorder = layout.Recorder(
-        times=times,
-        positions=np.zeros((len(times), model.rows, model.n)),
-        energies=np.zeros(len(times)),
-        next=np.ones(1, dtype=np.int64),
-        before=np.zeros((model.rows, model.width)),
-    )
-    recorder.positions[0] = simulator.control_points.T[: model.rows]
+    recorder = new_recorder(simulator.model, job.times)
+    recorder.positions[0] = simulator.control_points.T[: simulator.model.rows]
+    recorder.next[0] = 1
     return recorder
 
 
