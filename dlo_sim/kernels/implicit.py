@@ -24,6 +24,7 @@ from dlo_sim.kernels.banded import (
 )
 from dlo_sim.kernels.elastic import tangent_coefficients
 from dlo_sim.kernels.ends import copy_anchors, restore_anchors
+from dlo_sim.kernels.forces import clear
 from dlo_sim.kernels.friction import (
     add_friction_band,
     add_friction_row,
@@ -47,11 +48,11 @@ from dlo_sim.kernels.observe import RESOLUTION, begin_sample, end_sample, update
 from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends
 from dlo_sim.kernels.step_account import (
     absorb_loss,
+    add_reaction,
     book_step,
     ends_moved,
     finish_momentum,
     free_travel,
-    mean_reaction,
 )
 from dlo_sim.kernels.step_forces import momentum_residual, newton_matrix, step_force
 
@@ -115,9 +116,11 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
 
 @kernel
 def implicit_step(
-    state, terms, friction, viscosity, work, solver, t0, tau, discrete, alpha, tolerance
+    state, terms, friction, viscosity, work, solver, t0, tau, whole, discrete, alpha, tolerance
 ):
     """One step in place; returns (converged, iterations). On failure the state is unchanged.
+
+    It is a part of a step of length `whole`, over which reactions are averaged.
 
     The matrix is factorised at the first guess and kept while corrections shrink fast.
     """
@@ -137,7 +140,7 @@ def implicit_step(
     copy_rows(x, n, solver.start)
     copy_rows(state.w, n, solver.start_w)
     tangent_coefficients(x, terms.lattice, terms.axes, solver.p0)
-    predict(x, state.w, state.history, state.ledger[HISTORY], n, dim, tau)
+    predict(x, state.w, state.history, state.ledger, n, dim, tau)
     restore_prescribed(x, solver.start, terms.mass.free, n, dim)
     copy_rows(x, n, solver.coast)
     copy_anchors(terms.springs, work.anchors)
@@ -221,7 +224,7 @@ def implicit_step(
         if alpha.theta != 0.5:
             lost = 0.0  # booked by `absorb_loss` with what the method itself dissipates
         book_step(terms, terms.drive, terms.loads, work, solver, state, lost, n)
-        mean_reaction(state, terms, work, solver, n, t0, tau)
+        add_reaction(state, terms, work, solver, n, t0, tau, whole)
         state.ledger[HISTORY] += 1.0
     else:
         copy_rows(solver.start, n, x)
@@ -248,9 +251,23 @@ def difference(a, b, n, out):
 
 @kernel
 def implicit_step_halving(
-    state, terms, friction, viscosity, work, solver, t0, tau, discrete, alpha, tolerance, halvings
+    state,
+    terms,
+    friction,
+    viscosity,
+    work,
+    solver,
+    t0,
+    tau,
+    step,
+    discrete,
+    alpha,
+    tolerance,
+    halvings,
 ):
-    """One step, done in smaller pieces where Newton does not converge: (status, iterations)."""
+    """One sub-step tau of a step, done in smaller pieces where Newton does not converge: (status,
+    iterations).
+    """
     total = 0
     level = 0
     done = 0  # in units of tau 2^-MAX_HALVINGS
@@ -267,6 +284,7 @@ def implicit_step_halving(
             solver,
             t0 + tau * done / whole,
             tau * piece / whole,
+            step,
             discrete,
             alpha,
             tolerance,
@@ -277,7 +295,6 @@ def implicit_step_halving(
             # Grow again only where the larger piece is aligned, so that pieces nest.
             if level > 0 and done % (2 * piece) == 0:
                 level -= 1
-                state.ledger[HISTORY] = 0.0
         elif level == halvings or total > budget:
             return NOT_CONVERGED, total
         else:
@@ -293,6 +310,7 @@ def advance_implicit(
     solver,
     friction,
     viscosity,
+    substeps,
     discrete,
     alpha,
     tolerance,
@@ -304,30 +322,36 @@ def advance_implicit(
 ):
     """Advance by whole steps; returns (status, steps done, Newton iterations).
 
-    `viscosity` is None without stiffness damping, else beta. `halvings` (at most MAX_HALVINGS) is
+    `viscosity` is None without stiffness damping, else beta. `substeps` are the lengths of the
+    parts that a step is composed of, in units of the step. `halvings` (at most MAX_HALVINGS) is
     how often a step may be halved. The energy account is updated every step.
     """
     iterations = 0
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
-        status, used = implicit_step_halving(
-            state,
-            terms,
-            friction,
-            viscosity,
-            work,
-            solver,
-            t0,
-            tau,
-            discrete,
-            alpha,
-            tolerance,
-            halvings,
-        )
-        iterations += used
-        if status != OK:
-            return status, step - first_step, iterations
+        clear(state.reaction)
+        at = 0.0
+        for k in range(substeps.shape[0]):
+            status, used = implicit_step_halving(
+                state,
+                terms,
+                friction,
+                viscosity,
+                work,
+                solver,
+                t0 + at * tau,
+                substeps[k] * tau,
+                tau,
+                discrete,
+                alpha,
+                tolerance,
+                halvings,
+            )
+            iterations += used
+            at += substeps[k]
+            if status != OK:
+                return status, step - first_step, iterations
         if alpha.theta != 0.5:
             absorb_loss(state, terms, work)
         _, sane = update_account(state, terms, work)

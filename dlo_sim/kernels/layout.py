@@ -310,4 +310,6 @@ TORSION_SUM = 17
 TORSION_WORST = 18
 TORSION_LAST = 19
 REACTION = 20  # 1 once State.reaction holds the mean of a step
-LEDGER_SIZE = 21
+LENGTH = 21  # [s] of the last implicit step, with its sign, and of the one before
+LENGTH_BEFORE = 22
+LEDGER_SIZE = 23

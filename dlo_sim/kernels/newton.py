@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.layout import HISTORY, LENGTH, LENGTH_BEFORE
 from dlo_sim.kernels.matrix import substitute
 
 TRUSTED = 0.5  # largest share by which a correction may be repeated
@@ -26,25 +27,45 @@ def alternates(x, history, n, dim):
 
 
 @kernel
-def predict(x, w, history, steps_known, n, dim, tau):
+def parabola(tau, last, before):
+    """Weights of the present configuration, the last and the last but one in the value at tau of
+    the parabola through them; `last` and `before` are the lengths of the last two steps.
+    """
+    both = last + before
+    return (
+        (tau + last) * (tau + both) / (last * both),
+        -tau * (tau + both) / (last * before),
+        tau * (tau + last) / (both * before),
+    )
+
+
+@kernel
+def predict(x, w, history, ledger, n, dim, tau):
     """First guess of the free DOFs: the parabola through the last three configurations, the last
     configuration where the motion alternates, or constant w.
 
     Shifts the history: history[0] becomes the present configuration, history[1] the one before.
     """
-    back = steps_known >= 2 and alternates(x, history, n, dim)
+    known = ledger[HISTORY] >= 2.0
+    last, before_last = ledger[LENGTH], ledger[LENGTH_BEFORE]
+    back = known and tau == last == before_last and alternates(x, history, n, dim)
+    now_weight, last_weight, before_weight = 0.0, 0.0, 0.0
+    if known:
+        now_weight, last_weight, before_weight = parabola(tau, last, before_last)
     for d in range(dim):
         for i in range(n):
             now = x[d, i]
             before = history[0, d, i]
             if back:
                 x[d, i] = before
-            elif steps_known >= 2:
-                x[d, i] = 3.0 * (now - before) + history[1, d, i]
+            elif known:
+                x[d, i] = now_weight * now + last_weight * before + before_weight * history[1, d, i]
             else:
                 x[d, i] += tau * w[d, i]
             history[1, d, i] = before
             history[0, d, i] = now
+    ledger[LENGTH_BEFORE] = last
+    ledger[LENGTH] = tau
 
 
 @kernel

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dlo_sim.kernels.banded import multiply
 from dlo_sim.kernels.ends import anchor_work
-from dlo_sim.kernels.forces import clear
 from dlo_sim.kernels.jit import kernel
 from dlo_sim.kernels.layout import DISSIPATED, DRIVE_WORK, ENERGY_START, LOAD_WORK, REACTION
 from dlo_sim.kernels.observe import (
@@ -69,22 +68,23 @@ def finish_momentum(w, acceleration, travel, mass, solver, alpha, newmark, n, di
 
 
 @kernel
-def mean_reaction(state, terms, work, solver, n, t0, tau):
-    """Forces of the ends over the step, M (v1 - v0) / tau - f on the prescribed rows.
+def add_reaction(state, terms, work, solver, n, t0, tau, whole):
+    """Add what a part tau of a step `whole` has in the mean force of the ends over that step,
+    (M (v1 - v0) - f tau) / whole on the prescribed rows.
 
     Undamped waves that the step does not resolve change sign from step to step, and with them the
     reaction at an instant; its mean over a step does not.
     """
     velocities(solver.start_w, terms, t0, solver.coast)
     velocities(state.w, terms, t0 + tau, solver.moved)
-    clear(state.reaction)
     for d in range(state.reaction.shape[0]):
         for i in range(n):
             solver.moved[d, i] -= solver.coast[d, i]
-        multiply(terms.mass.band[d], n, solver.moved[d], 1.0 / tau, state.reaction[d])
+            solver.coast[d, i] = -tau * work.force[d, i]
+        multiply(terms.mass.band[d], n, solver.moved[d], 1.0, solver.coast[d])
         for i in range(n):
             free = terms.mass.free[d, i]
-            state.reaction[d, i] = (state.reaction[d, i] - work.force[d, i]) * (1.0 - free)
+            state.reaction[d, i] += solver.coast[d, i] * (1.0 - free) / whole
     state.ledger[REACTION] = 1.0
 
 

@@ -97,6 +97,7 @@ class Stepper:
             self._own = (
                 model.friction,
                 model.viscosity,
+                np.array(method.substeps),
                 method.conserves_energy,
                 alpha_constants(method, scene.integrator.spectral_radius),
                 scene.integrator.tolerance,

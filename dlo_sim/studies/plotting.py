@@ -20,6 +20,7 @@ COLORS = {
     "velocity_verlet": "tab:green",
     "zhai": "tab:purple",
     "energy_momentum": "tab:orange",
+    "energy_momentum_4": "tab:olive",
     "implicit_midpoint": "tab:brown",
     "rattle": "tab:gray",
     "generalized_alpha": "tab:pink",

@@ -106,11 +106,12 @@ def measured_defect(step, scene, factor=1.0):
 @pytest.mark.parametrize("method", ONE_STEP, ids=by_name)
 def test_symplectic_form_is_kept_as_declared(method, share):
     """Also while the clamp moves and turns, with twist, springs, weight and natural curvature."""
+    share /= max(map(abs, method.substeps))
     found = measured_defect(simulated(FULL, method.name, share), FULL)
     if method.symplectic:
         assert found < 1e-8  # the floor of the differences, at every step
-    elif share == 0.8:
-        assert found > 1e-6
+    elif share >= 0.8:
+        assert found > (1e-6 if len(method.substeps) == 1 else 3e-8)
 
 
 def test_runge_kutta_written_out_here_fails_and_more_so_with_the_step():
@@ -170,8 +171,9 @@ def test_a_symmetric_method_goes_back_the_way_it_came(method):
     way, left = there_and_back(method.name)
     assert way > 2e-3
     if method.symmetric:
-        # explicit: round-off; implicit: what the solver's tolerance leaves
-        assert left < (1e-11 if method.family == IMPLICIT else 1e-12) * way
+        # explicit: round-off; implicit: what the solver's tolerance leaves in every sub-step
+        allowed = 1e-11 * len(method.substeps) if method.family == IMPLICIT else 1e-12
+        assert left < allowed * way
     else:
         assert left > 1e-10 * way
 

@@ -178,15 +178,14 @@ def _spatial(values: dict[str, Any], twist: str = "off") -> None:
 
 
 EVERY = tuple(METHODS)
+CONSERVING = tuple(name for name, method in METHODS.items() if method.conserves_energy)
 KINDS = (
     Kind("plane springs", _plane_springs, EVERY),
     Kind("hanging", _hanging, EVERY),
-    Kind("free flight", _free_flight, ("velocity_verlet", "forest_ruth", "energy_momentum")),
-    Kind("grippers", _grippers, ("velocity_verlet", "energy_momentum"), driven=True),
+    Kind("free flight", _free_flight, ("velocity_verlet", "forest_ruth", *CONSERVING)),
+    Kind("grippers", _grippers, ("velocity_verlet", *CONSERVING), driven=True),
     Kind("damped", _damped, ("velocity_verlet", "rk4", "implicit_midpoint", "energy_momentum")),
-    Kind(
-        "pulled", _pulled, ("velocity_verlet", "implicit_midpoint", "energy_momentum"), driven=True
-    ),
+    Kind("pulled", _pulled, ("velocity_verlet", "implicit_midpoint", *CONSERVING), driven=True),
 )
 
 

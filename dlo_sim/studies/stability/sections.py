@@ -35,7 +35,11 @@ class Verdict:
 
 
 def add_stiff(
-    report: Report, rows: Sequence[Stiff], gauss: Sequence[Stiff], reference: tuple[float, float]
+    report: Report,
+    rows: Sequence[Stiff],
+    gauss: Sequence[Stiff],
+    composed: Sequence[Stiff],
+    reference: tuple[float, float],
 ) -> list[Verdict]:
     """The paper's wire at milliseconds beside Forest-Ruth."""
     report.section("The paper's wire at milliseconds")
@@ -65,9 +69,16 @@ def add_stiff(
         """A step is counted as retried where it took more iterations than one attempt may: then at
         least one attempt failed, and the step was done in halves or smaller pieces. The wire moves
         by some 36 mm; the method is of second order, so its error in time does not depend on the
-        mesh and exceeds that of a fine mesh."""
+        mesh and exceeds that of a fine mesh. The composition of order 4 does five sub-steps per
+        step, one of them back in time, and errs less for the same run time."""
     )
-    return _stiff_verdicts(rows)
+    report.table(
+        "stiff_composed",
+        header,
+        [_stiff_row(row) for row in composed],
+        "energy_momentum_4, five sub-steps of energy_momentum a step; iterations of all five",
+    )
+    return _stiff_verdicts(rows, composed)
 
 
 def _stiff_row(row: Stiff) -> list[Cell]:
@@ -89,7 +100,7 @@ def _stiff_row(row: Stiff) -> list[Cell]:
     ]
 
 
-def _stiff_verdicts(rows: Sequence[Stiff]) -> list[Verdict]:
+def _stiff_verdicts(rows: Sequence[Stiff], composed: Sequence[Stiff]) -> list[Verdict]:
     soft = [row for row in rows if row.step in stiff.STEPS]
     hard = [row for row in rows if row.step in stiff.HARD_STEPS]
     least = [row for row in soft if row.step == stiff.STEPS[0]]
@@ -111,13 +122,15 @@ def _stiff_verdicts(rows: Sequence[Stiff]) -> list[Verdict]:
                 row.ratio >= stiff.ASKED_RATIO[row.n],
             )
         )
-    for row in least:
+    fourth = [row for row in composed if row.step == stiff.STEPS[0]]
+    names = ["energy_momentum"] * len(least) + ["energy_momentum_4"] * len(fourth)
+    for name, row in zip(names, [*least, *fourth], strict=True):
         ratio = row.error_ratio or np.inf
         found.append(
             Verdict(
-                f"error at n_u = {row.n}, 2 ms",
+                f"error at n_u = {row.n}, 2 ms, {name}",
                 f"at most {stiff.ASKED_ERROR:g} times that of the converged step",
-                f"{ratio:.3g} times",
+                f"{ratio:.3g} times, {row.ratio:.3g} times faster than Forest-Ruth",
                 ratio <= stiff.ASKED_ERROR,
             )
         )

@@ -67,9 +67,15 @@ def run_study(request: Request) -> Outcome:
 def _stiff(report: Report, quick: bool) -> list[Verdict]:
     steps = (*stiff.STEPS, *stiff.HARD_STEPS)
     repeats = 2 if quick else 5
-    rows = [row for n in stiff.ASKED_RATIO for row in stiff.measure(n, steps, False, repeats)]
-    gauss = [row for n in stiff.ASKED_RATIO for row in stiff.measure(n, steps, True, repeats)]
-    return sections.add_stiff(report, rows, gauss, stiff.reference_error())
+    sizes = stiff.ASKED_RATIO
+    rows = [row for n in sizes for row in stiff.measure(n, steps, repeats)]
+    gauss = [row for n in sizes for row in stiff.measure(n, steps, repeats, gauss=True)]
+    composed = [
+        row
+        for n in sizes
+        for row in stiff.measure(n, stiff.STEPS, repeats, method="energy_momentum_4")
+    ]
+    return sections.add_stiff(report, rows, gauss, composed, stiff.reference_error())
 
 
 def _steel() -> float:

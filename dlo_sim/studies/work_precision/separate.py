@@ -28,7 +28,7 @@ METHODS_OF_TIME = {
     True: ("velocity_verlet", "rattle", "energy_momentum"),
     False: (
         *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
-        *("implicit_midpoint", "energy_momentum", "generalized_alpha"),
+        *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
     ),
 }
 

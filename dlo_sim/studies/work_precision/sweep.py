@@ -41,7 +41,7 @@ class Grid:
 FULL = Grid(
     (
         *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
-        *("implicit_midpoint", "energy_momentum", "generalized_alpha"),
+        *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
     ),
     (7, 9, 11, 13, 17, 23),
     (1e-2, 5e-3, 2e-3, 1e-3, 5e-4),

@@ -49,11 +49,13 @@ CANDIDATES: dict[str, Candidates] = {
     "scenario_1": (
         ("rattle", 2, (1.0,), (8, 9, 10, 11, 12, 13, 15, 17, 19, 21, 22, 23, 24, 25)),
         ("energy_momentum", 2, (2e-3, 1e-3), (11, 12, 13, 15)),
+        ("energy_momentum_4", 2, (1e-2, 5e-3), (13, 15, 19, 23)),
         ("velocity_verlet", 2, (1.0,), (13, 19, 23)),
     ),
     "scenario_2": (
         ("rattle", 2, (1.0,), (8, 9, 10, 11)),
         ("energy_momentum", 2, (2e-3, 1e-3), (11, 12, 13)),
+        ("energy_momentum_4", 2, (1e-2,), (11, 13)),
         ("velocity_verlet", 2, (1.0,), (11, 13)),
     ),
     "soft_settled": (
