@@ -5,7 +5,7 @@ Storage as in `dlo_sim.core.mass`: band[k, j] = A[j + k, j], factors lower[k - 1
 
 from __future__ import annotations
 
-from dlo_sim.kernels.jit import entry, kernel
+from dlo_sim.kernels.jit import entry, kernel, shared
 
 
 @entry
@@ -49,7 +49,7 @@ def row_times(band, n, x, i):
     return value
 
 
-@kernel
+@shared
 def multiply(band, n, x, scale, out):
     """out += scale A x for one row of at least four control points."""
     b0, b1, b2, b3 = band[0], band[1], band[2], band[3]

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.jit import kernel, shared
 
 
-@kernel
+@shared
 def tangent_coefficients(x, lattice, axes, out):
     """Coefficients of r' = A + B xi + C xi^2 on every span; rows (A, B, C) x dim of `out`."""
     dim = len(axes)
@@ -167,7 +167,7 @@ def span_gradient(coefficients, lattice, stretch, bend, rest, axes, out):
                     g[2 * dim + 2, lane] += x * (x * gt2 + 2.0 * gk2)
 
 
-@kernel
+@shared
 def elastic_energy(coefficients, lattice, stretch, bend, rest, axes, scratch):
     """Stretching and bending energy [J] (natural curvature counts as bending).
 

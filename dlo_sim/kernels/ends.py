@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.jit import entry, kernel
+from dlo_sim.kernels.jit import entry, kernel, shared
 
 
 @kernel
@@ -129,7 +129,7 @@ def move_anchors(motion, springs, t, axes):
                     springs.anchor[e, d] = pick(axes[d], p0, p1, p2)
 
 
-@kernel
+@shared
 def end_rates(m, t):
     """Velocities of `end_points`: attachment (3), neighbour (3), twist rate [rad/s]."""
     s = t - m[1]
@@ -190,7 +190,7 @@ def end_rates(m, t):
     )
 
 
-@kernel
+@shared
 def one_end_velocity(motion, e, t, n, axes, free, out):
     """Write the velocities of the prescribed control points of end e at time t."""
     dim = len(axes)

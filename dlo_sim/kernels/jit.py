@@ -112,15 +112,24 @@ def _cached_under(directory: Path) -> Iterator[None]:
 
 
 def kernel(function: F) -> F:
-    """A compiled function that only other kernels call.
+    """A compiled function that only other kernels call, copied into each of them.
 
     It gets no wrapper for calls from Python: unpacking a scene's terms there costs more compile
     time than the function itself. Tests and tools reach it through `.py_func`.
     """
+    return _part(function, forceinline=True)
+
+
+def shared(function: F) -> F:
+    """A kernel that exists once, for long ones with several callers and few arguments."""
+    return _part(function, forceinline=False)
+
+
+def _part(function: F, forceinline: bool) -> F:
     compiled: F = numba.njit(
         no_cpython_wrapper=True,
         no_cfunc_wrapper=True,
-        forceinline=True,
+        forceinline=forceinline,
         pipeline_class=_PartCompiler,
         **_OPTIONS,
     )(function)

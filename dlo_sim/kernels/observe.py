@@ -7,7 +7,7 @@ import numpy as np
 from dlo_sim.kernels.banded import difference_form, quadratic_form
 from dlo_sim.kernels.elastic import elastic_energy, tangent_coefficients
 from dlo_sim.kernels.ends import end_velocities
-from dlo_sim.kernels.jit import entry, kernel
+from dlo_sim.kernels.jit import entry, kernel, shared
 from dlo_sim.kernels.layout import (
     BOOKED,
     DISSIPATED,
@@ -38,7 +38,7 @@ def prescribed_column(j, n):
     return j if j < 2 else n - 4 + j
 
 
-@kernel
+@shared
 def add_drive_velocity(drive, free, t, n, axes, out):
     """Turn w into velocities: prescribed values in place, v_f = w - shift v_p."""
     if drive is not None:
