@@ -22,6 +22,7 @@ from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import encode_diagnostic_array
+from dlo_sim.session.drive import Prepared
 from dlo_sim.session.rehearsal import rehearse, rehearse_elsewhere, structure
 from dlo_sim.session.session import Session, SessionStatus
 
@@ -50,7 +51,7 @@ class CableNode(Node):
         """
         super().__init__(NODE_NAME, **options)
         self.failure: str | None = None
-        self._scene_parameters: SceneParameters[None] = SceneParameters(self)
+        self._scene_parameters: SceneParameters[Prepared] = SceneParameters(self)
         scene = self._scene_parameters.scene
         self._session = self._built(scene)
         self._status = self._session.status
@@ -177,34 +178,36 @@ class CableNode(Node):
 
     # -- parameters -----------------------------------------------------------------------------
 
-    def _prepare(self, scene: Scene) -> None:
-        """Build the simulator of a changed scene to see whether it can be, and compile what is new
-        in it. Ticks and inputs go on meanwhile; only services wait.
+    def _prepare(self, scene: Scene) -> Prepared:
+        """Build the simulator of a changed scene, and compile what is new in it. Ticks and inputs
+        go on meanwhile; only services wait.
 
         Raises:
             SceneError: the simulator refuses the scene, in one line.
         """
-        running, kind = self._session.simulator, structure(scene)
+        kind = structure(scene)
+        made: list[Prepared] = []
 
         def build() -> None:
             if kind not in self._compiled:
                 rehearse_elsewhere(scene)
-            running.reconfigured(scene)
             with contextlib.suppress(ValueError):  # not from the file's poses: no refusal
                 rehearse(scene, live=True)
+            made.append(self._session.prepare(scene))
 
         in_background(build, self._keep_ticking, lambda: self._period_ns * 1e-9)
         self._compiled.add(kind)
+        return made[0]
 
     def _keep_ticking(self) -> None:
         """What the executor would do now if it were not in a callback."""
         self._inputs.take_waiting()
         self._tick()
 
-    def _adopt(self, scene: Scene, prepared: None) -> None:
+    def _adopt(self, scene: Scene, prepared: Prepared) -> None:
         """Go on with a changed scene; callbacks take turns, so this is between two ticks."""
         before = self._session.scene
-        self._session.reconfigure(scene)
+        self._session.reconfigure(scene, prepared)
         self._outputs.follow(scene)
         if scene.rate != before.rate:
             self.destroy_timer(self._timer)

@@ -122,9 +122,10 @@ class EndDrive:
         self._write(end, motion)
         row[0] = 1.0
 
-    def take_twist(self, other: EndDrive, t: float) -> None:
-        """Go on with the twist that another pair of end effectors has at time t."""
-        for row in range(2):
+    def take_over(self, other: EndDrive, t: float) -> None:
+        """Rest at the poses, and with the twist, that another pair of end effectors has at t."""
+        for row, end in enumerate(ENDS):
+            self._write(end, EndMotion.resting(*other.pose(end, t)))
             self.motion[row, TWIST] = end_points(other.motion[row], t)[6]
 
     def stays_in_plane(self, end: str, axes: tuple[int, ...]) -> bool:

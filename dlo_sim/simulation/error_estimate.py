@@ -100,6 +100,13 @@ class ErrorEstimate:
         """
         return cls(simulator, simulator.reconfigured)
 
+    def take_over(self) -> None:
+        """Let the companions start from the present state of the simulator, at its time 0."""
+        for companion in (self._time, self._space):
+            if companion is not None:
+                companion.take_over(self.simulator)
+        self._compare()
+
     @property
     def order(self) -> int:
         """Order of convergence in time."""
@@ -248,8 +255,17 @@ class _Companion:
         """Start over."""
         if self.simulator is not None:
             self.simulator.reset()
-            self.failure, self.largest = "", 0.0
-            self._errors.clear()
+            self._forget()
+
+    def take_over(self, original: Simulator) -> None:
+        """Start from the present state of the original."""
+        if self.simulator is not None:
+            self.simulator.take_over(original)
+            self._forget()
+
+    def _forget(self) -> None:
+        self.failure, self.largest = "", 0.0
+        self._errors.clear()
 
 
 def _short(simulator: Simulator) -> bool:

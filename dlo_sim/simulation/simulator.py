@@ -248,7 +248,10 @@ class Simulator(CableView):
         return columns
 
     def reconfigured(self, scene: Scene) -> Simulator:
-        """A simulator of another scene that starts with this one's shape, motion and ends."""
+        """A simulator of another scene that starts with this one's shape, motion and ends.
+
+        Building it takes time. What changes meanwhile it can `take_over` at the end.
+        """
         # Tangents that the scene leaves open are those of the cable as it was placed.
         tangents = {
             f"{end}.tangent": list(self._geometries[end].tangent)
@@ -258,8 +261,26 @@ class Simulator(CableView):
         poses = {end: self.end_pose(end) for end in ENDS}
         other = Simulator(scene.with_values(tangents), poses)
         other.scene = scene
-        other._adopt(self)
+        other.take_over(self)
         return other
+
+    def take_over(self, other: Simulator) -> None:
+        """Start with the present shape, motion and ends of another simulator of the same ends and
+        loads. Only before the first step.
+        """
+        points, rates = other.control_points, other.velocities
+        old, new = other._model, self._model
+        if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
+            u = self.greville * (other.scene.cable.length / self.scene.cable.length)
+            points, rates = (resampled(values, old, new, u) for values in (points, rates))
+        self._ends.take_over(other._ends, other.time)
+        if self.scene.terms.twist == "auto" and any(self._ends.twists(end) for end in ENDS):
+            self._extend(self._needs.with_twist())
+        self._ends.put(points, 0.0)
+        self._set(points, rates)
+        optional_terms.carry_plastic(other._model.terms, self._model.terms)
+        self._open_account()
+        self._initial = self.snapshot()
 
     # -- inside ---------------------------------------------------------------------------------
 
@@ -357,21 +378,6 @@ class Simulator(CableView):
         self._state.ledger[:] = ledger
         self._state.ledger[[layout.BOOKED, layout.HISTORY, layout.REACTION]] = 0.0
         self._turn_rest_axis()
-
-    def _adopt(self, other: Simulator) -> None:
-        points, rates = other.control_points, other.velocities
-        old, new = other._model, self._model
-        if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
-            u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-            points, rates = (resampled(values, old, new, u) for values in (points, rates))
-        self._ends.take_twist(other._ends, other.time)
-        if self.scene.terms.twist == "auto" and any(self._ends.twists(end) for end in ENDS):
-            self._extend(self._needs.with_twist())
-        self._ends.put(points, 0.0)
-        self._set(points, rates)
-        optional_terms.carry_plastic(other._model.terms, self._model.terms)
-        self._open_account()
-        self._initial = self.snapshot()
 
 
 def _three(name: str, value: ArrayLike | None) -> Array | None:

@@ -104,5 +104,10 @@ class FakeSimulator:
         if scene.cable.diameter > 0.5:
             raise ValueError("fake: too thick")
         other = FakeSimulator(scene, {end: self.end_pose(end) for end in ("start", "end")})
-        other.tip, other.speed = self.tip, self.speed
+        other.take_over(self)
         return other
+
+    def take_over(self, other):
+        self.tip, self.speed = other.tip, other.speed
+        for end in self.motions:
+            self.motions[end] = EndMotion.resting(*other.end_pose(end))

@@ -359,6 +359,20 @@ class TestReconfigure:
             expected = motion(loaded.session.stamp_ns)
             assert loaded.simulator.control_points[0, :3] == pytest.approx(expected, abs=2e-4)
 
+    def test_what_was_prepared_goes_on_from_the_state_of_now(self, loaded):
+        play(loaded, 2.0)
+        scene = loaded.scene.with_values({"integrator.step": 5e-4})
+        prepared = loaded.session.prepare(scene)
+        assert loaded.simulator.step != 5e-4
+        old = loaded.simulator.control_points
+        loaded.session.tick(T0 + 2050 * MS)
+        points, stamp = loaded.simulator.control_points, loaded.session.stamp_ns
+        assert np.abs(points - old).max() > 1e-4
+        loaded.session.reconfigure(scene, prepared)
+        assert loaded.simulator is prepared.simulator
+        assert loaded.session.stamp_ns == stamp
+        assert np.allclose(loaded.simulator.control_points, points, atol=1e-12)
+
     def test_limits_change_too(self, loaded):
         play(loaded, 1.0)
         loaded.session.reconfigure(loaded.scene.with_values({"inputs.max_force": 0.5}))

@@ -52,6 +52,24 @@ def test_another_number_of_control_points_keeps_the_shape(n, bound):
     assert other.advance_steps(100).status.ok
 
 
+def test_a_simulator_built_before_takes_over_what_changed_since():
+    """Shape, motion and the poses of the ends, as if it had been built now."""
+    sim = swinging(8)
+    early = sim.reconfigured(other_scene(13))
+    sim.set_end("start", position=[0.01, 0.0, 0.02])
+    sim.advance_steps(200)
+    now = sim.reconfigured(other_scene(13))
+    assert np.abs(early.control_points - now.control_points).max() > 1e-2
+    early.take_over(sim)
+    for one, other in ((early, now), (early.reconfigured(early.scene), now)):
+        assert np.array_equal(one.control_points, other.control_points)
+        assert np.array_equal(one.velocities, other.velocities)
+        assert np.array_equal(one.end_pose("start")[0], [0.01, 0.0, 0.02])
+    assert early.advance_steps(100).status.ok
+    now.advance_steps(100)
+    assert np.array_equal(early.control_points, now.control_points)
+
+
 def test_a_stiffness_changes_between_steps():
     sim = swinging(8)
     other = sim.reconfigured(other_scene(8, {"cable.bending_stiffness": 0.2}))
