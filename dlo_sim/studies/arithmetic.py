@@ -7,7 +7,10 @@ multiply-adds, which count two, on the same core in the same run.
 
 from __future__ import annotations
 
+import types
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -60,25 +63,66 @@ class Counting:
 
     __radd__, __rmul__ = __add__, __mul__
 
+    # What a kernel asks of a pivot; no arithmetic.
+    def __abs__(self) -> Counting:
+        return Counting(abs(self.value))
+
+    def __gt__(self, other: object) -> bool:
+        return self.value > _value(other)
+
+    def __eq__(self, other: object) -> bool:
+        return self.value == _value(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
 
 def _value(number: object) -> float:
     return number.value if isinstance(number, Counting) else float(number)  # type: ignore[arg-type]
+
+
+def operations(kernel: Callable[..., object], *arguments: object) -> int:
+    """Floating-point operations of one call of a kernel, as its source is written.
+
+    The source is run on counting numbers, and so is that of every kernel it calls; an expression
+    that is written twice counts twice, though the compiler may compute it once.
+    """
+    counting = [_counting(argument) for argument in arguments]
+    source = _source(kernel, {})
+    Counting.operations = 0
+    source(*counting)
+    return Counting.operations
+
+
+def _source(kernel: Any, known: dict[Any, Callable[..., object]]) -> Callable[..., object]:
+    """What was compiled to a kernel, with every kernel that it calls likewise."""
+    if kernel not in known:
+        source = kernel.py_func
+        used = {name: source.__globals__.get(name) for name in source.__code__.co_names}
+        plain = {
+            name: _source(value, known) for name, value in used.items() if hasattr(value, "py_func")
+        }
+        known[kernel] = types.FunctionType(source.__code__, source.__globals__ | plain)
+    return known[kernel]
+
+
+def _counting(argument: Any) -> Any:
+    """Arrays of counting numbers in the place of arrays, also inside named tuples."""
+    if isinstance(argument, np.ndarray) and argument.dtype == float:
+        return np.vectorize(Counting, otypes=[object])(argument)
+    if isinstance(argument, tuple) and hasattr(argument, "_replace"):
+        return type(argument)(*(_counting(value) for value in argument))
+    return argument
 
 
 def operations_per_sample(simulator: Simulator) -> int:
     """Floating-point operations of one sample of the elastic force of this scene."""
     terms = simulator.model.terms
     lattice, dim = terms.lattice, len(terms.axes)
-    counting = np.vectorize(Counting, otypes=[object])
-    one = lattice._replace(
-        xi=counting(lattice.xi[:1, :1, :1]), weights=counting(lattice.weights[:1, :1, :1])
-    )
-    coefficients = counting(np.linspace(0.5, 1.0, 3 * dim).reshape(1, -1, 1))
-    gradient = counting(np.zeros((1, 3 * dim, 1)))
-    Counting.operations = 0
-    source = getattr(span_gradient, "py_func")  # noqa: B009 (numba keeps it there)
-    source(coefficients, one, terms.stretch, terms.bend, None, terms.axes, gradient)
-    return Counting.operations
+    one = lattice._replace(xi=lattice.xi[:1, :1, :1], weights=lattice.weights[:1, :1, :1])
+    coefficients = np.linspace(0.5, 1.0, 3 * dim).reshape(1, -1, 1)
+    gradient = np.zeros((1, 3 * dim, 1))
+    arguments = (coefficients, one, terms.stretch, terms.bend, None, terms.axes, gradient)
+    return operations(span_gradient, *arguments)
 
 
 @dataclass(frozen=True)

@@ -85,4 +85,8 @@ STUDIES = {
         "time per step with and without each term of the shipped scenes, and the error without",
         "dlo_sim.studies.omission.study",
     ),
+    "scaling": Study(
+        "time per step against control points, memory over many steps, kernels and their bound",
+        "dlo_sim.studies.scaling.study",
+    ),
 }
