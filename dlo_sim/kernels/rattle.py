@@ -9,8 +9,7 @@ is
 with w_half = (q1 - q0) / tau: second order, symmetric and symplectic on the constraint manifold.
 Both lines are one banded saddle-point system in (q, mu), factorised once a step.
 
-A constraint is quadratic in its four control points, g = (sum_d x_d^T A x_d - 1) / 2 with a
-constant A whose rows sum to zero (`Chain.gram`), so only differences of control points count.
+`kernels.constraints` holds g, G and that system.
 
 Source: Andersen 1983, J. Comput. Phys. 52; Hairer, Lubich & Wanner 2006, VII.1.4.
 """
@@ -18,10 +17,22 @@ Source: Andersen 1983, J. Comput. Phys. 52; Hairer, Lubich & Wanner 2006, VII.1.
 from __future__ import annotations
 
 from dlo_sim.kernels.banded import multiply, solve_row
+from dlo_sim.kernels.constraints import (
+    add_multipliers,
+    along_gradient,
+    assemble,
+    clear_prescribed,
+    clear_row,
+    prepare,
+    slot,
+    steepness,
+    violation,
+)
 from dlo_sim.kernels.ends import end_velocities
 from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import DRIVE_WORK
 from dlo_sim.kernels.matrix import eliminate, substitute
+from dlo_sim.kernels.newton import largest
 from dlo_sim.kernels.observe import (
     begin_sample,
     end_sample,
@@ -32,135 +43,8 @@ from dlo_sim.kernels.splitting import DIVERGED, OK, decay_flow, drive_ends, eval
 
 NOT_CONVERGED = 2
 MAX_ITERATIONS = 40
-TOLERANCE = 1e-13  # on (|r'|^2 - 1) / 2, near round-off
-
-
-@kernel
-def slot(j, n, dim):
-    """Place of constraint j among the unknowns: behind the last control point that it touches."""
-    if j == 0:
-        return 1 * (dim + 1) + dim
-    if j == n - 2:
-        return n * (dim + 1)
-    return (j + 2) * (dim + 1) + dim
-
-
-@kernel
-def first_point(j, n):
-    """First of the four control points of constraint j."""
-    return min(max(j - 1, 0), n - 4)
-
-
-@kernel
-def gradient_row(x, gram, j, n, d):
-    """dg_j / dq of row d at the four control points of constraint j."""
-    first = first_point(j, n)
-    start = x[d, first]
-    e1 = x[d, first + 1] - start
-    e2 = x[d, first + 2] - start
-    e3 = x[d, first + 3] - start
-    return (
-        gram[j, 0, 1] * e1 + gram[j, 0, 2] * e2 + gram[j, 0, 3] * e3,
-        gram[j, 1, 1] * e1 + gram[j, 1, 2] * e2 + gram[j, 1, 3] * e3,
-        gram[j, 2, 1] * e1 + gram[j, 2, 2] * e2 + gram[j, 2, 3] * e3,
-        gram[j, 3, 1] * e1 + gram[j, 3, 2] * e2 + gram[j, 3, 3] * e3,
-    )
-
-
-@kernel
-def along_gradient(x, moved, gram, j, n, dim):
-    """G_j moved."""
-    first = first_point(j, n)
-    total = 0.0
-    for d in range(dim):
-        g = gradient_row(x, gram, j, n, d)
-        start = moved[d, first]
-        total += g[1] * (moved[d, first + 1] - start)
-        total += g[2] * (moved[d, first + 2] - start)
-        total += g[3] * (moved[d, first + 3] - start)
-    return total
-
-
-@kernel
-def prepare(mass, chain, n, dim):
-    """Write what never changes of the saddle-point matrix into chain.blank."""
-    stride = dim + 1
-    half = 4 * stride
-    blank = chain.blank
-    for r in range(blank.shape[0]):
-        for c in range(blank.shape[1]):
-            blank[r, c] = 0.0
-        blank[r, half] = 1.0  # unused places and prescribed DOFs
-    for d in range(dim):
-        for i in range(n):
-            if mass.free[d, i] == 0.0:
-                continue
-            r = i * stride + d
-            blank[r, half] = mass.band[d, 0, i]
-            for k in range(1, 4):
-                if i + k < n and mass.free[d, i + k] != 0.0:
-                    blank[r, half + k * stride] = mass.band[d, k, i]
-                    blank[r + k * stride, half - k * stride] = mass.band[d, k, i]
-    for j in range(n - 1):
-        first = first_point(j, n)
-        for d in range(dim):
-            for k in range(4):
-                if mass.free[d, first + k] != 0.0 and chain.gram[j, k, k] != 0.0:
-                    blank[slot(j, n, dim), half] = 0.0
-
-
-@kernel
-def assemble(x, mass, chain, n, dim):
-    """Saddle-point matrix [[M, G^T], [G, 0]] at configuration x into chain.band."""
-    stride = dim + 1
-    half = 4 * stride
-    band = chain.band
-    for r in range(band.shape[0]):
-        for c in range(2 * half + 2):
-            band[r, c] = chain.blank[r, c]
-    for j in range(n - 1):
-        place = slot(j, n, dim)
-        first = first_point(j, n)
-        for d in range(dim):
-            g = gradient_row(x, chain.gram, j, n, d)
-            for k in range(4):
-                value = g[k] * mass.free[d, first + k]
-                r = (first + k) * stride + d
-                band[r, place - r + half] = value
-                band[place, r - place + half] = value
-
-
-@kernel
-def add_multipliers(x, chain, n, dim, sign, rhs):
-    """rhs += sign G(x)^T multipliers on the DOF places."""
-    stride = dim + 1
-    for j in range(n - 1):
-        value = sign * chain.multipliers[j]
-        first = first_point(j, n)
-        for d in range(dim):
-            g = gradient_row(x, chain.gram, j, n, d)
-            for k in range(4):
-                rhs[(first + k) * stride + d] += g[k] * value
-
-
-@kernel
-def violation(x, chain, n, dim):
-    """Write -g into the constraint places of chain.rhs; returns the largest |g|."""
-    worst = 0.0
-    for j in range(n - 1):
-        value = 0.5 * (along_gradient(x, x, chain.gram, j, n, dim) - 1.0)
-        chain.rhs[slot(j, n, dim)] = -value
-        worst = max(worst, abs(value))
-    return worst
-
-
-@kernel
-def clear_prescribed(mass, n, dim, rhs):
-    """Prescribed DOFs have no equation."""
-    for i in range(n):
-        for d in range(dim):
-            if mass.free[d, i] == 0.0:
-                rhs[i * (dim + 1) + d] = 0.0
+TOLERANCE = 1e-13  # on (|r'|^2 - 1) / 2
+ROUND_OFF = 1e-15  # times coordinates over control point distance: what r' is not known better than
 
 
 @kernel
@@ -197,6 +81,7 @@ def keep_length(x, guess, start, mass, force, scale, chain, n, dim):
         mass_times(mass, d, n, chain.change[d], rhs, stride, 1.0)
     clear_prescribed(mass, n, dim, rhs)
     violation(x, chain, n, dim)
+    allowed = TOLERANCE + ROUND_OFF * largest(x, n, dim) * steepness(chain)
     for _ in range(MAX_ITERATIONS):
         substitute(chain.band, rhs.shape[0], 4 * stride, rhs)
         for i in range(n):
@@ -206,18 +91,11 @@ def keep_length(x, guess, start, mass, force, scale, chain, n, dim):
             chain.multipliers[j] += rhs[slot(j, n, dim)]
         clear_row(rhs)
         worst = violation(x, chain, n, dim)
-        if worst <= TOLERANCE:
+        if worst <= allowed:
             return True
         if not worst < 0.5:
             return False
     return False
-
-
-@kernel
-def clear_row(row):
-    """row = 0."""
-    for r in range(row.shape[0]):
-        row[r] = 0.0
 
 
 @kernel

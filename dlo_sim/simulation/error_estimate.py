@@ -41,7 +41,7 @@ from dlo_sim.scene.needs import plasticity_wanted
 from dlo_sim.scene.parameters import PARAMETERS
 from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.report import DiscretizationError, Report
-from dlo_sim.simulation.selection import SAFETY, accurate_step
+from dlo_sim.simulation.selection import accurate_step, safe_share
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -311,6 +311,7 @@ def _finer_in_space(original: Simulator, place: _Place) -> tuple[Simulator, int,
     per_step = 1
     if original.choice.method.family != IMPLICIT:
         limit = place(scene.with_values(values | {"integrator.step": 0.0})).choice.limit
-        per_step = math.ceil(original.step / (SAFETY * limit) - 1e-6)
+        safe = safe_share(original.choice.method) * limit
+        per_step = math.ceil(original.step / safe - 1e-6)
         values["integrator.step"] = original.step / per_step
     return place(scene.with_values(values)), per_step, gain / (gain - 1.0)

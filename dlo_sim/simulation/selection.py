@@ -8,13 +8,14 @@ import numpy as np
 
 from dlo_sim.core import zhai
 from dlo_sim.core.amplification import largest_step
-from dlo_sim.core.methods import IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
+from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, plasticity_wanted
 from dlo_sim.simulation import optional_terms
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
+CONSTRAINED_SAFETY = 0.8  # the pull of a fast inextensible cable adds to its frequencies
 EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is preferred
 WORTH_COMPOSING = 0.8  # of the sub-steps of energy_momentum, from which fourth order is chosen
 HORIZON = 1.0  # [s] over which a chosen step keeps the accuracy asked for
@@ -75,7 +76,8 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
     Message stamps have no finer unit than a nanosecond, so step times are exact in both.
     """
     if method.family != IMPLICIT:
-        step, why = SAFETY * limit, f"{SAFETY:g} of the stability limit {limit:.3g} s"
+        share = safe_share(method)
+        step, why = share * limit, f"{share:g} of the stability limit {limit:.3g} s"
     else:
         step, why = accurate_step(scene, method)
     period = 1.0 / scene.rate
@@ -85,6 +87,11 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
         step = period / np.ceil(period / step)  # ticks end on steps
     step = max(np.floor(step * 1e9 + 1e-3), 1.0) * 1e-9
     return float(step), f"step {step:.4g} s: {why}"
+
+
+def safe_share(method: Method) -> float:
+    """Share of the linear stability limit that is chosen as an explicit method's step."""
+    return CONSTRAINED_SAFETY if method.family == CONSTRAINED else SAFETY
 
 
 def accurate_step(scene: Scene, method: Method = METHODS["energy_momentum"]) -> tuple[float, str]:

@@ -105,6 +105,21 @@ def test_a_very_stiff_cable_moves_like_the_inextensible_one():
     assert np.abs(shapes[0] - shapes[1]).max() < 0.02 * fall
 
 
+@pytest.mark.parametrize(("n", "place"), [(400, 0.0), (1000, 0.0), (40, 1e4)])
+def test_fine_meshes_and_far_places_run_to_what_round_off_allows(n, place):
+    """Differences of coordinates lose digits with n and with the distance from the origin."""
+    wire = {
+        **{"integrator.method": "rattle", "integrator.step": 0.0, "initial.shape": "straight"},
+        **{"discretization.control_points": n, "discretization.quadrature": "gauss"},
+        **{"discretization.samples": 3},
+        **{"start.position": [place, 0.0, 0.0], "end.position": [place + 2.0, 0.0, 0.0]},
+    }
+    simulator = Simulator(load_scene(find_scene("paper_wire"), wire))
+    report = simulator.advance_steps(100)
+    assert report.status.ok, report.message
+    assert violation(simulator) < 1e-13 + 1e-15 * (place + 2.0) * 1.5 * n
+
+
 def test_ends_further_apart_than_the_length_are_refused():
     overrides = HANGING | {"end.position": [1.2, 0.0, 0.5], "initial.shape": "straight"}
     with pytest.raises(SceneError, match="rattle keeps the cable at its length"):

@@ -23,7 +23,7 @@ from dlo_sim.studies.stopwatch import Cost
 
 METHODS_TIMED = (
     *("forest_ruth", "velocity_verlet", "rattle"),
-    *("energy_momentum", "implicit_midpoint", "generalized_alpha"),
+    *("energy_momentum", "energy_momentum_4", "implicit_midpoint", "generalized_alpha"),
 )
 SIZES = {True: (9, 40, 100, 400, 2000), False: (9, 13, 19, 40, 80, 200, 500, 1000, 2000)}
 REPEATS = {True: 7, False: 25}
@@ -188,7 +188,7 @@ def describe(report: Report, runs: list[Run], quick: bool) -> dict[str, str]:
         in pieces of about {1e3 * PIECE:g} ms, or {LEAST_STEPS} explicit steps if that is more,
         which run undisturbed now and then. Implicit methods make {IMPLICIT_STEPS} steps of 2 ms, so
         that every size goes through the same 0.2 s of motion: each piece of it has its own least
-        time. The others step at 0.9 of their stability limit. An explicit step has a fixed number
+        time. The others take the step that is chosen for them. An explicit step has a fixed number
         of force evaluations; what an implicit step costs depends on its iterations, which depend on
         the motion, so the time of an iteration is given as well. `rattle` does not report the
         iterations of its constraints. *Arrays* is all that a step may touch: where it outgrows a

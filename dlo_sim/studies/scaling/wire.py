@@ -16,7 +16,7 @@ SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
 
 
 def wire(control_points: int, method: str) -> Scene:
-    """The wire with so many control points; explicit methods take 0.9 of their stability limit."""
+    """The wire with so many control points; explicit methods take the step chosen for them."""
     implicit = METHODS[method].family == IMPLICIT
     return load_scene(
         shipped_scene(NAME),
