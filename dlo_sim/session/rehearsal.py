@@ -1,6 +1,7 @@
 """A short run before the first message, so that what is compiled on first use is ready then."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -24,8 +25,10 @@ def rehearse(scene: Scene, *, live: bool = False) -> None:
     """
     session = Session(scene, live=live)
     latency = round(scene.inputs.latency * _SECOND)
+    # The first pose comes out of the smoothing, and the cable is placed, half a window later.
+    smoothing = max((end.pose_smoothing for end in scene.ends.values() if end.driven), default=0.0)
     now = _SECOND
-    for _ in range(_MESSAGES):
+    for _ in range(_MESSAGES + math.ceil(smoothing * _SECOND / _PERIOD)):
         for source in session.inputs:
             session.receive(source.topic, _still(scene, source, now), now)
         session.tick(now + latency)

@@ -8,9 +8,15 @@ from dlo_sim.session.outputs import DIAGNOSTICS, output_topics
 from dlo_sim.session.session import Session
 
 
-@pytest.mark.parametrize("latency", [0.06, 0.3])
-def test_every_input_is_taken_and_every_output_made(monkeypatch, loaded, latency):
-    scene = loaded.scene.with_values({"inputs.latency": latency, "start.position": [1, 2, 3]})
+@pytest.mark.parametrize(("latency", "smoothing"), [(0.06, 0.0), (0.3, 0.0), (0.3, 0.14)])
+def test_every_input_is_taken_and_every_output_made(monkeypatch, loaded, latency, smoothing):
+    scene = loaded.scene.with_values(
+        {
+            "inputs.latency": latency,
+            "start.position": [1, 2, 3],
+            "start.pose_smoothing": smoothing,
+        }
+    )
     made: list[Session] = []
     topics: set[str] = set()
     reports: list[bytes] = []
