@@ -8,7 +8,9 @@ frame; the cable's attachment offset and tangent in it are not known here.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,12 +52,15 @@ class EndMotion:
                 raise ValueError(f"end motion: {name} has shape {value.shape}, needs {shape}")
             value.setflags(write=False)
             object.__setattr__(self, name, value)
-        total = float(self.position.sum() + self.rotation.sum() + self.start + self.duration)
-        if not np.isfinite(total):
+        # A sum is not finite if one term is not.
+        total = float(
+            np.add.reduce(self.position, axis=None) + np.add.reduce(self.rotation, axis=None)
+        )
+        if not math.isfinite(total + self.start + self.duration):
             raise ValueError("end motion: a coefficient or time is not finite")
         if self.duration < 0.0:
             raise ValueError(f"end motion: duration {self.duration:g} s is negative")
-        norm = float(np.linalg.norm(self.orientation))
+        norm = math.hypot(*self.orientation.tolist())
         if not abs(norm - 1.0) <= _NORM_TOLERANCE:  # written so that NaN fails
             raise ValueError(f"end motion: orientation has norm {norm:g}, normalise it")
 
@@ -87,9 +92,10 @@ class EndMotion:
 
     def orientation_at(self, t: ArrayLike) -> Array:
         """Orientation, unit quaternion x, y, z, w, at t [s], shape t.shape + (4,)."""
-        return rotations.multiply(
-            rotations.from_rotation_vector(self._rotation_vector(t)), self.orientation
-        )
+        turn = self._rotation_vector(t)
+        if turn.ndim == 1:
+            return rotations.turned(self.orientation, turn)
+        return rotations.multiply(rotations.from_rotation_vector(turn), self.orientation)
 
     def angular_velocity_at(self, t: ArrayLike) -> Array:
         """Angular velocity [rad/s] in the world frame at t [s], shape t.shape + (3,)."""
@@ -97,7 +103,9 @@ class EndMotion:
         rate = self.rotation[0] + 2.0 * s * self.rotation[1]
         return moving * rotations.angular_velocity(self._rotation_vector(t), rate)
 
-    def _elapsed(self, t: ArrayLike) -> Array:
+    def _elapsed(self, t: Any) -> Array | float:
+        if isinstance(t, float):  # asked for at every pose: numpy's clip alone takes 3 us
+            return min(max(t - self.start, 0.0), self.duration)
         return np.clip(np.asarray(t, dtype=float) - self.start, 0.0, self.duration)[..., None]
 
     def _moving(self, t: ArrayLike) -> Array:

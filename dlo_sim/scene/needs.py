@@ -51,11 +51,11 @@ class Needs:
 
     def with_drive(self) -> Needs:
         """The same needs with ends that move."""
-        return self._without("drive", drive=True)
+        return self if self.drive else self._without("drive", drive=True)
 
     def with_twist(self) -> Needs:
         """The same needs with twist."""
-        return self._without("twist", twist=True)
+        return self if self.twist else self._without("twist", twist=True)
 
     def spatial(self) -> Needs:
         """The same needs in all three dimensions."""

@@ -217,15 +217,11 @@ class GripperPath:
         second_p, second_q = self._shifted(pose)
         rate = 1e9 / interval_ns
         velocity = (second_p - first_p) * rate
-        turn = rotations.to_rotation_vector(
-            rotations.multiply(second_q, rotations.conjugate(first_q))
-        )
+        turn = rotations.turns_from(first_q, second_q)
         spin = turn * rate
         ahead = (grid.time_of(last) - middle_ns) * 1e-9
         position = 0.5 * (first_p + second_p) + ahead * velocity
-        orientation = rotations.multiply(
-            rotations.from_rotation_vector(0.5 * turn + ahead * spin), first_q
-        )
+        orientation = rotations.turned(first_q, 0.5 * turn + ahead * spin)
         return self._move_to(position, velocity, orientation, spin, index, last, grid.step, time)
 
     def _move_to(
@@ -244,9 +240,7 @@ class GripperPath:
         """
         duration = (last - first) * step
         p1, p2 = _parabola(position - self._position, self._velocity, velocity, duration)
-        way = rotations.to_rotation_vector(
-            rotations.multiply(orientation, rotations.conjugate(self._orientation))
-        )
+        way = rotations.turns_from(self._orientation, orientation)
         # Angular velocity -> rate of the rotation vector at `way`: inverse left Jacobian to second
         # order.
         cross = rotations.cross(way, spin)
@@ -264,9 +258,7 @@ class GripperPath:
         self._velocity = p1 + 2.0 * duration * p2
         reached = duration * (w1 + duration * w2)
         self._spin = rotations.angular_velocity(reached, w1 + 2.0 * duration * w2)
-        self._orientation = rotations.normalized(
-            rotations.multiply(rotations.from_rotation_vector(reached), self._orientation)
-        )
+        self._orientation = rotations.normalized(rotations.turned(self._orientation, reached))
         return Segment(first, last, motion)
 
     def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment | None:

@@ -99,8 +99,8 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
     orientations = np.array([p.orientation for p in window])
     if (orientations == middle).all():
         return Pose(pose.stamp_ns, position, middle)
-    turn = rotations.from_rotation_vector(share @ rotations.turns_from(middle, orientations))
-    return Pose(pose.stamp_ns, position, rotations.multiply(turn, middle))
+    turn = share @ rotations.turns_from(middle, orientations)
+    return Pose(pose.stamp_ns, position, rotations.turned(middle, turn))
 
 
 def weights_of_the_value_at_zero(times: list[float]) -> Array:

@@ -37,9 +37,7 @@ class Shift(NamedTuple):
     def to_present(cls, pose: Pose, position: Array, orientation: Array) -> Shift | None:
         """What takes `pose` at its stamp to where the end is; None if it is there already."""
         offset = position - pose.position
-        turn = rotations.to_rotation_vector(
-            rotations.multiply(orientation, rotations.conjugate(pose.orientation))
-        )
+        turn = rotations.turns_from(pose.orientation, orientation)
         distance, angle = float(np.linalg.norm(offset)), float(np.linalg.norm(turn))
         if distance < _NEAR and angle < _NEAR:
             return None
@@ -61,10 +59,9 @@ class Shift(NamedTuple):
         weight = self.weight(pose.stamp_ns)
         if weight == 0.0:
             return pose
-        turn = rotations.from_rotation_vector(weight * self.turn)
         return pose._replace(
             position=pose.position + weight * self.offset,
-            orientation=rotations.multiply(turn, pose.orientation),
+            orientation=rotations.turned(pose.orientation, weight * self.turn),
         )
 
     def moved(self, delta_ns: int) -> Shift:

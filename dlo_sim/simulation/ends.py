@@ -55,6 +55,10 @@ class EndDrive:
         motion = self._motions[_known(end)]
         return motion.position_at(t), motion.orientation_at(t)
 
+    def orientation(self, end: str, t: float) -> Array:
+        """Quaternion of an end effector at time t."""
+        return self._motions[_known(end)].orientation_at(t)
+
     def turned_axis(self, end: str, t: float, axis: int) -> Array:
         """World direction of an axis (0, 1, 2) of an end effector at time t."""
         unit = _UNIT[axis]
@@ -62,7 +66,7 @@ class EndDrive:
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
-        return rotations.rotate(self.pose(end, t)[1], self._geometries[end].tangent)
+        return rotations.rotate(self.orientation(end, t), self._geometries[end].tangent)
 
     def put(self, points: Array, t: float) -> None:
         """Write the prescribed entries of control points (n, 4) at time t, ends driven or not."""
@@ -105,9 +109,7 @@ class EndDrive:
             )
         place = old_position if position is None else _finite(end, "position", position, 3)
         # A swing towards a new orientation keeps the twist that the way there gives it.
-        swing = rotations.to_rotation_vector(
-            rotations.multiply(turned, rotations.conjugate(old_orientation))
-        )
+        swing = rotations.turns_from(old_orientation, turned)
         row = self.motion[ENDS.index(end)]
         row[TWIST] = end_points(row, t)[6] + row[SIGN] * _twist_about(
             swing, rotations.rotate(old_orientation, row[30:33])

@@ -332,7 +332,7 @@ class Simulator(CableView):
         needs = self._needs.with_drive()
         if not self._ends.stays_in_plane(end, self._model.axes):
             needs = needs.spatial()
-        if self.scene.terms.twist == "auto" and self._ends.twists(end):
+        if self.scene.terms.twist == "auto" and not needs.twist and self._ends.twists(end):
             needs = needs.with_twist()
         self._extend(needs)
         self._turn_rest_axis()
@@ -342,7 +342,7 @@ class Simulator(CableView):
         rest = self._model.terms.rest
         if rest is not None:
             axis = np.asarray(self.scene.cable.rest_curvature_axis, dtype=float)
-            turned = rotations.rotate(self._ends.pose("start", self.time)[1], axis)
+            turned = rotations.rotate(self._ends.orientation("start", self.time), axis)
             rest.axis[:] = local_axis(turned / np.linalg.norm(axis), self._model.axes)
 
     def _open_account(self) -> None:
