@@ -188,13 +188,12 @@ class Drive:
 
     def _apply_loads(self, grid: StepGrid, target: int) -> int:
         """Apply the loads of the present step; returns the step up to which nothing changes."""
-        now_ns, step_ns = self.now_ns, grid.step * 1e9
         stop = target
         for knot in self._knots.values():
             if knot is not None and knot < stop:
                 stop = knot
         for schedule in self.schedules.values():
-            schedule.apply(now_ns, step_ns, self._driven)
+            schedule.apply(self.now_ns, grid.step * 1e9, self._driven)
             change = schedule.next_change_ns()
             if change is not None and change < grid.time_of(stop):
                 stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,7 @@ Array = NDArray[np.float64]
 _MOST_WAITING = 5000
 
 
-@dataclass(frozen=True)
-class Segment:
+class Segment(NamedTuple):
     """A motion from step `first` to step `last` (indices of the grid); `last` None: at rest until
     further notice.
     """

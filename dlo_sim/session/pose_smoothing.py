@@ -97,7 +97,7 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
     position = share @ np.array([p.position for p in window])
     middle = pose.orientation
     orientations = np.array([p.orientation for p in window])
-    if (orientations == middle).all():
+    if not np.count_nonzero(orientations != middle):
         return Pose(pose.stamp_ns, position, middle)
     turn = share @ rotations.turns_from(middle, orientations)
     return Pose(pose.stamp_ns, position, rotations.turned(middle, turn))

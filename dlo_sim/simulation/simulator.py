@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -298,12 +299,12 @@ class Simulator(CableView):
             arrays = self._mutable()
             self._kept = tuple((array, array.copy()) for array in arrays)
         for array, copy in self._kept:
-            np.copyto(copy, array)
+            copy[...] = array  # half the time of copyto
 
     def _go_back(self) -> None:
         """Take back the advance since `_keep`."""
         for array, copy in self._kept:
-            np.copyto(array, copy)
+            array[...] = copy
 
     def _mutable(self) -> tuple[Array, ...]:
         terms = self._model.terms
@@ -341,9 +342,9 @@ class Simulator(CableView):
         """The natural curvature's axis turns with the start's end effector."""
         rest = self._model.terms.rest
         if rest is not None:
-            axis = np.asarray(self.scene.cable.rest_curvature_axis, dtype=float)
+            axis = self.scene.cable.rest_curvature_axis
             turned = rotations.rotate(self._ends.orientation("start", self.time), axis)
-            rest.axis[:] = local_axis(turned / np.linalg.norm(axis), self._model.axes)
+            rest.axis[:] = local_axis(turned / math.hypot(*axis), self._model.axes)
 
     def _open_account(self) -> None:
         open_account(self.scene, self._model, self._state, self._work)
