@@ -160,21 +160,21 @@ class _Search:
         band = solver.band
         half = 4 * dim - 1
         blocks = 2.0 * np.einsum("sj,sji,sjk->sik", extra, self._slopes, self._slopes)
+        inertia = terms.mass.band[:dim]
         rhs = np.zeros((n, dim))
         for d in range(dim):
-            inertia = terms.mass.band[d]
-            rhs[:, d] = (
-                self._force[d, :n] - mass.multiply(inertia, x[d, :n] - before[d, :n]) / pseudo
-            )
-            for i in range(4):
-                rows = self._spans[:, i] * dim + d  # each only once
-                for k in range(4):
-                    band[rows, half + (k - i) * dim] += blocks[:, i, k]
+            moved = mass.multiply(inertia[d], x[d, :n] - before[d, :n])
+            rhs[:, d] = self._force[d, :n] - moved / pseudo
+        # Row i dim + d of the matrix belongs to coordinate d of control point i.
+        by_point = band[: n * dim].reshape(n, dim, -1)
+        for i in range(4):
             for k in range(4):
-                rows = np.arange(n - k)
-                band[rows * dim + d, half + k * dim] += inertia[k, : n - k] / pseudo
-                if k:
-                    band[(rows + k) * dim + d, half - k * dim] += inertia[k, : n - k] / pseudo
+                by_point[i : i + n - 3, :, half + (k - i) * dim] += blocks[:, i, k, None]
+        for k in range(4):
+            diagonal = inertia[:, k, : n - k].T / pseudo
+            by_point[: n - k, :, half + k * dim] += diagonal
+            if k:
+                by_point[k:, :, half - k * dim] += diagonal
         free = terms.mass.free[:dim]
         rhs *= free.T
         flat = rhs.ravel()
