@@ -238,14 +238,14 @@ class GripperPath:
         advances the present.
         """
         duration = (last - first) * step
-        p1, p2 = _parabola(position - self._position, self._velocity, velocity, duration)
+        p1, w1 = self._velocity, self._spin
+        p2 = _curvature(position - self._position, p1, velocity, duration)
         way = rotations.turns_from(self._orientation, orientation)
         # Angular velocity -> rate of the rotation vector at `way`: inverse left Jacobian to second
         # order.
         cross = rotations.cross(way, spin)
-        w1, w2 = _parabola(
-            way, self._spin, spin - 0.5 * cross + rotations.cross(way, cross) / 12.0, duration
-        )
+        end_rate = spin - 0.5 * cross + rotations.cross(way, cross) / 12.0
+        w2 = _curvature(way, w1, end_rate, duration)
         motion = EndMotion(
             time,
             duration,
@@ -309,10 +309,15 @@ class GripperPath:
         self._velocity, self._spin = np.zeros(3), np.zeros(3)
 
 
-def _parabola(way: Array, v0: Array, v1: Array, duration: float) -> tuple[Array, Array]:
-    """Linear and quadratic coefficient of the module's formula."""
-    defect = 0.5 * duration * (v0 + v1) - way
-    return v0, (v1 - defect / duration - v0) / (2.0 * duration)
+def _curvature(way: Array, v0: Array, v1: Array, duration: float) -> Array:
+    """Quadratic coefficient of the module's formula, for each component; v0 is the linear one."""
+    components = zip(way.tolist(), v0.tolist(), v1.tolist(), strict=True)
+    return np.array(
+        [
+            (b - (0.5 * duration * (a + b) - d) / duration - a) / (2.0 * duration)
+            for d, a, b in components
+        ]
+    )
 
 
 def _moved(pose: Pose, delta_ns: int) -> Pose:

@@ -110,7 +110,8 @@ class CableView:
     def centerline(self, u: ArrayLike) -> Array:
         """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3)."""
         columns, values, _ = self._basis(u)
-        return np.einsum("mk,mkd->md", values, self.control_points[columns, :3])
+        points = self.control_points[:, :3].take(columns, axis=0)
+        return np.einsum("mk,mkd->md", values, points)
 
     def frames(self, u: ArrayLike) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent."""
