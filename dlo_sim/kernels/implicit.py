@@ -100,7 +100,19 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
     multiply_differences(twist.stiffness, n, dx, -0.5 - beta, change)
     multiply(mass, n, dx, -a, change)
     multiply(mass, n, solver.start_w[row], 2.0 / tau, change)
+    left = solver.rhs[:n]
+    for i in range(n):
+        left[i] = change[i]
     solve_row(solver.twist_lower, solver.twist_diagonal, n, change)
+    if terms.mass.free[row, 0] != 0.0 and terms.mass.free[row, n - 1] != 0.0:
+        # The inertia of a free spin is lost beside a large stiffness in the factors, but not in
+        # the residual, whose differences do not see a spin: one refinement brings it back.
+        multiply(mass, n, change, -a, left)
+        multiply_differences(twist.stiffness, n, change, -0.5 - beta, left)
+        add_friction_row(friction, change, n, row, tau, left)
+        solve_row(solver.twist_lower, solver.twist_diagonal, n, left)
+        for i in range(n):
+            change[i] += left[i]
     lost = -friction_loss(friction, dx, n, row, tau)
     for i in range(n):
         x[row, i] += change[i]
@@ -201,12 +213,11 @@ def implicit_step(
         # The correction just made leaves about `shrinking` of the defect.
         shrinking = np.sqrt(energy / previous) if share == 1.0 and iterations > 1 else 1.0
         share = 1.0
-        converged = (
+        exhausted = change <= ROUND_OFF * reach or (stalls > 1 and change <= NOISE * reach)
+        converged = exhausted or (
             min(SAFETY * shrinking, 1.0) * defect <= tolerance * max(scale, 0.1 * inertia)
-            or change <= ROUND_OFF * reach
-            or (stalls > 1 and change <= NOISE * reach)
         )
-        if change <= ROUND_OFF * reach:
+        if exhausted:
             # The coordinates have no digits left: the account cannot be better than this.
             state.ledger[FLOOR] = max(state.ledger[FLOOR], RESOLUTION * defect)
         # What driven ends do is booked with the forces after the last correction.
