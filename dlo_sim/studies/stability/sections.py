@@ -134,6 +134,22 @@ def _stiff_verdicts(rows: Sequence[Stiff], composed: Sequence[Stiff]) -> list[Ve
                 ratio <= stiff.ASKED_ERROR,
             )
         )
+    for n, asked in stiff.ASKED_RATIO.items():
+        exact = [
+            row
+            for row in (*rows, *composed)
+            if row.n == n and (row.error_ratio or np.inf) <= stiff.ASKED_ERROR
+        ]
+        fastest = max(exact, key=lambda row: row.ratio)
+        found.append(
+            Verdict(
+                f"speed and error at n_u = {n}, any step",
+                f"{asked:g} times Forest-Ruth with at most {stiff.ASKED_ERROR:g} times the error",
+                f"{fastest.ratio:.3g} times with {fastest.error_ratio:.3g} times, at "
+                f"{1e3 * fastest.step:.3g} ms",
+                fastest.ratio >= asked,
+            )
+        )
     stopped = [row for row in hard if row.outcome]
     worst = max(row.energy_error for row in hard)
     found.append(

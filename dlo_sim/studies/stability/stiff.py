@@ -18,12 +18,13 @@ Array = NDArray[np.float64]
 
 STEPS = (2e-3, 5e-3, 1e-2)  # [s]
 HARD_STEPS = (2e-2, 5e-2, 1e-1)  # [s]
+COMPOSED_STEPS = (2e-3, 1e-2 / 3.0, 5e-3, 2e-2 / 3.0, 1e-2)  # [s] of five sub-steps each
 ASKED_RATIO = {9: 20.0, 13: 30.0, 19: 60.0, 40: 200.0}
 ASKED_ENERGY = 1e-8
 ASKED_ERROR = 1.5
 DURATION = 10.0  # [s]
 COMPARED = 2.0  # [s] over which shapes are compared
-EVERY = 0.01  # [s] between the shapes compared, a whole number of all steps
+EVERY = 0.02  # [s] between the shapes compared, a whole number of all steps
 CONVERGED = 1e-4  # [s], the converged step: a twentieth of 2 ms, 1/400 of its error
 REFERENCE = 80  # control points of the fine mesh
 
@@ -109,7 +110,7 @@ def measure(
     for step, simulator in runs.items():
         message, energy, per_step, _ = counts[step]
         error = converged = None
-        if shapes is not None and step in STEPS:
+        if shapes is not None and step not in HARD_STEPS:
             error = _distance(_shapes(simulator.scene), shapes)
             converged = _distance(_shapes(wire(n, "energy_momentum", CONVERGED)), shapes)
         found.append(

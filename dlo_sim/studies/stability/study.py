@@ -73,7 +73,7 @@ def _stiff(report: Report, quick: bool) -> list[Verdict]:
     composed = [
         row
         for n in sizes
-        for row in stiff.measure(n, stiff.STEPS, repeats, method="energy_momentum_4")
+        for row in stiff.measure(n, stiff.COMPOSED_STEPS, repeats, method="energy_momentum_4")
     ]
     return sections.add_stiff(report, rows, gauss, composed, stiff.reference_error())
 
