@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 from fake_simulator import FakeSimulator
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session
 
+MS = 1_000_000
+SECOND = 1_000_000_000
+T0 = 1000 * SECOND
 GRIPPER = {
     "gravity": [0.0, 0.0, 0.0],
     "start.pose_topic": "/gripper_pose",
@@ -69,3 +75,35 @@ class Bench:
     @property
     def events(self) -> dict:
         return dict(self.session.journal.events)
+
+
+def motion(now):
+    return 0.05 * math.sin((now - T0) * 4e-9), 0.02 * math.sin((now - T0) * 7e-9), 0.0
+
+
+def play(bench, seconds, jitter=None, gap=(0.0, 0.0), tick=5 * MS):
+    """Poses at 30 Hz and wrenches at 100 Hz, with jitter; returns (topic, stamp) -> bytes."""
+    rng = np.random.default_rng(jitter)
+    arrivals = []
+    for kind, period in (("pose", 33_333_333), ("wrench", 10 * MS)):
+        for stamp in range(T0, T0 + round(seconds * SECOND), period):
+            if not gap[0] <= (stamp - T0) * 1e-9 < gap[1] or kind == "wrench":
+                delay = 0 if jitter is None else int(rng.uniform(0, 8 * MS))
+                arrivals.append((stamp + delay, kind, stamp))
+    arrivals.sort()
+    out = {}
+    for now in range(T0, T0 + round(seconds * SECOND), tick):
+        while arrivals and arrivals[0][0] <= now:
+            arrival, kind, stamp = arrivals.pop(0)
+            if kind == "pose":
+                turn = 0.2 * math.sin((stamp - T0) * 3e-9)
+                quaternion = (0, math.sin(turn), 0, math.cos(turn))
+                bench.pose(stamp, motion(stamp), quaternion, arrival=arrival)
+            else:
+                force = (0.1 * math.sin((stamp - T0) * 5e-9), 0, 0.02)
+                bench.wrench(stamp, force, arrival=arrival)
+        bench.session.tick(now)
+        for message in bench.session.messages():
+            if message.topic in ("~/control_points", "~/start/reaction"):
+                out.setdefault((message.topic, message.stamp_ns), message.data)
+    return out

@@ -5,47 +5,12 @@ import math
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
-from session_bench import FREE, GRIPPER, LOADED
+from session_bench import FREE, GRIPPER, LOADED, MS, SECOND, T0, motion, play
 
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
 
-MS = 1_000_000
-SECOND = 1_000_000_000
-T0 = 1000 * SECOND
 STORE = get_typestore(Stores.ROS2_JAZZY)
-
-
-def motion(now):
-    return 0.05 * math.sin((now - T0) * 4e-9), 0.02 * math.sin((now - T0) * 7e-9), 0.0
-
-
-def play(bench, seconds, jitter=None, gap=(0.0, 0.0), tick=5 * MS):
-    """Poses at 30 Hz and wrenches at 100 Hz, with jitter; returns (topic, stamp) -> bytes."""
-    rng = np.random.default_rng(jitter)
-    arrivals = []
-    for kind, period in (("pose", 33_333_333), ("wrench", 10 * MS)):
-        for stamp in range(T0, T0 + round(seconds * SECOND), period):
-            if not gap[0] <= (stamp - T0) * 1e-9 < gap[1] or kind == "wrench":
-                delay = 0 if jitter is None else int(rng.uniform(0, 8 * MS))
-                arrivals.append((stamp + delay, kind, stamp))
-    arrivals.sort()
-    out = {}
-    for now in range(T0, T0 + round(seconds * SECOND), tick):
-        while arrivals and arrivals[0][0] <= now:
-            arrival, kind, stamp = arrivals.pop(0)
-            if kind == "pose":
-                turn = 0.2 * math.sin((stamp - T0) * 3e-9)
-                quaternion = (0, math.sin(turn), 0, math.cos(turn))
-                bench.pose(stamp, motion(stamp), quaternion, arrival=arrival)
-            else:
-                force = (0.1 * math.sin((stamp - T0) * 5e-9), 0, 0.02)
-                bench.wrench(stamp, force, arrival=arrival)
-        bench.session.tick(now)
-        for message in bench.session.messages():
-            if message.topic in ("~/control_points", "~/start/reaction"):
-                out.setdefault((message.topic, message.stamp_ns), message.data)
-    return out
 
 
 class TestDeterminism:
@@ -325,76 +290,6 @@ class TestFailure:
         topics = {m.topic for m in loaded.session.messages()}
         assert topics == {"~/start/reaction"}
         assert loaded.events == {"not_published": 1}
-
-
-class TestReconfigure:
-    def test_goes_on_from_the_same_state(self, loaded):
-        play(loaded, 2.0)
-        points = loaded.simulator.control_points
-        stamp = loaded.session.stamp_ns
-        loaded.session.reconfigure(loaded.scene.with_values({"integrator.step": 5e-4}))
-        assert loaded.session.stamp_ns == stamp
-        assert np.allclose(loaded.simulator.control_points, points, atol=1e-12)
-        assert loaded.simulator.loads["tip"].any()
-        places = []
-        for k in range(60, 160):
-            now = T0 + k * 33_333_333
-            loaded.pose(now, motion(now))
-            for tick in range(now, now + 33 * MS, 3 * MS):
-                loaded.session.tick(tick)
-                places.append((loaded.session.stamp_ns, loaded.simulator.control_points[0, 0]))
-        error = [x - motion(stamp)[0] for stamp, x in places]
-        assert np.abs(error).max() < 5e-4
-        assert loaded.simulator.step == 5e-4
-
-    def test_a_motion_under_way_goes_on(self, loaded):
-        """Changed in the middle of a segment: neither place nor speed of the end jumps."""
-        play(loaded, 2.0)
-        for k in range(60, 64):
-            loaded.pose(T0 + k * 33_333_333, motion(T0 + k * 33_333_333))
-        loaded.session.tick(T0 + 2003 * MS)
-        loaded.session.reconfigure(loaded.scene.with_values({"integrator.step": 5e-4}))
-        for now in range(T0 + 2003 * MS, T0 + 2100 * MS, MS):
-            loaded.session.tick(now)
-            expected = motion(loaded.session.stamp_ns)
-            assert loaded.simulator.control_points[0, :3] == pytest.approx(expected, abs=2e-4)
-
-    def test_what_was_prepared_goes_on_from_the_state_of_now(self, loaded):
-        play(loaded, 2.0)
-        scene = loaded.scene.with_values({"integrator.step": 5e-4})
-        prepared = loaded.session.prepare(scene)
-        assert loaded.simulator.step != 5e-4
-        old = loaded.simulator.control_points
-        loaded.session.tick(T0 + 2050 * MS)
-        points, stamp = loaded.simulator.control_points, loaded.session.stamp_ns
-        assert np.abs(points - old).max() > 1e-4
-        loaded.session.reconfigure(scene, prepared)
-        assert loaded.simulator is prepared.simulator
-        assert loaded.session.stamp_ns == stamp
-        assert np.allclose(loaded.simulator.control_points, points, atol=1e-12)
-
-    def test_limits_change_too(self, loaded):
-        play(loaded, 1.0)
-        loaded.session.reconfigure(loaded.scene.with_values({"inputs.max_force": 0.5}))
-        loaded.wrench(T0 + SECOND, (1, 0, 0))
-        assert loaded.refused("/wrench") == {"too_large": 1}
-
-    def test_a_refused_scene_changes_nothing(self, loaded):
-        play(loaded, 1.0)
-        simulator, scene = loaded.simulator, loaded.session.scene
-        with pytest.raises(ValueError, match="too thick"):
-            loaded.session.reconfigure(loaded.scene.with_values({"cable.diameter": 0.9}))
-        with pytest.raises(ValueError, match=r"start\.pose_topic: cannot change"):
-            loaded.session.reconfigure(loaded.scene.with_values({"start.pose_topic": "/other"}))
-        assert loaded.simulator is simulator
-        assert loaded.session.scene is scene
-        assert loaded.session.tick(T0 + SECOND).advanced_steps > 0
-
-    def test_before_the_first_pose(self, loaded):
-        loaded.session.reconfigure(loaded.scene.with_values({"discretization.control_points": 9}))
-        play(loaded, 0.5)
-        (points, *_) = loaded.session.messages()
-        assert len(cdr.decode_pose_array(points.data).poses) == 9
 
 
 class TestMessages:
