@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import rotations
+from dlo_sim.core import one_rotation, rotations
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ class EndMotion:
         """Orientation, unit quaternion x, y, z, w, at t [s], shape t.shape + (4,)."""
         turn = self._rotation_vector(t)
         if turn.ndim == 1:
-            return rotations.turned(self.orientation, turn)
+            return np.array(one_rotation.turned(self.orientation.tolist(), turn.tolist()))
         return rotations.multiply(rotations.from_rotation_vector(turn), self.orientation)
 
     def angular_velocity_at(self, t: ArrayLike) -> Array:

@@ -8,19 +8,16 @@ quaternions, or call `normalized` first.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dlo_sim.core import one_rotation
+
 Array = NDArray[np.float64]
 
 IDENTITY: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-
-# Below this angle [rad] the series of sin(a)/a and its kin are exact to rounding in double
-# precision.
-_SMALL = 1e-4
 
 
 def normalized(q: ArrayLike) -> Array:
@@ -30,11 +27,8 @@ def normalized(q: ArrayLike) -> Array:
         ValueError: if a quaternion is zero or not finite (it has no direction).
     """
     q = np.asarray(q, dtype=float)
-    if q.ndim == 1:  # plain numbers: a tenth of the time of arrays of four
-        size = math.hypot(*q.tolist())
-        if not math.isfinite(size) or size == 0.0:
-            raise ValueError("quaternion is zero or not finite: it gives no orientation")
-        return q / size
+    if q.ndim == 1:
+        return np.array(one_rotation.normalized(q.tolist()))
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
         raise ValueError("quaternion is zero or not finite: it gives no orientation")
@@ -44,19 +38,7 @@ def normalized(q: ArrayLike) -> Array:
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product a b, shape (..., 4): the rotation b followed by the rotation a."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    return _together(a.ndim == b.ndim == 1, *_product(_components(a), _components(b)))
-
-
-def _product(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
-    """Components of the Hamilton product, arrays or plain numbers like those of the factors."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
+    return _together(a.ndim == b.ndim == 1, *one_rotation.product(_components(a), _components(b)))
 
 
 def _components(v: Array) -> Any:
@@ -96,14 +78,7 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
 def cross(a: ArrayLike, b: ArrayLike) -> Array:
     """a x b over the last axis, shape (..., 3); numpy's own takes ten times as long for one."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    return _together(a.ndim == b.ndim == 1, *_cross(_components(a), _components(b)))
-
-
-def _cross(a: Any, b: Any) -> tuple[Any, Any, Any]:
-    """Components of a x b, arrays or plain numbers like those of the factors."""
-    a0, a1, a2 = a
-    b0, b1, b2 = b
-    return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    return _together(a.ndim == b.ndim == 1, *one_rotation.cross(_components(a), _components(b)))
 
 
 def to_matrix(q: ArrayLike) -> Array:
@@ -159,31 +134,24 @@ def from_rotation_vector(rotation: ArrayLike) -> Array:
     """exp(w) as quaternions, shape (..., 4), of rotation vectors (..., 3) [rad]."""
     rotation = np.asarray(rotation, dtype=float)
     if rotation.ndim == 1:
-        return np.array(_exponential(*rotation.tolist()))
+        return np.array(one_rotation.exponential(rotation.tolist()))
     angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
     angle = np.sqrt(angle2)
-    small = angle < _SMALL
+    small = angle < one_rotation.SMALL
     safe = np.where(small, 1.0, angle)
     factor = np.where(small, 0.5 - angle2 / 48.0, np.sin(0.5 * safe) / safe)
     return np.concatenate((factor * rotation, np.cos(0.5 * angle)), axis=-1)
-
-
-def _exponential(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """exp(w) of one rotation vector, in plain numbers."""
-    size = math.hypot(x, y, z)
-    ratio = 0.5 - size * size / 48.0 if size < _SMALL else math.sin(0.5 * size) / size
-    return ratio * x, ratio * y, ratio * z, math.cos(0.5 * size)
 
 
 def to_rotation_vector(q: ArrayLike) -> Array:
     """log(q): the rotation vector of the shorter way, angle in [0, pi], shape (..., 3) [rad]."""
     q = np.asarray(q, dtype=float)
     if q.ndim == 1:
-        return np.array(_logarithm(*q.tolist()))
+        return np.array(one_rotation.logarithm(q.tolist()))
     q = np.where(q[..., 3:] < 0.0, -q, q)
     axis, w = q[..., :3], q[..., 3:]
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
-    small = sine < _SMALL
+    small = sine < one_rotation.SMALL
     safe = np.where(small, 1.0, sine)
     # 2 atan2(s, w)/s = 2/w (1 - s^2/(3 w^2) + ...) for small s.
     small_w = np.where(small, w, 1.0)
@@ -193,41 +161,6 @@ def to_rotation_vector(q: ArrayLike) -> Array:
         2.0 * np.arctan2(sine, w) / safe,
     )
     return np.asarray(factor * axis)
-
-
-def _logarithm(x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
-    """log(q) of one quaternion, in plain numbers."""
-    if w < 0.0:
-        x, y, z, w = -x, -y, -z, -w
-    size = math.hypot(x, y, z)
-    if size < _SMALL:
-        ratio = 2.0 / w * (1.0 - size * size / (3.0 * w * w))
-    else:
-        ratio = 2.0 * math.atan2(size, w) / size
-    return ratio * x, ratio * y, ratio * z
-
-
-def turns_from(start: ArrayLike, orientations: ArrayLike) -> Array:
-    """Rotation vectors of the shorter ways from one orientation to others, shape (..., 3) [rad].
-
-    The same as to_rotation_vector(multiply(orientations, conjugate(start))), for one or some ten
-    orientations in a quarter of the time: one product with a matrix, the rest in plain numbers.
-    """
-    x, y, z, w = np.asarray(start, dtype=float).tolist()
-    orientations = np.asarray(orientations, dtype=float)
-    if orientations.ndim == 1:
-        return np.array(_logarithm(*_product(orientations.tolist(), (-x, -y, -z, w))))
-    product = np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
-    return np.array([_logarithm(*row) for row in (orientations @ product).tolist()])
-
-
-def turned(start: ArrayLike, rotation: ArrayLike) -> Array:
-    """exp(w) q: one orientation, turned by a rotation vector in the world frame [rad], shape (4,).
-
-    The inverse of `turns_from`; the same as multiply(from_rotation_vector(rotation), start).
-    """
-    by = _exponential(*np.asarray(rotation, dtype=float).tolist())
-    return np.array(_product(by, np.asarray(start, dtype=float).tolist()))
 
 
 def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
@@ -270,11 +203,7 @@ def angular_velocity(rotation: ArrayLike, rate: ArrayLike) -> Array:
     """
     rotation, rate = np.asarray(rotation, dtype=float), np.asarray(rate, dtype=float)
     if rotation.ndim == rate.ndim == 1:
-        way, speed = rotation.tolist(), rate.tolist()
-        one, two = _jacobian_factors(sum(x * x for x in way))
-        once = _cross(way, speed)
-        twice = _cross(way, once)
-        return np.array([r + one * a + two * b for r, a, b in zip(speed, once, twice, strict=True)])
+        return np.array(one_rotation.angular_velocity(rotation.tolist(), rate.tolist()))
     turn = cross(rotation, rate)
     angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
     # a < 0.01: the series is exact to rounding, the closed form loses digits.
@@ -288,17 +217,6 @@ def angular_velocity(rotation: ArrayLike, rate: ArrayLike) -> Array:
         (safe - np.sin(safe)) / (safe2 * safe),
     )
     return np.asarray(rate + first * turn + second * cross(rotation, turn))
-
-
-def _jacobian_factors(angle2: float) -> tuple[float, float]:
-    """(1 - cos a)/a^2 and (a - sin a)/a^3; a < 0.01 by series, as the closed form loses digits."""
-    if angle2 < 1e-4:
-        return (
-            0.5 - angle2 / 24.0 + angle2**2 / 720.0,
-            1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0,
-        )
-    angle = math.sqrt(angle2)
-    return (1.0 - math.cos(angle)) / angle2, (angle - math.sin(angle)) / (angle2 * angle)
 
 
 def _direction(v: ArrayLike) -> Array:

@@ -27,7 +27,7 @@ def curve_sample(points, columns, values, slopes, i):
 
 @entry
 def curve_frames(points, columns, values, slopes, reference, out):
-    """Quaternions (x, y, z, w) of the material frames along a spline; x axis = tangent.
+    """Points and material frames along a spline, quaternions x, y, z, w; x axis = tangent.
 
     Rotation-minimising transport by double reflection (Wang, Juettler, Zheng & Liu 2008), fourth
     order in the spacing, then a turn by theta - theta[0] about the tangent.
@@ -35,7 +35,7 @@ def curve_frames(points, columns, values, slopes, reference, out):
     Args:
         points: control points (n, 4). columns, values, slopes: active basis of m samples, (m, 4).
         reference: vector that the second axis follows at the first sample (made normal to it).
-        out: shape (m, 4).
+        out: point and quaternion of every sample, shape (m, 7).
     """
     d0, d1, d2 = reference[0], reference[1], reference[2]
     p0 = p1 = p2 = q0 = q1 = q2 = first_angle = 0.0  # tangent and point of the sample before
@@ -65,36 +65,37 @@ def curve_frames(points, columns, values, slopes, reference, out):
         c, s = np.cos(angle - first_angle), np.sin(angle - first_angle)
         m0, m1, m2 = c * d0 + s * b0, c * d1 + s * b1, c * d2 + s * b2
         n0, n1, n2 = t1 * m2 - t2 * m1, t2 * m0 - t0 * m2, t0 * m1 - t1 * m0
+        out[i, 0], out[i, 1], out[i, 2] = x0, x1, x2
         write_quaternion(t0, t1, t2, m0, m1, m2, n0, n1, n2, out[i])
 
 
 @kernel
 def write_quaternion(x0, x1, x2, y0, y1, y2, z0, z1, z2, out):
-    """Quaternion (x, y, z, w) of the rotation with columns x, y, z; the largest entry is positive.
+    """Quaternion of the rotation with columns x, y, z into out[3:7]; its largest entry is positive.
 
     Source: Shepperd 1978 (the branch with the largest denominator).
     """
     trace = x0 + y1 + z2
     if trace >= x0 and trace >= y1 and trace >= z2:
-        out[3] = 1.0 + trace
-        out[0] = y2 - z1
-        out[1] = z0 - x2
-        out[2] = x1 - y0
-    elif x0 >= y1 and x0 >= z2:
-        out[0] = 1.0 + 2.0 * x0 - trace
-        out[1] = x1 + y0
-        out[2] = x2 + z0
+        out[6] = 1.0 + trace
         out[3] = y2 - z1
+        out[4] = z0 - x2
+        out[5] = x1 - y0
+    elif x0 >= y1 and x0 >= z2:
+        out[3] = 1.0 + 2.0 * x0 - trace
+        out[4] = x1 + y0
+        out[5] = x2 + z0
+        out[6] = y2 - z1
     elif y1 >= z2:
-        out[1] = 1.0 + 2.0 * y1 - trace
-        out[0] = x1 + y0
-        out[2] = y2 + z1
-        out[3] = z0 - x2
+        out[4] = 1.0 + 2.0 * y1 - trace
+        out[3] = x1 + y0
+        out[5] = y2 + z1
+        out[6] = z0 - x2
     else:
-        out[2] = 1.0 + 2.0 * z2 - trace
-        out[0] = x2 + z0
-        out[1] = y2 + z1
-        out[3] = x1 - y0
-    norm = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2 + out[3] ** 2)
-    for k in range(4):
+        out[5] = 1.0 + 2.0 * z2 - trace
+        out[3] = x2 + z0
+        out[4] = y2 + z1
+        out[6] = x1 - y0
+    norm = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
+    for k in range(3, 7):
         out[k] /= norm

@@ -172,21 +172,25 @@ class StampedEncoder:
 
 
 class PoseArrayEncoder:
-    """Encodes a PoseArray of a constant number of poses in a constant frame."""
+    """Encodes a PoseArray of a constant number of poses in a constant frame.
+
+    Attributes:
+        rows: the poses in the message, to be filled in: x, y, z [m], quaternion x, y, z, w, shape
+            (count, 7).
+    """
 
     def __init__(self, frame_id: str, count: int) -> None:
         writer = _Writer()
         writer.header(frame_id)
         writer.numbers("I", count)
         begin = writer.numbers("d", *([0.0] * (7 * count)))
-        self._data = writer.data
-        self._poses = np.frombuffer(self._data, "<f8", 7 * count, begin).reshape(count, 7)
+        # Four bytes in front put the numbers where compiled code wants them: on multiples of eight.
+        self._data = memoryview(bytearray(4) + writer.data)[4:]
+        self.rows = np.frombuffer(self._data, "<f8", 7 * count, begin).reshape(count, 7)
 
-    def encode(self, stamp_ns: int, positions: Array, orientations: Array) -> bytes:
-        """The message; positions (n, 3) [m], orientations (n, 4) quaternions x, y, z, w."""
+    def encode(self, stamp_ns: int) -> bytes:
+        """The message with this stamp [ns] and the poses in `rows`."""
         _STAMP.pack_into(self._data, 4, *divmod(stamp_ns, _NANO))
-        self._poses[:, :3] = positions
-        self._poses[:, 3:] = orientations
         return bytes(self._data)
 
 

@@ -17,6 +17,7 @@ return, the path rejoins them smoothly from the pose held.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
@@ -26,6 +27,15 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.one_rotation import (
+    Quaternion,
+    Vector,
+    angular_velocity,
+    cross,
+    normalized,
+    turn_between,
+    turned,
+)
 from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 from dlo_sim.session.rejoining import Shift
 from dlo_sim.session.time_base import SECOND, StepGrid
@@ -33,6 +43,8 @@ from dlo_sim.session.time_base import SECOND, StepGrid
 __all__ = ["GripperPath", "Pose", "Segment"]
 
 Array = NDArray[np.float64]
+
+_ZERO: Vector = (0.0, 0.0, 0.0)
 
 # Poses waiting to be used; a paused simulation must not collect them for ever.
 _MOST_WAITING = 5000
@@ -86,10 +98,10 @@ class GripperPath:
         self._center: Pose | None = None
         self._interval_ns = 0
         self._shift: Shift | None = None
-        self._position = np.zeros(3)
-        self._velocity = np.zeros(3)
-        self._orientation = np.array(rotations.IDENTITY)
-        self._spin = np.zeros(3)
+        self._position: Vector = _ZERO
+        self._velocity: Vector = _ZERO
+        self._orientation: Quaternion = rotations.IDENTITY
+        self._spin: Vector = _ZERO
 
     @property
     def waiting(self) -> int:
@@ -133,7 +145,7 @@ class GripperPath:
             self._center = self._queue.popleft()
         assert self._center is not None, "begin() needs a pose"
         self._stop_at(self._center.position, self._center.orientation)
-        return self._position, self._orientation
+        return np.array(self._position), np.array(self._orientation)
 
     def skip_to(self, base_ns: int, position: Array, orientation: Array) -> None:
         """The simulation jumped to `base_ns` with the end resting at this pose: drop older poses,
@@ -141,7 +153,7 @@ class GripperPath:
         """
         while self._queue and self._queue[0].stamp_ns <= base_ns:
             self._center = self._queue.popleft()
-        self._stop_at(np.array(position, dtype=float), np.array(orientation, dtype=float))
+        self._stop_at(_vector(position), _quaternion(orientation))
         if self._center is not None:
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
@@ -157,9 +169,10 @@ class GripperPath:
                 [s].
         """
         target = self._position, self._velocity, self._orientation, self._spin
-        self._position, self._velocity = motion.position_at(now), motion.velocity_at(now)
-        self._orientation = rotations.normalized(motion.orientation_at(now))
-        self._spin = motion.angular_velocity_at(now)
+        self._position = _vector(motion.position_at(now))
+        self._velocity = _vector(motion.velocity_at(now))
+        self._orientation = normalized(_quaternion(motion.orientation_at(now)))
+        self._spin = _vector(motion.angular_velocity_at(now))
         return self._move_to(*target, 0, last, grid.step, time)
 
     def next_segment(
@@ -215,20 +228,20 @@ class GripperPath:
         first_p, first_q = self._shifted(center)
         second_p, second_q = self._shifted(pose)
         rate = 1e9 / interval_ns
-        velocity = (second_p - first_p) * rate
-        turn = rotations.turns_from(first_q, second_q)
-        spin = turn * rate
         ahead = (grid.time_of(last) - middle_ns) * 1e-9
-        position = 0.5 * (first_p + second_p) + ahead * velocity
-        orientation = rotations.turned(first_q, 0.5 * turn + ahead * spin)
+        velocity = _scaled(_difference(second_p, first_p), rate)
+        position = _sum(_scaled(_sum(first_p, second_p), 0.5), _scaled(velocity, ahead))
+        turn = turn_between(first_q, second_q)
+        orientation = turned(first_q, _scaled(turn, 0.5 + ahead * rate))
+        spin = _scaled(turn, rate)
         return self._move_to(position, velocity, orientation, spin, index, last, grid.step, time)
 
     def _move_to(
         self,
-        position: Array,
-        velocity: Array,
-        orientation: Array,
-        spin: Array,
+        position: Vector,
+        velocity: Vector,
+        orientation: Quaternion,
+        spin: Vector,
         first: int,
         last: int,
         step: float,
@@ -238,34 +251,33 @@ class GripperPath:
         advances the present.
         """
         duration = (last - first) * step
-        p1, w1 = self._velocity, self._spin
-        p2 = _curvature(position - self._position, p1, velocity, duration)
-        way = rotations.turns_from(self._orientation, orientation)
+        p0, p1, w1 = self._position, self._velocity, self._spin
+        p2 = _curvature(_difference(position, p0), p1, velocity, duration)
+        way = turn_between(self._orientation, orientation)
         # Angular velocity -> rate of the rotation vector at `way`: inverse left Jacobian to second
         # order.
-        cross = rotations.cross(way, spin)
-        end_rate = spin - 0.5 * cross + rotations.cross(way, cross) / 12.0
+        once = cross(way, spin)
+        twice = cross(way, once)
+        end_rate = _sum(_sum(spin, _scaled(once, -0.5)), _scaled(twice, 1.0 / 12.0))
         w2 = _curvature(way, w1, end_rate, duration)
         motion = EndMotion(
             time,
             duration,
-            np.array([self._position, p1, p2]),
-            self._orientation,
-            np.array([w1, w2]),
+            np.array((p0, p1, p2)),
+            np.array(self._orientation),
+            np.array((w1, w2)),
         )
-        self._position = self._position + duration * (p1 + duration * p2)
-        self._velocity = p1 + 2.0 * duration * p2
-        reached = duration * (w1 + duration * w2)
-        self._spin = rotations.angular_velocity(reached, w1 + 2.0 * duration * w2)
-        self._orientation = rotations.normalized(rotations.turned(self._orientation, reached))
+        self._position, self._velocity = _sum(p0, _way(p1, p2, duration)), _rate(p1, p2, duration)
+        reached = _way(w1, w2, duration)
+        self._spin = angular_velocity(reached, _rate(w1, w2, duration))
+        self._orientation = normalized(turned(self._orientation, reached))
         return Segment(first, last, motion)
 
     def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment | None:
         """As if the last pose were repeated: to it, then absorb the miss; None: at rest."""
         center = self._center
         assert center is not None
-        moving = bool(np.any(self._velocity) or np.any(self._spin))
-        if not moving:
+        if not any(self._velocity) and not any(self._spin):
             self.silent = True
             timeout = self.timeout_ns / SECOND
             self._note("silent", f"no pose of {self.end} for {timeout:g} s; the last one is held")
@@ -273,9 +285,8 @@ class GripperPath:
         interval = max(1e-9 * self._interval_ns, 2.0 * grid.step)
         last = index + max(1, round(interval / grid.step))
         position, orientation = self._shifted(center)
-        zero = np.zeros(3)
-        segment = self._move_to(position, zero, orientation, zero, index, last, grid.step, time)
-        if np.linalg.norm(self._velocity) < 1e-9 and np.linalg.norm(self._spin) < 1e-9:
+        segment = self._move_to(position, _ZERO, orientation, _ZERO, index, last, grid.step, time)
+        if math.hypot(*self._velocity) < 1e-9 and math.hypot(*self._spin) < 1e-9:
             self._stop_at(self._position, self._orientation)
         return segment
 
@@ -300,24 +311,57 @@ class GripperPath:
                 "rejoined", f"{self.end} returns to its poses, {self._shift.distance:.3g} m away"
             )
 
-    def _shifted(self, pose: Pose) -> tuple[Array, Array]:
+    def _shifted(self, pose: Pose) -> tuple[Vector, Quaternion]:
         pose = pose if self._shift is None else self._shift.applied(pose)
         return pose.position, pose.orientation
 
-    def _stop_at(self, position: Array, orientation: Array) -> None:
+    def _stop_at(self, position: Vector, orientation: Quaternion) -> None:
         self._position, self._orientation = position, orientation
-        self._velocity, self._spin = np.zeros(3), np.zeros(3)
+        self._velocity = self._spin = _ZERO
 
 
-def _curvature(way: Array, v0: Array, v1: Array, duration: float) -> Array:
+# Vectors in plain numbers: three of them as an array take ten times as long.
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _difference(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _scaled(a: Vector, factor: float) -> Vector:
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+def _way(v0: Vector, curvature: Vector, s: float) -> Vector:
+    """What v0 s + curvature s^2 is."""
+    return _scaled(_sum(v0, _scaled(curvature, s)), s)
+
+
+def _rate(v0: Vector, curvature: Vector, s: float) -> Vector:
+    """Its derivative by s."""
+    return _sum(v0, _scaled(curvature, 2.0 * s))
+
+
+def _curvature(way: Vector, v0: Vector, v1: Vector, duration: float) -> Vector:
     """Quadratic coefficient of the module's formula, for each component; v0 is the linear one."""
-    components = zip(way.tolist(), v0.tolist(), v1.tolist(), strict=True)
-    return np.array(
-        [
-            (b - (0.5 * duration * (a + b) - d) / duration - a) / (2.0 * duration)
-            for d, a, b in components
-        ]
+    x, y, z = (
+        (b - (0.5 * duration * (a + b) - d) / duration - a) / (2.0 * duration)
+        for d, a, b in zip(way, v0, v1, strict=True)
     )
+    return x, y, z
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _quaternion(values: Array) -> Quaternion:
+    x, y, z, w = values.tolist()
+    return x, y, z, w
 
 
 def _moved(pose: Pose, delta_ns: int) -> Pose:

@@ -21,8 +21,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
+from dlo_sim.core.one_rotation import normalized
 from dlo_sim.scene.description import Load, Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.content import ContentCheck, Refused
@@ -190,9 +189,9 @@ class Intake:
         return Accepted({}, self._loads(topic, message.values, stamp_ns, end), restart)
 
     def _poses(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> dict[str, Pose]:
-        quaternion = np.array(values[3:])
-        quaternion /= math.sqrt(float(quaternion @ quaternion))
-        pose = Pose(stamp_ns, np.array(values[:3]), quaternion)
+        px, py, pz, *quaternion = values
+        x, y, z, w = quaternion
+        pose = Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
         return {entry.target: pose for entry in topic.entries}
 
     def _loads(

@@ -57,15 +57,11 @@ class Observable(Protocol):
     def control_points(self) -> Array:
         """Shape (n, 4)."""
 
-    @property
-    def greville(self) -> Array:
-        """Material coordinate of each control point [m], shape (n,)."""
-
     def centerline(self, u: Array) -> Array:
         """Points [m], shape (len(u), 3)."""
 
-    def frames(self, u: Array) -> Array:
-        """Material frames, quaternions x, y, z, w, shape (len(u), 4)."""
+    def control_poses(self, out: Array) -> None:
+        """Control points and their material frames, quaternions x, y, z, w, into out, (n, 7)."""
 
     def reaction(self, end: str) -> tuple[Array, Array]:
         """Force and torque on the cable by the end effector, world frame."""
@@ -89,12 +85,11 @@ class Outputs:
         not_finite: messages withheld because a number in them was not finite.
     """
 
-    def __init__(self, scene: Scene, control_points: int, greville: Array) -> None:
+    def __init__(self, scene: Scene, control_points: int) -> None:
         lifetime = round(_MARKER_PERIODS * SECOND / scene.outputs.marker_rate)
         frame, width = scene.frame_id, scene.cable.diameter
         samples = scene.outputs.centerline_samples
         self.not_finite = 0
-        self._greville = greville
         self._samples = np.linspace(0.0, scene.cable.length, samples)
         self._poses = cdr.PoseArrayEncoder(frame, control_points)
         self._wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame)
@@ -147,10 +142,8 @@ class Outputs:
         return self._wrench.encode(stamp_ns, wrench) if math.isfinite(sum(wrench)) else None
 
     def _encode_control_points(self, simulator: Observable, stamp_ns: int) -> bytes | None:
-        points, frames = simulator.control_points[:, :3], simulator.frames(self._greville)
-        if _finite(points) and _finite(frames):
-            return self._poses.encode(stamp_ns, points, frames)
-        return None
+        simulator.control_poses(self._poses.rows)
+        return self._poses.encode(stamp_ns) if _finite(self._poses.rows) else None
 
     def _encode_centerline(self, simulator: Observable, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._samples)

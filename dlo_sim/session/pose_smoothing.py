@@ -11,22 +11,18 @@ when one beyond its window has arrived, or after a silence.
 from __future__ import annotations
 
 from collections import deque
+from operator import mul
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dlo_sim.core import rotations
-
-Array = NDArray[np.float64]
+from dlo_sim.core.one_rotation import Quaternion, Vector, turn_between, turned
 
 
 class Pose(NamedTuple):
-    """Stamp in the time base [ns], position (3,) [m], orientation (4,) quaternion x, y, z, w."""
+    """Stamp in the time base [ns], position [m], orientation as a unit quaternion x, y, z, w."""
 
     stamp_ns: int
-    position: Array
-    orientation: Array
+    position: Vector
+    orientation: Quaternion
 
 
 class PoseSmoother:
@@ -94,17 +90,22 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
     # One part in a thousand wider, so that poses at the very ends still count for something.
     scale = 1.0 / (1.001 * half_window_ns)
     share = weights_of_the_value_at_zero([(p.stamp_ns - pose.stamp_ns) * scale for p in window])
-    position = share @ np.array([p.position for p in window])
+    position = _weighted(share, [p.position for p in window])
     middle = pose.orientation
-    orientations = np.array([p.orientation for p in window])
-    if not np.count_nonzero(orientations != middle):
+    if all(p.orientation == middle for p in window):
         return Pose(pose.stamp_ns, position, middle)
-    turn = share @ rotations.turns_from(middle, orientations)
-    return Pose(pose.stamp_ns, position, rotations.turned(middle, turn))
+    turn = _weighted(share, [turn_between(middle, p.orientation) for p in window])
+    return Pose(pose.stamp_ns, position, turned(middle, turn))
 
 
-def weights_of_the_value_at_zero(times: list[float]) -> Array:
-    """Weights g, shape (n,), so that g.y = a for the best parabola a + b t + c t^2; |t| < 1.
+def _weighted(share: list[float], vectors: list[Vector]) -> Vector:
+    """Weighted sum of vectors."""
+    x, y, z = zip(*vectors, strict=True)
+    return sum(map(mul, share, x)), sum(map(mul, share, y)), sum(map(mul, share, z))
+
+
+def weights_of_the_value_at_zero(times: list[float]) -> list[float]:
+    """Weights g so that g.y = a for the best parabola a + b t + c t^2; |t| < 1.
 
     With w = 1 - t^2 and the moments m_k = sum w t^k, g_i = w_i (x_0 + x_1 t_i + x_2 t_i^2), where x
     solves the normal equations [m_(j+k)] x = (1, 0, 0). In plain numbers: a fifth of the time that
@@ -124,4 +125,4 @@ def weights_of_the_value_at_zero(times: list[float]) -> Array:
     x0, x1, x2 = m2 * m4 - m3 * m3, m2 * m3 - m1 * m4, m1 * m3 - m2 * m2
     determinant = m0 * x0 + m1 * x1 + m2 * x2
     x0, x1, x2 = x0 / determinant, x1 / determinant, x2 / determinant
-    return np.array([x0 * w + x1 * wt + x2 * wtt for w, wt, wtt in weights])
+    return [x0 * w + x1 * wt + x2 * wtt for w, wt, wtt in weights]

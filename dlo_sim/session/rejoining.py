@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dlo_sim.core import rotations
+from dlo_sim.core.one_rotation import Quaternion, Vector, turn_between, turned
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import SECOND
-
-Array = NDArray[np.float64]
 
 # Mean speed of the return, and the least time that it takes.
 SPEED, TURN, LEAST_TIME = 1.0, 2.0, 0.1  # m/s, rad/s, s
@@ -24,21 +20,22 @@ class Shift(NamedTuple):
 
     Attributes:
         begin_ns: time base [ns]; duration: [s].
-        offset: displacement [m] at the beginning, shape (3,).
-        turn: rotation vector [rad] at the beginning, world frame, shape (3,).
+        offset: displacement [m] at the beginning.
+        turn: rotation vector [rad] at the beginning, world frame.
     """
 
     begin_ns: int
     duration: float
-    offset: Array
-    turn: Array
+    offset: Vector
+    turn: Vector
 
     @classmethod
-    def to_present(cls, pose: Pose, position: Array, orientation: Array) -> Shift | None:
+    def to_present(cls, pose: Pose, position: Vector, orientation: Quaternion) -> Shift | None:
         """What takes `pose` at its stamp to where the end is; None if it is there already."""
-        offset = position - pose.position
-        turn = rotations.turns_from(pose.orientation, orientation)
-        distance, angle = float(np.linalg.norm(offset)), float(np.linalg.norm(turn))
+        (x, y, z), (px, py, pz) = position, pose.position
+        offset = (x - px, y - py, z - pz)
+        turn = turn_between(pose.orientation, orientation)
+        distance, angle = math.hypot(*offset), math.hypot(*turn)
         if distance < _NEAR and angle < _NEAR:
             return None
         duration = max(LEAST_TIME, distance / SPEED, angle / TURN)
@@ -47,7 +44,7 @@ class Shift(NamedTuple):
     @property
     def distance(self) -> float:
         """Displacement at the beginning [m]."""
-        return float(np.linalg.norm(self.offset))
+        return math.hypot(*self.offset)
 
     def weight(self, stamp_ns: int) -> float:
         """How much of the shift is left, 1 to 0."""
@@ -59,9 +56,11 @@ class Shift(NamedTuple):
         weight = self.weight(pose.stamp_ns)
         if weight == 0.0:
             return pose
-        return pose._replace(
-            position=pose.position + weight * self.offset,
-            orientation=rotations.turned(pose.orientation, weight * self.turn),
+        (x, y, z), (ox, oy, oz), (tx, ty, tz) = pose.position, self.offset, self.turn
+        return Pose(
+            pose.stamp_ns,
+            (x + weight * ox, y + weight * oy, z + weight * oz),
+            turned(pose.orientation, (weight * tx, weight * ty, weight * tz)),
         )
 
     def moved(self, delta_ns: int) -> Shift:

@@ -372,8 +372,7 @@ class Session:
         self._most_lag_ns = round((max([MOST_LAG, *timeouts]) + inputs.catch_up) * SECOND)
 
     def _new_outputs(self) -> Outputs:
-        simulator = self._drive.simulator
-        return Outputs(self.scene, len(simulator.greville), simulator.greville)
+        return Outputs(self.scene, len(self._drive.simulator.greville))
 
 
 def _wiring(scene: Scene) -> dict[str, object]:

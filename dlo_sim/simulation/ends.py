@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import rotations
+from dlo_sim.core import one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.kernels.ends import end_points, turn
 from dlo_sim.scene.description import Scene
@@ -59,10 +59,10 @@ class EndDrive:
         """Quaternion of an end effector at time t."""
         return self._motions[_known(end)].orientation_at(t)
 
-    def turned_axis(self, end: str, t: float, axis: int) -> Array:
+    def turned_axis(self, end: str, t: float, axis: int) -> tuple[float, float, float]:
         """World direction of an axis (0, 1, 2) of an end effector at time t."""
-        unit = _UNIT[axis]
-        return np.array(turn(self.motion[ENDS.index(end)], t, unit[0], unit[1], unit[2]))
+        direction: tuple[float, float, float] = turn(self.motion[ENDS.index(end)], t, *_UNIT[axis])
+        return direction
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
@@ -109,7 +109,7 @@ class EndDrive:
             )
         place = old_position if position is None else _finite(end, "position", position, 3)
         # A swing towards a new orientation keeps the twist that the way there gives it.
-        swing = rotations.turns_from(old_orientation, turned)
+        swing = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
         row = self.motion[ENDS.index(end)]
         row[TWIST] = end_points(row, t)[6] + row[SIGN] * _twist_about(
             swing, rotations.rotate(old_orientation, row[30:33])
@@ -185,11 +185,11 @@ def _finite(end: str, what: str, value: ArrayLike, size: int) -> Array:
     return vector
 
 
-def _twist_about(rotation: Array, axis: Array) -> float:
+def _twist_about(rotation: ArrayLike, axis: Array) -> float:
     """Swing-twist: angle [rad] of a rotation vector about an axis."""
     angle = float(np.linalg.norm(rotation))
     norm = float(np.linalg.norm(axis))
     if angle == 0.0 or norm == 0.0:
         return 0.0
-    along = float(rotation @ axis) / (norm * angle)
+    along = float(np.dot(rotation, axis)) / (norm * angle)
     return float(2.0 * np.arctan2(np.sin(0.5 * angle) * along, np.cos(0.5 * angle)))

@@ -115,10 +115,18 @@ class CableView:
 
     def frames(self, u: ArrayLike) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent."""
-        columns, values, slopes = self._basis(u)
-        out = np.empty((len(values), 4))
-        curve_frames(self.control_points, columns, values, slopes, self._frame_reference(), out)
-        return out
+        basis = self._basis(u)
+        poses = np.empty((len(basis[0]), 7))
+        curve_frames(self.control_points, *basis, self._frame_reference(), poses)
+        return poses[:, 3:]
+
+    def control_poses(self, out: Array) -> None:
+        """Into out, shape (n_u, 7): every control point [m] with the material frame at its material
+        coordinate, quaternion x, y, z, w.
+        """
+        points = self.control_points
+        curve_frames(points, *self._basis(self._greville), self._frame_reference(), out)
+        out[:, :3] = points[:, :3]
 
     def energy(self) -> Energy:
         """Energies of the present state."""
@@ -190,6 +198,6 @@ class CableView:
             self._bases[key] = table
         return table
 
-    def _frame_reference(self) -> Array:
+    def _frame_reference(self) -> tuple[float, float, float]:
         """A vector that the second axis of the material frame follows at the start."""
         return self._ends.turned_axis("start", self.time, self._frame_axis)

@@ -123,21 +123,3 @@ def test_nonsense_is_refused():
         r.normalized([np.nan, 0, 0, 1])
     with pytest.raises(ValueError, match="direction"):
         r.minimal_rotation([0, 0, 0], [1, 0, 0])
-
-
-def test_turns_from_one_orientation_to_many():
-    orientations = random_quaternions(9)
-    start = orientations[4]
-    slowly = [r.to_rotation_vector(r.multiply(q, r.conjugate(start))) for q in orientations]
-    assert np.allclose(r.turns_from(start, orientations), slowly, rtol=0.0, atol=1e-12)
-    single = [r.turns_from(start, q) for q in orientations]
-    assert np.array_equal(single, slowly)
-
-
-def test_turned_is_the_product_and_undoes_turns_from():
-    start, other = random_quaternions(2)
-    turn = r.turns_from(start, other)
-    assert np.linalg.norm(turn) > 0.1
-    there = r.turned(start, turn)
-    assert np.array_equal(there, r.multiply(r.from_rotation_vector(turn), start))
-    assert np.allclose(r.to_matrix(there), r.to_matrix(other), atol=1e-15)

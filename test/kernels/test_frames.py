@@ -19,9 +19,10 @@ def frames(points, tangents, angles=None, reference=(0.0, 0.0, 1.0)):
     columns[:, 0], columns[:, 1] = np.arange(count), count + np.arange(count)
     values, slopes = np.zeros((count, 4)), np.zeros((count, 4))
     values[:, 0] = slopes[:, 1] = 1.0
-    out = np.zeros((count, 4))
-    curve_frames(table, columns, values, slopes, np.array(reference), out)
-    return out
+    out = np.zeros((count, 7))
+    curve_frames(table, columns, values, slopes, tuple(map(float, reference)), out)
+    assert np.array_equal(out[:, :3], points)
+    return out[:, 3:]
 
 
 def helix(count, radius=0.3, pitch=0.5, turns=1.5):

@@ -60,8 +60,9 @@ class FakeSimulator:
         points = self.control_points[:, :3]
         return np.stack([np.interp(u, self.greville, points[:, k]) for k in range(3)], axis=1)
 
-    def frames(self, u):
-        return np.tile([0.0, 0.0, 0.0, 1.0], (len(u), 1))
+    def control_poses(self, out):
+        out[:, :3] = self.control_points[:, :3]
+        out[:, 3:] = 0.0, 0.0, 0.0, 1.0
 
     def reaction(self, end):
         force = np.array([*self.motions[end].velocity_at(self.time)])

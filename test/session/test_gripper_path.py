@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dlo_sim.core import rotations
+from dlo_sim.core import one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.session.gripper_path import GripperPath, Pose
 from dlo_sim.session.time_base import SECOND, StepGrid
@@ -27,8 +27,8 @@ class Driver:
         self.segments = []
 
     def add(self, seconds, position=(0, 0, 0), turn=(0, 0, 0)):
-        orientation = rotations.from_rotation_vector(turn)
-        self.path.add(Pose(round(seconds * SECOND), np.array(position, float), orientation))
+        orientation = one_rotation.exponential(turn)
+        self.path.add(Pose(round(seconds * SECOND), tuple(map(float, position)), orientation))
 
     def begin(self, seconds):
         self.path.begin(round(seconds * SECOND))
