@@ -261,3 +261,40 @@ def anchor_work(springs, kept, x0, x1, n):
                     anchor = 0.5 * (springs.anchor[e, d] + kept[e, d])
                     done += springs.stiffness[e, d] * moved * (anchor - 0.5 * (x0[d, i] + x1[d, i]))
     return done
+
+
+@entry
+def end_wrench(missing, x, springs, axes, n, e, twist_row):
+    """Force [N] and moment about the attachment [N m] on the cable by end e (0 start, 1 end), world
+    frame, six numbers.
+
+    `missing` holds the forces on the prescribed rows; a spring of the end pulls too. The row of the
+    twist angle is -1 without twist.
+    """
+    outer = 0 if e == 0 else n - 1
+    inner = 1 if e == 0 else n - 2
+    a0 = a1 = a2 = f0 = f1 = f2 = m0 = m1 = m2 = 0.0
+    for d in range(len(axes)):
+        arm = x[d, inner] - x[d, outer]
+        near = missing[d, inner]
+        total = missing[d, outer] + near
+        if springs is not None:
+            total -= springs.stiffness[e, d] * (x[d, outer] - springs.anchor[e, d])
+        if axes[d] == 0:
+            a0, f0, m0 = arm, total, near
+        elif axes[d] == 1:
+            a1, f1, m1 = arm, total, near
+        else:
+            a2, f2, m2 = arm, total, near
+    about = 0.0
+    if twist_row >= 0:
+        about = missing[twist_row, outer] / np.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
+        about = about if e == 0 else -about
+    return (
+        f0,
+        f1,
+        f2,
+        a1 * m2 - a2 * m1 + about * a0,
+        a2 * m0 - a0 * m2 + about * a1,
+        a0 * m1 - a1 * m0 + about * a2,
+    )

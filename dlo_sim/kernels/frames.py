@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.jit import entry, kernel
+from dlo_sim.kernels.ends import turn
+from dlo_sim.kernels.jit import entry, kernel, shared
 
 
 @kernel
@@ -25,8 +26,8 @@ def curve_sample(points, columns, values, slopes, i):
     return x0, x1, x2, t0, t1, t2, angle
 
 
-@entry
-def curve_frames(points, columns, values, slopes, reference, out):
+@shared
+def transport(points, columns, values, slopes, reference, out):
     """Points and material frames along a spline, quaternions x, y, z, w; x axis = tangent.
 
     Rotation-minimising transport by double reflection (Wang, Juettler, Zheng & Liu 2008), fourth
@@ -67,6 +68,36 @@ def curve_frames(points, columns, values, slopes, reference, out):
         n0, n1, n2 = t1 * m2 - t2 * m1, t2 * m0 - t0 * m2, t0 * m1 - t1 * m0
         out[i, 0], out[i, 1], out[i, 2] = x0, x1, x2
         write_quaternion(t0, t1, t2, m0, m1, m2, n0, n1, n2, out[i])
+
+
+@entry
+def curve_frames(points, columns, values, slopes, reference, out):
+    """`transport` for callers from Python."""
+    transport(points, columns, values, slopes, reference, out)
+
+
+@entry
+def control_poses(x, axes, rest, twist_row, motion, t, axis, columns, values, slopes, points, out):
+    """Every control point with the material frame at its material coordinate, shape (n, 7).
+
+    Args:
+        x, axes, twist_row: rows of the state, the world axes of the first of them, the row of the
+            twist angle (-1: none). rest: coordinates of a planar cable that are no rows.
+        motion, t, axis: of the start: `kernels.ends`, time [s], what the second axis of the frames
+            follows in the end effector's frame.
+        columns, values, slopes: as in `transport`. points: scratch, shape (n, 4).
+    """
+    for i in range(points.shape[0]):
+        for k in range(3):
+            points[i, k] = rest[k]
+        for d in range(len(axes)):
+            points[i, axes[d]] = x[d, i]
+        points[i, 3] = x[twist_row, i] if twist_row >= 0 else 0.0
+    reference = turn(motion, t, axis[0], axis[1], axis[2])
+    transport(points, columns, values, slopes, reference, out)
+    for i in range(points.shape[0]):
+        for k in range(3):
+            out[i, k] = points[i, k]
 
 
 @kernel

@@ -63,8 +63,8 @@ class Observable(Protocol):
     def control_poses(self, out: Array) -> None:
         """Control points and their material frames, quaternions x, y, z, w, into out, (n, 7)."""
 
-    def reaction(self, end: str) -> tuple[Array, Array]:
-        """Force and torque on the cable by the end effector, world frame."""
+    def reaction_wrench(self, end: str) -> tuple[float, ...]:
+        """Force [N] and torque [N m] on the cable by the end effector, world frame, six numbers."""
 
 
 _Encode = Callable[[Observable, int], bytes | None]
@@ -137,8 +137,7 @@ class Outputs:
     # Each returns None instead of a message with a number that is not finite.
 
     def _encode_reaction(self, end: str, simulator: Observable, stamp_ns: int) -> bytes | None:
-        force, torque = simulator.reaction(end)
-        wrench = (*force.tolist(), *torque.tolist())
+        wrench = simulator.reaction_wrench(end)
         return self._wrench.encode(stamp_ns, wrench) if math.isfinite(sum(wrench)) else None
 
     def _encode_control_points(self, simulator: Observable, stamp_ns: int) -> bytes | None:

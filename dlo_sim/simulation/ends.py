@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.one_rotation import Vector
 from dlo_sim.kernels.ends import end_points, turn
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.geometry import ENDS, EndGeometry
 
 Array = NDArray[np.float64]
 COLUMNS = 39
-_UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 TWIST, CLAMPED, HELD, SIGN = 33, 34, slice(35, 38), 38
 
 
@@ -59,10 +59,10 @@ class EndDrive:
         """Quaternion of an end effector at time t."""
         return self._motions[_known(end)].orientation_at(t)
 
-    def turned_axis(self, end: str, t: float, axis: int) -> tuple[float, float, float]:
-        """World direction of an axis (0, 1, 2) of an end effector at time t."""
-        direction: tuple[float, float, float] = turn(self.motion[ENDS.index(end)], t, *_UNIT[axis])
-        return direction
+    def turned(self, end: str, t: float, direction: Vector) -> Vector:
+        """World direction at time t of one that is fixed in an end effector's frame."""
+        world: Vector = turn(self.motion[ENDS.index(end)], t, *direction)
+        return world
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""

@@ -65,10 +65,6 @@ class Model:
 
         `rest` fills in the constant coordinate of planar motion (leave it out for velocities).
         """
-        if len(self.axes) == 3 and rows.ndim == 2:  # asked for at every tick
-            plain = np.zeros((self.n, 4))
-            plain[:, : len(rows)] = rows[:, : self.n].T
-            return plain
         out = np.zeros((*rows.shape[:-2], self.n, 4))
         if rest:
             out[..., :3] = self.rest

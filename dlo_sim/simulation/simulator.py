@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import bspline, rotations
+from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
@@ -72,7 +72,9 @@ class Simulator(CableView):
         self._geometries = end_geometries(scene, end_poses)
         self._model = build_model(scene, needs, self._geometries)
         self._greville = bspline.greville(self._model.knots)
-        self._frame_axis = int(np.argmin(np.abs(self._geometries["start"].tangent)))
+        self._pose_points = np.zeros((self._model.n, 4))
+        x, y, z = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))].tolist()
+        self._frame_axis = x, y, z
         self._ends = EndDrive(scene, self._geometries)
         self._share_drive()
         self._state = workspace.new_state(self._model)
@@ -309,8 +311,7 @@ class Simulator(CableView):
 
     def _mutable(self) -> tuple[Array, ...]:
         terms = self._model.terms
-        arrays: list[Any] = [*self._state, self._work.load, self._work.before, self._work.pull]
-        arrays.append(self._work.anchors)
+        arrays: list[Any] = workspace.memory(self._state, self._work)
         if terms.loads is not None:
             arrays += [terms.loads.force, terms.loads.torque, terms.loads.frequency]
         if terms.springs is not None:
@@ -343,9 +344,9 @@ class Simulator(CableView):
         """The natural curvature's axis turns with the start's end effector."""
         rest = self._model.terms.rest
         if rest is not None:
-            axis = self.scene.cable.rest_curvature_axis
-            turned = rotations.rotate(self._ends.orientation("start", self.time), axis)
-            rest.axis[:] = local_axis(turned / math.hypot(*axis), self._model.axes)
+            x, y, z = self.scene.cable.rest_curvature_axis
+            turned = self._ends.turned("start", self.time, (float(x), float(y), float(z)))
+            rest.axis[:] = local_axis(np.array(turned) / math.hypot(x, y, z), self._model.axes)
 
     def _open_account(self) -> None:
         open_account(self.scene, self._model, self._state, self._work)
@@ -368,7 +369,7 @@ class Simulator(CableView):
 
     def _extend(self, needs: Needs) -> None:
         """Something that was left out matters now: it comes into the step, the state stays."""
-        if needs == self._needs:
+        if needs is self._needs or needs == self._needs:
             return
         points, rates = self.control_points, self.velocities
         old, ledger = self._model.terms, self._state.ledger

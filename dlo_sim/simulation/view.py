@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline
+from dlo_sim.core.one_rotation import Vector
 from dlo_sim.kernels import layout
-from dlo_sim.kernels.frames import curve_frames
+from dlo_sim.kernels.frames import control_poses, curve_frames
 from dlo_sim.kernels.observe import kinetic_energy, potentials, velocities
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
@@ -15,7 +16,7 @@ from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.account import balance
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.reaction import reaction
+from dlo_sim.simulation.reaction import Wrench, reaction
 from dlo_sim.simulation.report import Energy, UndefinedTorsion
 from dlo_sim.simulation.selection import Choice
 from dlo_sim.simulation.stepper import Stepper
@@ -43,7 +44,8 @@ class CableView:
     _stepper: Stepper
     _steps: int
     _greville: Array
-    _frame_axis: int
+    _pose_points: Array  # scratch of control_poses
+    _frame_axis: Vector
     _bases: dict[bytes, Basis]
 
     # -- what it is -----------------------------------------------------------------------------
@@ -124,9 +126,19 @@ class CableView:
         """Into out, shape (n_u, 7): every control point [m] with the material frame at its material
         coordinate, quaternion x, y, z, w.
         """
-        points = self.control_points
-        curve_frames(points, *self._basis(self._greville), self._frame_reference(), out)
-        out[:, :3] = points[:, :3]
+        model = self._model
+        control_poses(
+            self._state.position,
+            model.axes,
+            model.rest,
+            -1 if model.twist_row is None else model.twist_row,
+            self._ends.motion[0],
+            self.time,
+            self._frame_axis,
+            *self._basis(self._greville),
+            self._pose_points,
+            out,
+        )
 
     def energy(self) -> Energy:
         """Energies of the present state."""
@@ -172,6 +184,11 @@ class CableView:
         The moment is about the attachment point; it is zero at an end that is not clamped. The
         inertia and weight of the end's point mass are included.
         """
+        wrench = np.array(self.reaction_wrench(end))
+        return wrench[:3], wrench[3:]
+
+    def reaction_wrench(self, end: str) -> Wrench:
+        """`reaction` as six plain numbers: force, then moment."""
         return reaction(
             self._model,
             self._state,
@@ -198,6 +215,6 @@ class CableView:
             self._bases[key] = table
         return table
 
-    def _frame_reference(self) -> tuple[float, float, float]:
+    def _frame_reference(self) -> Vector:
         """A vector that the second axis of the material frame follows at the start."""
-        return self._ends.turned_axis("start", self.time, self._frame_axis)
+        return self._ends.turned("start", self.time, self._frame_axis)

@@ -1,6 +1,11 @@
-"""Scratch and state arrays of one simulator, allocated once."""
+"""Scratch and state arrays of one simulator, allocated once.
+
+What has to be remembered before every advance lies together, so that one copy takes all of it.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,17 +13,20 @@ from numpy.typing import NDArray
 from dlo_sim.kernels import layout, tangent
 from dlo_sim.simulation.model import Model
 
+Array = NDArray[np.float64]
+
 
 def new_state(model: Model) -> layout.State:
     """All-zero state."""
     shape = (model.rows, model.width)
-    return layout.State(
-        position=np.zeros(shape),
-        w=np.zeros(shape),
-        history=np.zeros((3, *shape)),
-        reaction=np.zeros(shape),
-        ledger=np.zeros(layout.LEDGER_SIZE),
-    )
+    return layout.State(*_together(shape, shape, (3, *shape), shape, (layout.LEDGER_SIZE,)))
+
+
+def memory(state: layout.State, work: layout.Work) -> list[Array]:
+    """What a state consists of: the blocks that hold all of State, and what Work carries over from
+    step to step.
+    """
+    return [block for block in (state.position.base, work.load.base) if block is not None]
 
 
 def new_work(model: Model) -> layout.Work:
@@ -27,16 +35,17 @@ def new_work(model: Model) -> layout.Work:
     dim = len(model.terms.axes)
     shape = (model.rows, model.width)
     spans = (blocks, 3 * dim, layout.LANES)
+    load, before, pull, anchors = _together(shape, shape, (2, model.rows, 4), (2, dim))
     return layout.Work(
         coefficients=np.zeros(spans),
         gradient=np.zeros(spans),
         force=np.zeros(shape),
-        load=np.zeros(shape),
+        load=load,
         load_before=np.zeros(shape),
-        before=np.zeros(shape),
+        before=before,
         ends=np.zeros((model.rows, 4)),
-        pull=np.zeros((2, model.rows, 4)),
-        anchors=np.zeros((2, dim)),
+        pull=pull,
+        anchors=anchors,
         v0=np.zeros(shape),
         v1=np.zeros(shape),
     )
@@ -82,3 +91,11 @@ def new_recorder(model: Model, times: NDArray[np.float64]) -> layout.Recorder:
         next=np.zeros(1, dtype=np.int64),
         before=np.zeros((model.rows, model.width)),
     )
+
+
+def _together(*shapes: tuple[int, ...]) -> list[Array]:
+    """Zeros of these shapes, one behind the other in one block of memory."""
+    sizes = [math.prod(shape) for shape in shapes]
+    block = np.zeros(sum(sizes))
+    parts = np.split(block, np.cumsum(sizes)[:-1])
+    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]

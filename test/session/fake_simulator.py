@@ -64,9 +64,8 @@ class FakeSimulator:
         out[:, :3] = self.control_points[:, :3]
         out[:, 3:] = 0.0, 0.0, 0.0, 1.0
 
-    def reaction(self, end):
-        force = np.array([*self.motions[end].velocity_at(self.time)])
-        return force, np.zeros(3)
+    def reaction_wrench(self, end):
+        return (*self.motions[end].velocity_at(self.time).tolist(), 0.0, 0.0, 0.0)
 
     def end_pose(self, end):
         motion = self.motions[end]

@@ -325,7 +325,7 @@ class TestMessages:
         assert len(line.points) == 50
         assert line.scale.x == 0.005
         assert line.lifetime.sec + line.lifetime.nanosec * 1e-9 == pytest.approx(5 / 30)
-        force, _ = loaded.simulator.reaction("start")
+        force = loaded.simulator.reaction_wrench("start")[:3]
         wrench = STORE.deserialize_cdr(by_topic["~/start/reaction"].data, cdr.WRENCH_STAMPED)
         assert (wrench.wrench.force.x, wrench.wrench.force.y) == (force[0], force[1])
 
