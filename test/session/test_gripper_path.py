@@ -119,6 +119,42 @@ def test_constant_velocity_is_exact_whatever_the_stamps():
     assert np.allclose(driver.positions(late), np.outer(late, velocity), atol=1e-8)
 
 
+def test_constant_spin_is_exact_whatever_the_stamps():
+    """The turning counterpart: about one axis, a jittered stamp leaves no trace either."""
+    rng = np.random.default_rng(3)
+    driver = Driver()
+    spin = np.array([0.6, 0.0, -0.8])
+    times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.005, 0.06, size=60))])
+    for t in times:
+        driver.add(t, turn=spin * t)
+    driver.begin(0.0)
+    driver.drain(times[-1])
+    driver.assert_continuous()
+    for t in np.linspace(0.5, driver.index * STEP - 1e-6, 100):
+        motion = driver.motion_at(t)
+        wanted = rotations.from_rotation_vector(spin * t)
+        off = rotations.multiply(motion.orientation_at(t), rotations.conjugate(wanted))
+        assert np.linalg.norm(rotations.to_rotation_vector(off)) < 1e-8
+        assert np.allclose(motion.angular_velocity_at(t), spin, rtol=0, atol=1e-6)
+
+
+def test_replanning_a_turn_from_its_start_gives_the_same_turn():
+    """The rate of a rotation vector and the angular velocity differ where the axis changes."""
+    driver = Driver()
+    for k in range(12):
+        driver.add(0.02 * k, turn=[0.2 * k, 0.3 * np.sin(0.5 * k), 0.1 * np.cos(0.7 * k)])
+    driver.begin(0.0)
+    driver.drain(1.0)
+    motion = driver.segments[-1].motion
+    steps = round(motion.duration / STEP)
+    again = driver.path.replan(motion, motion.start, GRID, steps, motion.start).motion
+    turned = np.linalg.norm(motion.rotation[0]) * motion.duration
+    assert turned > 0.15
+    assert np.allclose(again.rotation[0], motion.rotation[0], rtol=0, atol=1e-9)
+    size = np.linalg.norm(motion.rotation[1])
+    assert np.allclose(again.rotation[1], motion.rotation[1], rtol=0, atol=1e-3 * size)
+
+
 def test_uneven_stamps_do_not_ring():
     """Alternating intervals and an acceleration: the miss stays of the smoothing's order."""
     driver = Driver()

@@ -66,6 +66,26 @@ def test_a_cantilever_at_rest_is_held_against_its_weight_load_and_their_moments(
     assert not np.any(sim.reaction("end"))
 
 
+def test_a_twisted_cable_turns_its_two_clamps_against_each_other():
+    """Torque G J phi / L about the cable, equal and opposite at the ends."""
+    values = {
+        "terms.twist": "on",
+        "terms.gravity": "off",
+        "end.clamped": True,
+        "end.fixed": [True, True, True],
+    }
+    sim = simulator(SOFT, values, n=9)
+    sim.set_end("end", orientation=[np.sin(0.2), 0.0, 0.0, np.cos(0.2)])
+    points = sim.control_points
+    points[:, 3] = 0.4 * sim.greville / sim.scene.cable.length
+    sim.start_from(points)
+    torque = sim.scene.cable.GJ * 0.4 / sim.scene.cable.length
+    for end, sign in (("start", -1.0), ("end", 1.0)):
+        force, moment = sim.reaction(end)
+        assert np.allclose(moment, [sign * torque, 0.0, 0.0], rtol=0, atol=1e-12)
+        assert np.allclose(force, 0.0, rtol=0, atol=1e-12)
+
+
 def test_two_clamps_share_the_weight_evenly():
     values = {
         "end.clamped": True,
