@@ -2,7 +2,8 @@
 
 The prediction runs `inputs.latency` behind the stamps of its inputs, so jitter of the transport
 below it changes nothing; a message that comes later than that counts from its arrival and is
-reported, and the result differs from then on.
+reported, and the result differs from then on. A play in which that happened compares nothing and is
+repeated, PLAYS times at most.
 
 DLO_SIM_LIVE=60 plays 60 s of everything, and also demands that no publication was late: no gap of
 more than 2.5 periods between two of them at the node. Lost messages, counted by the sequence
@@ -41,6 +42,7 @@ RATE = 200.0
 FULL = "DLO_SIM_LIVE" in os.environ
 SECONDS = float(os.environ.get("DLO_SIM_LIVE", "6"))
 BEGIN = 1000 * SECOND
+PLAYS = 3
 
 Message = tuple[str, str, int, bytes]  # topic, type, time [ns], CDR
 
@@ -136,9 +138,14 @@ class Publications:
         self.numbers: list[int] = []
         self.times: list[int] = []
         self.poses: dict[int, bytes] = {}
-        peer.node.create_subscription(
+        self._peer = peer.node
+        self._subscription = peer.node.create_subscription(
             PoseArray, "/dlo_sim/control_points", self._take, QoSProfile(depth=1000), raw=True
         )
+
+    def end(self) -> None:
+        """Hear no more."""
+        self._peer.destroy_subscription(self._subscription)
 
     def _take(self, raw: bytes, info: dict[str, Any]) -> None:
         self.numbers.append(info["publication_sequence_number"])
@@ -191,12 +198,14 @@ def play(
     started: Callable[..., NodeProcess],
 ) -> tuple[Publications, dict[str, str], int]:
     """Play a bag into a node; returns what it published, its diagnostics and the shift [ns]."""
-    started({key: value for key, value in scene_values(scene).items() if value != []})
+    node = started({key: value for key, value in scene_values(scene).items() if value != []})
     player = Player(bag, domain, bag.with_name("player.txt"))
     try:
         return _listen(bag, scene, peer, player)
     finally:
         player.end()
+        node.end()
+        peer.until(lambda: not peer.node.count_services("/dlo_sim/reset"), "end of the node", 60.0)
 
 
 def _listen(
@@ -223,6 +232,7 @@ def _listen(
         "the last control points",
     )
     values = peer.status("dlo_sim: session", lambda values, status: True, "the session")
+    publications.end()
     return publications, values, shift
 
 
@@ -237,7 +247,11 @@ def compare(
 ) -> None:
     """Live and offline agree at every stamp that both have, in every bit or to a tolerance [m]."""
     expected = offline(bag, scene, folder / "out")
-    publications, values, shift = play(bag, scene, domain, peer, started)
+    for _ in range(PLAYS):
+        publications, values, shift = play(bag, scene, domain, peer, started)
+        stalled = values.get("event late", "0") != "0"
+        if not stalled:
+            break
     live = {stamp - shift: poses for stamp, poses in publications.poses.items()}
     common = sorted(set(live) & set(expected))
     print(
@@ -245,7 +259,7 @@ def compare(
         f"{publications.late} late, longest gap "
         f"{np.max(np.diff(publications.times)) * 1e-6:.2f} ms; {len(common)} stamps compared"
     )
-    assert values.get("event late", "0") == "0", "the machine was too slow to compare"
+    assert not stalled, f"in {PLAYS} plays the machine stopped for longer than inputs.latency"
     assert len(common) > 0.8 * RATE * (max(expected) - min(expected)) * 1e-9
     if tolerance:
         errors = np.abs(positions(live, common) - positions(expected, common)).max(axis=(1, 2))
