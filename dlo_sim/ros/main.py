@@ -5,13 +5,13 @@ simulator failed and `integrator.on_failure` is `stop`. Top-level imports stay l
 signal handlers are in place early.
 """
 
-import gc
 import signal
 import sys
 from collections.abc import Sequence
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from dlo_sim.ros.residence import settle
 from dlo_sim.scene.loading import SceneError
 
 if TYPE_CHECKING:
@@ -120,10 +120,7 @@ def _spin(node: "CableNode", termination: Termination) -> int:
     executor.add_node(node)
     try:
         termination.only_note()
-        # What start-up has allocated (modules, compiled code) stays; scanning it for garbage would
-        # hold up a tick.
-        gc.collect()
-        gc.freeze()
+        settle()
         while not termination.requested and node.failure is None:
             executor.spin_once(timeout_sec=_LONGEST_SPIN)
     finally:
