@@ -118,8 +118,7 @@ def test_pages_stay_in_memory_where_that_is_allowed(
     probe = "from dlo_sim.ros.residence import settle; raise SystemExit(0 if settle() else 1)"
     allowed = subprocess.run([sys.executable, "-c", probe], check=False).returncode == 0
     node = started(HELD)
-    received = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
-    peer.until(lambda: received, "control points")
+    peer.status("dlo_sim: node", lambda values, status: True, "the first report")
     status = Path(f"/proc/{node.process.pid}/status").read_text()
     locked = [int(line.split()[1]) for line in status.splitlines() if line.startswith("VmLck")]
     assert (locked[0] > 1000) == allowed  # kB
