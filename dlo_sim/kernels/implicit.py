@@ -64,7 +64,7 @@ STALLED = 0.2  # ratio of correction energies from which small corrections are r
 GROWTH = 1.0  # of the residual along a correction beyond which the correction is shortened
 SMALLEST_SHARE = 1e-6  # of a correction; below, the step is halved
 NOISE = 1e-9  # largest share of the coordinates that such corrections may have
-BUDGET = 1_000_000  # unknowns times iterations per step, with all its pieces: half a second
+BUDGET = 300_000  # unknowns times iterations per step, with all its pieces: some 30 ms
 LEAST_BUDGET = 500  # iterations per step
 SAFETY = 10.0  # on the shrinking of the next correction
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
@@ -275,15 +275,15 @@ def implicit_step_halving(
     alpha,
     tolerance,
     halvings,
+    allowed,
 ):
     """One sub-step tau of a step, done in smaller pieces where Newton does not converge: (status,
-    iterations).
+    iterations). It is given up after so many as are `allowed`.
     """
     total = 0
     level = 0
     done = 0  # in units of tau 2^-MAX_HALVINGS
     whole = 1 << MAX_HALVINGS
-    budget = max(BUDGET // (terms.lattice.n * len(terms.axes)), LEAST_BUDGET)
     while done < whole:
         piece = whole >> level
         converged, used = implicit_step(
@@ -306,7 +306,7 @@ def implicit_step_halving(
             # Grow again only where the larger piece is aligned, so that pieces nest.
             if level > 0 and done % (2 * piece) == 0:
                 level -= 1
-        elif level == halvings or total > budget:
+        elif level == halvings or total > allowed:
             return NOT_CONVERGED, total
         else:
             level += 1
@@ -338,8 +338,10 @@ def advance_implicit(
     how often a step may be halved. The energy account is updated every step.
     """
     iterations = 0
+    budget = max(BUDGET // (terms.lattice.n * len(terms.axes)), LEAST_BUDGET)
     for step in range(first_step, first_step + steps):
         t0 = step * tau
+        before = iterations
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
         clear(state.reaction)
         at = 0.0
@@ -358,6 +360,7 @@ def advance_implicit(
                 alpha,
                 tolerance,
                 halvings,
+                budget - (iterations - before),
             )
             iterations += used
             at += substeps[k]

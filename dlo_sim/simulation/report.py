@@ -13,7 +13,8 @@ class Status(Enum):
     OK = "advanced as asked"
     DIVERGED = "the energy grew beyond what was put in; the last good state is kept"
     NOT_CONVERGED = (
-        "Newton's method did not converge even with small steps; the last good state is kept"
+        "Newton's method did not converge even with small steps, or would take too long; use a "
+        "smaller integrator.step; the last good state is kept"
     )
 
     @property
