@@ -114,7 +114,7 @@ def new_lane(simulator: Simulator) -> Lane:
     """The lane of a simulator at its start."""
     return Lane(
         simulator.model,
-        layout.State(*simulator.snapshot().arrays[: len(layout.State._fields)]),
+        simulator.state,
         simulator.method,
         simulator.step,
         simulator.scene.integrator.step,

@@ -98,6 +98,11 @@ class CableView:
         return self._model.to_columns(self._state.position)
 
     @property
+    def state(self) -> layout.State:
+        """A copy of the state in the coordinates of the step."""
+        return layout.State(*(array.copy() for array in self._state))
+
+    @property
     def velocities(self) -> Array:
         """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
         out = np.zeros_like(self._state.w)
