@@ -121,6 +121,20 @@ def test_a_stop_with_a_reason_is_not_wrong(case, monkeypatch):
     assert run_case(case).outcome == WRONG
 
 
+@pytest.mark.parametrize(
+    ("seed", "outcome"),
+    [
+        (1508, STOPPED),  # every step took seconds
+        (1712, RAN),  # steps of 1 us, 100 m long: rounding shows in the momentum
+        (1866, STOPPED),  # half of the energy was off between two looks at it
+    ],
+)
+def test_scenes_that_went_wrong_once(seed, outcome):
+    found = run_case(draw_case(seed))
+    assert (found.outcome, found.problem) == (outcome, "")
+    assert found.wall < 5.0  # s
+
+
 def test_more_time_than_the_budget_is_wrong(case):
     assert "budget" in run_case(case, budget=0.0).problem
 
