@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels import layout
-from dlo_sim.kernels.observe import DIVERGED_SHARE, kinetic_energy, potentials, start_account
+from dlo_sim.kernels.observe import kinetic_energy, potentials, start_account
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.model import Model
 
 CREEP = 1e-6  # of the length per second: motion slower than that exchanges no energy
+# Of the energy exchanged, between two looks of an explicit loop: right after a blow little has been
+# exchanged, and near its limit a stable method errs by more than half of that for a few steps.
+GROSS_SHARE = 1.0
 
 
 def open_account(scene: Scene, model: Model, state: layout.State, work: layout.Work) -> None:
@@ -33,7 +36,7 @@ def balance(model: Model, state: layout.State, work: layout.Work) -> tuple[float
     return abs(error), max(ledger[layout.EXCHANGED], kinetic, largest, *np.abs(works))
 
 
-def diverged(model: Model, state: layout.State, work: layout.Work) -> bool:
+def grossly_open(model: Model, state: layout.State, work: layout.Work) -> bool:
     """Whether the energy is so far from its account that the state may not be shown."""
     error, exchanged = balance(model, state, work)
-    return bool(not error <= DIVERGED_SHARE * exchanged + state.ledger[layout.FLOOR])
+    return bool(not error <= GROSS_SHARE * exchanged + state.ledger[layout.FLOOR])

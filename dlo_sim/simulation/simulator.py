@@ -18,7 +18,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, needs_of, needs_of_load
 from dlo_sim.simulation import optional_terms, workspace
-from dlo_sim.simulation.account import diverged, open_account
+from dlo_sim.simulation.account import grossly_open, open_account
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import ENDS, Pose, end_geometries
 from dlo_sim.simulation.model import build_model, local_axis
@@ -294,7 +294,7 @@ class Simulator(CableView):
             return False
         if self._stepper.looked_at(step):
             return True
-        return not diverged(self._model, self._state, self._work)
+        return not grossly_open(self._model, self._state, self._work)
 
     def _keep(self) -> None:
         """Remember the state before an advance, without allocating."""

@@ -126,7 +126,7 @@ def test_a_stop_with_a_reason_is_not_wrong(case, monkeypatch):
     [
         (1508, STOPPED),  # every step took seconds
         (1712, RAN),  # steps of 1 us, 100 m long: rounding shows in the momentum
-        (1866, STOPPED),  # half of the energy was off between two looks at it
+        (1866, STOPPED),  # 0.63 of the energy exchanged is off between two looks at it
     ],
 )
 def test_scenes_that_went_wrong_once(seed, outcome):
