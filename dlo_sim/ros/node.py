@@ -205,7 +205,12 @@ class CableNode(Node):
         self._tick()
 
     def _adopt(self, scene: Scene, prepared: Prepared) -> None:
-        """Go on with a changed scene; callbacks take turns, so this is between two ticks."""
+        """Go on with a changed scene; callbacks take turns, so this is between two ticks.
+
+        One comes right before and one right after, so that only the change itself lies between
+        them and not what else is done with parameters.
+        """
+        self._keep_ticking()
         before = self._session.scene
         self._session.reconfigure(scene, prepared)
         self._outputs.follow(scene)
@@ -213,6 +218,7 @@ class CableNode(Node):
             self.destroy_timer(self._timer)
             self._timer = self._tick_timer(scene)
         self._times.interrupt()
+        self._tick()
         self.get_logger().info(f"parameters changed: {_summary(self._session)}")
 
     # -- services -------------------------------------------------------------------------------
