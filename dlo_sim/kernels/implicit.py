@@ -163,11 +163,12 @@ def implicit_step(
     converged = False
     iterations = 0
     previous = np.inf
-    linearize = True
+    # Of the types that they keep: a literal would have numba compile what it is passed to twice.
+    linearize = iterations == 0
     slope = 0.0  # |residual . correction| before the last correction
     share = 1.0  # of the last correction that is in x
     stalls = 0  # corrections in a row that did not get smaller
-    known = 0  # corrections since the matrix was made
+    known = np.int64(0)  # corrections since the matrix was made
     lost = 0.0
     while True:
         lost = step_force(
@@ -204,7 +205,7 @@ def implicit_step(
             hold_prescribed(terms.mass.free, n, dim, solver.band)
             if not eliminate(solver.band, n * dim, 4 * dim - 1):
                 break
-            known = 0
+            known = np.int64(0)
         energy, slope, defect, change = correct(x, work.before, solver, known, n, dim)
         known += 1
         if not energy < 1e300:
