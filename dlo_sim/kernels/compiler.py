@@ -2,7 +2,7 @@
 
 A scene's entries call some 120 kernels, all of them copied into the entry. Compared with numba's
 compiler for separate functions, this one
-- links and optimises an entry as a whole, once (`_Part`, `_Whole`);
+- optimises an entry as a whole, once (`_Part`, `_Whole`);
 - skips the stages that kernels have no use for (`_UNUSED_STAGES`);
 - writes them down without copies (`lowering`) and looks up operators once (`resolution`).
 What others compile in the same process is not affected.
@@ -38,13 +38,6 @@ _UNUSED_STAGES = {  # for closures, with blocks, raised exceptions, array expres
 class _Whole(JITCodeLibrary):
     """The code of an entry with all the kernels below it."""
 
-    def add_linking_library(self, library: Any) -> None:
-        library._ensure_finalized()
-        parts = [library]
-        if isinstance(library, _Part):
-            parts = [library.alone, *library._linking_libraries]
-        self._linking_libraries += [part for part in parts if part not in self._linking_libraries]
-
     def _optimize_functions(self, ll_module: Any) -> None:
         """As numba does, except for functions that are only declared here."""
         ll_module.data_layout = self._codegen._data_layout
@@ -77,27 +70,13 @@ class _Part(_Whole):
     each into machine code that nobody runs: a fifth of the time that a scene takes to compile.
     """
 
-    def __init__(self, codegen: Any, name: str) -> None:
-        super().__init__(codegen, name)
-        self.alone = _Alone(self)
+    def _optimize_final_module(self) -> None:
+        pass
 
-    def finalize(self) -> None:
-        self._raise_if_finalized()
-        for function in self._final_module.functions:
-            if not function.is_declaration and function.linkage == binding.Linkage.external:
-                function.linkage = binding.Linkage.linkonce_odr
+    def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
         self._finalized = True
-
-    def _get_module_for_linking(self) -> Any:
-        """With all that it calls: for callers that numba compiles in its own way."""
-        self._ensure_finalized()
-        if self._shared_module is None:
-            whole = self._final_module.clone()
-            for library in self._linking_libraries:
-                whole.link_in(library._get_module_for_linking(), preserve=True)
-            self._shared_module: Any = whole
-        return self._shared_module
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()

@@ -13,8 +13,8 @@
 - cache (entries): machine code is kept per user in a directory named after everything it depends
   on;
 - pipeline_class: numba's compiler without what only others need (`compiler`, `lowering`,
-  `resolution`). A hanging cable takes 16 s instead of 24 s to compile, and the
-  machine code is as fast.
+  `resolution`). A hanging cable takes 16 s instead of 24 s to compile, and the machine code is as
+  fast.
 """
 
 from __future__ import annotations
