@@ -98,7 +98,7 @@ assert np.allclose(compiled, expected, rtol=1e-14, atol=0.0), (compiled, expecte
 
 @numba.njit
 def late(x):
-    return [row.sum() for row in x] + [early(x)[0], np.dot(x[0].copy(), x[1].copy())]
+    return [row.sum() for row in x] + [early(x)[0], (x[0].copy() * x[1]).sum()]
 
 @kernel
 def doubled(box):
