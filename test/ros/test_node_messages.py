@@ -46,9 +46,9 @@ def test_control_points(peer: Peer) -> None:
     assert len(last.poses) == CABLE["discretization.control_points"]
     assert last.poses[0].position.x == 0.0
     places = [(p.position.x, p.position.y, p.position.z) for p in last.poses]
-    # The polygon of a cable that swings under its weight is hardly longer than the cable.
+    # Wherever the cable swings: its polygon goes around its bends and is no shorter than it.
     around = sum(math.dist(a, b) for a, b in itertools.pairwise(places))
-    assert around == pytest.approx(CABLE.get("cable.length", 1.0), rel=0.05)
+    assert 0.99 < around / CABLE["cable.length"] < 1.25
     assert last.poses[-1].position.z < 0.0  # it sags
     for pose in last.poses:
         q = pose.orientation
