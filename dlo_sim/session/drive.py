@@ -173,14 +173,11 @@ class Drive:
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
         """Give every end whose motion is over the next one; returns the ends that have none yet."""
         waiting: tuple[str, ...] = ()
-        index = self.index
-        for name, knot in self._knots.items():
-            if knot is not None and index < knot:
+        for name, path in self.paths.items():
+            knot = self._knots[name]
+            if (knot is None and not path.waiting) or (knot is not None and self.index < knot):
                 continue
-            path = self.paths[name]
-            if knot is None and not path.waiting:
-                continue
-            segment = path.next_segment(grid, index, self.simulator.time, silence_ns)
+            segment = path.next_segment(grid, self.index, self.simulator.time, silence_ns)
             if segment is None:
                 waiting += (name,)
             else:

@@ -189,8 +189,7 @@ class Intake:
         return Accepted({}, self._loads(topic, message.values, stamp_ns, end), restart)
 
     def _poses(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> dict[str, Pose]:
-        px, py, pz, *quaternion = values
-        x, y, z, w = quaternion
+        px, py, pz, x, y, z, w = values
         pose = Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
         return {entry.target: pose for entry in topic.entries}
 

@@ -369,7 +369,7 @@ class Simulator(CableView):
 
     def _extend(self, needs: Needs) -> None:
         """Something that was left out matters now: it comes into the step, the state stays."""
-        if needs is self._needs or needs == self._needs:
+        if needs == self._needs:
             return
         points, rates = self.control_points, self.velocities
         old, ledger = self._model.terms, self._state.ledger

@@ -26,7 +26,9 @@ def memory(state: layout.State, work: layout.Work) -> list[Array]:
     """What a state consists of: the blocks that hold all of State, and what Work carries over from
     step to step.
     """
-    return [block for block in (state.position.base, work.load.base) if block is not None]
+    kept, carried = state.position.base, work.load.base
+    assert kept is not None and carried is not None, "both are parts of a block (`_together`)"
+    return [kept, carried]
 
 
 def new_work(model: Model) -> layout.Work:

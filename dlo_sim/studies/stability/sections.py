@@ -215,11 +215,10 @@ def add_random(report: Report, outcomes: Sequence[Outcome]) -> list[Verdict]:
         end motions, methods and steps. Each runs for 50 to 1000 steps. The balance of energy has to
         be closed to {random_checks.CONSERVING_TOLERANCE:g} of the energy exchanged with
         energy_momentum, and to {random_checks.METHOD_TOLERANCE:g} with methods that do not conserve
-        it ({random_checks.GROSS_SHARE:g} at a state between two looks of the loop), whose largest
-        errors at a step near the stability limit are in the table; where only constant forces do
-        work it is checked without the simulator's account as well, and in free flight the momentum
-        against the impulse to {random_checks.MOMENTUM_TOLERANCE:g}, beyond what the round-off of
-        the coordinates adds to it in so many steps. A scene may take {random_checks.BUDGET:g} s."""
+        it, whose largest errors at a step near the stability limit are in the table; where only
+        constant forces do work it is checked without the simulator's account as well, and in free
+        flight the momentum against the impulse to {random_checks.MOMENTUM_TOLERANCE:g}. A scene may
+        take {random_checks.BUDGET:g} s."""
     )
     _random_table(report, outcomes)
     _random_figure(report, outcomes)
