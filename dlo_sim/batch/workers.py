@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import importlib.util
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar
+
+from dlo_sim.simulation.processors import processors
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -90,7 +91,7 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
         finally:
             client.close()
         return
-    count = processes or len(os.sched_getaffinity(0))
+    count = processes or processors()
     if count == 1:
         yield Here()
         return

@@ -14,6 +14,7 @@ from typing import Any
 from dlo_sim.cli.arguments import CommandError
 
 _BAR_WIDTH = 40
+_WIPE = "\033[K"  # from the cursor to the end of the line
 
 
 def check_output_file(path: Path) -> None:
@@ -115,15 +116,21 @@ def readable(value: Any) -> str:
 def progress_bar(label: str) -> Iterator[Callable[[float], None] | None]:
     """A bar on stderr while work goes on, or None when stderr is not a terminal.
 
+    Where machine code is missing, one line on stderr says so in either case.
+
     Yields:
         A function to call with the fraction done, 0 to 1.
     """
+    if sys.stderr.isatty():
+        _draw(f"{label}: preparing ...")  # loading the compiler may take a while
+
+    from dlo_sim.simulation.machine_code import compiling_told_to
+
     if not sys.stderr.isatty():
-        yield None
+        with compiling_told_to(lambda line: print(f"dlo_sim: {line}", file=sys.stderr, flush=True)):
+            yield None
         return
     drawn = -1
-    sys.stderr.write(f"{label}: preparing ...")  # compiling a scene may take a while
-    sys.stderr.flush()
 
     def draw(fraction: float) -> None:
         nonlocal drawn
@@ -131,11 +138,15 @@ def progress_bar(label: str) -> Iterator[Callable[[float], None] | None]:
         if percent != drawn:
             drawn = percent
             bar = "#" * (percent * _BAR_WIDTH // 100)
-            sys.stderr.write(f"\r{label} [{bar:<{_BAR_WIDTH}}] {percent:3d} %")
-            sys.stderr.flush()
+            _draw(f"\r{label} [{bar:<{_BAR_WIDTH}}] {percent:3d} %")
 
     try:
-        yield draw
+        with compiling_told_to(lambda line: _draw(f"\r{_WIPE}dlo_sim: {line}\n{label} ...")):
+            yield draw
     finally:
-        sys.stderr.write("\r\033[K")
-        sys.stderr.flush()
+        _draw(f"\r{_WIPE}")
+
+
+def _draw(text: str) -> None:
+    sys.stderr.write(text)
+    sys.stderr.flush()

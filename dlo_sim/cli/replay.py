@@ -61,9 +61,10 @@ def run(options: argparse.Namespace) -> int:
     compare = _comparisons(options.compare)
 
     from dlo_sim.replay.replay import ReplayError, replay_bag, summary_values
+    from dlo_sim.simulation.machine_code import compiled_by_two
 
     try:
-        with progress_bar("replay") as progress:
+        with progress_bar("replay") as progress, compiled_by_two(scene):
             summary = replay_bag(
                 options.bag, scene, options.output, compare=compare, progress=progress
             )

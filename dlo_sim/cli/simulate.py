@@ -35,6 +35,7 @@ _REPORT = (
     "steps",
     "step_s",
     "method",
+    "choice",
     "force_evaluations",
     "real_time_factor",
     "energy_error_max",
@@ -86,9 +87,10 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None:
         check_output_file(options.output)
 
+    from dlo_sim.simulation.machine_code import compiled_by_two
     from dlo_sim.simulation.recording import record
 
-    with progress_bar("simulate") as progress:
+    with progress_bar("simulate") as progress, compiled_by_two(scene):
         recording = record(scene, options.duration, options.every, progress=progress)
     if options.output is not None:
         write_npz(options.output, _arrays(recording))
@@ -126,6 +128,7 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
     rows = {
         "method": f"{recording.method}, step {recording.step_s * 1e6:.4g} us, "
         f"{recording.steps} steps, {recording.force_evaluations} {_counted(recording.method)}",
+        "chosen": recording.choice,
         "time": f"{recording.wall_s:.3g} s ({recording.real_time_factor:.3g} x real time), "
         f"after {recording.compile_s:.2g} s to compile",
         "energy error": "-" if error is None else f"{error:.2e} of the largest energy exchanged",

@@ -70,7 +70,7 @@ def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array, float]
     n_spans = len(knots) - 2 * DEGREE - 1
     length = knots[-1]
     tolerance = 1e-9 * length
-    if u.size and (u.min() < -tolerance or u.max() > length + tolerance):
+    if u.size and not (u.min() >= -tolerance and u.max() <= length + tolerance):  # or not a number
         raise ValueError(
             f"material coordinate outside [0, {length:g}] m: {u.min():g} .. {u.max():g}"
         )

@@ -196,7 +196,7 @@ def sane(ledger, parts, floor, lane):
     known = ledger[ENERGY_START, lane] + ledger[LOAD_WORK, lane] + ledger[PENDING, lane]
     error = abs(total - known + ledger[DISSIPATED, lane])
     floor = max(ledger[FLOOR, lane], floor)
-    if np.isfinite(total) and error <= DIVERGED_SHARE * exchanged + floor:
+    if np.isfinite(total) and error <= DIVERGED_SHARE * max(exchanged, floor):
         ledger[FLOOR, lane] = floor
         ledger[EXCHANGED, lane] = exchanged
         ledger[ENERGY_ERROR, lane] = max(ledger[ENERGY_ERROR, lane], error)

@@ -86,6 +86,13 @@ def evaluate(state, stack, work, t):
 
 
 @kernel
+def settle_work(state, stack, loads, work, t):
+    """See `kernels.splitting.settle_work`."""
+    if loads is not None:
+        evaluate(state, stack, work, t)
+
+
+@kernel
 def shrink_row(keep, w):
     """w *= keep."""
     for e in range(w.shape[0]):
@@ -137,6 +144,8 @@ def advance_stack(
     keeps its last good state.
     """
     fresh = False
+    if steps > 0 and drift_weights[0] != 0.0 and state.booked[0] == 0:
+        settle_work(state, stack, stack.loads, work, first_step * tau)
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = sampled(recorder, t0, tau)
@@ -144,6 +153,8 @@ def advance_stack(
             put(state.position, recorder.before)
             put(state.w, recorder.before_w)
         fresh = stack_step(state, stack, work, drift_weights, kick_weights, step, tau, fresh)
+        if (step + 1) % guard == 0 and not fresh:
+            settle_work(state, stack, stack.loads, work, (step + 1) * tau)
         if sampling or (step + 1) % guard == 0 or step + 1 == first_step + steps:
             look(state, stack, work, step + 1)
             if sampling:

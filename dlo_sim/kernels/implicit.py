@@ -15,22 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.banded import (
-    difference_form,
-    factorize_row,
-    multiply,
-    multiply_differences,
-    solve_row,
-)
 from dlo_sim.kernels.elastic import tangent_coefficients
 from dlo_sim.kernels.ends import copy_anchors, restore_anchors
 from dlo_sim.kernels.forces import clear
-from dlo_sim.kernels.friction import (
-    add_friction_band,
-    add_friction_row,
-    friction_beta,
-    friction_loss,
-)
 from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import EXCHANGED, FLOOR, HISTORY, MAX_CORRECTIONS
 from dlo_sim.kernels.matrix import eliminate, hold_prescribed
@@ -43,6 +30,7 @@ from dlo_sim.kernels.newton import (
     restore_prescribed,
     retreat,
     shortened,
+    turned_over,
 )
 from dlo_sim.kernels.observe import RESOLUTION, begin_sample, end_sample, update_account
 from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends
@@ -55,10 +43,12 @@ from dlo_sim.kernels.step_account import (
     free_travel,
 )
 from dlo_sim.kernels.step_forces import momentum_residual, newton_matrix, step_force
+from dlo_sim.kernels.twist_step import solve_twist
 
 NOT_CONVERGED = 2
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
+CAREFUL_HALVINGS = 4  # of a step that turns a part of the cable over; then that is its motion
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
 STALLED = 0.2  # ratio of correction energies from which small corrections are round-off
 GROWTH = 1.0  # of the residual along a correction beyond which the correction is shortened
@@ -71,68 +61,25 @@ ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-o
 
 
 @kernel
-def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
-    """Step of the twist row, which is linear: one symmetric solve.
-
-    Expects the forces of the new shape in work.force and completes row `row` of work.force,
-    work.before, solver.middle and the damping. Returns the energy lost in that row beyond what the
-    prescribed part already lost.
-    """
-    if twist is None:
-        return 0.0
-    a = 2.0 / (tau * tau)
-    beta = friction_beta(friction, tau)
-    mass = terms.mass.band[row]
-    for k in range(4):
-        for i in range(n):
-            solver.twist_band[k, i] = a * mass[k, i] + (0.5 + beta) * twist.stiffness[k, i]
-    add_friction_band(friction, row, n, tau, solver.twist_band)
-    factorize_row(
-        solver.twist_band, terms.mass.free[row], n, solver.twist_lower, solver.twist_diagonal
-    )
-    dx = work.before[row]
-    force = work.force[row]
-    change = solver.residual[:n]
-    # dx holds the prescribed part; force holds the loads and the friction of that part.
-    multiply_differences(twist.stiffness, n, solver.start[row], -1.0, force)
-    for i in range(n):
-        change[i] = force[i]
-    multiply_differences(twist.stiffness, n, dx, -0.5 - beta, change)
-    multiply(mass, n, dx, -a, change)
-    multiply(mass, n, solver.start_w[row], 2.0 / tau, change)
-    left = solver.rhs[:n]
-    for i in range(n):
-        left[i] = change[i]
-    solve_row(solver.twist_lower, solver.twist_diagonal, n, change)
-    if terms.mass.free[row, 0] != 0.0 and terms.mass.free[row, n - 1] != 0.0:
-        # The inertia of a free spin is lost beside a large stiffness in the factors, but not in
-        # the residual, whose differences do not see a spin: one refinement brings it back.
-        multiply(mass, n, change, -a, left)
-        multiply_differences(twist.stiffness, n, change, -0.5 - beta, left)
-        add_friction_row(friction, change, n, row, tau, left)
-        solve_row(solver.twist_lower, solver.twist_diagonal, n, left)
-        for i in range(n):
-            change[i] += left[i]
-    lost = -friction_loss(friction, dx, n, row, tau)
-    for i in range(n):
-        x[row, i] += change[i]
-        dx[i] += change[i]
-    multiply_differences(twist.stiffness, n, dx, -0.5 - beta, force)
-    add_friction_row(friction, change, n, row, tau, force)
-    return (
-        lost
-        + friction_loss(friction, dx, n, row, tau)
-        + beta * difference_form(twist.stiffness, n, dx)
-    )
-
-
-@kernel
 def implicit_step(
-    state, terms, friction, viscosity, work, solver, t0, tau, whole, discrete, alpha, tolerance
+    state,
+    terms,
+    friction,
+    viscosity,
+    work,
+    solver,
+    t0,
+    tau,
+    whole,
+    discrete,
+    alpha,
+    tolerance,
+    careful,
 ):
     """One step in place; returns (converged, iterations). On failure the state is unchanged.
 
-    It is a part of a step of length `whole`, over which reactions are averaged.
+    It is a part of a step of length `whole`, over which reactions are averaged. `careful`: one that
+    turns an edge of the control polygon over does not count as converged.
 
     The matrix is factorised at the first guess and kept while corrections shrink fast.
     """
@@ -158,6 +105,9 @@ def implicit_step(
     copy_anchors(terms.springs, work.anchors)
     drive_ends(x, terms.drive, terms.springs, terms.mass, terms.axes, n, t0 + tau, work.ends)
     coasting(x, solver.start_w, n, tau, solver.coast)
+    # The change over the step is kept apart from here on: a short step of a long cable moves it by
+    # less than the coordinates can tell, and the momentum would be off by that over tau.
+    difference(x, solver.start, n, work.before)
     scale = max(state.ledger[EXCHANGED], state.ledger[FLOOR])
     reach = largest(x, n, dim)  # size of the configuration, for the iteration's round-off floor
     converged = False
@@ -196,7 +146,7 @@ def implicit_step(
             if not abs(along) <= GROWTH * slope and share > SMALLEST_SHARE:
                 # Too far: back on the way that the last correction went, and on with a new matrix.
                 less = share * shortened(slope, along)
-                retreat(x, solver, known - 1, share - less, n, dim)
+                retreat(x, work.before, solver, known - 1, share - less, n, dim)
                 share = less
                 linearize = True
                 continue
@@ -226,8 +176,10 @@ def implicit_step(
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy
+    # Newton's method may find a cable folded through itself, at no cost in energy.
+    if converged and careful:
+        converged = not turned_over(x, solver.start, terms.mass.free, work, n, dim)
     if converged:
-        difference(x, solver.start, n, work.before)
         lost += solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
         free_travel(terms.drive, terms.mass, work, n, solver.moved)
         finish_momentum(
@@ -300,6 +252,7 @@ def implicit_step_halving(
             discrete,
             alpha,
             tolerance,
+            level < CAREFUL_HALVINGS,
         )
         total += used
         if converged:

@@ -11,7 +11,7 @@
   some forty arrays at every call took longer than the arithmetic (Forest-Ruth at 9 control points
   and 101 samples: 3.5 us per step with, 1.9 us without);
 - cache (entries): machine code is kept per user in a directory named after everything it depends
-  on;
+  on (`cache`, `code_files`);
 - pipeline_class: numba's compiler without what only others need (`compiler`, `lowering`,
   `resolution`). A hanging cable takes 16 s instead of 24 s to compile, and the machine code is as
   fast.
@@ -20,9 +20,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import os
-import platform
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -32,7 +29,10 @@ import numpy as np
 from numba.core import config
 from numba.core.compiler import Flags
 from numba.core.cpu import CPUTargetOptions
+from numba.core.dispatcher import Dispatcher
 from numba.core.options import TargetOptions
+
+from dlo_sim.kernels.cache import cache_directory
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,20 +57,10 @@ else:
     _ENTRY["pipeline_class"] = EntryCompiler
     _PART["pipeline_class"] = PartCompiler
 
-
-def cache_directory() -> Path:
-    """Per-user directory of compiled kernels, keyed by the kernels' sources and the compiler.
-
-    numba looks only at the file of the function itself; a kernel that calls another file's kernel
-    would go stale after an upgrade. A digest over all kernel sources rules that out.
-    """
-    digest = hashlib.sha256()
-    for part in (numba.__version__, platform.python_version(), platform.machine()):
-        digest.update(part.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.read_bytes())
-    base = os.environ.get("DLO_SIM_CACHE") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return Path(base).expanduser() / "dlo_sim" / digest.hexdigest()[:16]
+try:
+    from dlo_sim.kernels.code_files import KeptCode, UnkeptCode
+except (ImportError, AttributeError):  # the same: its own files
+    KeptCode = None  # type: ignore[assignment, misc]
 
 
 @contextlib.contextmanager
@@ -112,14 +102,23 @@ def _part(function: F, forceinline: bool) -> F:
 
 def entry(function: F) -> F:
     """A kernel that Python calls. It is kept on disk with everything it calls."""
-    with _cached_under(cache_directory()):
-        try:
-            compiled: F = numba.njit(cache=True, no_cfunc_wrapper=True, **_ENTRY, **_OPTIONS)(
-                function
-            )
-        except RuntimeError:  # no writable cache anywhere: compile in memory, every time
-            compiled = numba.njit(no_cfunc_wrapper=True, **_ENTRY, **_OPTIONS)(function)
+    compiled: F = numba.njit(no_cfunc_wrapper=True, **_ENTRY, **_OPTIONS)(function)
+    if isinstance(compiled, Dispatcher):  # not where numba is switched off
+        with _cached_under(cache_directory()):
+            _keep(compiled)
     return compiled
+
+
+def _keep(compiled: Any) -> None:
+    """Have an entry look for its machine code on disk first, and leave it there."""
+    if KeptCode is None or not hasattr(compiled, "_cache"):
+        with contextlib.suppress(RuntimeError):  # nothing can be written: compiled every time
+            compiled.enable_caching()
+        return
+    try:
+        compiled._cache = KeptCode(compiled.py_func)
+    except RuntimeError:
+        compiled._cache = UnkeptCode(compiled.py_func)
 
 
 _bound: dict[object, Callable[..., Any]] = {}

@@ -264,7 +264,7 @@ class Chain(NamedTuple):
 
     gram: A of every constraint, shape (n - 1, 4, 4); band: saddle-point matrix, unknowns ordered by
     control point, shape (n (dim + 1) + 1, band); blank: what of it never changes;
-    rhs; multipliers, shape (n - 1,); start, guess, carried, change: shape (dim, width).
+    rhs; multipliers, shape (n - 1,); start, guess, change: shape (dim, width).
     """
 
     gram: Array
@@ -275,7 +275,6 @@ class Chain(NamedTuple):
     multipliers: Array
     start: Array
     guess: Array
-    carried: Array
     change: Array
 
 

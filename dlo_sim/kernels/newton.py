@@ -1,4 +1,6 @@
-"""The iteration of an implicit step: first guess, sharpened corrections, search along them."""
+"""The iteration of an implicit step: first guess, sharpened corrections, search along them, and a
+look at what was found.
+"""
 
 from __future__ import annotations
 
@@ -97,15 +99,15 @@ def largest(x, n, dim):
 
 @kernel
 def correct(x, moved, solver, known, n, dim):
-    """Solve for the correction, sharpen it by the `known` ones since the matrix was made, apply it.
+    """Solve for the correction, sharpen it by the `known` ones since the matrix was made, apply it
+    to x and to `moved`, the change of x over the step.
 
     Broyden's method: each correction tells what the matrix misses along it. With z the solution for
     the present residual and s_j the corrections, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the
     last, then s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
 
     Returns |residual . correction| entry by entry and as a whole, the energy defect
-    |residual . moved| that the residual would leave in a step of displacement `moved`, and the
-    largest entry of the correction.
+    |residual . moved| that the residual would leave, and the largest entry of the correction.
     """
     size = n * dim
     z = solver.residual
@@ -133,7 +135,8 @@ def correct(x, moved, solver, known, n, dim):
             x[d, i] += correction
             energy += abs(correction * residual)
             slope += correction * residual
-            defect += abs((moved[d, i] + correction) * residual)
+            moved[d, i] += correction
+            defect += abs(moved[d, i] * residual)
             change = max(change, abs(correction))
     for r in range(size):
         solver.corrections[known, r] = z[r]
@@ -155,12 +158,38 @@ def shortened(before, after):
 
 
 @kernel
-def retreat(x, solver, last, share, n, dim):
-    """Take back a share of a correction."""
+def retreat(x, moved, solver, last, share, n, dim):
+    """Take back a share of a correction of x and of its change `moved`."""
     step = solver.corrections[last]
     for i in range(n):
         for d in range(dim):
-            x[d, i] -= share * step[i * dim + d]
+            back = share * step[i * dim + d]
+            x[d, i] -= back
+            moved[d, i] -= back
+
+
+@kernel
+def turned_over(x, start, free, work, n, dim):
+    """Whether an edge of the control polygon turned by more than a right angle in the step.
+
+    Not where an end was put elsewhere in no time: smaller steps would not help.
+    """
+    jump, shortest = 0.0, np.inf
+    found = False
+    for i in range(n - 1):
+        along, length = 0.0, 0.0
+        for d in range(dim):
+            edge = start[d, i + 1] - start[d, i]
+            along += edge * (x[d, i + 1] - x[d, i])
+            length += edge * edge
+            moved = max(
+                (1.0 - free[d, i]) * abs(work.before[d, i]),
+                (1.0 - free[d, i + 1]) * abs(work.before[d, i + 1]),
+            )
+            jump = max(jump, moved)
+        shortest = min(shortest, length)
+        found = found or along <= 0.0
+    return found and not 4.0 * jump * jump > shortest
 
 
 @kernel

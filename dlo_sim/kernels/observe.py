@@ -221,7 +221,7 @@ def update_account(state, terms, work):
     raise_floor(state, terms, parts, kinetic)
     ledger[EXCHANGED] = exchanged
     ledger[ENERGY_ERROR] = max(ledger[ENERGY_ERROR], error)
-    sane = np.isfinite(total) and error <= DIVERGED_SHARE * exchanged + ledger[FLOOR]
+    sane = np.isfinite(total) and error <= DIVERGED_SHARE * max(exchanged, ledger[FLOOR])
     return total, sane
 
 

@@ -69,6 +69,7 @@ def keep_length(x, guess, start, mass, force, scale, chain, n, dim):
 
     Chord iteration with the factors in chain.band (those of `start`). Returns success. The balance
     of momentum is linear: the first correction meets it, and later ones only have lengths to mend.
+    The sum of all is left in chain.change: the difference of the coordinates may have no digits.
     """
     stride = dim + 1
     rhs = chain.rhs
@@ -80,13 +81,18 @@ def keep_length(x, guess, start, mass, force, scale, chain, n, dim):
             rhs[i * stride + d] = scale * force[d, i]
         mass_times(mass, d, n, chain.change[d], rhs, stride, 1.0)
     clear_prescribed(mass, n, dim, rhs)
+    for d in range(dim):
+        for i in range(n):
+            chain.change[d, i] = 0.0
     violation(x, chain, n, dim)
     allowed = TOLERANCE + ROUND_OFF * largest(x, n, dim) * steepness(chain)
     for _ in range(MAX_ITERATIONS):
         substitute(chain.band, rhs.shape[0], 4 * stride, rhs)
         for i in range(n):
             for d in range(dim):
-                x[d, i] += rhs[i * stride + d] * mass.free[d, i]
+                change = rhs[i * stride + d] * mass.free[d, i]
+                x[d, i] += change
+                chain.change[d, i] += change
         for j in range(n - 1):
             chain.multipliers[j] += rhs[slot(j, n, dim)]
         clear_row(rhs)
@@ -180,7 +186,6 @@ def rattle_step(state, terms, work, chain, step, tau):
     drive_ends(x, terms.drive, terms.springs, mass, terms.axes, n, (step + 1) * tau, work.ends)
     for d in range(dim):
         for i in range(n):
-            chain.carried[d, i] = x[d, i]
             x[d, i] += tau * state.w[d, i] * mass.free[d, i]
             chain.guess[d, i] = x[d, i]
     good = keep_length(
@@ -192,7 +197,7 @@ def rattle_step(state, terms, work, chain, step, tau):
         add_multipliers(chain.start, chain, n, dim, -1.0 / (tau * tau), chain.pull)
         for d in range(dim):
             for i in range(n):
-                state.w[d, i] = (x[d, i] - chain.carried[d, i]) / tau * mass.free[d, i]
+                state.w[d, i] = (state.w[d, i] + chain.change[d, i] / tau) * mass.free[d, i]
         evaluate(state, terms, work, (step + 1) * tau)
         accelerate_twist(work.force, terms.twist, mass, n, dim)
         assemble(x, mass, chain, n, dim)
@@ -293,10 +298,9 @@ def project(x, mass, chain, n, dim):
             for i in range(n):
                 chain.start[d, i] = x[d, i]
                 chain.guess[d, i] = x[d, i]
-                chain.carried[d, i] = 0.0
         assemble(x, mass, chain, n, dim)
         if not eliminate(chain.band, chain.band.shape[0], 4 * (dim + 1)):
             return False
-        if keep_length(x, chain.guess, chain.start, mass, chain.carried, 0.0, chain, n, dim):
+        if keep_length(x, chain.guess, chain.start, mass, chain.start, 0.0, chain, n, dim):
             return True
     return False

@@ -19,6 +19,7 @@ from dlo_sim.kernels.observe import (
     begin_sample,
     end_sample,
     kinetic_energy,
+    potentials,
     prescribed_column,
     update_account,
 )
@@ -158,6 +159,29 @@ def evaluate(state, terms, work, t):
 
 
 @kernel
+def settle_work(state, terms, loads, drive, work, t):
+    """Book the work up to a time t between steps whose method begins and ends them with a drift."""
+    if loads is not None or drive is not None:
+        evaluate(state, terms, work, t)
+
+
+@entry
+def jump_ends(state, terms, work, t):
+    """Put driven ends in no time where they are at t. What does that does the change of the
+    potential energy: the trapezoidal rule knows nothing of so long a way.
+    """
+    if state.ledger[BOOKED] != 0.0:
+        settle_work(state, terms, terms.loads, terms.drive, work, t)
+    for part in potentials(state.position, terms, work):
+        state.ledger[DRIVE_WORK] -= part
+    n = terms.lattice.n
+    drive_ends(state.position, terms.drive, terms.springs, terms.mass, terms.axes, n, t, work.ends)
+    for part in potentials(state.position, terms, work):
+        state.ledger[DRIVE_WORK] += part
+    state.ledger[BOOKED] = 0.0
+
+
+@kernel
 def decay_flow(state, mass, decay, n, dt):
     """Exact flow of the mass-proportional damping over dt."""
     if decay is not None:
@@ -213,6 +237,8 @@ def advance_splitting(
     """
     evaluations = 0
     fresh = False
+    if steps > 0 and drift_weights[0] != 0.0 and state.ledger[BOOKED] == 0.0:
+        settle_work(state, terms, terms.loads, terms.drive, work, first_step * tau)
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = begin_sample(state, terms, work, recorder, t0, tau)
@@ -223,6 +249,8 @@ def advance_splitting(
         if plastic_flow(state, terms.lattice, terms.plastic, terms.axes, work.coefficients):
             fresh = False
         if (step + 1) % guard == 0:
+            if not fresh:
+                settle_work(state, terms, terms.loads, terms.drive, work, (step + 1) * tau)
             _, sane = update_account(state, terms, work)
             if not sane:
                 return DIVERGED, step - first_step, evaluations

@@ -128,8 +128,9 @@ def step_force(
 ):
     """All forces of the step between solver.start and x into work.force; energy lost to damping.
 
-    Damping sees the velocity at theta; tau times it is kept in solver.moved. By Newmark's formulas
-    it is rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0, which is q1 - q0 for the midpoint family.
+    The change between the two is in work.before. Damping sees the velocity at theta; tau times it
+    is kept in solver.moved. By Newmark's formulas it is
+    rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0, which is q1 - q0 for the midpoint family.
     """
     n = terms.lattice.n
     clear(work.force)
@@ -137,9 +138,8 @@ def step_force(
     clear(solver.damping_force)
     for d in range(x.shape[0]):
         for i in range(n):
-            change = x[d, i] - solver.start[d, i]
+            change = work.before[d, i]
             solver.middle[d, i] = solver.start[d, i] + theta * change
-            work.before[d, i] = change
             solver.moved[d, i] = (
                 rate * change
                 + (1.0 - rate) * solver.coast[d, i]

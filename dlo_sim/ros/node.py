@@ -5,7 +5,6 @@ far a tick goes and what is worth a warning is decided in `dlo_sim.session`, whi
 shares.
 """
 
-import contextlib
 import time
 from typing import Any
 
@@ -23,8 +22,9 @@ from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
-from dlo_sim.session.rehearsal import rehearse, rehearse_elsewhere, structure
+from dlo_sim.session.rehearsal import make_ready, rehearse
 from dlo_sim.session.session import Session, SessionStatus
+from dlo_sim.simulation.machine_code import compiled_by_two, compiling_told_to
 
 NODE_NAME = "dlo_sim"
 
@@ -74,12 +74,14 @@ class CableNode(Node):
     def _built(self, scene: Scene) -> Session:
         """The session, with everything compiled that a tick can need."""
         log = self.get_logger()
-        log.info("building the simulator; the first start with a new kind of scene compiles it")
+        log.info("building the simulator")
         begin = time.perf_counter()
-        session = Session(scene, live=True)
-        rehearse(scene, live=True)
-        self._compiled = {structure(scene)}
+        with compiling_told_to(log.info), compiled_by_two(scene):
+            session = Session(scene, live=True)
+            rehearse(scene, live=True)
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
+        for line in session.simulator.warnings:
+            log.warning(line)
         return session
 
     def _serve(self) -> None:
@@ -185,18 +187,15 @@ class CableNode(Node):
         Raises:
             SceneError: the simulator refuses the scene, in one line.
         """
-        kind = structure(scene)
         made: list[Prepared] = []
 
         def build() -> None:
-            if kind not in self._compiled:
-                rehearse_elsewhere(scene)
-            with contextlib.suppress(ValueError):  # not from the file's poses: no refusal
-                rehearse(scene, live=True)
             made.append(self._session.prepare(scene))
 
-        in_background(build, self._keep_ticking, lambda: self._period_ns * 1e-9)
-        self._compiled.add(kind)
+        def prepare() -> None:
+            make_ready(build, scene, self.get_logger().info)
+
+        in_background(prepare, self._keep_ticking, lambda: self._period_ns * 1e-9)
         return made[0]
 
     def _keep_ticking(self) -> None:
@@ -220,6 +219,8 @@ class CableNode(Node):
         self._times.interrupt()
         self._tick()
         self.get_logger().info(f"parameters changed: {_summary(self._session)}")
+        for line in self._session.simulator.warnings:
+            self.get_logger().warning(line)
 
     # -- services -------------------------------------------------------------------------------
 

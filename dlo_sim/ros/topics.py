@@ -66,16 +66,15 @@ class Outputs:
         return [publisher.topic_name for publisher in publishers]
 
     def wanted(self, now_ns: int) -> set[str]:
-        """The topics for which a message is worth its work now.
-
-        The control points always; the others if someone reads them; markers at their own rate.
+        """The topics for which a message is worth its work now: those that someone reads, markers
+        at their own rate.
         """
-        topics = {CONTROL_POINTS}
         marker_due = self._marker_due(now_ns)
-        for topic, publisher in self._publishers.items():
-            if (topic not in MARKERS or marker_due) and publisher.get_subscription_count():
-                topics.add(topic)
-        return topics
+        return {
+            topic
+            for topic, publisher in self._publishers.items()
+            if (topic not in MARKERS or marker_due) and publisher.get_subscription_count()
+        }
 
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:
         """Publish messages of the session."""

@@ -99,7 +99,13 @@ DISCRETIZATION = (
 )
 
 TERMS = (
-    choice("terms.stretch", "auto", SWITCH, "Axial stretching energy."),
+    choice(
+        "terms.stretch",
+        "auto",
+        SWITCH,
+        "Axial stretching energy. Off, with integrator.method auto: rattle keeps the length, where "
+        "it can.",
+    ),
     choice("terms.bend", "auto", SWITCH, "Bending energy."),
     choice(
         "terms.twist",
@@ -115,7 +121,8 @@ TERMS = (
         "terms.out_of_plane",
         "auto",
         SWITCH,
-        "The third coordinate. Auto leaves it out where everything stays in a coordinate plane.",
+        "The third coordinate. Auto leaves it out where everything stays in a coordinate plane; "
+        "off drops forces and moments out of the plane and projects the ends' motion onto it.",
     ),
 )
 

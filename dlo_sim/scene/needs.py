@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ TERMS = (
     "drive",
     "damping",
 )
+_SPACE = (0, 1, 2)
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Needs:
         frenet: twist is measured against the Frenet torsion.
         axes: world axes that the motion needs: all three, or the two of a coordinate plane.
         left_out: name of each absent term -> reason.
+        warnings: one line for each term that is switched off although the scene needs it: the key,
+            what is lost, the cure. Needs are compared without them.
     """
 
     stretch: bool
@@ -48,22 +51,37 @@ class Needs:
     plasticity: bool
     axes: tuple[int, ...]
     left_out: dict[str, str]
+    warnings: tuple[str, ...] = field(default=(), compare=False)
 
     def with_drive(self) -> Needs:
         """The same needs with ends that move."""
         return self if self.drive else self._without("drive", drive=True)
 
-    def with_twist(self) -> Needs:
-        """The same needs with twist."""
-        return self if self.twist else self._without("twist", twist=True)
+    def with_twist(self, scene: Scene) -> Needs:
+        """The same needs once something twists the cable; `terms.twist: off` stays and warns."""
+        if self.twist:
+            return self
+        if scene.terms.twist == "off":
+            return self._with_warning(_lost(scene, self.axes)["twist"])
+        return self._without("twist", twist=True)
 
-    def spatial(self) -> Needs:
-        """The same needs in all three dimensions."""
-        return self._without("out_of_plane", axes=(0, 1, 2))
+    def spatial(self, scene: Scene) -> Needs:
+        """The same needs once something leaves their plane: all three dimensions;
+        `terms.out_of_plane: off` keeps the plane and warns.
+        """
+        if len(self.axes) == 3:
+            return self
+        if scene.terms.out_of_plane == "off":
+            return self._with_warning(_lost(scene, self.axes)["out_of_plane"])
+        return self._without("out_of_plane", axes=_SPACE)
 
     def _without(self, reason: str, **changes: Any) -> Needs:
         reasons = {key: why for key, why in self.left_out.items() if key != reason}
         return replace(self, left_out=reasons, **changes)
+
+    def _with_warning(self, line: str) -> Needs:
+        known = line in self.warnings
+        return self if known else replace(self, warnings=(*self.warnings, line))
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -73,11 +91,16 @@ class Needs:
 
 def needs_of(scene: Scene) -> Needs:
     """Decide every term of a scene from what is in it."""
+    axes, leaves = _axes(scene)
+    lost = _lost(scene, axes)
     reasons: dict[str, str] = {}
+    warnings: list[str] = []
 
     def decide(name: str, setting: str, needed: bool, reason: str) -> bool:
         if setting == "off":
             reasons[name] = f"terms.{name} is off"
+            if needed:
+                warnings.append(lost[name])
         elif setting == "auto" and not needed:
             reasons[name] = reason
         else:
@@ -85,34 +108,90 @@ def needs_of(scene: Scene) -> Needs:
         return False
 
     terms = scene.terms
-    damping = scene.damping
-    damped = bool(damping.mass or damping.stiffness or damping.air_drag)
-    axes = _axes(scene)
     if len(axes) == 2:
-        reasons["out_of_plane"] = f"everything lies in the {'xyz'[axes[0]]}{'xyz'[axes[1]]} plane"
+        decide("out_of_plane", terms.out_of_plane, leaves, f"everything lies in {_plane(axes)}")
+    decide("contact", terms.contact, False, "not available in this version")
+    present = {
+        "stretch": decide("stretch", terms.stretch, scene.cable.EA > 0.0, "axial stiffness is 0"),
+        "bend": decide("bend", terms.bend, scene.cable.EI > 0.0, "bending stiffness is 0"),
+        "twist": decide("twist", terms.twist, _twists(scene), "nothing twists the cable"),
+        "gravity": decide("gravity", terms.gravity, any(scene.gravity), "gravity is 0"),
+        "springs": decide("springs", "auto", _sprung(scene), "no end hangs on a spring"),
+        "loads": decide("loads", "auto", bool(scene.loads), "no loads"),
+        "drive": decide("drive", "auto", _driven(scene), "no gripper moves an end"),
+        "damping": decide("damping", terms.damping, _damped(scene), "no damping"),
+        "plasticity": decide("plasticity", terms.plasticity, _yields(scene), "no yield curvature"),
+    }
+    if inextensible(scene):
+        present["stretch"] = False
+        how = "terms.stretch is off" if terms.stretch == "off" else "integrator.method: rattle"
+        reasons["stretch"] = f"constraints keep the rest length ({how})"
+        warnings = [line for line in warnings if line != lost["stretch"]]
     return Needs(
-        axes=axes,
-        stretch=decide("stretch", terms.stretch, *_stretches(scene)),
-        bend=decide("bend", terms.bend, scene.cable.EI > 0.0, "bending stiffness is 0"),
-        twist=decide("twist", terms.twist, _twists(scene), "nothing twists the cable"),
-        gravity=decide("gravity", terms.gravity, any(scene.gravity), "gravity is 0"),
-        springs=decide("springs", "auto", _sprung(scene), "no end hangs on a spring"),
-        loads=decide("loads", "auto", bool(scene.loads), "no loads"),
-        drive=decide("drive", "auto", _driven(scene), "no gripper moves an end"),
-        damping=decide("damping", terms.damping, damped, "no damping"),
+        **present,
         frenet=frenet_wanted(scene),
-        plasticity=decide(
-            "plasticity", terms.plasticity, plasticity_wanted(scene), "no yield curvature"
-        ),
+        axes=axes,
         left_out=reasons,
+        warnings=tuple(warnings),
     )
 
 
-def _stretches(scene: Scene) -> tuple[bool, str]:
-    """Whether the cable stretches, and the reason if not."""
-    if scene.integrator.method == "rattle":
-        return False, "constraints keep the rest length (integrator.method: rattle)"
-    return scene.cable.EA > 0.0, "axial stiffness is 0"
+def _lost(scene: Scene, axes: tuple[int, ...]) -> dict[str, str]:
+    """What a scene that needs a term loses with its switch off: key, loss, cure; one line each."""
+    cable = scene.cable
+    no_rattle = _without_constraint(scene)
+    if no_rattle:
+        length = f"set it to auto (rattle, which would keep the length, {no_rattle})"
+    else:
+        length = "set it to auto, or integrator.method to rattle, which keeps the length"
+    return {
+        "stretch": f"terms.stretch: off, so nothing resists stretching, although EA is "
+        f"{cable.EA:.3g} N; {length}",
+        "bend": f"terms.bend: off, so nothing resists bending, although EI is {cable.EI:.3g} "
+        "N m^2; set it to auto",
+        "twist": "terms.twist: off, so nothing turns the cable about its own axis, although a "
+        "gripper or a moment may; set it to auto",
+        "gravity": f"terms.gravity: off, so the cable has no weight, although gravity is "
+        f"{list(scene.gravity)} m/s^2; set it to auto",
+        "damping": "terms.damping: off, so no motion dies away, although the scene has damping "
+        "coefficients; set it to auto",
+        "plasticity": "terms.plasticity: off, so bending leaves no set, although "
+        f"plasticity.yield_curvature is {scene.plasticity.yield_curvature:g} 1/m; set it to auto",
+        "out_of_plane": f"terms.out_of_plane: off, so the cable stays in {_plane(axes)}: forces "
+        "and moments out of it are dropped, and ends follow their poses' projections onto it; set "
+        "it to auto",
+    }
+
+
+def inextensible(scene: Scene) -> bool:
+    """Whether constraints keep the length: as the method says; or stretching is switched off, the
+    method is open, and nothing in the scene is against constraints.
+    """
+    if scene.integrator.method == "auto":
+        return scene.terms.stretch == "off" and not _without_constraint(scene)
+    return scene.integrator.method == "rattle"
+
+
+def _without_constraint(scene: Scene) -> str:
+    """Why constraints cannot keep the length of a scene's cable; empty if they can."""
+    damping = scene.damping
+    if frenet_wanted(scene) or plasticity_wanted(scene):
+        return "knows neither Frenet torsion nor plasticity"
+    if scene.terms.damping != "off":
+        if damping.stiffness:
+            return "is not valid with damping.stiffness"
+        if damping.air_drag and (scene.start.mass or scene.end.mass):
+            return "is not valid with damping.air_drag beside a point mass"
+    return "cannot step a cable taut between fixed ends" if _taut(scene) else ""
+
+
+def _taut(scene: Scene) -> bool:
+    """Whether both ends are fixed along the line between them, the whole length apart."""
+    ends = [np.add(end.position, end.offset) for end in (scene.start, scene.end)]
+    line = ends[1] - ends[0]
+    along = [axis for axis in range(3) if line[axis]]
+    rigid = all(end.fixed[axis] for end in scene.ends.values() for axis in along)
+    return rigid and float(np.linalg.norm(line)) >= scene.cable.length * (1.0 - 1e-6)
 
 
 def frenet_wanted(scene: Scene) -> bool:
@@ -123,7 +202,77 @@ def frenet_wanted(scene: Scene) -> bool:
 def plasticity_wanted(scene: Scene) -> bool:
     """Whether bending can leave a set."""
     switch = scene.terms.plasticity
-    return switch == "on" or (switch == "auto" and scene.plasticity.yield_curvature > 0.0)
+    return switch == "on" or (switch == "auto" and _yields(scene))
+
+
+def needs_of_load(needs: Needs, scene: Scene, force: Vector | None, torque: Vector | None) -> Needs:
+    """Needs once a load has this force [N] and moment [N m]."""
+    normals = [axis for axis in range(3) if axis not in needs.axes]
+    for normal in normals:
+        across = torque is not None and any(torque[axis] for axis in needs.axes)
+        if across or (force is not None and force[normal]):
+            needs = needs.spatial(scene)
+    if torque is not None and any(torque) and len(needs.axes) == 3:
+        needs = needs.with_twist(scene)
+    return needs
+
+
+def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool) -> Needs:
+    """Needs once an end moves like this."""
+    needs = needs.with_drive()
+    if leaves_plane:
+        needs = needs.spatial(scene)
+    return needs.with_twist(scene) if twists else needs
+
+
+def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
+    """All three axes, or the two of a plane; and whether anything can leave that plane."""
+    switch = scene.terms.out_of_plane
+    # Frenet torsion and plasticity exist in space only.
+    in_space = switch == "on" or frenet_wanted(scene) or plasticity_wanted(scene)
+    free_to_leave = (
+        any(load.signal == "none" for load in scene.loads)
+        or _driven(scene)
+        or not (scene.start.held or scene.end.held)
+    )
+    if in_space or (switch == "auto" and free_to_leave):
+        return _SPACE, False
+    leaving = {normal: _forces_leave(scene, normal) for normal in (1, 0, 2)}
+    planes = [normal for normal in leaving if not _ends_leave(scene, normal)]
+    calm = [normal for normal in planes if not leaving[normal]]
+    if calm or (planes and switch == "off"):
+        # Switched off: weight counts for more than loads.
+        upright = sorted(planes, key=lambda normal: scene.gravity[normal] != 0.0)
+        (normal, *_) = calm or upright
+        axes = tuple(axis for axis in _SPACE if axis != normal)
+        return axes, free_to_leave or leaving[normal]
+    return _SPACE, False
+
+
+def _ends_leave(scene: Scene, normal: int) -> bool:
+    """Whether the ends do not lie, and point, in one plane across axis `normal`."""
+    ends = [end.position[normal] + end.offset[normal] for end in scene.ends.values() if end.held]
+    apart = [max(ends) - min(ends)] if ends else []
+    if not (scene.start.held and scene.end.held):
+        apart.append(scene.start.position[normal] - scene.end.position[normal])
+    apart += [end.tangent[normal] for end in scene.ends.values() if end.clamped]
+    return any(apart)
+
+
+def _forces_leave(scene: Scene, normal: int) -> bool:
+    """Whether weight, loads or natural curvature bend the cable towards axis `normal`."""
+    leaving = [scene.gravity[normal]]
+    around = [axis for axis in range(3) if axis != normal]
+    for load in scene.loads:
+        leaving.append(load.force[normal])
+        leaving += [load.torque[axis] for axis in around]
+    if any(scene.cable.rest_curvature):
+        leaving += [scene.cable.rest_curvature_axis[axis] for axis in around]
+    return any(leaving)
+
+
+def _plane(axes: tuple[int, ...]) -> str:
+    return f"the {''.join('xyz'[axis] for axis in axes)} plane"
 
 
 def _twists(scene: Scene) -> bool:
@@ -133,59 +282,17 @@ def _twists(scene: Scene) -> bool:
     return turned or moments
 
 
-def needs_of_load(needs: Needs, scene: Scene, force: Vector | None, torque: Vector | None) -> Needs:
-    """Needs once a load has this force [N] and moment [N m]."""
-    normals = [axis for axis in range(3) if axis not in needs.axes]
-    for normal in normals:
-        across = torque is not None and any(torque[axis] for axis in needs.axes)
-        if across or (force is not None and force[normal]):
-            needs = needs.spatial()
-    if scene.terms.twist == "auto" and torque is not None and any(torque):
-        if len(needs.axes) == 3:
-            needs = needs.with_twist()
-    return needs
-
-
-def _axes(scene: Scene) -> tuple[int, ...]:
-    """All three axes, or two if start, end, forces and moments leave a coordinate plane alone."""
-    everything = (0, 1, 2)
-    free_to_leave = (
-        scene.terms.out_of_plane == "on"
-        or frenet_wanted(scene)
-        or plasticity_wanted(scene)
-        or any(load.signal == "none" for load in scene.loads)
-        or _driven(scene)
-        or not (scene.start.held or scene.end.held)
-    )
-    if free_to_leave:
-        return everything
-    for normal in (1, 0, 2):
-        if scene.terms.out_of_plane == "off" and normal != 1:
-            break
-        if scene.terms.out_of_plane == "off" or _stays_in_plane(scene, normal):
-            return tuple(axis for axis in everything if axis != normal)
-    return everything
-
-
-def _stays_in_plane(scene: Scene, normal: int) -> bool:
-    """Whether nothing in the scene has a component along axis `normal`."""
-    ends = [end.position[normal] + end.offset[normal] for end in scene.ends.values() if end.held]
-    flat = [scene.gravity[normal], max(ends) - min(ends)]
-    if not (scene.start.held and scene.end.held):
-        flat.append(scene.start.position[normal] - scene.end.position[normal])
-    flat += [end.tangent[normal] for end in scene.ends.values() if end.clamped]
-    around = [axis for axis in range(3) if axis != normal]
-    for load in scene.loads:
-        flat.append(load.force[normal])
-        flat += [load.torque[axis] for axis in around]
-    if any(scene.cable.rest_curvature):
-        flat += [scene.cable.rest_curvature_axis[axis] for axis in around]
-    return not any(flat)
-
-
 def _sprung(scene: Scene) -> bool:
     return any(any(end.spring) for end in scene.ends.values())
 
 
 def _driven(scene: Scene) -> bool:
     return any(end.driven and end.held for end in scene.ends.values())
+
+
+def _damped(scene: Scene) -> bool:
+    return bool(scene.damping.mass or scene.damping.stiffness or scene.damping.air_drag)
+
+
+def _yields(scene: Scene) -> bool:
+    return scene.plasticity.yield_curvature > 0.0

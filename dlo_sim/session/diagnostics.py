@@ -157,6 +157,7 @@ def session_status(
         extra: more values.
     """
     fresh = journal.fresh_events()
+    warnings = simulator.warnings
     level, text = OK, message or status
     if failed:
         level = ERROR
@@ -166,6 +167,8 @@ def session_status(
         level, text = WARN, message or accuracy.warning
     elif fresh:
         level, text = WARN, message or journal.last_event
+    elif warnings:  # last: they last as long as the scene, and would hide what is new
+        level, text = WARN, message or warnings[0]
     energy = simulator.energy()
     values = [
         ("status", status),
@@ -174,6 +177,7 @@ def session_status(
         ("method", simulator.method),
         ("active terms", ", ".join(simulator.active_terms)),
         ("left out", "; ".join(f"{name}: {why}" for name, why in simulator.left_out.items())),
+        ("warnings", "; ".join(warnings)),
         ("energy [J]", f"{energy.total:.9g}"),
         ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
         *accuracy.values(),

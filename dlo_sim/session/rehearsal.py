@@ -1,14 +1,15 @@
 """A short run before the first message, so that what is compiled on first use is ready then."""
 
+import contextlib
 import json
 import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values, scene_values
-from dlo_sim.scene.needs import needs_of
 from dlo_sim.session.cdr import StampedEncoder
 from dlo_sim.session.session import InputTopic, Session
 
@@ -38,19 +39,6 @@ def rehearse(scene: Scene, *, live: bool = False) -> None:
     session.reset()
 
 
-def structure(scene: Scene) -> tuple[object, ...]:
-    """What decides about the machine code of a scene: equal for scenes that share it."""
-    needs, damping = needs_of(scene), scene.damping
-    return (
-        needs.active,
-        needs.axes,
-        scene.integrator.method,
-        bool(damping.stiffness),
-        bool(damping.mass or damping.air_drag),
-        any(scene.cable.rest_curvature),
-    )
-
-
 def rehearse_elsewhere(scene: Scene) -> None:
     """Rehearse a scene in a process of its own, so that its machine code is on disk afterwards.
 
@@ -64,6 +52,30 @@ def rehearse_elsewhere(scene: Scene) -> None:
         stderr=subprocess.DEVNULL,
         check=False,
     )
+
+
+def make_ready(build: Callable[[], None], scene: Scene, note: Callable[[str], object]) -> None:
+    """Rehearse a scene and build what is wanted of it, without compiling here if it can be helped.
+
+    Which machine code a scene needs shows when it is asked for: the method of a scene may depend on
+    its stiffness, what is left out on its loads.
+
+    Args:
+        build: may be called twice, if it stops halfway for want of machine code.
+        note: gets a line if something must be compiled.
+    """
+
+    def work() -> None:
+        with contextlib.suppress(ValueError):  # not from the file's poses: no refusal
+            rehearse(scene, live=True)
+        build()
+
+    from dlo_sim.simulation.machine_code import done_without_compiling
+
+    if not done_without_compiling(work):
+        note("compiling what is new in this scene in another process, some 10 to 30 s")
+        rehearse_elsewhere(scene)
+        work()
 
 
 def _still(scene: Scene, source: InputTopic, stamp_ns: int) -> bytes:

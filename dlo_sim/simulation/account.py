@@ -10,9 +10,6 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.model import Model
 
 CREEP = 1e-6  # of the length per second: motion slower than that exchanges no energy
-# Of the energy exchanged, between two looks of an explicit loop: right after a blow little has been
-# exchanged, and near its limit a stable method errs by more than half of that for a few steps.
-GROSS_SHARE = 1.0
 
 
 def open_account(scene: Scene, model: Model, state: layout.State, work: layout.Work) -> None:
@@ -36,7 +33,7 @@ def balance(model: Model, state: layout.State, work: layout.Work) -> tuple[float
     return abs(error), max(ledger[layout.EXCHANGED], kinetic, largest, *np.abs(works))
 
 
-def grossly_open(model: Model, state: layout.State, work: layout.Work) -> bool:
-    """Whether the energy is so far from its account that the state may not be shown."""
+def share_open(model: Model, state: layout.State, work: layout.Work) -> float:
+    """|energy - work done + energy lost| as a share of the energy exchanged so far."""
     error, exchanged = balance(model, state, work)
-    return bool(not error <= GROSS_SHARE * exchanged + state.ledger[layout.FLOOR])
+    return error / max(exchanged, float(state.ledger[layout.FLOOR]))

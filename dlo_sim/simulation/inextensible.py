@@ -61,7 +61,6 @@ def new_chain(model: Model) -> layout.Chain:
         multipliers=np.zeros(n - 1),
         start=np.zeros(shape),
         guess=np.zeros(shape),
-        carried=np.zeros(shape),
         change=np.zeros(shape),
     )
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs
+from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.geometry import ENDS, EndGeometry
 
@@ -75,6 +75,23 @@ class Model:
     def to_rows(self, columns: Array) -> Array:
         """Control points (n, 4) as rows (rows, n)."""
         return np.ascontiguousarray(columns[:, list(self.columns)].T)
+
+    def own_columns(self, what: str, value: ArrayLike, rest: bool = True) -> Array:
+        """Control points (n, 4) that somebody gives, or with `rest` false their velocities.
+
+        Raises:
+            ValueError: another shape, not finite, or out of the coordinates of the scene's step.
+        """
+        columns = np.array(value, dtype=float)
+        if columns.shape != (self.n, 4) or not np.isfinite(columns).all():
+            raise ValueError(f"{what}: needs finite numbers of shape ({self.n}, 4)")
+        own = self.to_columns(self.to_rows(columns), rest)
+        if not np.allclose(own, columns, rtol=0.0, atol=1e-12):
+            raise ValueError(
+                f"{what}: leave the coordinates of the step, {self.columns} of x, y, z, theta; "
+                f"set terms.out_of_plane or terms.twist to on"
+            )
+        return columns
 
     @property
     def columns(self) -> tuple[int, ...]:
@@ -227,7 +244,7 @@ def _gravity(scene: Scene, band: Array, n: int, axes: tuple[int, ...]) -> Array:
 def _springs(scene: Scene, ends: Mapping[str, EndGeometry], needs: Needs) -> layout.Springs:
     stiffness = np.array([scene.ends[name].spring for name in ENDS], dtype=float)
     anchor = np.array([ends[name].attachment for name in ENDS], dtype=float)
-    if not needs.stretch and scene.cable.EA > 0.0:
+    if inextensible(scene) and scene.cable.EA > 0.0:
         # An inextensible cable hands its own compliance along the line to its two end springs.
         line = anchor[1] - anchor[0]
         share = (line / max(float(np.linalg.norm(line)), 1e-300)) ** 2
@@ -271,9 +288,12 @@ def _drive(bands: Array, free: Array, width: int) -> layout.Drive:
 
 
 def _decay(scene: Scene) -> float | None:
-    """Rate of mass-proportional damping; drag is such damping where no end mass is carried."""
+    """Rate of mass-proportional damping; drag is such damping where no end mass is carried.
+
+    Damping that is forced without coefficients is a rate of 0.
+    """
     rate = scene.damping.mass + scene.damping.air_drag / scene.cable.mu
-    return rate or None
+    return rate if rate or not scene.damping.stiffness else None
 
 
 def _friction(

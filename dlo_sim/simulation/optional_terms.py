@@ -10,7 +10,7 @@ from dlo_sim.core.methods import RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import Needs, frenet_wanted, plasticity_wanted
+from dlo_sim.scene.needs import Needs, frenet_wanted, inextensible, plasticity_wanted
 from dlo_sim.simulation.report import UndefinedTorsion
 
 Array = NDArray[np.float64]
@@ -106,11 +106,32 @@ def undefined_torsion(terms: layout.Terms, ledger: Array) -> UndefinedTorsion:
 
 
 def check_terms(scene: Scene, needs: Needs) -> None:
-    """Refuse combinations of terms that have no meaning here.
+    """Refuse terms, and combinations of them, that have no meaning here.
 
     Raises:
         SceneError: naming the key and the cure.
     """
+    if scene.terms.contact == "on":
+        raise SceneError("terms.contact: 'on' is not available in this version; use auto or off")
+    if scene.terms.twist == "quasistatic":
+        raise SceneError(
+            "terms.twist: 'quasistatic' is not available in this version; use auto, on or frenet"
+        )
+    if scene.terms.stretch == "on" and inextensible(scene):
+        raise SceneError(
+            "terms.stretch: 'on' contradicts integrator.method rattle, whose constraints keep the "
+            "length; set terms.stretch to auto or use another method"
+        )
+    if scene.terms.out_of_plane == "off" and len(needs.axes) == 3:
+        if needs.frenet or needs.plasticity:
+            raise SceneError(
+                "terms.out_of_plane: 'off' is not available with Frenet torsion or plasticity; set "
+                "it to auto"
+            )
+        raise SceneError(
+            "terms.out_of_plane: 'off' needs ends that lie, and point, in one coordinate plane; "
+            "move them or set it to auto"
+        )
     if needs.plasticity and not scene.plasticity.yield_curvature:
         raise SceneError(
             "terms.plasticity: 'on' needs plasticity.yield_curvature above 0; give one or set "

@@ -10,7 +10,7 @@ from dlo_sim.kernels import layout
 from dlo_sim.kernels.instant import stiffness_band
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import frenet_wanted, needs_of
+from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
 from dlo_sim.simulation import statics, workspace
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import EndGeometry, first_shape
@@ -40,25 +40,25 @@ def place(
     points[:, :3] = first_shape(scene, geometries, model.knots)
     ends.put(points, 0.0)
     state.position[:, : model.n] = model.to_rows(points)
-    inextensible = scene.integrator.method == "rattle"
+    constrained = inextensible(scene)
     if wants_equilibrium(scene, geometries):
         if frenet_wanted(scene):
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
             )
-        if inextensible:
+        if constrained:
             _relax_elastic(scene, geometries, model, state)
         elif not statics.relax(model, state, work, solver):
             raise SceneError(
                 "initial.shape: no equilibrium found from the first guess; use straight, or check "
                 "the ends' positions, tangents and the stiffness"
             )
-    if inextensible and not to_rest_length(model, state):
+    if constrained and not to_rest_length(model, state):
         raise SceneError(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
-            "its ends; move the ends or use energy_momentum"
+            "its ends; move the ends or use energy_momentum and terms.stretch auto"
         )
-    if inextensible and wants_equilibrium(scene, geometries):
+    if constrained and wants_equilibrium(scene, geometries):
         frequency = _frequency(model, state, work, solver)
         if not to_equilibrium(model, state, work, min(0.5 / frequency, 5e-3)):
             raise SceneError(
@@ -91,7 +91,7 @@ def _relax_elastic(
     scene: Scene, geometries: Mapping[str, EndGeometry], model: Model, state: layout.State
 ) -> None:
     """Equilibrium with the true axial stiffness, close to that of the inextensible cable."""
-    elastic = scene.with_values({"integrator.method": "energy_momentum"})
+    elastic = scene.with_values({"integrator.method": "energy_momentum", "terms.stretch": "auto"})
     twin = build_model(elastic, needs_of(elastic), geometries)
     shape = workspace.new_state(twin)
     shape.position[:, :] = state.position

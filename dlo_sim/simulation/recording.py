@@ -40,6 +40,7 @@ class Recording:
         wall_s: time for stepping [s]; compile_s: for building the simulator before it [s].
         steps, step_s, method, force_evaluations: what was done; implicit methods count Newton
             iterations as force evaluations.
+        choice: why this method and step.
         real_time_factor: simulated_s / wall_s.
         energy_error_max: largest |energy - work done + energy lost| relative to the largest energy
             exchanged; None if it has no finite value.
@@ -62,6 +63,7 @@ class Recording:
     steps: int
     step_s: float
     method: str
+    choice: str
     force_evaluations: int
     real_time_factor: float
     energy_error_max: float | None
@@ -122,7 +124,7 @@ def record_simulator(
     compile_s = time.perf_counter() - began
     recorder = _recorder(simulator, sample_times(duration, every))
     wall_s, report, evaluations = _run(estimate or simulator, duration, recorder, progress)
-    count = _good_samples(simulator, recorder)
+    count = int(recorder.next[0])
     control_points = simulator.model.to_columns(recorder.positions[:count])
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
@@ -143,6 +145,7 @@ def record_simulator(
         steps=simulator.steps,
         step_s=simulator.step,
         method=simulator.method,
+        choice=simulator.choice.reason,
         force_evaluations=evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
@@ -174,7 +177,7 @@ def sample_times(duration: float, every: float) -> Array:
 def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:
     """Room for samples at these times; the first, at time zero, is the present state."""
     recorder = new_recorder(simulator.model, times)
-    recorder.positions[0] = simulator.control_points.T[: simulator.model.rows]
+    recorder.positions[0] = simulator.model.to_rows(simulator.control_points)
     recorder.energies[0] = simulator.energy().total
     recorder.next[0] = 1
     return recorder
@@ -188,8 +191,6 @@ def _run(
 ) -> tuple[float, Report, int]:
     """Step over the duration; returns the time it took [s], the last report, force evaluations.
 
-    A piece that fails is taken back and done again in smaller ones, down to the last good step.
-    Pieces depend on the scene alone, never on the clock, so a run that fails does so in one way.
     Time spent on an error estimate does not count.
     """
     estimate = run if isinstance(run, ErrorEstimate) else None
@@ -204,17 +205,8 @@ def _run(
         evaluations += report.force_evaluations
         if progress is not None:
             progress(simulator.steps / total)
-        if simulator.steps >= total or (piece == 1 and not report.status.ok):
+        if simulator.steps >= total or not report.status.ok:
             return wall - (estimate.seconds if estimate else 0.0), report, evaluations
-        if not report.status.ok:
-            recorder.next[0] = _good_samples(simulator, recorder)
-            piece = max(piece // 4, 1)
-
-
-def _good_samples(simulator: Simulator, recorder: layout.Recorder) -> int:
-    """Number of samples that are not beyond the last good state."""
-    reached = simulator.time + _ROUNDING * simulator.step
-    return min(int(recorder.next[0]), int(np.searchsorted(recorder.times, reached, side="right")))
 
 
 def energies_at(times: Array, energies: Array, step: float, every: float) -> Array:

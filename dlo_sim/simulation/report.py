@@ -11,7 +11,10 @@ class Status(Enum):
     """Outcome of an advance; the value is a readable sentence."""
 
     OK = "advanced as asked"
-    DIVERGED = "the energy grew beyond what was put in; the last good state is kept"
+    DIVERGED = (
+        "the energy grew beyond what was put in; use a smaller integrator.step or energy_momentum; "
+        "the last good state is kept"
+    )
     NOT_CONVERGED = (
         "Newton's method did not converge even with small steps, or would take too long; use a "
         "smaller integrator.step; the last good state is kept"

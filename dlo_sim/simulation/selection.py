@@ -11,7 +11,7 @@ from dlo_sim.core.amplification import largest_step
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import frenet_wanted, plasticity_wanted
+from dlo_sim.scene.needs import frenet_wanted, inextensible, plasticity_wanted
 from dlo_sim.simulation import optional_terms
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
@@ -50,13 +50,8 @@ def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choi
     reason = "as the scene asks"
     if name == "auto":
         name, reason = _automatic(scene, frequency)
-    if name not in METHODS:
-        raise SceneError(
-            f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
-        )
     method = _method(scene, name)
-    _check_damping(scene, method)
-    optional_terms.check_method(scene, method)
+    _check(scene, method)
     limit = _step_limit(scene, method, frequency)
     if step == 0.0:
         step, why = _chosen_step(scene, method, limit)
@@ -70,16 +65,36 @@ def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choi
     return Choice(method, float(step), reason, float(limit))
 
 
+def check_named_method(scene: Scene) -> None:
+    """Refuse a method that the scene names and cannot have, before anything is compiled.
+
+    Raises:
+        SceneError: as `choose`.
+    """
+    name = scene.integrator.method
+    if name == "auto":
+        return
+    if name not in METHODS:
+        raise SceneError(
+            f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
+        )
+    _check(scene, _method(scene, name))
+
+
+def _check(scene: Scene, method: Method) -> None:
+    _check_damping(scene, method)
+    optional_terms.check_method(scene, method)
+
+
 def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str]:
     """A step for a scene that names none, in whole nanoseconds, and the reason.
 
     Message stamps have no finer unit than a nanosecond, so step times are exact in both.
     """
-    if method.family != IMPLICIT:
-        share = safe_share(method)
-        step, why = share * limit, f"{share:g} of the stability limit {limit:.3g} s"
-    else:
-        step, why = accurate_step(scene, method)
+    step, why = accurate_step(scene, method)
+    stable = safe_share(method) * limit
+    if stable < step:
+        step, why = stable, f"{safe_share(method):g} of the stability limit {limit:.3g} s"
     period = 1.0 / scene.rate
     if step >= period:
         step, why = period, f"one period of rate {scene.rate:g} Hz"
@@ -90,12 +105,12 @@ def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str
 
 
 def safe_share(method: Method) -> float:
-    """Share of the linear stability limit that is chosen as an explicit method's step."""
+    """Share of the linear stability limit up to which a step is chosen."""
     return CONSTRAINED_SAFETY if method.family == CONSTRAINED else SAFETY
 
 
 def accurate_step(scene: Scene, method: Method = METHODS["energy_momentum"]) -> tuple[float, str]:
-    """Step of an implicit method that keeps the motion within accuracy.target over a second.
+    """Step of a method that keeps the motion within accuracy.target over a second.
 
     Under an acceleration a, a mode of frequency w moves by a / w^2 and its phase errs by
     k w T (w tau)^p after a time T with a method of order p (k = 1/12 for p = 2), so it is off by
@@ -157,6 +172,8 @@ def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
 def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     if frenet_wanted(scene) or plasticity_wanted(scene):
         return "velocity_verlet", "Frenet torsion and plasticity need an explicit method"
+    if inextensible(scene):
+        return "rattle", "terms.stretch is off: constraints keep the length"
     if scene.damping.stiffness:
         return "energy_momentum", "stiffness damping needs an implicit method"
     if scene.damping.air_drag and (scene.start.mass or scene.end.mass):
@@ -164,12 +181,29 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
     if limit >= EXPLICIT_ENOUGH:
         return "velocity_verlet", f"soft: an explicit step of {limit:.2g} s is stable"
-    stiff = f"stiff: an explicit step would have to be below {limit:.2g} s"
+    stiff = f"stiff in {_stiffest(scene)}: an explicit step would have to be below {limit:.2g} s"
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
     undamped = not scene.damping.mass and not scene.damping.air_drag
     if undamped and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
         return fourth.name, f"{stiff}; accuracy.target {scene.accuracy.target:g} m wants order 4"
     return second.name, stiff
+
+
+def _stiffest(scene: Scene) -> str:
+    """What has the fastest waves: frequencies at half a wave per knot span h, that is
+    pi / h sqrt(EA / mu) and (pi / h)^2 sqrt(EI / mu), and sqrt(3 k / (mu h + 3 m)) of a spring k at
+    an end of point mass m.
+    """
+    cable = scene.cable
+    number = np.pi * (scene.discretization.control_points - 3) / cable.length  # pi / h
+    waves = {
+        "stretching": number * np.sqrt(cable.EA / cable.mu) * (scene.terms.stretch != "off"),
+        "bending": number**2 * np.sqrt(cable.EI / cable.mu) * (scene.terms.bend != "off"),
+    }
+    for name, end in scene.ends.items():
+        inertia = cable.mu * np.pi / number + 3.0 * end.mass
+        waves[f"{name}.spring"] = np.sqrt(3.0 * max(end.spring) / inertia)
+    return max(waves, key=lambda name: waves[name])
 
 
 def _cost(scene: Scene, method: Method) -> float:

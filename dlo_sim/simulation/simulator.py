@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,22 +15,21 @@ from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import Needs, needs_of, needs_of_load
+from dlo_sim.scene.needs import Needs, needs_of, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms, workspace
-from dlo_sim.simulation.account import grossly_open, open_account
+from dlo_sim.simulation.account import open_account
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import ENDS, Pose, end_geometries
+from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.model import build_model, local_axis
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.report import Report, Status
-from dlo_sim.simulation.selection import choose
+from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.stepper import Stepper, largest_frequency
 from dlo_sim.simulation.transfer import carry_inputs, put_state, resampled
 from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
-_STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 CHUNK = 4096  # steps between two saved states of a long advance
 
 
@@ -38,6 +37,7 @@ CHUNK = 4096  # steps between two saved states of a long advance
 class Snapshot:
     """Everything that `Simulator.restore` needs to go on with the same bits."""
 
+    scene: Scene
     steps: int
     remainder: float
     needs: Needs
@@ -66,8 +66,8 @@ class Simulator(CableView):
     ) -> None:
         self.scene = scene
         needs = needs_of(scene)
-        _refuse_unbuilt(scene)
         optional_terms.check_terms(scene, needs)
+        check_named_method(scene)
         self._needs = needs
         self._geometries = end_geometries(scene, end_poses)
         self._model = build_model(scene, needs, self._geometries)
@@ -80,9 +80,7 @@ class Simulator(CableView):
         self._state = workspace.new_state(self._model)
         self._work = workspace.new_work(self._model)
         self._solver = workspace.new_solver(self._model)
-        self._unrecorded = workspace.new_recorder(self._model, np.zeros(0))
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
-        self._kept: tuple[tuple[Array, Array], ...] = ()
         self._bases: dict[bytes, tuple[NDArray[np.int64], Array, Array]] = {}
         self._steps = 0
         self._remainder = 0.0
@@ -94,15 +92,22 @@ class Simulator(CableView):
         self._choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self._model, self._choice)
         self._open_account()
+        self._loop = self._new_loop()
         started = time.perf_counter()
-        self._stepper.advance(self._state, self._work, self._solver, 0, 0, self._unrecorded)
+        self._loop.advance(0, 0, None)
         self.compile_seconds = time.perf_counter() - started
         self._initial = self.snapshot()
 
     # -- change ---------------------------------------------------------------------------------
 
     def advance(self, duration: float) -> Report:
-        """Advance by `duration` [s] in whole steps; what does not fill a step is carried over."""
+        """Advance by `duration` [s] in whole steps; what does not fill a step is carried over.
+
+        Raises:
+            ValueError: not a finite time of 0 or more.
+        """
+        if not 0.0 <= duration < math.inf:
+            raise ValueError(f"duration: needs a finite time of 0 s or more, got {duration!r}")
         wanted = duration + self._remainder
         steps = int(np.floor(wanted / self.step + 1e-9))
         report = self.advance_steps(max(steps, 0))
@@ -110,44 +115,27 @@ class Simulator(CableView):
         return report
 
     def advance_steps(self, steps: int, recorder: layout.Recorder | None = None) -> Report:
-        """Advance by whole steps. A failed run keeps the last good state and says why."""
-        done = 0
+        """Advance by whole steps. A failed run keeps the last good state and says why.
+
+        Raises:
+            ValueError: not a whole number of 0 or more.
+        """
+        if steps != int(steps) or steps < 0:
+            raise ValueError(f"steps: needs a whole number of 0 or more, got {steps!r}")
+        steps, done = int(steps), 0
         evaluations = 0
-        recorder = self._unrecorded if recorder is None else recorder
         while done < steps:
             piece = min(CHUNK, steps - done)
-            self._keep()
-            first = self._steps
-            code, made, used = self._stepper.advance(
-                self._state, self._work, self._solver, first, piece, recorder
-            )
+            status, made, used, worst = self._loop.advance(self._steps, piece, recorder)
+            self._steps += made
+            done += made
             evaluations += used
-            status = _STATUS[code]
-            if status.ok and not self._sane(first + made):
-                status = Status.DIVERGED
             if not status.ok:
-                failed_at = (first + made) * self.step
-                self._go_back()
-                if status is not Status.DIVERGED:
-                    # The failed step was left half done: do the good ones again.
-                    self._stepper.advance(
-                        self._state, self._work, self._solver, first, made, self._unrecorded
-                    )
-                    self._steps = first + made
-                    if not self._sane(self._steps):
-                        self._go_back()
-                        self._steps = first
-                done = self._steps - (first - done)
-                return Report(
-                    status,
-                    f"{status.value} (at {failed_at:.6g} s; method {self.method}, "
-                    f"step {self.step:g} s)",
-                    done,
-                    done * self.step,
-                    evaluations,
+                message = (
+                    f"{status.value} (at {self.time:.6g} s, u = {self.greville[worst]:.3g} m; "
+                    f"method {self.method}, step {self.step:g} s)"
                 )
-            self._steps += piece
-            done += piece
+                return Report(status, message, done, done * self.step, evaluations)
         return Report(Status.OK, "", done, done * self.step, evaluations)
 
     def set_load(
@@ -188,6 +176,7 @@ class Simulator(CableView):
         """
         self._ends.place(end, self.time, position, orientation, tangent)
         self._after_end_moved(end)
+        self._stepper.jump(self._state, self._work, self.time)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector follow `motion`; afterwards it rests at its last pose."""
@@ -197,6 +186,7 @@ class Simulator(CableView):
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
         return Snapshot(
+            self.scene,
             self._steps,
             self._remainder,
             self._needs,
@@ -204,7 +194,13 @@ class Simulator(CableView):
         )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a snapshot of this simulator."""
+        """Go back to a snapshot of this simulator.
+
+        Raises:
+            ValueError: one of another scene.
+        """
+        if snapshot.scene != self.scene:
+            raise ValueError("snapshot: is of another scene; restore it where it was taken")
         self._steps = snapshot.steps
         self._remainder = snapshot.remainder
         if snapshot.needs != self._needs:
@@ -222,36 +218,27 @@ class Simulator(CableView):
         velocities (default: at rest). What the ends hold stays where they hold it.
 
         Raises:
-            ValueError: another shape, not finite, or out of the coordinates of the scene's step.
+            ValueError: another shape, not finite, out of the coordinates of the scene's step, or
+                without a finite energy.
         """
-        place = self._own_coordinates("control points", points, self._model.to_columns)
+        place = self._model.own_columns("control points", points)
         speed = np.zeros_like(place)
         if rates is not None:
-            speed = self._own_coordinates("velocities", rates, self._still)
+            speed = self._model.own_columns("velocities", rates, rest=False)
+        before = self.snapshot()
         self._ends.put(place, 0.0)
         self._set(place, speed)
-        self._steps, self._remainder = 0, 0.0
         self._open_account()
+        if not math.isfinite(self._state.ledger[layout.ENERGY_START]):
+            self.restore(before)
+            raise ValueError("control points: have no finite energy; neighbours must not coincide")
+        self._steps, self._remainder = 0, 0.0
         self._initial = self.snapshot()
-
-    def _still(self, rows: Array) -> Array:
-        return self._model.to_columns(rows, rest=False)
-
-    def _own_coordinates(
-        self, what: str, value: ArrayLike, back: Callable[[Array], Array]
-    ) -> Array:
-        columns = np.array(value, dtype=float)
-        if columns.shape != (self._model.n, 4) or not np.isfinite(columns).all():
-            raise ValueError(f"{what}: needs finite numbers of shape ({self._model.n}, 4)")
-        if not np.allclose(back(self._model.to_rows(columns)), columns, rtol=0.0, atol=1e-12):
-            raise ValueError(
-                f"{what}: leave the coordinates of the step, {self._model.columns} of x, y, z, "
-                f"theta; set terms.out_of_plane or terms.twist to on"
-            )
-        return columns
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends.
+
+        Loads are those of the scene: what `set_load` gave is to be given again.
 
         Building it takes time. What changes meanwhile it can `take_over` at the end.
         """
@@ -277,8 +264,8 @@ class Simulator(CableView):
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             points, rates = (resampled(values, old, new, u) for values in (points, rates))
         self._ends.take_over(other._ends, other.time)
-        if self.scene.terms.twist == "auto" and any(self._ends.twists(end) for end in ENDS):
-            self._extend(self._needs.with_twist())
+        if any(self._ends.twists(end) for end in ENDS):
+            self._extend(self._needs.with_twist(self.scene))
         self._ends.put(points, 0.0)
         self._set(points, rates)
         optional_terms.carry_plastic(other._model.terms, self._model.terms)
@@ -287,27 +274,18 @@ class Simulator(CableView):
 
     # -- inside ---------------------------------------------------------------------------------
 
-    def _sane(self, step: int) -> bool:
-        """Whether the state may be shown: explicit loops look at the energy only now and then."""
-        position = self._state.position
-        if not math.isfinite(np.vdot(position, position)):  # half the time of isfinite().all()
-            return False
-        if self._stepper.looked_at(step):
-            return True
-        return not grossly_open(self._model, self._state, self._work)
-
-    def _keep(self) -> None:
-        """Remember the state before an advance, without allocating."""
-        if not self._kept:
-            arrays = self._mutable()
-            self._kept = tuple((array, array.copy()) for array in arrays)
-        for array, copy in self._kept:
-            copy[...] = array  # half the time of copyto
-
-    def _go_back(self) -> None:
-        """Take back the advance since `_keep`."""
-        for array, copy in self._kept:
-            array[...] = copy
+    def _new_loop(self) -> GuardedLoop:
+        arrays = self._mutable()
+        return GuardedLoop(
+            self._model,
+            self._stepper,
+            self._state,
+            self._work,
+            self._solver,
+            workspace.new_recorder(self._model, np.zeros(0)),
+            arrays,
+            tuple(array.copy() for array in arrays),
+        )
 
     def _mutable(self) -> tuple[Array, ...]:
         terms = self._model.terms
@@ -332,12 +310,11 @@ class Simulator(CableView):
 
     def _after_end_moved(self, end: str) -> None:
         """Bring in what a moved end needs: the drive itself, the third coordinate, twist."""
-        needs = self._needs.with_drive()
-        if not self._ends.stays_in_plane(end, self._model.axes):
-            needs = needs.spatial()
-        if self.scene.terms.twist == "auto" and not needs.twist and self._ends.twists(end):
-            needs = needs.with_twist()
-        self._extend(needs)
+        leaves_plane = not self._ends.stays_in_plane(end, self._model.axes)
+        twists = not self._needs.twist and self._ends.twists(end)
+        self._extend(
+            needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
+        )
         self._turn_rest_axis()
 
     def _turn_rest_axis(self) -> None:
@@ -358,18 +335,18 @@ class Simulator(CableView):
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
         self._needs = needs
-        self._kept = ()
         self._model = build_model(self.scene, needs, self._geometries)
         self._share_drive()
         self._state = workspace.new_state(self._model)
         self._work = workspace.new_work(self._model)
         self._solver = workspace.new_solver(self._model)
-        self._unrecorded = workspace.new_recorder(self._model, np.zeros(0))
         self._stepper = Stepper(self.scene, self._model, self._choice)
+        self._loop = self._new_loop()
 
     def _extend(self, needs: Needs) -> None:
         """Something that was left out matters now: it comes into the step, the state stays."""
         if needs == self._needs:
+            self._needs = needs  # its warnings may be new
             return
         points, rates = self.control_points, self.velocities
         old, ledger = self._model.terms, self._state.ledger
@@ -379,7 +356,9 @@ class Simulator(CableView):
         optional_terms.carry_plastic(old, new)
         self._set(points, rates)
         self._state.ledger[:] = ledger
-        self._state.ledger[[layout.BOOKED, layout.HISTORY, layout.REACTION]] = 0.0
+        self._state.ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
+        anew = [layout.BOOKED, layout.PENDING, layout.HISTORY, layout.REACTION]
+        self._state.ledger[anew] = 0.0
         self._turn_rest_axis()
 
 
@@ -391,12 +370,3 @@ def _three(name: str, value: ArrayLike | None) -> Array | None:
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise ValueError(f"load '{name}': needs three finite numbers, got {value!r}")
     return vector
-
-
-def _refuse_unbuilt(scene: Scene) -> None:
-    if scene.terms.contact == "on":
-        raise SceneError("terms.contact: 'on' is not available in this version; use auto or off")
-    if scene.terms.twist == "quasistatic":
-        raise SceneError(
-            "terms.twist: 'quasistatic' is not available in this version; use auto, on or frenet"
-        )

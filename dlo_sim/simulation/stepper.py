@@ -22,7 +22,7 @@ from dlo_sim.kernels.instant import stiffness_band
 from dlo_sim.kernels.jit import bound
 from dlo_sim.kernels.rattle import advance_rattle
 from dlo_sim.kernels.runge_kutta import advance_runge_kutta
-from dlo_sim.kernels.splitting import advance_splitting
+from dlo_sim.kernels.splitting import advance_splitting, jump_ends
 from dlo_sim.kernels.zhai import advance_zhai
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation import optional_terms
@@ -72,10 +72,11 @@ class Stepper:
 
     def __init__(self, scene: Scene, model: Model, choice: Choice) -> None:
         self._model = model
-        self._choice = choice
         self._code: Loop | None = None
         self.chain: layout.Chain | None = None
         method = choice.method
+        self.family = method.family
+        self.step = choice.step
         self._loop: Loop
         self._own: tuple[object, ...]  # what only this method needs
         if method.family == SPLITTING:
@@ -106,7 +107,22 @@ class Stepper:
 
     def looked_at(self, step: int) -> bool:
         """Whether the loop compares the energy of the state after so many steps."""
-        return self._choice.method.family == IMPLICIT or step % GUARD_STEPS == 0
+        return self.family == IMPLICIT or step % GUARD_STEPS == 0
+
+    def jump(self, state: layout.State, work: layout.Work, time: float) -> None:
+        """Let ends that were put elsewhere be there now. Implicit steps account for that exactly,
+        and constraints need a step to follow.
+        """
+        if self.family in (SPLITTING, RUNGE_KUTTA, ZHAI):
+            jump_ends(state, self._model.terms, work, time)
+
+    def last_look(self, step: int) -> int:
+        """The last such state up to there."""
+        return step if self.family == IMPLICIT else step - step % GUARD_STEPS
+
+    def until_look(self, step: int) -> int:
+        """Steps from there to the next such state."""
+        return GUARD_STEPS - step % GUARD_STEPS
 
     def advance(
         self,
@@ -116,18 +132,41 @@ class Stepper:
         first: int,
         steps: int,
         recorder: layout.Recorder,
+        finer: int = 1,
     ) -> tuple[int, int, int]:
-        """(kernel status, steps done, force evaluations or Newton iterations)."""
-        shared = (state, self._model.terms, work)
-        span = (first, steps, self._choice.step)
-        if self._choice.method.family == IMPLICIT:
-            arguments = (*shared, solver, *self._own, *span, recorder)
-        else:
-            arguments = (*shared, *self._own, *span, GUARD_STEPS, recorder)
+        """(kernel status, steps done, force evaluations or Newton iterations).
+
+        Every step is done in so many parts as `finer` says, of which the steps done are counted.
+        """
+        span = (first * finer, steps * finer, self.step / finer)
+        arguments = self._arguments(state, work, solver, span, recorder)
         if self._code is None:
             self._code = bound(self._loop, *arguments)
         done: tuple[int, int, int] = self._code(*arguments)
         return done
+
+    def compile(
+        self,
+        state: layout.State,
+        work: layout.Work,
+        solver: layout.Solver,
+        recorder: layout.Recorder,
+    ) -> None:
+        """Make the loop's machine code ready for arrays like these."""
+        bound(self._loop, *self._arguments(state, work, solver, (0, 0, self.step), recorder))
+
+    def _arguments(
+        self,
+        state: layout.State,
+        work: layout.Work,
+        solver: layout.Solver,
+        span: tuple[int, int, float],
+        recorder: layout.Recorder,
+    ) -> tuple[object, ...]:
+        shared = (state, self._model.terms, work)
+        if self.family == IMPLICIT:
+            return (*shared, solver, *self._own, *span, recorder)
+        return (*shared, *self._own, *span, GUARD_STEPS, recorder)
 
 
 def alpha_constants(method: Method, spectral_radius: float) -> layout.Alpha:

@@ -14,6 +14,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.account import balance
+from dlo_sim.simulation.coiling import coiling_warning
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.reaction import Wrench, reaction
@@ -84,6 +85,14 @@ class CableView:
     def active_terms(self) -> tuple[str, ...]:
         """Terms that the compiled step contains."""
         return self._needs.active
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What switched-off terms take away from a scene that needs them, and what the model does
+        not show of its present state, one line each.
+        """
+        coiling = coiling_warning(self.scene, self._model, self._state)
+        return (*self._needs.warnings, *([coiling] if coiling else []))
 
     @property
     def left_out(self) -> dict[str, str]:
@@ -167,7 +176,7 @@ class CableView:
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know, one line each."""
         torsion = self.undefined_torsion
-        return (torsion.note,) if torsion.worst else ()
+        return (*self.warnings, *([torsion.note] if torsion.worst else []))
 
     @property
     def energy_error(self) -> float:

@@ -3,8 +3,10 @@
 import json
 import math
 import os
+import subprocess
 import sys
 import types
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +18,7 @@ from dlo_sim.cli.main import main
 JSON_KEYS = {
     *("status", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
     *(
-        "force_evaluations",
+        *("choice", "force_evaluations"),
         "real_time_factor",
         "energy_error_max",
         "error_estimate",
@@ -38,6 +40,7 @@ class MadeUp:
     steps: int = 500
     step_s: float = 1e-3
     method: str = "forest_ruth"
+    choice: str = "as the scene asks"
     force_evaluations: int = 1500
     real_time_factor: float = 2.0
     energy_error_max: float | None = 1e-6
@@ -215,6 +218,52 @@ def test_progress_bar_only_on_a_terminal(recorder, capsys, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
     assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_one_line_when_machine_code_is_missing(recorder, capsys, monkeypatch, terminal):
+    """Between what goes to a terminal, or the only line of a service; never on stdout."""
+    from dlo_sim.kernels import cache
+    from dlo_sim.simulation import machine_code
+
+    def record(*arguments, **options):
+        for entry in ("one", "another"):
+            cache.miss(entry, kept=True)
+        return make_up(*arguments, **options)
+
+    make_up = recorder.record
+    recorder.record = record
+    monkeypatch.setattr(cache, "_said", set())
+    monkeypatch.setattr(machine_code, "compiled_by_two", nullcontext)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    assert main(["simulate", "paper_wire", "--duration", "0.5", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["status"] == "ok" and out.count("\n") == 1
+    kept = cache.base_directory()
+    line = f"dlo_sim: compiling the step of this scene, some 10 to 30 s, kept in {kept}\n"
+    assert err.count("compiling") == 1 and line in err
+    assert err == line or terminal
+    assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
+    assert "compiling" not in capsys.readouterr().err, "a warm start"
+
+
+@pytest.mark.slow
+def test_first_and_second_run_of_a_user(tmp_path):
+    command = [sys.executable, "-m", "dlo_sim", "simulate", "paper_wire", "--duration", "0.01"]
+    environment = {**os.environ, "DLO_SIM_CACHE": str(tmp_path)}
+
+    def run() -> tuple[str, str]:
+        done = subprocess.run(
+            [*command, "--json"], env=environment, capture_output=True, text=True, check=True
+        )
+        return done.stdout, done.stderr
+
+    out, err = run()
+    assert json.loads(out)["status"] == "ok"
+    assert err.startswith("dlo_sim: compiling") and err.count("\n") == 1
+    out, err = run()
+    assert json.loads(out)["status"] == "ok"
+    assert err == ""
 
 
 def test_real_run_from_the_command_to_the_file(tmp_path, capsys):

@@ -59,6 +59,7 @@ class Step:
     def solve(self, points):
         bench = self.bench
         bench.solver.start[:] = bench.pack(self.start)
+        bench.work.before[:] = bench.pack(points) - bench.solver.start
         bench.solver.start_w[:] = bench.pack(self.rates)
         bench.solver.coast[:] = bench.pack(TAU * self.rates)
         midpoint = self.theta == 0.5

@@ -76,6 +76,12 @@ class NodeProcess:
         """Everything it has said so far."""
         return self._log.read_text(encoding="utf-8", errors="replace")
 
+    @property
+    def waited(self) -> float:
+        """Time [s] for which its threads could have run, but other processes had the core."""
+        tasks = Path(f"/proc/{self.process.pid}/task").glob("*/schedstat")
+        return sum(int(task.read_text().split()[1]) for task in tasks) * 1e-9
+
     def wait(self, timeout: float = SOON) -> int:
         """Its exit status.
 
@@ -190,3 +196,27 @@ class Peer:
 
         diagnostics.clear()
         return self.until(found, f"{what} in diagnostics")
+
+
+class Metronomes:
+    """A process on each core that only sleeps: its late wakings are the machine's own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._logs = [folder / f"metronome_{core}.txt" for core in sorted(os.sched_getaffinity(0))]
+        self._processes = []
+        for core, log in zip(sorted(os.sched_getaffinity(0)), self._logs, strict=True):
+            script = str(Path(__file__).with_name("metronome.py"))
+            with log.open("wb") as stream:
+                command = [sys.executable, script, str(core)]
+                self._processes.append(subprocess.Popen(command, stdout=stream))
+
+    def end(self) -> None:
+        for process in self._processes:
+            process.kill()
+            process.wait()
+
+    def stood_still(self, begin_ns: int, end_ns: int) -> bool:
+        """Whether a core did at some time in between."""
+        lines = [line for log in self._logs for line in log.read_text().splitlines()]
+        spans = [tuple(map(int, line.split())) for line in lines]
+        return any(begin < end_ns and end > begin_ns for begin, end in spans)

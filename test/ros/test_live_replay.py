@@ -28,7 +28,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from geometry_msgs.msg import PoseArray
-from node_harness import CABLE, NodeProcess, Peer
+from node_harness import CABLE, Metronomes, NodeProcess, Peer
 from rclpy.qos import QoSProfile
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -130,30 +130,6 @@ class Player:
     def end(self) -> None:
         self._process.kill()
         self._process.communicate()
-
-
-class Metronomes:
-    """A process on each core that only sleeps: its late wakings are the machine's own."""
-
-    def __init__(self, folder: Path) -> None:
-        self._logs = [folder / f"metronome_{core}.txt" for core in sorted(os.sched_getaffinity(0))]
-        self._processes = []
-        for core, log in zip(sorted(os.sched_getaffinity(0)), self._logs, strict=True):
-            script = str(Path(__file__).with_name("metronome.py"))
-            with log.open("wb") as stream:
-                command = [sys.executable, script, str(core)]
-                self._processes.append(subprocess.Popen(command, stdout=stream))
-
-    def end(self) -> None:
-        for process in self._processes:
-            process.kill()
-            process.wait()
-
-    def stood_still(self, begin_ns: int, end_ns: int) -> bool:
-        """Whether a core did at some time in between."""
-        lines = [line for log in self._logs for line in log.read_text().splitlines()]
-        spans = [tuple(map(int, line.split())) for line in lines]
-        return any(begin < end_ns and end > begin_ns for begin, end in spans)
 
 
 class Publications:

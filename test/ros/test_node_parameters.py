@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 
 from dlo_sim.scene.loading import scene_from_values, scene_values
 from dlo_sim.scene.parameters import scene_parameters
+from dlo_sim.simulation.simulator import Simulator
 
 ROWS = {row.key: row for row in scene_parameters(("tip", "force"))}
 TYPES = {
@@ -89,15 +90,23 @@ def test_a_change_takes_effect(peer: Peer) -> None:
     peer.until(lambda: points() == 9, "9 control points")
 
 
-def test_ticks_go_on_while_a_change_is_made_ready(peer: Peer) -> None:
-    """A method named anew is compiled (here: found on disk) by another process, which takes a
-    while.
-    """
-    received = peer.collect(PoseArray, "/dlo_sim/control_points")
-    peer.until(lambda: received, "control points")
-    received.clear()
-    assert peer.set({"integrator.method": "energy_momentum"}).successful
-    assert len(received) > 20
+def test_diagnostics_name_the_terms_that_the_simulator_has_and_warn_of_those_it_lacks(
+    peer: Peer, node: NodeProcess
+) -> None:
+    for weight in ("auto", "off"):
+        assert peer.set({"terms.gravity": weight}).successful
+        expected = Simulator(scene_from_values({**CABLE, "terms.gravity": weight}))
+        left_out = [f"{name}: {reason}" for name, reason in expected.left_out.items()]
+        found = peer.status(
+            "dlo_sim: session",
+            lambda values, status, lines=left_out: values["left out"] == "; ".join(lines),
+            f"what is left out with terms.gravity {weight}",
+        )
+        assert found["active terms"] == ", ".join(expected.active_terms)
+        assert found["warnings"] == "; ".join(expected.warnings)
+    (warning,) = expected.warnings
+    logged = [line for line in node.output.splitlines() if warning in line]
+    assert len(logged) == 1 and "[WARN]" in logged[0]
 
 
 def test_an_integer_is_a_number_and_on_is_a_text(peer: Peer) -> None:

@@ -25,6 +25,7 @@ class FakeSimulator:
         self.method = "fake"
         self.active_terms = ("stretch",)
         self.left_out = {"twist": "fake"}
+        self.warnings = ()
         self.fail_at: int | None = None
         self.calls: list[tuple] = []
         self.end_poses = dict(end_poses or {})

@@ -78,6 +78,20 @@ def test_who_estimates(estimates, live, setting, expected):
     assert ("space error [m]" in values) is expected
 
 
+def test_what_the_model_does_not_show_is_a_warning_that_hides_no_other(estimates):
+    one = session()
+    one.tick(T0)
+    assert found(one)[0] == 0
+    one.simulator.warnings = ("terms.gravity: off",)
+    level, message, values = found(one)
+    assert (level, message, values["warnings"]) == (1, "terms.gravity: off", "terms.gravity: off")
+    estimates[0].recent = DiscretizationError(1e-5, 4e-3)
+    one.tick(T0 + 5 * MS)
+    level, message, values = found(one)
+    assert (level, values["warnings"]) == (1, "terms.gravity: off")
+    assert "terms.gravity" not in message
+
+
 def test_excess_is_a_warning_while_it_lasts_and_an_event_once(estimates):
     one = session()
     one.tick(T0)

@@ -112,6 +112,18 @@ def test_a_tangent_may_be_given_instead_of_an_orientation():
     assert np.allclose(arm, np.array([0.0, 0.6, 0.8]) / 9, atol=1e-15)
 
 
+@pytest.mark.parametrize("method", ["velocity_verlet", "forest_ruth", "rk4", "zhai"])
+def test_a_jump_of_a_clamp_is_no_divergence(method):
+    """Turned by a right angle in no time: its work is the change of the energy, not force times
+    way."""
+    sim = soft(method=method)
+    sim.advance_steps(30)
+    sim.set_end("start", tangent=[0.0, 3.0, 4.0])
+    assert sim.advance_steps(400).status.ok
+    assert sim.energy().kinetic > 0.1
+    assert sim.energy_error < 0.02
+
+
 def test_a_quaternion_is_normalised():
     sim = soft()
     sim.set_end("start", orientation=3.0 * TILT)

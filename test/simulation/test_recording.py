@@ -40,6 +40,15 @@ def swinging() -> recording.Recording:
     return record(wire(), 0.1, 5e-4)
 
 
+def test_the_first_sample_is_the_start_of_a_cable_that_is_not_level():
+    """In the plane a state's rows are x and z; the sample at the start once had y for z."""
+    scene = wire().with_values({"start.position": [0.0, 0.0, 0.5], "end.position": [2.0, 0.0, 0.5]})
+    made = record(scene, 0.01, 2e-3)
+    assert len(made.control_points[0]) == 9
+    assert np.array_equal(made.control_points[0], Simulator(scene).control_points)
+    assert made.control_points[0, :, 2] == pytest.approx(np.full(9, 0.5), abs=1e-12)
+
+
 def test_samples_are_at_exact_multiples(swinging):
     assert swinging.time.tolist() == [k * 5e-4 for k in range(201)]
     assert swinging.control_points.shape == (201, 9, 4)

@@ -43,7 +43,7 @@ def middle(sim, duration=1.0, every=0.005):
 def test_stiff_scenes_get_the_order_that_their_accuracy_pays_for(target, damping, method):
     sim = chosen({"accuracy.target": target, "damping.mass": damping})
     assert sim.method == method
-    assert "stiff" in sim.choice.reason
+    assert "stiff in stretching" in sim.choice.reason
     assert ("order 4" in sim.choice.reason) == (method == "energy_momentum_4")
 
 
@@ -57,3 +57,42 @@ def test_the_chosen_step_keeps_about_what_was_asked_for(target):
     # A method that asks for far more than it needs would pass above and fail here.
     coarse = chosen(method=sim.method, step=min(16 * sim.step, 5e-3))
     assert np.abs(middle(coarse) - exact).max() > min(off, 1e-6)
+
+
+SLACK = {
+    "start.fixed": [False, True, True],
+    "start.spring": [1e6, 0.0, 0.0],
+    "cable.youngs_modulus": 1e6,
+}
+THICK = {"cable.bending_stiffness": 1e4}
+
+
+@pytest.mark.parametrize(
+    ("scene", "name"), [(SLACK, "start.spring"), (THICK, "bending"), ({}, "stretching")]
+)
+def test_the_reason_names_what_is_stiff(scene, name):
+    """The same that the spectrum says: without it the step may be longer, without others not."""
+    sim = chosen(scene)
+    softer = {
+        "start.spring": {"start.spring": [1.0, 0.0, 0.0]},
+        "stretching": {"cable.axial_stiffness": 1e3},
+        "bending": {"cable.bending_stiffness": 1e-3},
+    }
+    limits = {
+        key: chosen(scene, change, method="velocity_verlet").choice.limit
+        for key, change in softer.items()
+        if key != "start.spring" or scene is SLACK
+    }
+    assert f"stiff in {name}" in sim.choice.reason
+    assert max(limits, key=limits.get) == name
+
+
+@pytest.mark.parametrize("modulus", [1e4, 1e5, 1e6, 1e7])
+def test_a_soft_cable_gets_a_step_that_it_bears(modulus):
+    """Let go at one end, it falls far: its own waves would allow a longer step than that does."""
+    hanging = {"cable.youngs_modulus": modulus, "end.fixed": [False] * 3, "start.clamped": True}
+    sim = chosen(hanging)
+    assert sim.method == "velocity_verlet"
+    assert sim.step < sim.choice.limit
+    assert sim.advance(5.0).status.ok
+    assert sim.energy_error < 0.05

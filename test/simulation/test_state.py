@@ -183,6 +183,53 @@ def test_a_diverging_run_stops_in_a_state_that_was_reached():
     assert sim.advance_steps(5).status.ok
 
 
+def test_a_diverging_run_keeps_all_that_was_good():
+    """In one call as in many: a long call does not take back what came before the failure."""
+    limit = simulator(SOFT, n=6, method="velocity_verlet").choice.limit
+    scene = scene_of(SOFT, n=6, method="velocity_verlet", step=1.01 * limit)
+    whole, pieces = (Simulator(scene, unchecked_step=True) for _ in range(2))
+    report = whole.advance_steps(4000)
+    while pieces.advance_steps(16).status.ok:
+        pass
+    assert report.status is Status.DIVERGED
+    assert report.steps == whole.steps == pieces.steps > 30
+    assert same(everything(whole), everything(pieces))
+
+
+def test_a_step_that_gains_energy_is_done_in_smaller_ones(monkeypatch):
+    """An end effector that jumps, at a step that the midpoint rule cannot bear for that."""
+
+    def jumping():
+        sim = simulator(
+            SOFT, {"cable.axial_stiffness": 1e4}, n=8, method="implicit_midpoint", step=5e-3
+        )
+        sim.advance_steps(10)
+        sim.set_end("start", position=[0.01, 0.0, 0.01])
+        return sim
+
+    sim, pieces, without = jumping(), jumping(), jumping()
+    assert sim.advance_steps(20).steps == 20
+    assert sim.energy_error < 0.3
+    for _ in range(20):
+        assert pieces.advance_steps(1).status.ok
+    assert same(everything(sim), everything(pieces))
+    monkeypatch.setattr("dlo_sim.simulation.guarded_loop.RETRIES", ())
+    report = without.advance_steps(20)
+    assert report.status is Status.DIVERGED
+    assert report.steps < 20
+
+
+def test_a_step_that_turns_the_cable_over_is_done_in_smaller_ones():
+    """Pushed together by 30 N: Newton's method may find a fold that the motion does not go to."""
+    push = {"loads.tip.signal": "constant", "loads.tip.force": [-30.0, 0.0, 3.0]}
+    ends = []
+    for step in (2.5e-5, 1e-2):
+        sim = simulator(SOFT, push, n=12, method="energy_momentum", step=step)
+        assert sim.advance(0.03).status.ok
+        ends.append(sim.control_points[:, :3])
+    assert np.abs(ends[1] - ends[0]).max() < 0.1  # m; 0.18 m without
+
+
 def test_a_step_that_cannot_be_solved_keeps_the_state():
     """A load of 1e20 N: Newton's method fails however short the step."""
     sim = simulator(SOFT, n=6, method="energy_momentum", step=1e-2)
@@ -191,7 +238,7 @@ def test_a_step_that_cannot_be_solved_keeps_the_state():
     sim.set_load("tip", force=[0.0, 0.0, 1e20])
     report = sim.advance_steps(3)
     assert report.status is Status.NOT_CONVERGED
-    assert "(at 0.1 s; method energy_momentum, step 0.01 s)" in report.message
+    assert "(at 0.1 s, u = 1 m; method energy_momentum, step 0.01 s)" in report.message
     assert (report.steps, report.simulated, sim.steps) == (0, 0.0, 10)
     assert same(sim.control_points, before[0])
     assert same(sim.velocities, before[1])
@@ -211,6 +258,36 @@ def test_a_step_that_is_solved_in_part_keeps_the_state_before_it(monkeypatch):
         assert sim.steps < 20
     assert report.steps == 0
     assert same(sim.control_points, before)
+
+
+@pytest.mark.parametrize("steps", [2.5, -1, np.nan, np.inf])
+def test_steps_are_whole_and_not_negative(steps):
+    sim = simulator(SOFT, n=6, method="velocity_verlet")
+    with pytest.raises((ValueError, OverflowError)):
+        sim.advance_steps(steps)
+    with pytest.raises(ValueError, match="duration"):
+        sim.advance(-1.0 if steps == 2.5 else min(steps, -1.0) if steps < 0 else steps)
+    assert sim.steps == 0
+    assert sim.advance_steps(2.0).steps == 2
+
+
+def test_a_snapshot_of_another_scene_is_refused():
+    sim, other = (simulator(SOFT, n=n, method="velocity_verlet") for n in (6, 7))
+    other.advance_steps(5)
+    before = everything(sim)
+    with pytest.raises(ValueError, match="another scene"):
+        sim.restore(other.snapshot())
+    assert same(everything(sim), before)
+
+
+def test_a_start_without_a_finite_energy_is_refused():
+    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet")
+    before = everything(sim)
+    with pytest.raises(ValueError, match="coincide"):
+        sim.start_from(np.zeros((6, 4)))
+    assert same(everything(sim), before)
+    with pytest.raises(ValueError, match="outside"):
+        sim.centerline([np.nan])
 
 
 def test_fields_of_the_state_are_copies():

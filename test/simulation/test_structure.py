@@ -18,6 +18,7 @@ from cables import (
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.simulator import Simulator
 
 # Methods whose step depends on the state alone; Zhai's and generalised-alpha carry accelerations
@@ -198,8 +199,12 @@ def spectral_radius(sim, bench, omega):
 
 
 @pytest.mark.parametrize("method", [m for m in ONE_STEP if m.family != IMPLICIT], ids=by_name)
-def test_linear_stability_of_the_whole_cable(method):
-    """The recorded limit over the largest frequency is where the spectral radius leaves one."""
+def test_linear_stability_of_the_whole_cable(method, monkeypatch):
+    """The recorded limit over the largest frequency is where the spectral radius leaves one.
+
+    Beyond it a simulator takes a step back that begins to grow.
+    """
+    monkeypatch.setattr(GuardedLoop, "_sane", lambda loop, step: True)
     limit = simulator(SOFT, FLAT, n=5, method=method.name).choice.limit
     bench = Bench(SOFT, FLAT, n=5)
     free = np.ix_(bench.free.ravel(), bench.free.ravel())

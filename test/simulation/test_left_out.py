@@ -1,0 +1,136 @@
+"""A term that is left out automatically does not matter: the full model moves in the same way."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from cables import SOFT, scene_of, set_state, simulator
+
+from dlo_sim.simulation.simulator import Simulator
+
+STEPS = 50
+ROUND_OFF = 1e-12  # [m, rad] after 25 ms of motion over more than a millimetre
+# Clamped at the start, free at the end, in space; everything else is for the cases to put in.
+BARE = {key: value for key, value in SOFT.items() if not key.startswith(("loads.", "terms."))}
+SPATIAL = {"terms.out_of_plane": "on"}
+PLANES = {"yz": 0, "xz": 1, "xy": 2}
+DIRECTIONS = {0: [0.0, 0.8, 0.6], 1: [0.8, 0.0, 0.6], 2: [0.6, 0.8, 0.0]}
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A scene that does without a term, what puts the term in, and how far the motions may differ
+    [m, rad].
+
+    material: values of both cables that no scene file may have.
+    """
+
+    term: str
+    scene: dict
+    forced: dict
+    tolerance: float = ROUND_OFF
+    method: str = "velocity_verlet"
+    name: str = ""
+    material: dict = field(default_factory=dict)
+
+    def __str__(self):
+        return self.name or self.term
+
+
+def plane(name):
+    """A cable with weight, natural curvature, a spring and a wrench in a coordinate plane."""
+    normal = PLANES[name]
+    along, axis = np.array(DIRECTIONS[normal]), np.eye(3)[normal]
+    across = np.cross(axis, along)
+    scene = BARE | {
+        "end.position": list(along),
+        "end.spring": [0.0 if d == normal else 20.0 + d for d in range(3)],
+        "gravity": list(-9.81 * across),
+        "cable.rest_curvature": [0.5, -1.0, 2.0],
+        "cable.rest_curvature_axis": list(axis),
+        "loads.names": ["tip"],
+        "loads.tip.position": 0.7,
+        "loads.tip.signal": "constant",
+        "loads.tip.force": list(0.4 * across - 0.3 * along),
+        "loads.tip.torque": list(0.05 * axis),
+    }
+    return Rule("out_of_plane", scene, SPATIAL, name=f"out_of_plane {name}")
+
+
+SPACE = BARE | SPATIAL
+NOTHING = {"youngs_modulus": 0.0}
+NO_WEIGHT = {"gravity": [0.0, 0.0, 0.0]}
+ZERO_LOAD = {"loads.names": ["tip"], "loads.tip.type": "force", "loads.tip.signal": "constant"}
+RULES = [
+    Rule("stretch", SPACE, {"terms.stretch": "on"}, material=NOTHING | {"axial_stiffness": 0.0}),
+    Rule("bend", SPACE, {"terms.bend": "on"}, material=NOTHING | {"bending_stiffness": 0.0}),
+    Rule("twist", SPACE, {"terms.twist": "on"}),
+    Rule("gravity", SPACE | NO_WEIGHT, {"terms.gravity": "on"}),
+    Rule("damping", SPACE, {"terms.damping": "on"}),
+    Rule("damping", SPACE, {"terms.damping": "on"}, method="energy_momentum", name="friction"),
+    Rule("plasticity", SPACE, {"plasticity.yield_curvature": 1e5}),
+    Rule("springs", SPACE | {"end.position": [1.0, 0.0, 0.0]}, {"end.spring": [1e-12] * 3}),
+    Rule("loads", SPACE, ZERO_LOAD),
+    Rule("drive", SPACE | {"terms.twist": "on"}, {"start.pose_topic": "/pose"}),
+    *(plane(name) for name in PLANES),
+]
+
+
+def contains(sim, term):
+    if term == "out_of_plane":
+        return len(sim.model.axes) == 3
+    there = term in sim.active_terms
+    if term == "damping":
+        assert there == (sim.model.terms.decay is not None) == (sim.model.friction is not None)
+    return there
+
+
+def built(rule, more):
+    scene = scene_of(rule.scene, more, n=6, method=rule.method, step=5e-4)
+    return Simulator(replace(scene, cable=replace(scene.cable, **rule.material)))
+
+
+def set_moving(sim, axes):
+    """Throw the cable, along these axes only."""
+    rates = np.zeros((sim.model.n, 4))
+    rates[2:, axes] = 0.5 * np.random.default_rng(3).normal(size=(sim.model.n - 2, 3))[:, axes]
+    set_state(sim, rates=rates)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=str)
+def test_what_is_left_out_does_not_matter(rule):
+    bare, full = built(rule, {}), built(rule, rule.forced)
+    assert not contains(bare, rule.term) and contains(full, rule.term)
+    assert rule.term in bare.left_out and rule.term not in full.left_out
+    assert bare.warnings == full.warnings == ()
+    begin = bare.control_points
+    assert np.abs(full.control_points - begin).max() < ROUND_OFF
+    for sim in (bare, full):
+        set_moving(sim, list(bare.model.axes))
+        assert sim.advance_steps(STEPS).status.ok
+    assert np.abs(bare.control_points - begin)[:, :3].max() > 1e-3
+    assert np.abs(full.control_points - bare.control_points).max() < rule.tolerance
+
+
+def test_twist_comes_back_with_a_moment_and_the_state_stays():
+    """Afterwards the cable moves as one that had twist from the start."""
+    scene = SPACE | ZERO_LOAD | {"loads.tip.position": 0.6}
+    common = {"n": 6, "method": "velocity_verlet", "step": 5e-4}
+    sim, full = simulator(scene, **common), simulator(scene, {"terms.twist": "on"}, **common)
+    for each in (sim, full):
+        set_moving(each, [0, 1, 2])
+        assert each.advance_steps(STEPS).status.ok
+    assert "twist" in sim.left_out
+    saved, points, rates = sim.snapshot(), sim.control_points, sim.velocities
+    for each in (sim, full):
+        each.set_load("tip", torque=[0.02, 0.0, 0.01])
+    assert "twist" in sim.active_terms and "twist" not in sim.left_out
+    assert sim.time == STEPS * 5e-4
+    assert np.array_equal(sim.control_points, points)
+    assert np.allclose(sim.velocities, rates, rtol=0.0, atol=1e-12)
+    for each in (sim, full):
+        assert each.advance_steps(STEPS).status.ok
+    assert np.abs(sim.control_points[:, 3]).max() > 1e-2
+    assert np.abs(sim.control_points - full.control_points).max() < ROUND_OFF
+    sim.restore(saved)
+    assert "twist" in sim.left_out and np.array_equal(sim.control_points, points)

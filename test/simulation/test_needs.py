@@ -1,0 +1,167 @@
+"""Terms that are switched off: obeyed, explained, with a warning where the scene loses by it."""
+
+import numpy as np
+import pytest
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
+from dlo_sim.scene.needs import inextensible, needs_of
+from dlo_sim.simulation.simulator import Simulator
+
+YIELDING = {"plasticity.yield_curvature": 2.0, "cable.rest_curvature": [0.0]}
+TAUT = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, "start.spring": [0.0] * 3}
+TAUT |= {"end.spring": [0.0] * 3}
+OPEN = {"integrator.method": "auto", "terms.stretch": "off"}
+FLAT = {"terms.out_of_plane": "off"}
+
+
+def shipped(name, *more):
+    values = {}
+    for part in more:
+        values |= part
+    return load_scene(shipped_scene(name), values)
+
+
+@pytest.mark.parametrize(
+    ("name", "term", "more", "cure"),
+    [
+        ("paper_wire", "stretch", {}, "integrator.method to rattle"),
+        ("two_grippers", "stretch", {}, "not valid with damping.stiffness"),
+        ("paper_wire", "stretch", {"integrator.method": "auto"} | TAUT, "taut between fixed ends"),
+        ("paper_wire", "bend", {}, "set it to auto"),
+        ("paper_wire", "gravity", {}, "set it to auto"),
+        ("hanging_cable", "twist", {}, "set it to auto"),
+        ("hanging_cable", "damping", {}, "set it to auto"),
+        ("hanging_cable", "plasticity", YIELDING, "set it to auto"),
+        ("two_grippers", "out_of_plane", {}, "set it to auto"),
+        ("paper_wire_force", "out_of_plane", {}, "set it to auto"),
+    ],
+)
+def test_off_is_obeyed_and_warns_where_the_scene_needs_the_term(name, term, more, cure):
+    key = f"terms.{term}"
+    assert needs_of(shipped(name, more)).warnings == ()
+    needs = needs_of(shipped(name, more, {key: "off"}))
+    assert needs.left_out[term] == f"{key} is off"
+    assert term not in needs.active
+    (warning,) = needs.warnings
+    assert warning.startswith(f"{key}: off, so ") and cure in warning and "\n" not in warning
+
+
+def test_off_is_no_loss_where_nothing_needs_the_term():
+    wire = shipped("paper_wire", {"gravity": [0.0, 0.0, 0.0]})
+    off = ("twist", "gravity", "damping", "plasticity", "contact", "out_of_plane")
+    needs = needs_of(wire.with_values({f"terms.{term}": "off" for term in off}))
+    assert needs.warnings == ()
+    assert {needs.left_out[term] for term in off} == {f"terms.{term} is off" for term in off}
+
+
+def test_contact_is_left_out_with_its_reason():
+    assert "not available" in needs_of(shipped("paper_wire")).left_out["contact"]
+
+
+# -- the plane ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "axes"),
+    [
+        ({"end.position": [0.0, 1.0, 0.0]}, (1, 2)),
+        ({"end.position": [0.8, 0.6, 0.0]}, (0, 1)),
+        ({"end.position": [0.8, 0.0, 0.6]}, (0, 2)),
+        ({"gravity": [0.0, -9.81, 0.0]}, (0, 1)),
+    ],
+)
+def test_off_keeps_the_plane_in_which_the_ends_lie_and_the_weight_if_possible(values, axes):
+    ends = {"end.fixed": [True] * 3, "loads.names": ["push"]} | values
+    assert needs_of(scene_from_values(ends)).axes == (0, 1, 2)
+    assert needs_of(scene_from_values(ends | FLAT)).axes == axes
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"end.position": [0.6, 0.5, 0.5], "end.fixed": [True] * 3}, "one coordinate plane"),
+        ({"terms.twist": "frenet"}, "Frenet"),
+        (YIELDING, "plasticity"),
+    ],
+)
+def test_off_is_refused_where_no_plane_can_be_kept(values, named):
+    with pytest.raises(SceneError, match=named) as refusal:
+        Simulator(scene_from_values(values | FLAT))
+    assert "terms.out_of_plane" in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+def test_grippers_that_leave_the_plane_are_followed_in_it():
+    """Position and turn of the pose, projected; the cable goes on as if nothing led across."""
+    sim = Simulator(shipped("two_grippers", FLAT))
+    assert len(sim.model.axes) == 2 and len(sim.notes) == 1
+    path = np.array([[0.0, 0.0, 0.5], [0.1, 0.3, 0.05], [0.0, 0.0, 0.0]])
+    turn = np.array([[0.0, 0.0, 0.4], [0.0, 0.0, 0.0]])
+    sim.set_motion("start", EndMotion(0.0, 1.0, path, np.array([0.0, 0.0, 0.0, 1.0]), turn))
+    assert sim.advance(0.2).status.ok
+    points = sim.control_points
+    assert np.all(points[:, 1] == 0.0)
+    assert points[0, :3] == pytest.approx([0.02, 0.0, 0.51])
+    third = 1.0 / 38 / 3  # of the first span
+    assert points[1, :3] - points[0, :3] == pytest.approx([third * np.cos(0.08), 0.0, 0.0])
+    assert len(sim.notes) == 1
+
+
+def test_a_plane_that_is_kept_against_later_inputs_warns_then():
+    push = {"end.fixed": [False] * 3, "loads.names": ["push"], "loads.push.signal": "constant"}
+    sim = Simulator(
+        scene_from_values(push | FLAT | {"terms.twist": "off", "loads.push.type": "force"})
+    )
+    assert sim.notes == ()
+    sim.set_load("push", force=[0.0, 1.0, 0.0])
+    assert len(sim.model.axes) == 2
+    (note,) = sim.notes
+    assert note.startswith("terms.out_of_plane: off")
+    sim.set_load("push", force=[0.0, 2.0, 0.0])
+    assert sim.notes == (note,)
+
+
+# -- the length ---------------------------------------------------------------------------------
+
+
+def test_stretch_off_and_method_auto_keep_the_length_by_constraints():
+    sim = Simulator(shipped("paper_wire", OPEN))
+    assert sim.method == "rattle"
+    assert "terms.stretch is off" in sim.choice.reason
+    assert "constraints keep the rest length" in sim.left_out["stretch"]
+    assert sim.notes == ()
+    named = Simulator(
+        shipped("paper_wire", {"integrator.method": "rattle", "integrator.step": sim.step})
+    )
+    for each in (sim, named):
+        assert each.advance_steps(50).status.ok
+    assert np.array_equal(sim.control_points, named.control_points)
+    assert np.abs(sim.control_points[:, 2]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("paper_wire", {"terms.stretch": "auto"}),
+        ("paper_wire", {"integrator.method": "forest_ruth"}),
+        ("paper_wire", TAUT),
+        ("paper_wire", {"damping.stiffness": 0.01}),
+        ("paper_wire", {"damping.air_drag": 0.01, "end.mass": 0.1}),
+        ("paper_wire", YIELDING),
+        ("paper_wire", {"terms.twist": "frenet"}),
+    ],
+)
+def test_constraints_only_where_they_are_wanted_and_can_be(name, more):
+    assert inextensible(shipped(name, OPEN))
+    assert not inextensible(shipped(name, OPEN, more))
+
+
+def test_damping_that_is_switched_off_is_nothing_against_constraints():
+    damped = OPEN | {"damping.stiffness": 0.01, "terms.damping": "off"}
+    assert inextensible(shipped("paper_wire", damped))
+
+
+def test_constraints_and_a_stretching_energy_contradict_each_other():
+    with pytest.raises(SceneError, match=r"terms\.stretch: 'on' contradicts .*rattle") as refusal:
+        Simulator(shipped("paper_wire", {"integrator.method": "rattle", "terms.stretch": "on"}))
+    assert "\n" not in str(refusal.value)
