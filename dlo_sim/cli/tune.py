@@ -127,6 +127,7 @@ def _facts(tuned: "Tuned", options: argparse.Namespace) -> dict[str, Any]:
         "quadrature": best.setting.quadrature,
         "samples": best.setting.samples,
         "step_s": best.step,
+        "terms_off": best.setting.off,
         "error_m": tuned.error,
         "reference_error_m": tuned.reference.error,
         "reference": tuned.reference.setting.words,

@@ -1,9 +1,9 @@
-"""The fastest setting within a tolerance: every valid method, coarse to fine."""
+"""The fastest setting within a tolerance: every valid method, coarse to fine, then fewer terms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.reference import Reference, converged
 from dlo_sim.tuning.setting import Setting
-from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, timed_again
+from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, longest_step, timed_again
 
 TRIED = (
     *("rattle", "velocity_verlet", "forest_ruth"),
@@ -28,6 +28,9 @@ MOST_TIMES = 1000
 HOPELESS = 2.0  # times the best run time: finer settings of a method are not tried any more
 STUCK = 0.9  # a smaller step that leaves this share of the error shows that space limits it
 FINALISTS = 3
+# Terms that may be switched off where that pays. Not twist: the angle is not in what is compared.
+SWITCHES = ("bend", "gravity", "damping", "out_of_plane")
+WORTH_IT = 0.95  # of the run time, for which a term is switched off
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +111,8 @@ def tune(
     finalists = sorted(search.good, key=lambda pair: pair[0].wall)[:FINALISTS]
     finalists = [(timed_again(trial, job), off) for trial, off in finalists]
     best, error = min(finalists, key=lambda pair: pair[0].wall, default=(None, float("inf")))
+    if best is not None:
+        best, error = _without_terms(search, best, error)
     present = attempt(job, present_setting(scene))
     progress(1.0)
     off = farthest(present.points, reference.points)
@@ -145,13 +150,41 @@ def _method(search: _Search, method: str, points: int) -> None:
             return
 
 
+def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, float]:
+    """The best setting with every term switched off that the tolerance can do without and that
+    costs something.
+
+    Only of a scene that holds all of its motion: what grippers and live loads will do is not known.
+    """
+    scene = search.job.scene
+    if any(end.driven for end in scene.ends.values()):
+        return best, error
+    if any(load.signal == "none" for load in scene.loads):
+        return best, error
+    for name in SWITCHES:
+        simulator = Simulator(best.setting.applied(scene))
+        there = name in simulator.active_terms or (
+            name == "out_of_plane" and name not in simulator.left_out
+        )
+        if not there or getattr(scene.terms, name) == "on":
+            continue
+        less = replace(best.setting, off=(*best.setting.off, name), step=best.step)
+        trial, off = search.run(less)
+        if off <= search.allowed:
+            best = timed_again(best, search.job)
+            trial = timed_again(trial, search.job)
+            if trial.wall < WORTH_IT * best.wall:
+                best, error = trial, off
+    return best, error
+
+
 def _steps(search: _Search, method: str, n_u: int, points: int) -> list[float]:
     """Steps to try [s], from long to short; empty if the scene refuses the method."""
     scene = search.job.scene
     if METHODS[method].family == IMPLICIT:
         return [1.0 / scene.rate / part for part in PARTS]
     try:
-        own = Simulator(Setting(method, n_u, 0.0, points).applied(scene)).step
+        own = longest_step(Setting(method, n_u, 0.0, points).applied(scene))
     except SceneError:
         return []
     # Whole nanoseconds: message stamps have no finer unit.

@@ -1,4 +1,4 @@
-"""What a scene leaves to numerics: resolution, quadrature, method, step, and the stretch term."""
+"""What a scene leaves to numerics: resolution, quadrature, method, step, and terms left out."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class Setting:
     Attributes:
         method: integrator.method; a constrained one leaves stretching out.
         control_points: n_u. samples: Gauss points per knot span, or uniform samples in all.
-        step: tau [s]; 0 = 0.9 of the stability limit, or for an implicit method what suits
-            accuracy.target.
+        step: tau [s]; 0 = what suits accuracy.target, at most 0.9 of the stability limit.
+        off: terms that are switched off although they are in the scene.
     """
 
     method: str
@@ -23,6 +23,7 @@ class Setting:
     step: float = 0.0
     samples: int = 3
     quadrature: str = "gauss"
+    off: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, object]:
@@ -33,6 +34,7 @@ class Setting:
             "discretization.samples": self.samples,
             "integrator.method": self.method,
             "integrator.step": self.step,
+            **{f"terms.{name}": "off" for name in self.off},
         }
 
     def applied(self, scene: Scene) -> Scene:
@@ -48,4 +50,6 @@ class Setting:
         """One line for people."""
         step = "its own step" if self.step == 0.0 else f"{1e3 * self.step:.4g} ms"
         rule = "per span" if self.quadrature == "gauss" else "in all"
-        return f"{self.method}, n_u {self.control_points}, {self.samples} points {rule}, {step}"
+        without = f", without {', '.join(self.off)}" if self.off else ""
+        points = f"{self.samples} points {rule}"
+        return f"{self.method}, n_u {self.control_points}, {points}, {step}{without}"

@@ -15,6 +15,7 @@ from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.report import Report
+from dlo_sim.simulation.selection import safe_share
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.workspace import new_recorder
 from dlo_sim.tuning.setting import Setting
@@ -80,6 +81,15 @@ class Trial:
         """Whether the run got to its end."""
         return not self.message
 
+    @property
+    def status(self) -> str:
+        """`ok`, or why not, in a word or two."""
+        if self.ok:
+            return "ok"
+        if self.steps == 0 and len(self.points) == 0:
+            return "refused"
+        return "not converged" if "converge" in self.message else "diverged"
+
 
 def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIMED) -> Trial:
     """Run a setting on a job, look at the motion, then time the same steps without looking.
@@ -135,13 +145,23 @@ def timed_again(
     return replace(trial, wall=best, spread=spread, repeats=trial.repeats + len(walls))
 
 
+def longest_step(scene: Scene) -> float:
+    """Longest step of an explicit method [s] that is chosen for stability, whatever the accuracy.
+
+    Raises:
+        SceneError: the scene refuses the method.
+    """
+    choice = Simulator(scene).choice
+    return float(min(safe_share(choice.method) * choice.limit, 1.0 / scene.rate))
+
+
 def at_share(job: Job, setting: Setting, share: float) -> Setting:
-    """A setting at a share of its own step, such that whole steps make a second.
+    """A setting at a share of its longest step, such that whole steps make a second.
 
     Raises:
         SceneError: the setting does not fit the scene.
     """
-    own = Simulator(replace(setting, step=0.0).applied(job.scene)).step
+    own = longest_step(replace(setting, step=0.0).applied(job.scene))
     return replace(setting, step=float(1.0 / np.ceil(1.0 / (share * own) - 1e-9)))
 
 
@@ -171,7 +191,7 @@ def farthest(points: Array, truth: Array) -> float:
 
 def _recorder(simulator: Simulator, job: Job) -> layout.Recorder:
     recorder = new_recorder(simulator.model, job.times)
-    recorder.positions[0] = simulator.control_points.T[: simulator.model.rows]
+    recorder.positions[0] = simulator.model.to_rows(simulator.control_points)
     recorder.next[0] = 1
     return recorder
 

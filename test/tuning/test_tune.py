@@ -3,14 +3,23 @@
 import contextlib
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dlo_sim.cli.main import main
-from dlo_sim.scene.loading import load_scene, scene_values, shipped_scene, shipped_scenes
+from dlo_sim.scene.loading import (
+    load_scene,
+    scene_from_values,
+    scene_values,
+    shipped_scene,
+    shipped_scenes,
+)
 from dlo_sim.simulation.recording import record
+from dlo_sim.tuning.reference import Reference
 from dlo_sim.tuning.scene_file import scene_text, written
+from dlo_sim.tuning.search import _Search, _without_terms
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
 
@@ -54,6 +63,7 @@ def test_tuned_scene_is_the_same_cable_and_faster(tuned):
     assert changed <= {
         *("discretization.control_points", "discretization.quadrature"),
         *("discretization.samples", "integrator.method", "integrator.step"),
+        *("terms.bend", "terms.gravity", "terms.damping", "terms.out_of_plane"),
     }
     assert scene.integrator.method == facts["method"]
     assert scene.integrator.step == facts["step_s"]
@@ -139,3 +149,49 @@ def test_timing_again_keeps_the_least():
 
 def _wire(overrides):
     return load_scene(shipped_scene("paper_wire"), overrides)
+
+
+def _heavy_cable(limit=1e-4):
+    """A search whose cable swings a little: bending and damping do nothing, its weight does all.
+
+    Returns the search and its best trial.
+    """
+    values = {
+        "cable.bending_stiffness": 1e-9,
+        "cable.axial_stiffness": 60.0,
+        "cable.linear_density": 0.1,
+        "damping.mass": 1e-9,
+        "start.fixed": [True] * 3,
+        "end.position": [0.9, 0.0, -0.1],
+        "terms.twist": "off",
+    }
+    setting = Setting("velocity_verlet", 9, 1e-3)
+    job = Job(scene_from_values(values), 0.2, (0.5, 1.0), 0.01)
+    best = attempt(job, setting)
+    return _Search(job, Reference(best.points, setting, 0.0), limit, []), best
+
+
+def _clock(monkeypatch, cost):
+    """Have run times follow from the setting: what is tested is what the search makes of them."""
+
+    def timed(trial, job, budget=0.0):
+        return replace(trial, wall=cost(trial.setting))
+
+    monkeypatch.setattr("dlo_sim.tuning.search.timed_again", timed)
+
+
+def test_terms_that_the_tolerance_can_do_without_are_switched_off(monkeypatch):
+    _clock(monkeypatch, lambda setting: 1.0 - 0.1 * len(setting.off))
+    search, best = _heavy_cable()
+    found, error = _without_terms(search, best, 0.0)
+    assert set(found.setting.off) == {"bend", "damping"}
+    assert 0.0 < error < 1e-4
+    assert found.setting.applied(search.job.scene).terms.bend == "off"
+    assert "without bend" in found.setting.words
+
+
+def test_terms_that_cost_nothing_stay(monkeypatch):
+    _clock(monkeypatch, lambda setting: 1.0 - 0.01 * len(setting.off))
+    search, best = _heavy_cable()
+    found, error = _without_terms(search, best, 0.0)
+    assert found.setting.off == () and error == 0.0
