@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from dlo_sim.batch.workers import Here
+from dlo_sim.studies import plotting
 from dlo_sim.studies.catalogue import STUDIES, Request
-from dlo_sim.studies.stability import map_figures, maps, sections, stiff, study
+from dlo_sim.studies.stability import map_figures, maps, stiff, study
 from dlo_sim.studies.stability.maps import FINISHED, REFUSED, SKIPPED, STOPPED, Point
-from dlo_sim.studies.stability.random_checks import WRONG
+from dlo_sim.studies.stability.random_checks import WRONG, Outcome
 from dlo_sim.studies.stability.scenes import EXTREMES
 
 METHODS = {
@@ -44,11 +45,39 @@ def test_observed_limit_is_the_predicted_one(damping, motion):
 def test_observed_limit_is_found_wherever_it_is(monkeypatch):
     for limit in (3.3e-6, 2.9e-5, 2.2e-4):
         monkeypatch.setattr(maps, "_survives", lambda point, step, limit=limit: step < limit)
-        assert maps._observed(point("rk4"), 3e-5) == pytest.approx(limit, rel=SMALL.tolerance)
+        found, below = maps._observed(point("rk4"), 3e-5)
+        assert found == pytest.approx(limit, rel=SMALL.tolerance)
+        assert below is None
     monkeypatch.setattr(maps, "_survives", lambda point, step: True)
-    assert maps._observed(point("rk4"), 3e-5) == math.inf
+    assert maps._observed(point("rk4"), 3e-5) == (math.inf, None)
+
+
+@pytest.mark.parametrize("predicted", [3e-5, 3e-2])
+def test_a_limit_is_looked_for_down_to_the_smallest_step(predicted, monkeypatch):
+    monkeypatch.setattr(maps, "_survives", lambda point, step: step < 1.2 * SMALL.steps[0])
+    found, below = maps._observed(point("rk4"), predicted)
+    assert (found, below) == (pytest.approx(1.2 * SMALL.steps[0], rel=SMALL.tolerance), None)
     monkeypatch.setattr(maps, "_survives", lambda point, step: False)
-    assert maps._observed(point("rk4"), 3e-5) == 0.0
+    found, below = maps._observed(point("rk4"), predicted)
+    assert found == 0.0
+    assert SMALL.steps[0] / 10.0 < below < SMALL.steps[0]
+
+
+def test_an_implicit_method_without_a_limit_says_below_what():
+    assert maps._reached((1e-3, 1e-2), (FINISHED, STOPPED)) == (1e-3, None)
+    assert maps._reached((1e-4, 1e-3), (SKIPPED, STOPPED)) == (0.0, 1e-3)
+
+
+def test_a_limit_that_is_not_found_is_shown():
+    found = maps.Limits(1e-3, 0.0, (STOPPED,) * 3, (math.inf,) * 3, 0.0, below=9e-6)
+    results = {point("rk4"): found}
+    assert "none found at 1 points: below 9e-06 s" in map_figures._summary([found])
+    _, (axes,) = plotting.new_figure()
+    map_figures._limits(axes, 0, found, SMALL.steps)
+    assert [line.get_marker() for line in axes.get_lines()] == ["v"]
+    columns = map_figures._columns(SMALL, results, "n_u", "undamped")
+    assert columns["observed below [s]"] == [9e-6] * 3
+    assert all(math.isnan(limit) for limit in columns["observed limit [s]"])
 
 
 def test_damping_with_negative_steps_is_refused():
@@ -90,14 +119,14 @@ def outcome(tmp_path_factory):
 
 KEPT = ("aluminium wire", "n_u = 4", "suture of 3 kg/m^3, sudden")
 OUTCOMES = (
-    {"outcome": "ran", "steps": 50, "energy_error": 1e-9},
+    {"outcome": "ran", "steps": 50, "energy_error": 0.2, "floor_share": 3.0, "closed": 0.1},
     {"outcome": "refused", "reason": "integrator.step: 1 s exceeds (x); lower it"},
     {"outcome": WRONG, "problem": "energy balance open by 1", "steps": 3, "energy_error": 1.0},
 )
 
 
 def _random(seed):
-    return sections.Outcome(seed, "hanging", "rk4", 1e-3, 9, **OUTCOMES[seed])
+    return Outcome(seed, "hanging", "rk4", 1e-3, 9, **OUTCOMES[seed])
 
 
 def rows_of(folder, name):
@@ -122,6 +151,9 @@ def test_tables_of_the_report(outcome):
     assert result.tables["stiff"] == len(stiff.STEPS) + len(stiff.HARD_STEPS)
     assert result.tables["extremes"] == len(KEPT)
     assert result.tables["random_wrong"] == 1
+    random = rows_of(folder, "random")[0]
+    assert (random["ran, not moved"], random["above 0.1"]) == ("1", "1 (100.0%)")
+    assert float(rows_of(folder, "random_balances")[0]["energy: largest error"]) == 0.1
     for row in rows_of(folder, "stiff"):
         assert float(row["energy error"]) < 1e-6
         retried = int(row["steps retried smaller"])

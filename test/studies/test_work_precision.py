@@ -33,7 +33,14 @@ def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("work_precision")
     request = Request(folder, True, "dlo_sim study work-precision", Here(), peers=True)
-    outcome = STUDIES["work-precision"].run(request)
+    with pytest.MonkeyPatch.context() as patch:
+        # Two that must fail: a step beyond the limit, and negative sub-steps with damping.
+        for case, setting in (
+            ("scenario_1", ("velocity_verlet", 2, (1.2,), (9,))),
+            ("soft_settled", ("forest_ruth", 2, (1.0,), (9,))),
+        ):
+            patch.setitem(targets.QUICK, case, (*targets.QUICK[case], setting))
+        outcome = STUDIES["work-precision"].run(request)
     return folder, dataclasses.asdict(outcome)
 
 
@@ -63,6 +70,28 @@ def test_failed_runs_are_rows_that_say_so(study):
     paper = [r for r in rows if r["method"] == "velocity_verlet" and float(r["step [ms]"]) == 2.0]
     assert [row["status"] for row in paper] == ["refused"]
     assert paper[0]["error [%]"] == "" and paper[0]["s per simulated s"] == ""
+
+
+def test_runs_behind_the_targets_keep_those_that_failed(study):
+    rows = rows_of(study[0], "target_runs")
+    failed = [row for row in rows if row["status"] == "refused"]
+    assert [(row["case"], row["setting"].partition(",")[0]) for row in failed] == [
+        ("scenario_1", "velocity_verlet"),
+        ("soft_settled", "forest_ruth"),
+    ]
+    for row in failed:
+        assert row["error [%]"] == row["s per simulated s"] == row["spread"] == ""
+    assert sum(row["status"] == "ok" for row in rows) >= 5
+
+
+def test_another_method_agrees_with_every_reference(study):
+    """Two families of methods on the same mesh, at most 0.0021 % of the scale apart."""
+    rows = {row["case"]: row for row in rows_of(study[0], "references")}
+    assert tuple(rows) == CASES
+    for case, row in rows.items():
+        assert row["checked by"] == ("rk4" if case == "soft_grippers" else "energy_momentum_4")
+        assert 0.0 < float(row["distance [%]"]) < 0.005
+        assert 0.0 < float(row["own error in space [%]"]) < 1.0
 
 
 def test_errors_fall_with_resolution_and_time_is_of_second_order(study):
@@ -109,9 +138,15 @@ def test_chain_runs_beside_and_absent_simulators_are_named(study):
     assert 6.5 < float(chain[0]["error [%]"]) < 8.0
     assert float(chain[0]["s per simulated s"]) > 0.0
     report = (folder / "report.md").read_text(encoding="utf-8")
-    for peer in beside.PEERS:
-        if peer.variable:
-            assert peer.variable in report or peer.name in report
+    for case in CASES:
+        rows = rows_of(folder, f"runs_{case}")
+        for peer in beside.PEERS:
+            own = [row for row in rows if row["method"].startswith(peer.name)]
+            words = (f"Not measured: {peer.name} (", f"Not measured: {peer.name} on {case}:")
+            assert bool(own) != any(start in report for start in words), (peer.name, case)
+            for row in own:
+                good = row["status"] == "ok" and float(row["error [%]"]) > 0.0
+                assert good != (row["status"] != "ok" and row["error [%]"] == ""), row
 
 
 def test_elastica_meets_small_deflections_and_two_known_shapes():
@@ -152,6 +187,13 @@ def test_a_failed_run_has_infinite_error_and_no_time():
     assert not trial.ok and "stability limit" in trial.message
     assert trial.wall == np.inf
     assert error(trial.points, np.zeros((101, 1, 3))) == np.inf
+
+
+def test_the_first_look_is_the_start_of_a_cable_that_is_not_level():
+    """In the plane the rows of a state are x and z: the sample at the start once had y for z."""
+    trial = attempt(Job(cases.chain().scene, 0.01, (0.5, 1.0)), Setting("velocity_verlet", 7))
+    tip = np.array(cases.chain().scene.end.position)
+    assert trial.points[0] == pytest.approx(np.array([0.5 * tip, tip]), abs=1e-12)
 
 
 def test_error_is_the_worst_rms():

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline, elasticity
 from dlo_sim.core.plasticity import Law
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import plotting
-from dlo_sim.studies.paper.runs import Array, Settings, at_method, scenario
+from dlo_sim.studies.paper.runs import Array, Settings, at_method, each, scenario
 from dlo_sim.studies.report import Cell, Report
 
 FLOORS = (10.0, 1.0, 0.3, 0.1, 0.0314159, 0.01, 0.003, 0.001)  # [1/m]
@@ -56,41 +57,43 @@ class Extras:
     plastic_energy_error: float
 
 
-def add(report: Report, settings: Settings) -> Extras:
+def add(report: Report, settings: Settings, workers: Workers) -> Extras:
     """Breakdown of the Frenet torsion; plastic bending against its closed form."""
     report.section("Torsion and plasticity, which the paper writes but does not show")
-    undefined, smallest = _frenet(report, settings)
+    undefined, smallest = _frenet(report, settings, workers)
     law_error, set_error = _plastic(report, settings)
     return Extras(undefined, smallest, law_error, set_error, _plastic_energy(report, settings))
 
 
-def _frenet(report: Report, settings: Settings) -> tuple[float, float]:
+@dataclass(frozen=True)
+class FloorRun:
+    """Scenario 2 with the Frenet torsion at one curvature floor.
+
+    Attributes:
+        floor: [1/m]. first: step from the linear bound [s]. share: of it that survived, 0 = none.
+        step, energy_error: of the run that survived, nan if none did.
+        empty: share of samples without torsion, on average.
+    """
+
+    floor: float
+    first: float
+    share: float
+    step: float
+    energy_error: float
+    empty: float
+
+
+def _frenet(report: Report, settings: Settings, workers: Workers) -> tuple[float, float]:
     duration = 0.05 if settings.quick else 0.5
+    runs = each(workers, _surviving, [(floor, duration) for floor in FLOORS])
+    default = scenario(2).curvature_floor
+    smallest = min((one.floor for one in runs if one.share == 1.0), default=float("inf"))
+    undefined = next((one.empty for one in runs if abs(one.floor - default) < 1e-3), float("nan"))
     rows: list[list[Cell]] = []
-    columns: dict[str, list[float]] = {
-        "curvature floor [1/m]": [],
-        "step from the linear bound [s]": [],
-        "step that survived [s]": [],
-        "energy error": [],
-        "samples without torsion [%]": [],
-    }
-    undefined, smallest = float("nan"), float("inf")
-    for floor in FLOORS:
-        scene = scenario(2, terms__twist="frenet", torsion__curvature_floor=floor)
-        first, simulator, share = _surviving(scene, duration)
-        torsion = simulator.undefined_torsion
-        empty = torsion.mean / torsion.samples
-        if share == 1.0:
-            smallest = floor
-        if abs(floor - scenario(2).curvature_floor) < 1e-3:
-            undefined = empty
-        ran = simulator.step if share else float("nan")
-        survived = f"{share:g} of it" if share else f"none down to {SMALLEST_SHARE:g} of it"
-        error = simulator.energy_error if share else float("nan")
-        rows.append([floor, 1e6 * first, survived, error, f"{100 * empty:.0f} %"])
-        values = (floor, first, ran, error, 100.0 * empty)
-        for column, value in zip(columns.values(), values, strict=True):
-            column.append(value)
+    for one in runs:
+        survived = f"{one.share:g} of it" if one.share else f"none down to {SMALLEST_SHARE:g} of it"
+        empty = f"{100 * one.empty:.0f} %"
+        rows.append([one.floor, 1e6 * one.first, survived, one.energy_error, empty])
     report.table(
         "frenet_floor",
         ["floor [1/m]", "step [us]", "survived at", "energy error", "samples without torsion"],
@@ -101,7 +104,7 @@ def _frenet(report: Report, settings: Settings) -> tuple[float, float]:
     report.text(
         f"""gamma = C.r'''/|C|^2 is 0/0 on a straight cable, which is how the paper's wire starts.
         Here it is C.r'''/(|C|^2 + delta^2) with a curvature floor delta, by default 1 % of the
-        curvature of the ring that the cable can be bent to ({scenario(2).curvature_floor:.3g} 1/m).
+        curvature of the ring that the cable can be bent to ({default:.3g} 1/m).
         Samples whose curvature is below the floor are counted and reported by the run, which never
         yields a NaN. In scenario 2 the wire hardly bends: at the default floor
         {100 * undefined:.0f} % of the samples have no torsion worth the name. Lowering the floor
@@ -110,11 +113,23 @@ def _frenet(report: Report, settings: Settings) -> tuple[float, float]:
         runs are stopped until the step is a fraction of the bound. That is why twist is measured
         against a rotation-minimising frame unless a scene asks for this."""
     )
+    _frenet_figure(report, runs)
+    return undefined, smallest
+
+
+def _frenet_figure(report: Report, runs: list[FloorRun]) -> None:
+    columns = {
+        "curvature floor [1/m]": np.array([one.floor for one in runs]),
+        "step from the linear bound [s]": np.array([one.first for one in runs]),
+        "step that survived [s]": np.array([one.step for one in runs]),
+        "energy error": np.array([one.energy_error for one in runs]),
+        "samples without torsion [%]": np.array([100.0 * one.empty for one in runs]),
+    }
     figure, (left, right) = plotting.new_figure(1, 2, width=10.0)
-    x = np.array(columns["curvature floor [1/m]"])
+    x = columns["curvature floor [1/m]"]
     names = ("step from the linear bound [s]", "step that survived [s]")
     for name, style in zip(names, ("o-", "s--"), strict=True):
-        left.loglog(x, 1e6 * np.array(columns[name]), style, label=name.removesuffix(" [s]"))
+        left.loglog(x, 1e6 * columns[name], style, label=name.removesuffix(" [s]"))
     left.set_ylabel("step [us]")
     left.legend()
     right.semilogx(x, columns["samples without torsion [%]"], "o-")
@@ -126,19 +141,23 @@ def _frenet(report: Report, settings: Settings) -> tuple[float, float]:
     report.figure(
         "frenet_breakdown", figure, columns, "Breakdown of the Frenet torsion, scenario 2"
     )
-    return undefined, smallest
 
 
-def _surviving(scene: Scene, duration: float) -> tuple[float, Simulator, float]:
-    """First step tried [s], the last run, and the share of that step that survived (0: none)."""
+def _surviving(floor: float, duration: float) -> FloorRun:
+    """The largest step, from the linear bound down by halves, at which a run [s] survives."""
+    scene = scenario(2, terms__twist="frenet", torsion__curvature_floor=floor)
     first = Simulator(at_method(scene, "velocity_verlet")).step
     share = 1.0
     while True:
         simulator = Simulator(at_method(scene, "velocity_verlet", share * first))
-        if simulator.advance(duration).status.ok:
-            return first, simulator, share
+        fine = simulator.advance(duration).status.ok
+        torsion = simulator.undefined_torsion
+        empty = torsion.mean / torsion.samples
+        if fine:
+            error = simulator.energy_error
+            return FloorRun(floor, first, share, simulator.step, error, empty)
         if share <= SMALLEST_SHARE:
-            return first, simulator, 0.0
+            return FloorRun(floor, first, 0.0, float("nan"), float("nan"), empty)
         share *= 0.5
 
 

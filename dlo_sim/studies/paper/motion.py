@@ -9,6 +9,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
+from dlo_sim.batch.workers import Workers
+from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.studies import plotting
 from dlo_sim.studies.paper.runs import (
@@ -17,6 +19,7 @@ from dlo_sim.studies.paper.runs import (
     Settings,
     at_method,
     distance,
+    each,
     run,
     scenario,
 )
@@ -25,6 +28,7 @@ from dlo_sim.studies.report import Report
 EVERY = 0.005  # [s] between samples
 SHAPES = 40  # shapes in a still
 START = 1.0  # [s] shown larger
+OTHERS = ("rk4", "velocity_verlet")  # whose runs of scenario 2 are compared with Forest-Ruth's
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -48,17 +52,20 @@ class Motion:
     recordings: dict[int, Recording]
 
 
-def add(report: Report, settings: Settings) -> Motion:
+def add(report: Report, settings: Settings, workers: Workers) -> Motion:
     """Run both scenarios with Forest-Ruth and draw them."""
     report.section("The motion")
     spatial = at_method(scenario(1, terms__out_of_plane="on"), "forest_ruth")
-    recordings = {
-        number: run(at_method(scenario(number), "forest_ruth"), settings.duration, EVERY)
-        for number in SCENARIOS
-    }
-    full = run(spatial, min(settings.duration, 1.0), EVERY)
+    wanted: dict[int | str, tuple[Scene, str]]
+    wanted = {number: (scenario(number), "forest_ruth") for number in SCENARIOS}
+    wanted |= {method: (scenario(2), method) for method in OTHERS}
+    runs = [(at_method(*one), settings.duration, EVERY) for one in wanted.values()]
+    runs.append((spatial, min(settings.duration, 1.0), EVERY))
+    *found, full = each(workers, run, runs)
+    by_name = dict(zip(wanted, found, strict=True))
+    recordings = {number: by_name[number] for number in SCENARIOS}
     z = recordings[1].control_points[:, :, 2]
-    gaps = _gaps(recordings[2], settings)
+    gaps = {method: distance(by_name[method], recordings[2]) for method in OTHERS}
     parted, rate = _parting(recordings[2].time, gaps["rk4"])
     sag = {k: float(-r.centerline[:, :, 2].min()) for k, r in recordings.items()}
     motion = Motion(
@@ -84,14 +91,6 @@ def add(report: Report, settings: Settings) -> Motion:
         _animation(report, settings, recording, number)
     _chaos(report, motion, gaps)
     return motion
-
-
-def _gaps(recording: Recording, settings: Settings) -> dict[str, Array]:
-    """Distance [m] of scenario 2 by other methods from Forest-Ruth's, over time."""
-    return {
-        method: distance(run(at_method(scenario(2), method), settings.duration, EVERY), recording)
-        for method in ("rk4", "velocity_verlet")
-    }
 
 
 def _parting(time: Array, gap: Array) -> tuple[float, float]:

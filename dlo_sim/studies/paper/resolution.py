@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.studies import plotting
 from dlo_sim.studies.paper import published
-from dlo_sim.studies.paper.runs import Array, Settings, at_method, run, scenario
+from dlo_sim.studies.paper.runs import Array, Settings, at_method, each, run, scenario
 from dlo_sim.studies.report import Cell, Report
 
 METHOD = "velocity_verlet"
@@ -46,19 +47,19 @@ class Resolution:
     duration: float
 
 
-def add(report: Report, settings: Settings) -> Resolution:
+def add(report: Report, settings: Settings, workers: Workers) -> Resolution:
     """Run every resolution, compare at fixed points and instants, draw the four figures."""
     report.section("Error against the reference model")
     duration = settings.comparison
     length = scenario(1).cable.length
     u = (np.arange(POINTS) + 0.5) / POINTS * length
     time = np.arange(1, INSTANTS + 1) * np.float64(duration / INSTANTS)
-    reference = _track(*published.REFERENCE, duration, u)
-    finer = _track(*FINER, duration, u)
-    errors = np.zeros((len(published.CONTROL_POINTS), len(published.SAMPLES), INSTANTS, POINTS))
-    for i, n in enumerate(published.CONTROL_POINTS):
-        for j, samples in enumerate(published.SAMPLES):
-            errors[i, j] = _gap(_track(n, samples, duration, u), reference)
+    sizes = [published.REFERENCE, FINER]
+    sizes += [(n, samples) for n in published.CONTROL_POINTS for samples in published.SAMPLES]
+    tracks = each(workers, _track, [(*size, duration, u) for size in sizes])
+    reference, finer, *others = tracks
+    errors = np.array([_gap(track, reference) for track in others])
+    errors = errors.reshape(len(published.CONTROL_POINTS), len(published.SAMPLES), INSTANTS, POINTS)
     own = _gap(reference, finer)
     shown = errors[published.CONTROL_POINTS.index(SHOWN[0]), published.SAMPLES.index(SHOWN[1])]
     rms = np.sqrt((errors**2).mean(axis=(2, 3))).astype(np.float64)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.batch.workers import Workers
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, shipped_scene
@@ -15,6 +19,7 @@ from dlo_sim.simulation.recording import Recording, record
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
+Result = TypeVar("Result")
 
 SCENES = {1: "paper_wire", 2: "paper_wire_force"}
 SCENARIOS = {1: "scenario 1 (gravity)", 2: "scenario 2 (gravity and a force)"}
@@ -111,6 +116,17 @@ def run(scene: Scene, duration: float, every: float) -> Recording:
     if not recording.ok:
         raise RuntimeError(f"a run of the study failed: {recording.message}")
     return recording
+
+
+def each(
+    workers: Workers, function: Callable[..., Result], arguments: Sequence[tuple[Any, ...]]
+) -> list[Result]:
+    """What a function of a module gives for each tuple of arguments; for what is not timed."""
+    return list(workers.map(partial(_called, function), arguments))
+
+
+def _called(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
+    return function(*arguments)
 
 
 def distance(one: Recording, other: Recording) -> Array:

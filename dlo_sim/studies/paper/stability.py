@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlo_sim.batch.workers import Workers
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -21,6 +22,7 @@ from dlo_sim.studies.paper.runs import (
     at_method,
     bending_alone,
     distance,
+    each,
     highest_frequency,
     run,
     scenario,
@@ -54,7 +56,7 @@ class Limits:
     implicit_distance: float
 
 
-def add(report: Report, settings: Settings, factor: float) -> Limits:
+def add(report: Report, settings: Settings, workers: Workers, factor: float) -> Limits:
     """Limits of the methods, terms that cause them, rows at the paper's step.
 
     Args:
@@ -62,11 +64,12 @@ def add(report: Report, settings: Settings, factor: float) -> Limits:
     """
     report.section("The largest stable step, and what 2 ms would need")
     predicted = {k: {m: step_limit(scenario(k), m) for m in COMPARED} for k in SCENARIOS}
-    observed = {
-        k: {m: _observed(scenario(k), m, predicted[k][m], settings) for m in COMPARED}
-        for k in SCENARIOS
-    }
-    failure = {k: {m: stopped_at(scenario(k), m) for m in COMPARED} for k in SCENARIOS}
+    pairs = [(k, m) for k in SCENARIOS for m in COMPARED]
+    sought = [(scenario(k), m, predicted[k][m], settings) for k, m in pairs]
+    limits = iter(each(workers, _observed, sought))
+    observed = {k: {m: next(limits) for m in COMPARED} for k in SCENARIOS}
+    ends = iter(each(workers, stopped_at, [(scenario(k), m) for k, m in pairs]))
+    failure = {k: {m: next(ends) for m in COMPARED} for k in SCENARIOS}
     _limit_table(report, predicted, observed, failure)
     _limit_figure(report, predicted, observed)
     _term_table(report)

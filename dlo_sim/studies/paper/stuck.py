@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlo_sim.batch.workers import Workers
 from dlo_sim.core import zhai
 from dlo_sim.core.amplification import stability_limit
 from dlo_sim.core.methods import METHODS
@@ -19,6 +20,7 @@ from dlo_sim.studies.paper.runs import (
     Settings,
     at_method,
     distance,
+    each,
     run,
     scenario,
     softened,
@@ -48,7 +50,7 @@ class Stuck:
     duration: float
 
 
-def add(report: Report, settings: Settings, factor: float) -> Stuck:
+def add(report: Report, settings: Settings, workers: Workers, factor: float) -> Stuck:
     """Zhai's parameters over the plane; runs at 2 ms with and without torsion.
 
     Args:
@@ -56,12 +58,12 @@ def add(report: Report, settings: Settings, factor: float) -> Stuck:
     """
     report.section("Zhai's parameters, and what could stop a method in scenario 2")
     pair, verlet = _zhai_map(report, settings)
+    names = (PLAIN, TORSION, SOFT_TORSION)
+    wires = [model(number, name, factor) for name in names for number in SCENARIOS]
+    ends = iter(each(workers, stopped_at, [(wire, m) for wire in wires for m in COMPARED]))
     stopped = {
-        name: {
-            number: {m: stopped_at(model(number, name, factor), m)[1] for m in COMPARED}
-            for number in SCENARIOS
-        }
-        for name in (PLAIN, TORSION, SOFT_TORSION)
+        name: {number: {m: next(ends)[1] for m in COMPARED} for number in SCENARIOS}
+        for name in names
     }
     _torsion_table(report, stopped, factor)
     return Stuck(pair, verlet, stopped, published.DURATION)

@@ -54,28 +54,33 @@ def run_study(request: Request) -> Outcome:
         request.command,
         scene_files(),
     )
-    done = request.progress
+    report.text(
+        """Motions that are only compared come from the workers, with `--scheduler` those of a
+        cluster, with the same numbers. What has a run time in its table (speed, sweep, energies,
+        rows at the paper's step) ran on the machine named above."""
+    )
+    done, workers = request.progress, request.workers
     # What is timed comes first, while nothing else keeps the machine warm.
     bound = _arithmetic(report)
     done(0.02)
     factor = softening(scenario(1), published.STEP)
     timings = timing.add(report, settings, factor)
     done(0.1)
-    limits = stability.add(report, settings, factor)
+    limits = stability.add(report, settings, workers, factor)
     done(0.2)
-    stopped = stuck.add(report, settings, factor)
+    stopped = stuck.add(report, settings, workers, factor)
     done(0.25)
-    moved = motion.add(report, settings)
+    moved = motion.add(report, settings, workers)
     done(0.35)
     costs = sweep.add(report, settings)
     done(0.5)
     energies = energy.add(report, settings, factor)
     done(0.65)
-    accurate = accuracy.add(report, settings, factor)
+    accurate = accuracy.add(report, settings, workers, factor)
     done(0.8)
-    resolved = resolution.add(report, settings)
+    resolved = resolution.add(report, settings, workers)
     done(0.9)
-    others = extras.add(report, settings)
+    others = extras.add(report, settings, workers)
     results = claims.Results(
         moved, timings, limits, stopped, costs, energies, accurate, resolved, others, bound
     )

@@ -117,6 +117,12 @@ def turns_as_rod(run: Run) -> float:
     return float(max(abs(abs(moment[0]) / expected - 1.0), off))
 
 
+def stays_straight(run: Run) -> float:
+    """Largest move [share of the length] off the x axis, or the open balance of energy."""
+    off = np.abs(run.simulator.control_points[:, 1:3]).max() / run.simulator.scene.cable.length
+    return float(max(off, run.energy_error))
+
+
 def amplifies_as_column(run: Run) -> float:
     """Buckling load from the amplified sag w0 / (1 - P / Pc), relative to EI pi^2 / L^2."""
     scene = run.simulator.scene

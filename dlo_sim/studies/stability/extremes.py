@@ -69,7 +69,6 @@ class Extreme:
         what: for people. values: of the scene. duration [s].
         check: the error of a finished run, and what it is the error of.
         bound: largest error that counts as right. events: in order of time.
-        outcomes: what may become of it; a scene that may stop has no error then.
         budget: most time of stepping [s]; longer is stopped, and never right.
     """
 
@@ -81,7 +80,6 @@ class Extreme:
     measure: str
     bound: float
     events: tuple[Event, ...] = ()
-    outcomes: tuple[str, ...] = (RAN,)
     budget: float = 30.0
 
 
@@ -89,7 +87,7 @@ class Extreme:
 class Finding:
     """What became of an extreme scene; `error` is None unless it ran to its end.
 
-    wall: time of stepping [s], budget: what it may be. right: outcome, error and time are what
+    wall: time of stepping [s], budget: what it may be. right: it ran, and error and time are what
     they should be.
     """
 
@@ -133,12 +131,10 @@ def examine(extreme: Extreme, share: float = 1.0) -> Finding:
 def _finding(
     extreme: Extreme, outcome: str, reason: str, error: float | None, run: Run | None
 ) -> Finding:
-    right = outcome in extreme.outcomes
-    if run is not None:
-        right = right and bool(np.isfinite(run.simulator.control_points).all())
-        right = right and run.wall <= extreme.budget
-    if outcome == RAN:
-        right = right and error is not None and error <= extreme.bound
+    right = False
+    if outcome == RAN and run is not None and error is not None:
+        right = bool(np.isfinite(run.simulator.control_points).all())
+        right = right and run.wall <= extreme.budget and error <= extreme.bound
     return Finding(
         name=extreme.name,
         what=extreme.what,

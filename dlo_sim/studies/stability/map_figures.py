@@ -41,7 +41,8 @@ def add(report: Report, extent: Extent, results: Results) -> None:
         under {GRAVITY["large"]:g} m/s^2 it falls into a large motion; one of n_u, E and diameter
         varies. Damped: damping.mass = {DAMPING["damped"]:g} 1/s. Predicted limits come from the
         largest frequency of the wire at its start, observed ones from bisection: the largest step
-        at which a trial of {extent.trial:g} s (at least {extent.least_trial} steps) is not stopped.
+        at which a trial of {extent.trial:g} s (at least {extent.least_trial} steps) is not stopped,
+        looked for down to {extent.steps[0]:g} s; "below" where even that was stopped.
         Energy errors are of runs over {extent.duration:g} s, relative to the largest energy
         exchanged."""
     )
@@ -75,7 +76,8 @@ def _figure(report: Report, extent: Extent, results: Results, axis: str, damping
         label = f"energy error over {extent.duration:g} s, relative [-]"
         figure.colorbar(image, ax=axes, label=label, shrink=0.8)
     figure.suptitle(
-        f"{damping}: black line predicted limit, red circles observed limit, x stopped, "
+        f"{damping}: black line predicted limit, red circle observed limit (triangle: below that), "
+        "x stopped, "
         "? more than its budget of time, grey not run or refused"
     )
     report.figure(
@@ -122,18 +124,23 @@ def _limits(axes: Axes, x: int, found: Limits, steps: tuple[float, ...]) -> None
         axes.hlines(y, x - 0.5, x + 0.5, color="black", linewidth=2.0, zorder=3)
     if found.observed and math.isfinite(found.observed):
         axes.plot(x, place(found.observed), "o", color="red", markersize=5, zorder=4, mfc="none")
+    if found.below is not None:
+        lowest = axes.get_ylim()[0] + 0.3  # smaller steps than the map's are marked at its edge
+        y = max(place(found.below), lowest)
+        axes.plot(x, y, "v", color="red", markersize=5, zorder=4, mfc="none")
 
 
 def _columns(
     extent: Extent, results: Results, axis: str, damping: str
 ) -> dict[str, list[float] | list[str]]:
     """One row per cell of the figure."""
-    rows: list[tuple[str, str, float, float, float, float, str, float]] = []
+    rows: list[tuple[str, str, float, float, float, float, float, str, float]] = []
     for point, found in results.items():
         if (point.axis, point.damping) != (axis, damping):
             continue
         predicted = np.nan if found.predicted is None else found.predicted
-        observed = np.nan if found.observed is None else found.observed
+        observed = found.observed or np.nan
+        below = np.nan if found.below is None else found.below
         for step, outcome, error in zip(extent.steps, found.outcomes, found.errors, strict=True):
             share = error if outcome == FINISHED else np.nan
             rows.append(
@@ -143,13 +150,14 @@ def _columns(
                     point.value,
                     predicted,
                     observed,
+                    below,
                     step,
                     outcome,
                     share,
                 )
             )
     header = ["method", "motion", NAMES[axis], "predicted limit [s]", "observed limit [s]"]
-    header += ["step [s]", "outcome", "energy error"]
+    header += ["observed below [s]", "step [s]", "outcome", "energy error"]
     columns: dict[str, list[float] | list[str]] = {}
     for name, column in zip(header, zip(*rows, strict=True), strict=True):
         columns[name] = list(column)
@@ -188,13 +196,18 @@ def _summary(found: list[Limits]) -> list[Cell]:
     ratios = [
         one.observed / one.predicted
         for one in found
-        if one.predicted and one.observed is not None and math.isfinite(one.predicted)
+        if one.predicted and one.observed and math.isfinite(one.predicted)
     ]
+    least: Cell = min(ratios) if ratios else None
+    lost = [one for one in found if one.below is not None]
+    if lost:
+        smallest = max(one.below or 0.0 for one in lost)
+        least = f"none found at {len(lost)} points: below {smallest:.2g} s"
     outcomes = [outcome for one in found for outcome in one.outcomes]
     errors = [error for one in found for error in one.errors if math.isfinite(error)]
     return [
         len(found),
-        min(ratios) if ratios else None,
+        least,
         max(ratios) if ratios else None,
         outcomes.count(FINISHED),
         outcomes.count(STOPPED),

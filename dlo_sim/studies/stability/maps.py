@@ -31,7 +31,7 @@ GROWTH = 2.0**0.5  # of the brackets of an observed limit
 BELOW = 1.13  # they start so far below the predicted one
 FEWEST_STEPS = 64  # of an energy run: explicit methods look at the energy every 16 steps
 MOST_STEP = 1.0  # [s] that a scene may have
-FARTHEST = 16.0  # an observed limit is looked for so far from the predicted one
+FARTHEST = 16.0  # an observed limit is looked for so far from the predicted one, at least
 LEAST_IMPLICIT_STEP = 9e-5  # [s]; implicit methods are not meant for smaller ones
 
 FINISHED, STOPPED, SLOW, SKIPPED, REFUSED = "finished", "stopped", "slow", "not run", "refused"
@@ -99,7 +99,8 @@ class Limits:
     Attributes:
         predicted, observed: largest stable step [s]; None where the method was refused. An implicit
             method has the predicted limit inf; observed is then the largest step of the map up to
-            which every run reached its end, 0 if none.
+            which every run reached its end. Observed is 0 where no step was stable.
+        below: then the smallest step [s] that was tried, which the limit is below.
         outcomes, errors: per step of the map: what became of the run, and its largest energy error
             as a share of the energy exchanged (inf unless it finished).
         wall: time of stepping [s] of the runs.
@@ -111,6 +112,7 @@ class Limits:
     errors: tuple[float, ...]
     wall: float
     reason: str = ""
+    below: float | None = None
 
 
 def points(extent: Extent) -> list[Point]:
@@ -156,15 +158,16 @@ def examine(point: Point) -> Limits:
     runs = [_energy_run(point, step) for step in steps]
     outcomes = tuple(outcome for outcome, _, _ in runs)
     if METHODS[point.method].family == IMPLICIT:
-        observed = _reached(steps, outcomes)
+        observed, below = _reached(steps, outcomes)
     else:
-        observed = _observed(point, predicted)
+        observed, below = _observed(point, predicted)
     return Limits(
         predicted,
         observed,
         outcomes,
         tuple(error for _, error, _ in runs),
         sum(wall for _, _, wall in runs),
+        below=below,
     )
 
 
@@ -187,34 +190,39 @@ def _energy_run(point: Point, step: float) -> tuple[str, float, float]:
     return FINISHED, max(float(simulator.energy_error), 1e-16), wall
 
 
-def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> float:
+def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> tuple[float, float | None]:
+    """Largest step [s] before the first run that was stopped; without one, that run's step."""
     reached = 0.0
     for step, outcome in zip(steps, outcomes, strict=True):
         if outcome == STOPPED:
-            break
+            return reached, None if reached else step
         reached = step if outcome == FINISHED else reached
-    return reached
+    return reached, None
 
 
-def _observed(point: Point, predicted: float) -> float:
-    """Largest step [s] at which a trial is not stopped, by bisection; inf or 0 if out of reach."""
+def _observed(point: Point, predicted: float) -> tuple[float, float | None]:
+    """Largest step [s] at which a trial is not stopped, by bisection; inf if it is out of reach.
+
+    It is looked for down to the smallest step of the map; if there is none: 0 and the last tried.
+    """
     low = min(predicted / BELOW, MOST_STEP / GROWTH)
     if _survives(point, low):
         high = low * GROWTH
         while _survives(point, high):
             low, high = high, high * GROWTH
             if high > min(FARTHEST * predicted, MOST_STEP):
-                return np.inf
+                return np.inf, None
     else:
+        least = min(predicted / FARTHEST, point.extent.steps[0])
         low, high = low / GROWTH, low
         while not _survives(point, low):
+            if low < least:
+                return 0.0, low
             low, high = low / GROWTH, low
-            if low < predicted / FARTHEST:
-                return 0.0
     while high / low > 1.0 + point.extent.tolerance:
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if _survives(point, middle) else (low, middle)
-    return float(np.sqrt(low * high))
+    return float(np.sqrt(low * high)), None
 
 
 def _survives(point: Point, step: float) -> bool:

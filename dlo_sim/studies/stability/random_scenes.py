@@ -1,8 +1,9 @@
 """Random scenes: whatever a user may ask for, drawn from a seed alone.
 
 A kind decides which terms exist (each set of terms is one compiled step, so there are few);
-everything else is drawn freely over ranges that no single application spans. What becomes of a
-scene is judged in `random_checks`.
+everything else is drawn freely over ranges that no single application spans. Damping is drawn
+before the method, and only methods that are valid with it are drawn. What becomes of a scene is
+judged in `random_checks`.
 """
 
 from __future__ import annotations
@@ -15,17 +16,28 @@ import numpy as np
 
 from dlo_sim.core.methods import METHODS
 
+Values = dict[str, Any]
+
 PIECES = 8  # of a case; end motions begin, and checks happen, between them
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One set of terms: what is drawn for it, and the methods that may be asked for."""
+    """One set of terms: what is drawn for it, and the methods that may be asked for.
+
+    Attributes:
+        damping: kinds of damping that it may have, each with the probability `damped`; without
+            `undamped` it always has one of them.
+        driven: whether its ends are moved.
+    """
 
     name: str
-    draw: Callable[[np.random.Generator, dict[str, Any]], None]
+    draw: Callable[[np.random.Generator, Values], None]
     methods: tuple[str, ...]
     driven: bool = False
+    damping: tuple[str, ...] = ()
+    damped: float = 0.5
+    undamped: bool = True
 
 
 @dataclass(frozen=True)
@@ -47,7 +59,7 @@ class Case:
 
     seed: int
     kind: Kind
-    values: dict[str, Any]
+    values: Values
     steps: int
     moves: tuple[Move, ...] = ()
 
@@ -63,13 +75,13 @@ def direction(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(v / np.linalg.norm(v))
 
 
-def weight(values: dict[str, Any]) -> float:
+def weight(values: Values) -> float:
     """Weight of the cable on earth [N]."""
     area = np.pi * values["cable.diameter"] ** 2 / 4.0
     return float(9.81 * values["cable.density"] * area * values["cable.length"])
 
 
-def _place_end(rng: np.random.Generator, values: dict[str, Any], low: float, high: float) -> None:
+def _place_end(rng: np.random.Generator, values: Values, low: float, high: float) -> None:
     """Distance of the ends as a share of the length, any direction."""
     gap = values["cable.length"] * rng.uniform(low, high)
     start = direction(rng) * values["cable.length"] * rng.uniform(0.0, 3.0)
@@ -77,13 +89,11 @@ def _place_end(rng: np.random.Generator, values: dict[str, Any], low: float, hig
     values["end.position"] = (start + gap * direction(rng)).tolist()
 
 
-def _gravity(rng: np.random.Generator, values: dict[str, Any]) -> None:
+def _gravity(rng: np.random.Generator, values: Values) -> None:
     values["gravity"] = (direction(rng) * log_uniform(rng, 0.1, 100.0)).tolist()
 
 
-def _add_load(
-    rng: np.random.Generator, values: dict[str, Any], name: str, torque: bool = False
-) -> None:
+def _add_load(rng: np.random.Generator, values: Values, name: str, torque: bool = False) -> None:
     """A constant or sine load of any size from a thousandth to a thousand weights."""
     key = f"loads.{name}"
     values["loads.names"] = [*values.get("loads.names", []), name]
@@ -98,17 +108,23 @@ def _add_load(
         values[f"{key}.torque"] = (size * arm * direction(rng)).tolist()
 
 
-def _plane_springs(rng: np.random.Generator, values: dict[str, Any]) -> None:
-    """In the xz plane, ends guided along x on springs."""
+def _plane_springs(rng: np.random.Generator, values: Values) -> None:
+    """In the xz plane, ends guided along x on springs; released straight, or shaken at rest."""
     values["end.position"] = [values["cable.length"] * rng.uniform(0.3, 1.2), 0.0, 0.0]
     for end in ("start", "end"):
         values[f"{end}.fixed"] = [False, True, True]
         values[f"{end}.spring"] = [log_uniform(rng, 1e-3, 1e8), 0.0, 0.0]
     values["gravity"] = [0.0, 0.0, -log_uniform(rng, 0.1, 100.0)]
-    values["initial.shape"] = str(rng.choice(["auto", "straight"]))
+    _add_load(rng, values, "push")
+    x, _, z = values["loads.push.force"]
+    values["loads.push.force"] = [x, 0.0, z]
+    released = rng.uniform() < 0.75
+    values["initial.shape"] = "straight" if released else "auto"
+    # a constant load is part of the equilibrium that "auto" starts from: nothing would happen
+    values["loads.push.signal"] = "constant" if released else "sine"
 
 
-def _hanging(rng: np.random.Generator, values: dict[str, Any]) -> None:
+def _hanging(rng: np.random.Generator, values: Values) -> None:
     """One end held, the other free, forces."""
     _spatial(values)
     _place_end(rng, values, 0.5, 1.0)
@@ -121,33 +137,30 @@ def _hanging(rng: np.random.Generator, values: dict[str, Any]) -> None:
     _add_load(rng, values, "push")
 
 
-def _free_flight(rng: np.random.Generator, values: dict[str, Any]) -> None:
-    """Nothing held, no gravity, two wrenches."""
+def _free_flight(rng: np.random.Generator, values: Values) -> None:
+    """Nothing held, no gravity, two forces, one of them with or without a torque."""
     _spatial(values)
     _place_end(rng, values, 0.5, 1.0)
     values["gravity"] = [0.0, 0.0, 0.0]
     values["start.fixed"] = [False] * 3
     values["end.fixed"] = [False] * 3
-    _add_load(rng, values, "left", torque=True)
+    _add_load(rng, values, "left", torque=bool(rng.integers(2)))
     _add_load(rng, values, "right")
+    if rng.integers(2):
+        for name in ("left", "right"):
+            values[f"loads.{name}.signal"] = "constant"  # known impulses
 
 
-def _grippers(rng: np.random.Generator, values: dict[str, Any]) -> None:
-    """Two grippers that move and turn, twist, all damping."""
+def _grippers(rng: np.random.Generator, values: Values) -> None:
+    """Two grippers that move and turn, twist, any damping."""
     _spatial(values, twist="on")
     _place_end(rng, values, 0.2, 1.0)
     _gravity(rng, values)
-    for end in ("start", "end"):
-        values[f"{end}.fixed"] = [True] * 3
-        values[f"{end}.clamped"] = bool(rng.integers(2))
-        values[f"{end}.pose_topic"] = f"/{end}"
-    values["damping.mass"] = log_uniform(rng, 1e-3, 1e3)
-    values["damping.stiffness"] = log_uniform(rng, 1e-6, 1e1)
-    values["damping.air_drag"] = log_uniform(rng, 1e-6, 1e1)
+    _hold_grippers(rng, values)
 
 
-def _damped(rng: np.random.Generator, values: dict[str, Any]) -> None:
-    """Springs, natural curvature, twist, mass damping, a wrench."""
+def _damped(rng: np.random.Generator, values: Values) -> None:
+    """Springs, natural curvature, twist, some damping, a wrench."""
     _spatial(values, twist="on")
     _place_end(rng, values, 0.2, 1.5)
     _gravity(rng, values)
@@ -157,35 +170,48 @@ def _damped(rng: np.random.Generator, values: dict[str, Any]) -> None:
         rng.uniform(-6.0, 6.0, size=rng.integers(1, 4)) / values["cable.length"]
     ).tolist()
     values["cable.rest_curvature_axis"] = direction(rng).tolist()
-    values["damping.mass"] = log_uniform(rng, 1e-3, 1e3)
     _add_load(rng, values, "push", torque=True)
 
 
-def _pulled(rng: np.random.Generator, values: dict[str, Any]) -> None:
+def _pulled(rng: np.random.Generator, values: Values) -> None:
     """Both ends held and moved about, undamped."""
     _spatial(values)
     _place_end(rng, values, 0.2, 1.0)
     _gravity(rng, values)
+    _hold_grippers(rng, values)
+
+
+def _hold_grippers(rng: np.random.Generator, values: Values) -> None:
     for end in ("start", "end"):
-        values[f"{end}.clamped"] = bool(rng.integers(2))
         values[f"{end}.fixed"] = [True] * 3
+        values[f"{end}.clamped"] = bool(rng.integers(2))
         values[f"{end}.pose_topic"] = f"/{end}"
 
 
-def _spatial(values: dict[str, Any], twist: str = "off") -> None:
+def _spatial(values: Values, twist: str = "off") -> None:
     values["terms.out_of_plane"] = "on"
     values["terms.twist"] = twist
 
 
 EVERY = tuple(METHODS)
-CONSERVING = tuple(name for name, method in METHODS.items() if method.conserves_energy)
+DAMPING = {"mass": (1e-3, 1e3), "stiffness": (1e-6, 1e1), "air_drag": (1e-6, 1e1)}  # ranges
 KINDS = (
     Kind("plane springs", _plane_springs, EVERY),
     Kind("hanging", _hanging, EVERY),
-    Kind("free flight", _free_flight, ("velocity_verlet", "forest_ruth", *CONSERVING)),
-    Kind("grippers", _grippers, ("velocity_verlet", *CONSERVING), driven=True),
-    Kind("damped", _damped, ("velocity_verlet", "rk4", "implicit_midpoint", "energy_momentum")),
-    Kind("pulled", _pulled, ("velocity_verlet", "implicit_midpoint", *CONSERVING), driven=True),
+    Kind(
+        "free flight",
+        _free_flight,
+        tuple(name for name in EVERY if name not in ("rk4", "zhai")),
+    ),
+    Kind(
+        "grippers",
+        _grippers,
+        tuple(name for name in EVERY if name not in ("rk4", "zhai", "rattle")),
+        driven=True,
+        damping=tuple(DAMPING),
+    ),
+    Kind("damped", _damped, EVERY, damping=tuple(DAMPING), undamped=False),
+    Kind("pulled", _pulled, EVERY, driven=True),
 )
 
 
@@ -193,7 +219,7 @@ def draw_case(seed: int, kinds: tuple[Kind, ...] = KINDS) -> Case:
     """The case of a seed."""
     rng = np.random.default_rng(seed)
     kind = kinds[int(rng.integers(len(kinds)))]
-    values: dict[str, Any] = {
+    values: Values = {
         "cable.length": log_uniform(rng, 1e-3, 1e3),
         "cable.diameter": log_uniform(rng, 1e-5, 5e-2),
         "cable.density": log_uniform(rng, 3.0, 2e4),
@@ -204,7 +230,8 @@ def draw_case(seed: int, kinds: tuple[Kind, ...] = KINDS) -> Case:
     }
     values["cable.shear_modulus"] = values["cable.youngs_modulus"] / rng.uniform(2.0, 3.0)
     kind.draw(rng, values)
-    values["integrator.method"] = str(rng.choice(["auto", *kind.methods]))
+    _draw_damping(rng, kind, values)
+    values["integrator.method"] = str(rng.choice(["auto", *_valid_methods(kind, values)]))
     values["integrator.step"] = 0.0 if rng.uniform() < 0.4 else log_uniform(rng, 1e-6, 1e-1)
     n = values["discretization.control_points"]
     steps = int(min(max(4e4 / n, 50), 1000))
@@ -212,7 +239,27 @@ def draw_case(seed: int, kinds: tuple[Kind, ...] = KINDS) -> Case:
     return Case(seed, kind, values, steps, moves)
 
 
-def _draw_moves(rng: np.random.Generator, values: dict[str, Any]) -> tuple[Move, ...]:
+def _draw_damping(rng: np.random.Generator, kind: Kind, values: Values) -> None:
+    chosen = [name for name in kind.damping if rng.uniform() < kind.damped]
+    if not chosen and not kind.undamped:
+        chosen = [str(rng.choice(kind.damping))]
+    for name in chosen:
+        values[f"damping.{name}"] = log_uniform(rng, *DAMPING[name])
+
+
+def _valid_methods(kind: Kind, values: Values) -> tuple[str, ...]:
+    """The methods of a kind that are valid with the damping of its values."""
+    by_mass = "damping.mass" in values or "damping.air_drag" in values
+    by_stiffness = "damping.stiffness" in values
+    return tuple(
+        name
+        for name in kind.methods
+        if (METHODS[name].mass_damping or not by_mass)
+        and (METHODS[name].stiffness_damping or not by_stiffness)
+    )
+
+
+def _draw_moves(rng: np.random.Generator, values: Values) -> tuple[Move, ...]:
     """Three moves in order, one in four of them a jump."""
     moves = []
     for piece in sorted(rng.integers(0, PIECES - 1, size=3).tolist()):

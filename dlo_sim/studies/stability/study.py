@@ -9,9 +9,10 @@ from typing import TypeVar
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.stability import extremes, map_figures, maps, sections, stiff
+from dlo_sim.studies.stability import extremes, map_figures, maps, random_report, sections, stiff
+from dlo_sim.studies.stability.materials import MATERIALS
 from dlo_sim.studies.stability.random_checks import run_seed
-from dlo_sim.studies.stability.scenes import EXTREMES, MATERIALS
+from dlo_sim.studies.stability.scenes import EXTREMES
 from dlo_sim.studies.stability.sections import Verdict
 
 Result = TypeVar("Result")
@@ -59,7 +60,7 @@ def run_study(request: Request) -> Outcome:
     map_figures.add(report, extent, dict(zip(points, found, strict=True)))
     seeds = range(RANDOM[request.quick])
     outcomes = _watched(request.workers.map(run_seed, seeds), len(seeds), request, 0.65, 1.0)
-    asked += sections.add_random(report, outcomes)
+    asked += random_report.add_random(report, outcomes)
     path = report.write(_summary(request.quick, asked))
     return Outcome(str(path), report.figures, report.data, report.tables, asked)
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.work_precision import analytic, separate, sweep, targets
+from dlo_sim.studies.work_precision import analytic, references, separate, sweep, targets
 from dlo_sim.studies.work_precision.cases import all_cases
 from dlo_sim.studies.work_precision.peers import beside
-from dlo_sim.studies.work_precision.references import references
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,8 @@ def run_study(request: Request) -> Outcome:
     others = beside.measured(request, list(longest.values()))
     verdicts = targets.add(report, request, others)
     request.progress(0.2)
-    truths = references(cases, request.workers)
+    truths = references.references(cases, request.workers)
+    references.add(report, cases, truths)
     request.progress(0.35)
     report.section("Error against run time, case by case")
     report.text(

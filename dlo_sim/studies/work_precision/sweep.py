@@ -72,15 +72,6 @@ class Point:
         """Force evaluations, or Newton iterations, per simulated second."""
         return self.trial.force_evaluations / max(self.trial.steps * self.trial.step, 1e-300)
 
-    @property
-    def status(self) -> str:
-        """`ok`, or why not, in a word."""
-        if self.trial.ok:
-            return "ok"
-        if self.trial.steps == 0 and len(self.trial.points) == 0:
-            return "refused"
-        return "not converged" if "converge" in self.trial.message else "diverged"
-
 
 def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Point:
     """A setting tried on a case and judged."""
@@ -160,7 +151,7 @@ def add(
                 p.setting.method,
                 p.setting.control_points,
                 1e3 * p.trial.step,
-                p.status,
+                p.trial.status,
                 100 * p.error if p.trial.ok else None,
                 p.trial.wall if p.trial.ok else None,
                 f"{100 * p.trial.spread:.0f} %" if p.trial.ok else None,
@@ -168,9 +159,22 @@ def add(
                 p.trial.energy_error if p.trial.ok else None,
             ]
             for p in points
-        ],
-        f"{case.title}: every run; failed ones too",
+        ]
+        + [_peer_row(p) for p in peers],
+        f"{case.title}: every run; failed ones too. Of other simulators n_u is the number of "
+        "elements",
     )
+
+
+def _peer_row(p: PeerRun) -> list[Cell]:
+    timed = np.isfinite(p.wall)
+    return [
+        *(p.peer, p.elements, 1e3 * p.step, p.status),
+        100 * p.error if p.ok else None,
+        p.wall if timed else None,
+        f"{100 * p.spread:.0f} %" if timed else None,
+        *(None, None),
+    ]
 
 
 def _axes(case: Case) -> str:
@@ -239,13 +243,16 @@ def _figure(
         f"work_precision_{case.name}",
         figure,
         {
-            "method": np.array([p.setting.method for p in points]),
-            "n_u": [p.setting.control_points for p in points],
-            "step [s]": [p.trial.step for p in points],
-            "status": np.array([p.status for p in points]),
-            "error [%]": [100 * p.error for p in points],
-            "run time [s per simulated s]": [p.trial.wall for p in points],
-            "evaluations [1/s]": [p.evaluations for p in points],
+            "method": np.array(
+                [p.setting.method for p in points] + [p.peer for p in peers], dtype=str
+            ),
+            "n_u": [p.setting.control_points for p in points] + [p.elements for p in peers],
+            "step [s]": [p.trial.step for p in points] + [p.step for p in peers],
+            "status": np.array([p.trial.status for p in points] + [p.status for p in peers]),
+            "error [%]": [100 * p.error for p in points] + [100 * p.error for p in peers],
+            "run time [s per simulated s]": [p.trial.wall for p in points]
+            + [p.wall for p in peers],
+            "evaluations [1/s]": [p.evaluations for p in points] + [np.nan] * len(peers),
         },
         f"{case.title}: error against run time and against force evaluations",
     )
@@ -253,16 +260,16 @@ def _figure(
 
 def _peer_marks(panel: plotting.Axes, peers: list[PeerRun]) -> None:
     for name, marker in zip(dict.fromkeys(p.peer for p in peers), "sD^v<>", strict=False):
-        row = [p for p in peers if p.peer == name and p.ok and np.isfinite(p.error)]
-        if not row:
-            continue
+        own = [p for p in peers if p.peer == name]
+        row = [p for p in own if p.ok and np.isfinite(p.error)]
+        without = len(own) - len(row)
         panel.plot(
             [p.wall for p in row],
             [100 * p.error for p in row],
             marker,
             color="black",
             fillstyle="none",
-            label=name,
+            label=f"{name} ({without} without a result)" if without else name,
         )
     if panel.get_legend_handles_labels()[0]:
         panel.legend(fontsize="small")

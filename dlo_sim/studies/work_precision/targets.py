@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core.methods import CONSTRAINED, METHODS
+from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.work_precision import elastica
@@ -125,23 +126,22 @@ def add(report: Report, request: Request, others: Others) -> list[Verdict]:
         last = case.name == "soft_settled"
         truth = truths[case.name]
         candidates = (QUICK if request.quick else CANDIDATES)[case.name]
-        trials = [t for t in _trials(case, candidates, BUDGET[request.quick]) if t.ok]
+        trials = _trials(case, candidates, BUDGET[request.quick])
         errors = [error(t.points, truth, case.components, last) / case.scale for t in trials]
         peers = others.judged(case, truth, last)
         for target in (t for t in TARGETS if t.case == case.name):
             verdict = _judge(target, case, trials, errors, peers, BUDGET[request.quick])
             verdicts.append(verdict)
         rows += [
-            [case.name, t.setting.words, 100 * e, t.wall, f"{100 * t.spread:.0f} %"]
+            [case.name, t.setting.words, t.status, *_numbers(t.ok, e, t.wall, t.spread)]
             for t, e in zip(trials, errors, strict=True)
         ]
         rows += [
             [
                 case.name,
                 f"{p.peer}: {p.setting}",
-                100 * p.error if np.isfinite(p.error) else p.message,
-                p.wall,
-                f"{100 * p.spread:.0f} %",
+                p.status,
+                *_numbers(p.ok, p.error, p.wall, p.spread),
             ]
             for p in peers
         ]
@@ -158,11 +158,23 @@ def _trials(case: Case, candidates: Candidates, budget: float) -> list[Trial]:
                 setting = Setting(method, n_u, 0.0, points)
                 explicit = np.isfinite(METHODS[method].stability_limit)
                 if METHODS[method].family == CONSTRAINED or explicit:
-                    setting = at_share(case.job, setting, value)
+                    try:
+                        setting = at_share(case.job, setting, value)
+                    except SceneError:
+                        pass  # the attempt below is refused for the same reason
                 else:
                     setting = replace(setting, step=value)
                 trials.append(attempt(case.job, setting, budget=budget))
     return trials
+
+
+def _numbers(ok: bool, off: float, wall: float, spread: float) -> list[Cell]:
+    """Error [%], time and spread of a run; a run without a result may still have a time."""
+    return [
+        100 * off if ok else None,
+        wall if np.isfinite(wall) else None,
+        f"{100 * spread:.0f} %" if np.isfinite(wall) else None,
+    ]
 
 
 def _judge(
@@ -173,7 +185,8 @@ def _judge(
     peers: list[PeerRun],
     budget: float,
 ) -> Verdict:
-    good = [(t, e) for t, e in zip(trials, errors, strict=True) if e <= target.level]
+    pairs = zip(trials, errors, strict=True)
+    good = [(t, e) for t, e in pairs if t.ok and e <= target.level]
     fast = [p for p in peers if p.ok and p.error <= target.level]
     peer = min(fast, key=lambda p: p.wall) if fast else None
     name = f"{peer.peer}, {peer.setting}" if peer else "-"
@@ -227,9 +240,9 @@ def _write(
     )
     report.table(
         "target_runs",
-        ["case", "setting", "error [%]", "s per simulated s", "spread"],
+        ["case", "setting", "status", "error [%]", "s per simulated s", "spread"],
         rows,
-        "Every run behind that table",
+        "Every run behind that table; failed ones too",
     )
 
 

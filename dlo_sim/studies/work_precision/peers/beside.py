@@ -30,6 +30,8 @@ KINDS = {
     "scenario_1": "pinned",
     "scenario_2": "pinned",
     "cantilever": "cantilever",
+    "steel_wire": "cantilever",
+    "hanging_chain": "hanging",
     "soft_grippers": "clamped",
     "soft_settled": "clamped",
 }
@@ -43,17 +45,21 @@ class Peer:
     Attributes:
         variable: environment variable that names its Python; empty = the one that runs us.
         script: beside this file. settings: case -> (elements, step [s]); step 0 = its own.
+        without: case -> why it is not measured there.
     """
 
     name: str
     variable: str
     script: str
     settings: dict[str, tuple[tuple[int, float], ...]]
+    without: dict[str, str] = field(default_factory=dict)
 
 
 _WIRE_3 = ((10, 1e-3), (20, 5e-4), (22, 5e-4), (40, 2e-4))
 _WIRE_4 = ((20, 2e-4), (40, 1e-4))
 _SOFT = ((12, 1e-2), (20, 1e-2), (20, 5e-3), (40, 5e-3))
+_OWN_DAMPING = "its damping is another one; only the settled shape is comparable"
+_NO_GRIPPER = "its runner moves no gripper"
 PEERS = (
     Peer(
         "naive chain",
@@ -63,6 +69,8 @@ PEERS = (
             "scenario_1": ((20, 0.0), (34, 0.0), (60, 0.0), (128, 0.0)),
             "scenario_2": ((20, 0.0), (34, 0.0), (60, 0.0)),
             "cantilever": ((10, 0.0), (20, 0.0), (40, 0.0)),
+            "steel_wire": ((10, 0.0), (20, 0.0), (40, 0.0)),
+            "hanging_chain": ((10, 0.0), (20, 0.0), (40, 0.0)),
             "soft_grippers": ((12, 0.0), (20, 0.0), (40, 0.0)),
             "soft_settled": ((12, 0.0), (20, 0.0), (40, 0.0)),
         },
@@ -75,8 +83,11 @@ PEERS = (
             "scenario_1": _WIRE_3,
             "scenario_2": ((20, 5e-4), (22, 2e-4), (40, 2e-4)),
             "cantilever": ((10, 2e-4), (20, 1e-4)),
+            "steel_wire": ((10, 2e-4), (20, 1e-4)),
+            "hanging_chain": ((10, 1e-3), (20, 5e-4), (40, 2e-4)),
             "soft_settled": _SOFT,
         },
+        {"soft_grippers": _OWN_DAMPING},
     ),
     Peer(
         "MuJoCo 4 rod",
@@ -86,25 +97,39 @@ PEERS = (
             "scenario_1": _WIRE_4,
             "scenario_2": _WIRE_4,
             "cantilever": ((10, 5e-4), (20, 5e-4), (40, 2e-4)),
+            "steel_wire": ((10, 5e-4), (20, 2e-4), (40, 1e-4)),
+            "hanging_chain": ((10, 1e-3), (20, 5e-4), (40, 2e-4)),
             "soft_settled": _SOFT,
         },
+        {"soft_grippers": _OWN_DAMPING},
     ),
     Peer(
         "PyElastica",
         "DLO_SIM_PYELASTICA_PYTHON",
         "elastica_peer.py",
-        {"scenario_1": ((20, 3e-7),), "cantilever": ((10, 1e-5), (20, 1e-5), (40, 5e-6))},
+        {
+            "scenario_1": ((20, 3e-7),),
+            "cantilever": ((10, 1e-5), (20, 1e-5), (40, 5e-6)),
+            "steel_wire": ((20, 1.2e-7),),
+            "hanging_chain": ((20, 1e-6),),
+        },
+        {
+            "scenario_2": "too slow to run to its end, as on scenario_1, which is the same wire",
+            "soft_grippers": _NO_GRIPPER,
+            "soft_settled": _NO_GRIPPER,
+        },
     ),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What a simulator sent back: times [s], observed points (T, 3) [m], run times [s]."""
+    """What a simulator sent back: step [s], times [s], observed points (T, m, 3) [m], run times."""
 
     peer: str
     case: str
-    setting: str
+    elements: int
+    step: float
     duration: float
     times: Array
     points: Array
@@ -113,18 +138,20 @@ class Motion:
 
     def judged(self, truth: Array, every: float, case: Case, last: bool = False) -> PeerRun:
         """Its error against a truth (T, m, 3) at the case's times, as far as that goes."""
-        wall = min(self.walls, default=np.inf) / self.duration
-        middle = sorted(self.walls)[len(self.walls) // 2] / self.duration if self.walls else np.inf
+        # A run that failed on its way has no time per simulated second.
+        walls = [] if self.message else sorted(self.walls)
+        wall = min(walls, default=np.inf) / self.duration
+        middle = walls[len(walls) // 2] / self.duration if walls else np.inf
         off, message = float("nan"), self.message
         index = np.round(self.times / every).astype(int)
         wanted = index < len(truth)
         if len(self.points) and not message:
-            shown = self.points[wanted][:, None, :]
+            shown = self.points[wanted]
             off = error(shown, truth[index[wanted]], case.components, last) / case.scale
         elif not message:
             message = "too slow to run to its end"
-        spread = middle / wall - 1.0 if wall > 0.0 else 0.0
-        return PeerRun(self.peer, self.setting, wall, spread, off, message)
+        spread = middle / wall - 1.0 if 0.0 < wall < np.inf else 0.0
+        return PeerRun(self.peer, self.elements, self.step, wall, spread, off, message)
 
 
 @dataclass
@@ -147,8 +174,9 @@ class Others:
         report.text(
             """The chain and MuJoCo 4 observe the same material point as ours. MuJoCo 3 damps the
             soft cable by its joints (0.1 s times their stiffness), MuJoCo 4 by Euler's method
-            alone; the others by 2 /s of the mass: only its settled shape is comparable. On the wire
-            MuJoCo's cables are inextensible and their end springs take over the stretch."""
+            alone; the others by 2 /s of the mass: only its settled shape is comparable.
+            MuJoCo's cables are inextensible; on the wire their end springs take over the
+            stretch."""
         )
         for line in self.absent:
             report.text(f"Not measured: {line}")
@@ -170,6 +198,8 @@ def measured(request: Request, cases: Sequence[Case]) -> Others:
             settings = peer.settings.get(case.name, ())
             if request.quick:
                 settings = settings[:1]
+            if case.name in peer.without:
+                others.absent.append(f"{peer.name} on {case.name}: {peer.without[case.name]}")
             if settings:
                 others.motions += _run(others, peer, python, case, settings)
     return others
@@ -204,7 +234,8 @@ def _run(
         Motion(
             f"{peer.name} {reply['version']}".strip(),
             case.name,
-            f"n {job['n']}, {1e3 * reply.get('step', job['step']):.3g} ms",
+            job["n"],
+            reply.get("step", job["step"]),
             job["duration"],
             np.array(reply["times"]),
             np.array(reply["points"]),
@@ -217,6 +248,11 @@ def _run(
 
 def _job(case: Case, n: int, step: float) -> dict[str, Any]:
     cable = case.scene.cable
+    along = np.subtract(case.scene.end.position, case.scene.start.position)
+    # The round section whose stiffnesses and mass are the cable's, given directly or not.
+    diameter = 4.0 * np.sqrt(cable.EI / cable.EA)
+    area = 0.25 * np.pi * diameter**2
+    modulus = cable.EA / area
     load = case.scene.loads[0] if case.scene.loads else None
     return {
         "kind": KINDS[case.name],
@@ -225,10 +261,12 @@ def _job(case: Case, n: int, step: float) -> dict[str, Any]:
         "duration": case.job.duration,
         "every": case.job.every,
         "length": cable.length,
-        "diameter": cable.diameter,
-        "density": cable.density,
-        "youngs_modulus": cable.youngs_modulus,
-        "shear_modulus": cable.shear_modulus,
+        "direction": (along / np.linalg.norm(along)).tolist(),
+        "observed": list(case.job.u),
+        "diameter": diameter,
+        "density": cable.mu / area,
+        "youngs_modulus": modulus,
+        "shear_modulus": modulus * cable.shear_modulus / cable.youngs_modulus,
         "mu": cable.mu,
         "EA": cable.EA,
         "EI": cable.EI,

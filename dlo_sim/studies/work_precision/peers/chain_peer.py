@@ -89,15 +89,16 @@ def advance(x, v, first, steps, tau, link, constants, mass, free, push, closing)
 def start(job):
     """Points, masses, what is free, link length and step of a job."""
     n, kind = job["n"], job["kind"]
-    clamps = {"pinned": 0, "cantilever": 1, "clamped": 2}[kind]
+    clamps = {"pinned": 0, "hanging": 0, "cantilever": 1, "clamped": 2}[kind]
     link = job["length"] / (n - 0.5 * clamps)
-    x = np.zeros((n + 1, 3))
-    x[:, 0] = np.arange(n + 1) * link - (0.5 * link if clamps else 0.0)
+    x = np.outer(np.arange(n + 1) * link - (0.5 * link if clamps else 0.0), job["direction"])
     mass = np.full(n + 1, job["mu"] * link)
     mass[[0, n]] *= 0.5
     free = np.ones((n + 1, 3))
     if kind == "pinned":
         free[[0, n], 1:] = 0.0
+    elif kind == "hanging":
+        free[0] = 0.0
     else:
         free[:2] = 0.0
     if kind == "clamped":
@@ -117,7 +118,7 @@ def run(job):
     closing = np.array([job["closed"] if job["kind"] == "clamped" else 0.0, job["closing"]])
     v = np.zeros_like(x)
     chunk = round(job["every"] / tau)
-    observed = job["n"] if job["kind"] == "cantilever" else job["n"] // 2
+    observed = [round(u * job["n"]) for u in job["observed"]]
     times, points, wall = [], [], 0.0
     for k in range(round(job["duration"] / job["every"]) + 1):
         times.append(k * job["every"])

@@ -37,7 +37,7 @@ def text(value):
 
 
 def model_of(job):
-    """The XML of a job, and the name of the body whose frame is the observed point."""
+    """The XML of a job, and the observed points: names of bodies, places in their frames."""
     root = ElementTree.Element("mujoco")
     option = element(root, "option", timestep=job["step"], gravity=[0, 0, -9.81])
     option.set("integrator", "Euler")
@@ -55,7 +55,7 @@ def softer_spring(job):
 
 def link_length(job):
     """Links [m]; a clamp sits in the middle of the outermost link."""
-    clamps = {"pinned": 0, "cantilever": 1, "clamped": 2}[job["kind"]]
+    clamps = {"pinned": 0, "hanging": 0, "cantilever": 1, "clamped": 2}[job["kind"]]
     return job["length"] / (job["n"] - 0.5 * clamps)
 
 
@@ -74,15 +74,15 @@ def composite(root, option, job):
     plugin = "mujoco.elasticity.cable"
     element(element(root, "extension"), "plugin", plugin=plugin)
     world = element(root, "worldbody")
-    first = 0.0 if kind == "pinned" else -0.5 * link
+    first = 0.0 if kind in ("pinned", "hanging") else -0.5 * link
     holder = element(world, "body", name="A", pos=[first, 0, 0])
     tiny = {"mass": LIGHT, "diaginertia": [1e-9] * 3, "pos": [0, 0, 0]}
     if kind == "pinned":
         slide = {"type": "slide", "axis": [1, 0, 0], "stiffness": softer_spring(job)}
         element(holder, "joint", **slide)
         element(holder, "inertial", **tiny)
-    vertices = [[k * link, 0.0, 0.0] for k in range(n + 1)]
-    initial = "ball" if kind == "pinned" else "none"
+    vertices = np.outer(np.arange(n + 1) * link, job["direction"])
+    initial = "ball" if kind in ("pinned", "hanging") else "none"
     cable = element(holder, "composite", prefix="c", type="cable", vertex=vertices, initial=initial)
     rod = element(cable, "plugin", plugin=plugin)
     # Nothing twists these cables, and the true value would cost MuJoCo its larger steps.
@@ -100,7 +100,8 @@ def composite(root, option, job):
     if kind == "clamped":
         element(world, "body", name="B", mocap="true", pos=[job["length"] - 0.5 * link, 0, 0])
         element(element(root, "equality"), "weld", body1="B", body2="cB_last", **hold(job))
-    return "cB_last" if kind == "cantilever" else f"cB_{n // 2}"
+    tip = [link, 0.0, 0.0]
+    return [("cB_last", tip) if u == 1.0 else (f"cB_{n // 2}", [0.0] * 3) for u in job["observed"]]
 
 
 def flex(root, option, job):
@@ -109,19 +110,20 @@ def flex(root, option, job):
     option.set("tolerance", "1e-10")
     n, link, kind = job["n"], link_length(job), job["kind"]
     world = element(root, "worldbody")
-    first = 0.0 if kind == "pinned" else -0.5 * link
+    first = 0.0 if kind in ("pinned", "hanging") else -0.5 * link
+    held = {"pinned": 0, "hanging": 1}.get(kind, 2)
     bodies, vertices = [], []
     for k in range(n + 1):
-        x = first + k * link
-        if kind != "pinned" and k < 2:
+        place = (first + k * link) * np.array(job["direction"])
+        if k < held:
             bodies.append("world")
-            vertices.append([x, 0.0, 0.0])
+            vertices.append(place)
         elif kind == "clamped" and k > n - 2:
             bodies.append("B")
-            vertices.append([x - job["length"], 0.0, 0.0])
+            vertices.append([place[0] - job["length"], 0.0, 0.0])
         else:
             mass = job["mu"] * link * (0.5 if k in (0, n) else 1.0)
-            ball = element(world, "body", name=f"v{k}", pos=[x, 0, 0])
+            ball = element(world, "body", name=f"v{k}", pos=place)
             element(ball, "inertial", pos=[0, 0, 0], mass=mass, diaginertia=[1e-12] * 3)
             loose = range(1 if kind == "pinned" and k in (0, n) else 3)
             for axis in loose:
@@ -143,26 +145,25 @@ def flex(root, option, job):
     still.set("contype", "0")
     still.set("conaffinity", "0")
     element(element(root, "equality"), "flex", flex="cable", **hold(job))
-    return f"v{n}" if kind == "cantilever" else f"v{n // 2}"
+    return [(f"v{round(u * n)}", [0.0] * 3) for u in job["observed"]]
 
 
 def run(job):
-    """One run: times, observed points, wall time of stepping, and why it failed if it did."""
+    """One run: times, observed points (T, m, 3), wall time of stepping, and why it failed."""
     xml, observed = model_of(job)
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    body = model.body(observed).id
-    tip = np.zeros(3)
-    if job["kind"] == "cantilever" and observed == "cB_last":
-        tip[0] = link_length(job)
+    spots = [(model.body(name).id, np.array(place)) for name, place in observed]
+    pushed = spots[0][0]
     chunk = max(1, round(job["every"] / job["step"]))
     shift = 0.5 * link_length(job) if mujoco.__version__.startswith("3.") else 0.0
     times, points, wall = [], [], 0.0
     for k in range(round(job["duration"] / (chunk * job["step"])) + 1):
         now = k * chunk * job["step"]
         times.append(now)
-        points.append((data.xpos[body] + data.xmat[body].reshape(3, 3) @ tip).tolist())
+        seen = [data.xpos[k] + data.xmat[k].reshape(3, 3) @ place for k, place in spots]
+        points.append(np.array(seen).tolist())
         if not np.isfinite(points[-1]).all() or np.abs(points[-1]).max() > 10 * job["length"]:
             return times, points, wall, f"left the room at {now:g} s"
         if job["kind"] == "clamped":
@@ -171,8 +172,8 @@ def run(job):
         push = np.array(job["force"]) * np.sin(2.0 * np.pi * job["frequency"] * middle)
         if push.any():
             data.qfrc_applied[:] = 0.0
-            spot = data.xpos[body].copy()
-            mujoco.mj_applyFT(model, data, push, np.zeros(3), spot, body, data.qfrc_applied)
+            spot = data.xpos[pushed].copy()
+            mujoco.mj_applyFT(model, data, push, np.zeros(3), spot, pushed, data.qfrc_applied)
         began = time.perf_counter()
         mujoco.mj_step(model, data, nstep=chunk)
         wall += time.perf_counter() - began

@@ -1,0 +1,73 @@
+"""Studies on a Dask cluster: the numbers of this process, to the last bit."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dlo_sim.batch.workers import Here, open_workers
+from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.studies.omission import study as omission
+from dlo_sim.studies.omission.variants import variants
+from dlo_sim.studies.paper import resolution, runs
+from dlo_sim.studies.work_precision import cases
+from dlo_sim.studies.work_precision.references import references
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Workers of a local cluster of one process."""
+    distributed = pytest.importorskip("distributed", reason="Dask (extra 'dask') is not installed")
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as local,
+        open_workers(local.scheduler_address) as workers,
+    ):
+        yield workers
+
+
+class Counting:
+    """Workers that count what they are given."""
+
+    def __init__(self, workers):
+        self.count, self.given, self._workers = workers.count, 0, workers
+
+    def map(self, function, items):
+        self.given += len(items)
+        return self._workers.map(function, items)
+
+
+def test_references_are_the_same(cluster):
+    case = cases.cantilever().shortened(0.1, (9, 11))
+    given = Counting(cluster)
+    there = references([case], given)[case.name]
+    here = references([case], Here())[case.name]
+    assert given.given == 4
+    assert np.array_equal(there.points, here.points)
+    assert len(here.points) == 101 and np.ptp(here.points[:, 0, 2]) > 0.01
+    for field in dataclasses.fields(here):
+        if field.name != "points":
+            assert getattr(there, field.name) == getattr(here, field.name), field.name
+
+
+def test_pieces_of_the_paper_are_the_same(cluster):
+    u = np.array([0.5, 1.0])
+    sizes = [(9, 51, 0.02, u), (11, 101, 0.02, u)]
+    there, here = (runs.each(who, resolution._track, sizes) for who in (cluster, Here()))
+    assert here[0].shape == (resolution.INSTANTS, 2, 3)
+    assert not np.array_equal(here[0], here[1])
+    assert all(np.array_equal(a, b) for a, b in zip(there, here, strict=True))
+
+
+def test_motions_of_omission_are_the_same(cluster):
+    scene = load_scene(shipped_scene("paper_wire"))
+    (gravity,) = (variant for variant in variants(scene) if variant.term == "gravity")
+    pieces = [(piece, 0.02) for piece in omission._pieces(gravity)]
+    there, here = (list(who.map(omission._motion, pieces)) for who in (cluster, Here()))
+    assert [trial.status for trial in here] == ["ok", "ok"]
+    assert np.abs(here[0].points - here[1].points).max() > 1e-4
+    for a, b in zip(there, here, strict=True):
+        assert np.array_equal(a.points, b.points) and a.step == b.step
