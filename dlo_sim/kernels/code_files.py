@@ -20,7 +20,6 @@ from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
     IndexDataCacheFile,
-    NullCache,
     UserProvidedCacheLocator,
 )
 
@@ -66,17 +65,29 @@ class CodeFiles(IndexDataCacheFile):
         return Path(self._index_path).with_suffix(f".{name}.nbc")
 
 
+class _Directory(UserProvidedCacheLocator):
+    """The user's directory, also one that can only be read, such as that of an image."""
+
+    writable = False
+
+    def ensure_cache_path(self) -> None:
+        """Make the directory, where that is possible, and look whether it can be written."""
+        with contextlib.suppress(OSError):
+            super().ensure_cache_path()
+            self.writable = True
+
+
 class _UserDirectory(CompileResultCacheImpl):
     """Nowhere else: beside the sources, code of another version could be found after an upgrade."""
 
-    _locator_classes = (UserProvidedCacheLocator,)
+    _locator_classes = (_Directory,)
 
 
 class KeptCode(FunctionCache):
     """What a compiled function asks for machine code, and gives it to.
 
     Raises:
-        RuntimeError: numba's cache directory cannot be written.
+        RuntimeError: the function has no source file.
     """
 
     _impl_class = _UserDirectory
@@ -84,6 +95,7 @@ class KeptCode(FunctionCache):
     def __init__(self, function: Any) -> None:
         super().__init__(function)
         self._function = function.__name__
+        self._writable = self._impl.locator.writable
         self._cache_file = CodeFiles(
             self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
         )
@@ -97,7 +109,7 @@ class KeptCode(FunctionCache):
         """
         code = super().load_overload(signature, target)
         if code is None:
-            miss(self._function, kept=True)
+            miss(self._function, kept=self._writable)
             if signature not in self._turns:  # else compiling was broken off before
                 self._turns[signature] = self._cache_file.turn(signature)
             code = super().load_overload(signature, target)  # it may have come meanwhile
@@ -113,14 +125,3 @@ class KeptCode(FunctionCache):
         finally:
             if signature in self._turns:
                 self._turns.pop(signature).give_back()
-
-
-class UnkeptCode(NullCache):
-    """The same where nothing can be kept."""
-
-    def __init__(self, function: Any) -> None:
-        self._function = function.__name__
-
-    def load_overload(self, signature: Any, target: Any) -> None:
-        """Nothing is there, ever."""
-        miss(self._function, kept=False)

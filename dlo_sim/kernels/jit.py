@@ -58,7 +58,7 @@ else:
     _PART["pipeline_class"] = PartCompiler
 
 try:
-    from dlo_sim.kernels.code_files import KeptCode, UnkeptCode
+    from dlo_sim.kernels.code_files import KeptCode
 except (ImportError, AttributeError):  # the same: its own files
     KeptCode = None  # type: ignore[assignment, misc]
 
@@ -111,14 +111,11 @@ def entry(function: F) -> F:
 
 def _keep(compiled: Any) -> None:
     """Have an entry look for its machine code on disk first, and leave it there."""
-    if KeptCode is None or not hasattr(compiled, "_cache"):
-        with contextlib.suppress(RuntimeError):  # nothing can be written: compiled every time
+    with contextlib.suppress(RuntimeError):  # no file to go by: compiled every time
+        if KeptCode is None or not hasattr(compiled, "_cache"):
             compiled.enable_caching()
-        return
-    try:
-        compiled._cache = KeptCode(compiled.py_func)
-    except RuntimeError:
-        compiled._cache = UnkeptCode(compiled.py_func)
+        else:
+            compiled._cache = KeptCode(compiled.py_func)
 
 
 _bound: dict[object, Callable[..., Any]] = {}

@@ -186,6 +186,26 @@ def test_a_directory_that_cannot_be_written(
     assert "at every start" in line and "DLO_SIM_CACHE" in line
 
 
+def test_a_directory_that_can_only_be_read_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Callable[[], list[str]]
+) -> None:
+    monkeypatch.setenv("DLO_SIM_CACHE", str(tmp_path))
+    assert entry(add_one)(1.0) == 2.0
+    said()
+
+    def refuse(*arguments: object, **options: object) -> None:
+        raise PermissionError("read-only")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with cache.only_loading():
+        function = entry(add_one)
+        assert function(1.0) == 2.0
+        assert said() == []
+        assert function(1) == 2.0, "nobody else can compile what is missing"
+    (line,) = said()
+    assert "at every start" in line and "DLO_SIM_CACHE" in line
+
+
 def test_a_disk_that_is_full_afterwards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DLO_SIM_CACHE", str(tmp_path))
     function = entry(add_one)
