@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 STEPS = (2e-3, 5e-3, 1e-2)  # [s]
 HARD_STEPS = (2e-2, 5e-2, 1e-1)  # [s]
-COMPOSED_STEPS = (2e-3, 1e-2 / 3.0, 5e-3, 2e-2 / 3.0, 1e-2)  # [s] of five sub-steps each
+COMPOSED_STEPS = (2e-3, 2.5e-3, 1e-2 / 3.0, 5e-3, 2e-2 / 3.0, 1e-2)  # [s] of five sub-steps each
 ASKED_RATIO = {9: 20.0, 13: 30.0, 19: 60.0, 40: 200.0}
 ASKED_ENERGY = 1e-8
 ASKED_ERROR = 1.5
