@@ -45,6 +45,8 @@ FULL = SOFT | {
 MASS_DAMPED = FULL | {"damping.mass": 0.8}
 FULLY_DAMPED = MASS_DAMPED | {"damping.stiffness": 2e-3, "damping.air_drag": 0.05}
 
+# Stretching by its means over spans, of a cable that would lock otherwise.
+BY_SPAN = {"discretization.stretch": "span", "cable.axial_stiffness": 3e3}
 FLAT = {"gravity": [0.0, 0.0, 0.0]}
 FREE = {"start.clamped": False, "start.fixed": [False, False, False]}
 

@@ -17,6 +17,7 @@ from dlo_sim.kernels import layout
 from dlo_sim.kernels.batch_layout import (
     PARTS,
     LaneLoads,
+    LaneSpanStretch,
     LaneSprings,
     Stack,
     StackRecorder,
@@ -184,6 +185,7 @@ def _stack(lanes: Sequence[Lane], step: float) -> Stack:
         upper=upper,
         inverse_diagonal=_side_by_side([terms.mass.inverse_diagonal for terms in every]),
         stretch=_values([term and term.stiffness for term in (t.stretch for t in every)]),
+        span_stretch=_span_stretch(every),
         bend=_values([term and term.stiffness for term in (t.bend for t in every)]),
         gravity=_side_by_side(gravity) if gravity else None,
         springs=_springs(every),
@@ -201,6 +203,15 @@ def _by_spans(blocks: Array, spans: int) -> Array:
     """(blocks, rows, LANES) of one cable, whose lanes are spans, as (spans, rows)."""
     rows = blocks.transpose(0, 2, 1).reshape(-1, blocks.shape[1])
     return np.ascontiguousarray(rows[:spans])
+
+
+def _span_stretch(every: Sequence[layout.Terms]) -> LaneSpanStretch | None:
+    means = [terms.span_stretch for terms in every if terms.span_stretch is not None]
+    if not means:
+        return None
+    linear = means[0].linear.reshape(-1)[: every[0].lattice.n - 3]
+    stiffness = np.array([term.stiffness for term in means])
+    return LaneSpanStretch(stiffness, linear.copy(), np.zeros(2 * LANES))
 
 
 def _springs(every: Sequence[layout.Terms]) -> LaneSprings | None:

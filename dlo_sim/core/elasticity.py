@@ -34,6 +34,8 @@ class Section:
         EA [N], EI [N m^2], GJ [N m^2]: stiffness, constant along the cable; 0 leaves a strain out.
         rest_curvature: kappa0 [1/m] at equally spaced points from start to end, linear between.
         rest_axis: unit axis n of the natural curvature, world frame, shape (3,).
+        by_span: stretching counts by its mean over every span, and by a linear function in the
+            first and the last (`span_strain`).
     """
 
     EA: float = 0.0
@@ -41,6 +43,7 @@ class Section:
     GJ: float = 0.0
     rest_curvature: tuple[float, ...] = (0.0,)
     rest_axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    by_span: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,24 @@ def samples(rule: quadrature.Quadrature, length: float) -> tuple[Array, Array]:
     return u[used], rule.weights[used]
 
 
+def counted_stretch(stretch: Array, rule: quadrature.Quadrature, section: Section) -> Array:
+    """The stretch that counts at the samples, shape (m,): itself, or by span its best fit by a
+    constant, in the first and the last span by a straight line.
+    """
+    if not section.by_span:
+        return stretch
+    fitted = np.zeros_like(rule.xi)
+    values = stretch.reshape(rule.xi.shape)
+    last = len(values) - 1
+    for span, (xi, weights) in enumerate(zip(rule.xi, rule.weights, strict=True)):
+        degree = 1 if span in (0, last) else 0
+        fit = np.polynomial.Polynomial.fit(
+            xi, values[span], degree, domain=[-1.0, 1.0], w=np.sqrt(weights)
+        )
+        fitted[span] = fit(xi)
+    return fitted.ravel()
+
+
 def natural_curvature(section: Section, share: float) -> Array:
     """kappa0 n [1/m] at u = share L, shape (3,)."""
     values = section.rest_curvature
@@ -103,9 +124,10 @@ def energies(
     u, weights = samples(rule, length)
     strain = strains(control_points, knots, u)
     stretch = bend = twist = 0.0
+    counted = counted_stretch(strain.stretch, rule, section)
     for i in range(len(u)):
         off = strain.binormal[i] - natural_curvature(section, u[i] / length)
-        stretch += 0.5 * weights[i] * section.EA * strain.stretch[i] ** 2
+        stretch += 0.5 * weights[i] * section.EA * counted[i] ** 2
         bend += 0.5 * weights[i] * section.EI * (off @ off)
         twist += 0.5 * weights[i] * section.GJ * strain.twist_rate[i] ** 2
     return float(stretch), float(bend), float(twist)
@@ -124,6 +146,7 @@ def gradient(
     strain = strains(control_points, knots, u)
     first, slopes = bspline.active_basis(knots, u, 1)
     _, curls = bspline.active_basis(knots, u, 2)
+    counted = counted_stretch(strain.stretch, rule, section)
     result = np.zeros_like(control_points, dtype=float)
     for i in range(len(u)):
         active = slice(first[i], first[i] + bspline.ACTIVE)
@@ -131,7 +154,7 @@ def gradient(
         k = curls[i] @ control_points[active, :3]
         s = float(np.linalg.norm(t))
         moment = section.EI * (strain.binormal[i] - natural_curvature(section, u[i] / length))
-        on_t = -section.EA * strain.stretch[i] * t / s
+        on_t = -section.EA * counted[i] * t / s
         on_t = on_t + np.cross(k, moment) / s**3
         on_t = on_t - 3.0 * (moment @ np.cross(t, k)) * t / s**5
         on_k = np.cross(moment, t) / s**3

@@ -68,7 +68,32 @@ def scatter_span(g, extraction, slope, span, out):
 
 
 @kernel
-def sample_gradient(p, xi, weights, slope, stretch, bend, axes, g):
+def mean_strain(p, xi, weights, slope, dim, sums):
+    """Add one sample's strain to m and l of every lane; see `kernels.span_stretch`."""
+    for lane in range(weights.shape[0]):
+        t0 = p[lane] + xi * (p[dim * LANES + lane] + xi * p[2 * dim * LANES + lane])
+        b1, c1 = p[(dim + 1) * LANES + lane], p[(2 * dim + 1) * LANES + lane]
+        t1 = p[LANES + lane] + xi * (b1 + xi * c1)
+        t2 = 0.0
+        if dim == 3:
+            t2 = p[2 * LANES + lane] + xi * (p[5 * LANES + lane] + xi * p[8 * LANES + lane])
+        c = t0 * t0 + t1 * t1 + t2 * t2
+        part = 0.5 * slope[lane] * weights[lane] * (c - 1.0) / (np.sqrt(c) + 1.0)
+        sums[lane] += part
+        sums[LANES + lane] += xi * part
+
+
+@kernel
+def mean_strains(p, xi, weights, slope, spans, dim):
+    """m and l of one span of every lane; see `kernels.span_stretch`."""
+    if spans is not None:
+        clear_row(spans.sums)
+        for j in range(xi.shape[0]):
+            mean_strain(p, xi[j], weights[j], slope, dim, spans.sums)
+
+
+@kernel
+def sample_gradient(p, xi, weights, slope, stretch, spans, linear, bend, axes, g):
     """Add one sample's gradient with respect to A, B, C; see `kernels.elastic.span_gradient`."""
     dim = len(axes)
     for lane in range(LANES):
@@ -100,6 +125,9 @@ def sample_gradient(p, xi, weights, slope, stretch, bend, axes, g):
         along_k = 0.0
         if stretch is not None:
             along_t += stretch[lane] * w * (1.0 - np.sqrt(c) * ic)
+        if spans is not None:
+            strain = spans.sums[lane] + linear * xi * spans.sums[LANES + lane]
+            along_t += spans.stiffness[lane] * w * np.sqrt(ic) * strain
         if bend is not None:
             f = bend[lane] * w * ic * ic
             along_k = f
@@ -124,15 +152,25 @@ def sample_gradient(p, xi, weights, slope, stretch, bend, axes, g):
 
 
 @kernel
-def add_elastic(x, xi, weights, extraction, slope, stretch, bend, axes, p, g, out):
+def linear_share(spans, span):
+    """3 where a span's strain is linear, 0 where it is its mean."""
+    if spans is not None:
+        return spans.linear[span]
+    return 0.0
+
+
+@kernel
+def add_elastic(x, xi, weights, extraction, slope, stretch, spans, bend, axes, p, g, out):
     """out += force of stretching and bending."""
-    if stretch is not None or bend is not None:
+    if stretch is not None or spans is not None or bend is not None:
         for span in range(xi.shape[0]):
             span_coefficients(x, extraction, slope, span, p)
             clear_row(g)
+            mean_strains(p, xi[span], weights[span], slope, spans, len(axes))
+            linear = linear_share(spans, span)
             for j in range(xi.shape[1]):
                 w = weights[span, j]
-                sample_gradient(p, xi[span, j], w, slope, stretch, bend, axes, g)
+                sample_gradient(p, xi[span, j], w, slope, stretch, spans, linear, bend, axes, g)
             scatter_span(g, extraction, slope, span, out)
 
 

@@ -36,6 +36,15 @@ class LaneLoads(NamedTuple):
     frequency: Array
 
 
+class LaneSpanStretch(NamedTuple):
+    """`kernels.span_stretch`: EA [N], shape (LANES,); 3 in the first and last span, 0 elsewhere,
+    shape (spans,); scratch for m and l, shape (2 LANES,)."""
+
+    stiffness: Array
+    linear: Array
+    sums: Array
+
+
 class Stack(NamedTuple):
     """Everything that a step of LANES scenes needs.
 
@@ -61,6 +70,7 @@ class Stack(NamedTuple):
     upper: Array
     inverse_diagonal: Array
     stretch: Array | None
+    span_stretch: LaneSpanStretch | None
     bend: Array | None
     gravity: Array | None
     springs: LaneSprings | None

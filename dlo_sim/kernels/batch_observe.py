@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.batch_forces import span_coefficients
+from dlo_sim.kernels.batch_forces import mean_strains, span_coefficients
 from dlo_sim.kernels.batch_layout import (
     BEND,
     GRAVITY,
@@ -92,7 +92,21 @@ def sample_energy(p, xi, weights, slope, stretch, bend, axes, stretching, bendin
 
 
 @kernel
-def elastic_energy(x, xi, weights, extraction, slope, stretch, bend, axes, p, stretching, bending):
+def span_energy(p, xi, weights, slope, spans, span, dim, stretching):
+    """Add the stretching energy of one span of every lane; see `kernels.span_stretch`."""
+    if spans is not None:
+        mean_strains(p, xi, weights, slope, spans, dim)
+        linear = spans.linear[span]
+        for lane in range(stretching.shape[0]):
+            m, part = spans.sums[lane], spans.sums[LANES + lane]
+            strain = m * m + linear * part * part
+            stretching[lane] += spans.stiffness[lane] * strain / slope[lane]
+
+
+@kernel
+def elastic_energy(
+    x, xi, weights, extraction, slope, stretch, spans, bend, axes, p, stretching, bending
+):
     """Stretching and bending energy of every lane [J]."""
     clear_row(stretching)
     clear_row(bending)
@@ -101,6 +115,7 @@ def elastic_energy(x, xi, weights, extraction, slope, stretch, bend, axes, p, st
         for j in range(xi.shape[1]):
             w = weights[span, j]
             sample_energy(p, xi[span, j], w, slope, stretch, bend, axes, stretching, bending)
+        span_energy(p, xi[span], weights[span], slope, spans, span, len(axes), stretching)
 
 
 @kernel
@@ -147,6 +162,7 @@ def energies(state, stack, work):
         stack.extraction,
         stack.slope,
         stack.stretch,
+        stack.span_stretch,
         stack.bend,
         stack.axes,
         work.coefficients,

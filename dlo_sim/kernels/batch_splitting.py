@@ -60,6 +60,7 @@ def evaluate(state, stack, work, t):
         stack.extraction,
         stack.slope,
         stack.stretch,
+        stack.span_stretch,
         stack.bend,
         stack.axes,
         work.coefficients,

@@ -25,6 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels.jit import kernel
+from dlo_sim.kernels.span_stretch import NOW, OLD, RATE, counted, mean_rates, mean_strains
 
 
 @kernel
@@ -43,8 +44,17 @@ def sample_vectors(p, dim, x, s, lane):
 
 
 @kernel
-def stretch_terms(stretch, w, s0, s1):
-    """psi_c and its derivative with respect to c1 for EA/2 (sqrt(c) - 1)^2."""
+def stretch_terms(stretch, spans, w, x, b, lane, s0, s1):
+    """psi_c and its derivative with respect to c1 for EA/2 (sqrt(c) - 1)^2.
+
+    By span psi_c = EA w eps / (|r'_0| + |r'_1|) with the mean of the strains that count; the
+    derivative is at that strain.
+    """
+    if spans is not None:
+        strain = 0.5 * (counted(spans, OLD, x, b, lane) + counted(spans, NOW, x, b, lane))
+        inverse = 1.0 / (s0 + s1)
+        f = spans.stiffness * w * strain * inverse
+        return f, -0.5 * f * inverse / s1
     if stretch is not None:
         half = 0.5 * stretch.stiffness * w
         inverse = 1.0 / (s0 + s1)
@@ -150,7 +160,7 @@ def rest_stress(rest, b, j, lane, v0, v1, m, c0, c1, s0, s1, stress):
 
 
 @kernel
-def viscous_stress(viscosity, tau, stretch, bend, w, m, move, stress, loss, lane):
+def viscous_stress(viscosity, tau, stretch, spans, bend, w, x, b, m, move, stress, loss, lane):
     """Stress of one sample with the Kelvin-Voigt stress of the increment `move` added.
 
     `viscosity` is beta; the energy lost goes to loss[lane]. With P the projector normal to r', the
@@ -161,6 +171,9 @@ def viscous_stress(viscosity, tau, stretch, bend, w, m, move, stress, loss, lane
         ic = 1.0 / (m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
         tdt = m[0] * move[0] + m[1] * move[1] + m[2] * move[2]
         along = viscosity / tau * w * stretch_stiffness(stretch) * ic * tdt
+        if spans is not None:
+            rate = counted(spans, RATE, x, b, lane) * np.sqrt(ic)
+            along += viscosity / tau * w * spans.stiffness * rate
         g = viscosity / tau * w * bend_stiffness(bend)
         q = (m[0] * m[3] + m[1] * m[4] + m[2] * m[5]) * ic
         n0 = (m[3] - q * m[0]) * ic
@@ -215,7 +228,7 @@ def add_stress(stress, x, s, dim, g, lane):
 
 @kernel
 def add_sample_gradient(
-    p0, p1, dp, lattice, stretch, bend, rest, viscosity, tau, dim, b, j, loss, g
+    p0, p1, dp, lattice, stretch, spans, bend, rest, viscosity, tau, dim, b, j, loss, g
 ):
     """Add sample j of every lane of a block to the span gradient."""
     s = lattice.slope
@@ -228,7 +241,7 @@ def add_sample_gradient(
         c1, h1, d1 = invariants(v1)
         s0 = np.sqrt(c0)
         s1 = np.sqrt(c1)
-        ps, _ = stretch_terms(stretch, w, s0, s1)
+        ps, _ = stretch_terms(stretch, spans, w, x, b, lane, s0, s1)
         pc, ph, pd, _, _, _, _, _, _ = bend_terms(bend, w, c0, c1, h0, h1, d0, d1)
         pc = 2.0 * (pc + ps)
         ph = 2.0 * ph
@@ -244,7 +257,9 @@ def add_sample_gradient(
         stress = rest_stress(rest, b, j, lane, v0, v1, m, c0, c1, s0, s1, stress)
         if viscosity is not None:
             move = sample_vectors(dp, dim, x, s, lane)
-            stress = viscous_stress(viscosity, tau, stretch, bend, w, m, move, stress, loss, lane)
+            stress = viscous_stress(
+                viscosity, tau, stretch, spans, bend, w, x, b, m, move, stress, loss, lane
+            )
         add_stress(stress, x, s, dim, g, lane)
 
 
@@ -263,7 +278,7 @@ def middle(v0, v1):
 
 @kernel
 def span_discrete_gradient(
-    p0, p1, dp, lattice, stretch, bend, rest, viscosity, tau, axes, loss, gradient
+    p0, p1, dp, lattice, stretch, spans, bend, rest, viscosity, tau, axes, loss, gradient
 ):
     """Discrete gradient per span (rows A, B, C x dim); returns the energy lost to viscosity.
 
@@ -274,6 +289,9 @@ def span_discrete_gradient(
         loss[lane] = 0.0
     for b in range(p0.shape[0]):
         clear_rows(gradient[b])
+        mean_strains(p0[b], lattice, spans, dim, b, OLD)
+        mean_strains(p1[b], lattice, spans, dim, b, NOW)
+        mean_rates(p0[b], p1[b], dp[b], lattice, spans, viscosity, dim, b)
         for j in range(lattice.xi.shape[1]):
             add_sample_gradient(
                 p0[b],
@@ -281,6 +299,7 @@ def span_discrete_gradient(
                 dp[b],
                 lattice,
                 stretch,
+                spans,
                 bend,
                 rest,
                 viscosity,
@@ -298,7 +317,7 @@ def span_discrete_gradient(
 
 
 @kernel
-def span_viscous_gradient(p, rate, lattice, stretch, bend, viscosity, axes, loss, gradient):
+def span_viscous_gradient(p, rate, lattice, stretch, spans, bend, viscosity, axes, loss, gradient):
     """Gradient per span of the viscous stresses alone, of the rates `rate` at configuration p."""
     dim = len(axes)
     s = lattice.slope
@@ -306,6 +325,7 @@ def span_viscous_gradient(p, rate, lattice, stretch, bend, viscosity, axes, loss
     for b in range(p.shape[0]):
         g = gradient[b]
         clear_rows(g)
+        mean_rates(p[b], p[b], rate[b], lattice, spans, viscosity, dim, b)
         for j in range(lattice.xi.shape[1]):
             for lane in range(g.shape[1]):
                 x = lattice.xi[b, j, lane]
@@ -313,7 +333,7 @@ def span_viscous_gradient(p, rate, lattice, stretch, bend, viscosity, axes, loss
                 v = sample_vectors(p[b], dim, x, s, lane)
                 move = sample_vectors(rate[b], dim, x, s, lane)
                 stress = viscous_stress(
-                    viscosity, 1.0, stretch, bend, w, v, move, nothing, loss, lane
+                    viscosity, 1.0, stretch, spans, bend, w, x, b, v, move, nothing, loss, lane
                 )
                 add_stress(stress, x, s, dim, g, lane)
 

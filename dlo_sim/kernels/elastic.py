@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.kernels.jit import kernel, shared
+from dlo_sim.kernels.span_stretch import NOW, counted, mean_strains
 
 
 @shared
@@ -76,7 +77,7 @@ def scatter_gradient(rows, lattice, axes, scale, out):
 
 
 @kernel
-def span_gradient(coefficients, lattice, stretch, bend, rest, axes, out):
+def span_gradient(coefficients, lattice, stretch, spans, bend, rest, axes, out):
     """Gradient of the elastic energy with respect to the span coefficients A, B, C."""
     dim = len(axes)
     lanes = coefficients.shape[2]
@@ -87,6 +88,7 @@ def span_gradient(coefficients, lattice, stretch, bend, rest, axes, out):
         for row in range(3 * dim):
             for lane in range(lanes):
                 g[row, lane] = 0.0
+        mean_strains(p, lattice, spans, dim, b, NOW)
         for j in range(lattice.xi.shape[1]):
             xi = lattice.xi[b, j]
             weights = lattice.weights[b, j]
@@ -114,6 +116,8 @@ def span_gradient(coefficients, lattice, stretch, bend, rest, axes, out):
                 along_k = 0.0
                 if stretch is not None:
                     along_t += stretch.stiffness * w * (1.0 - np.sqrt(c) * ic)
+                if spans is not None:
+                    along_t += spans.stiffness * w * np.sqrt(ic) * counted(spans, NOW, x, b, lane)
                 if bend is not None:
                     f = bend.stiffness * w * ic * ic
                     along_k = f

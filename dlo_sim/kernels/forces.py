@@ -20,11 +20,11 @@ def clear(x):
 
 
 @kernel
-def elastic_force(x, lattice, stretch, bend, rest, axes, coefficients, gradient, out):
+def elastic_force(x, lattice, stretch, spans, bend, rest, axes, coefficients, gradient, out):
     """out += - dU/dq of stretching and bending."""
-    if stretch is not None or bend is not None:
+    if stretch is not None or spans is not None or bend is not None:
         tangent_coefficients(x, lattice, axes, coefficients)
-        span_gradient(coefficients, lattice, stretch, bend, rest, axes, gradient)
+        span_gradient(coefficients, lattice, stretch, spans, bend, rest, axes, gradient)
         scatter_gradient(gradient, lattice, axes, -1.0, out)
 
 
@@ -62,6 +62,7 @@ def conservative_force(x, terms, work, out):
         x,
         terms.lattice,
         terms.stretch,
+        terms.span_stretch,
         terms.bend,
         terms.rest,
         terms.axes,

@@ -42,6 +42,7 @@ def add_viscosity(v, terms, friction, viscosity, work, solver, out):
             solver.dp,
             terms.lattice,
             terms.stretch,
+            terms.span_stretch,
             terms.bend,
             viscosity,
             terms.axes,
@@ -80,6 +81,7 @@ def stiffness_band(x, terms, viscosity, work, solver):
         solver.p1,
         terms.lattice,
         terms.stretch,
+        terms.span_stretch,
         terms.bend,
         terms.rest,
         viscosity,  # without effect at an infinite step; given so that one compiled version serves

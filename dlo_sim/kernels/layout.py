@@ -50,6 +50,16 @@ class Stretch(NamedTuple):
     stiffness: float
 
 
+class SpanStretch(NamedTuple):
+    """Stretching by means over the spans (`kernels.span_stretch`): EA [N], 1 / h [1/m] of the span
+    h, 3 in the first and last span and 0 elsewhere, (blocks, LANES), and scratch."""
+
+    stiffness: float
+    share: float
+    linear: Array
+    sums: Array
+
+
 class Bend(NamedTuple):
     """Bending stiffness EI [N m^2]."""
 
@@ -148,6 +158,8 @@ class Mass(NamedTuple):
 class Terms(NamedTuple):
     """Everything a step needs of a scene.
 
+    Stretching is either that of every sample or that of the spans.
+
     axes: world axis of each spatial row. gravity: generalised weight, shape (dim, n) [N].
     decay: rate of the exactly integrated mass-proportional damping [1/s].
     """
@@ -155,6 +167,7 @@ class Terms(NamedTuple):
     lattice: Lattice
     mass: Mass
     stretch: Stretch | None
+    span_stretch: SpanStretch | None
     bend: Bend | None
     rest: RestCurvature | None
     twist: Twist | None

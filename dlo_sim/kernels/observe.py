@@ -25,6 +25,7 @@ from dlo_sim.kernels.layout import (
     TORSION_WORST,
 )
 from dlo_sim.kernels.plastic import plastic_energy
+from dlo_sim.kernels.span_stretch import span_stretch_energy
 from dlo_sim.kernels.torsion import count_undefined, torsion_energy
 
 DIVERGED_SHARE = 0.5  # of the energy exchanged so far; a usable run stays far below
@@ -109,6 +110,7 @@ def potentials(x, terms, work):
         terms.axes,
         work.gradient,
     )
+    stretch += span_stretch_energy(work.coefficients, terms.lattice, terms.span_stretch, terms.axes)
     torsion = torsion_energy(x, terms.lattice, terms.frenet, terms.axes, work.coefficients)
     return (
         stretch,
@@ -168,6 +170,7 @@ def raise_floor(state, terms, parts, kinetic):
     noise += gravity_round_off(state.position, terms.gravity, lattice.n)
     strain = EPSILON * (1.0 + reach / span)
     noise += strain_round_off(terms.stretch, parts[0], strain, length)
+    noise += strain_round_off(terms.span_stretch, parts[0], strain, length)
     noise += strain_round_off(terms.bend, parts[1], strain / span, length)
     state.ledger[FLOOR] = max(state.ledger[FLOOR], RESOLUTION * noise)
 

@@ -21,6 +21,14 @@ from dlo_sim.kernels.discrete_gradient import (
 )
 from dlo_sim.kernels.jit import kernel
 from dlo_sim.kernels.layout import LANES
+from dlo_sim.kernels.span_stretch import (
+    NOW,
+    OLD,
+    add_dyads,
+    add_moments,
+    clear_moments,
+    mean_strains,
+)
 
 # Rows of the per-sample scratch: midpoint vectors and the factors of the Jacobian's dyads. Row r of
 # lane l is at r LANES + l: with constant distances the compiler sees that lanes do not interfere.
@@ -77,7 +85,7 @@ def factor_viscosity(viscosity, tau, stretch, bend, w, lane, z, m):
 
 
 @kernel
-def factor_sample(p0, p1, lattice, stretch, bend, rest, viscosity, tau, dim, b, j, z):
+def factor_sample(p0, p1, lattice, stretch, spans, bend, rest, viscosity, tau, dim, b, j, z):
     """Factors of the Jacobian's dyads at sample j of every lane of a block."""
     s = lattice.slope
     for lane in range(LANES):
@@ -89,7 +97,7 @@ def factor_sample(p0, p1, lattice, stretch, bend, rest, viscosity, tau, dim, b, 
         c1, h1, d1 = invariants(v1)
         s0 = np.sqrt(c0)
         s1 = np.sqrt(c1)
-        ps, ps_c = stretch_terms(stretch, w, s0, s1)
+        ps, ps_c = stretch_terms(stretch, spans, w, x, b, lane, s0, s1)
         pc, ph, pd, pc_c, pc_h, pc_d, ph_c, pd_c, pd_d = bend_terms(bend, w, c0, c1, h0, h1, d0, d1)
         pc_c += ps_c
         m = middle(v0, v1)
@@ -194,19 +202,25 @@ def accumulate_jacobian(rest, viscosity, z, x, s, dim, h):
 
 
 @kernel
-def span_jacobian(p0, p1, lattice, stretch, bend, rest, viscosity, tau, axes, scratch, jacobian):
+def span_jacobian(
+    p0, p1, lattice, stretch, spans, bend, rest, viscosity, tau, axes, scratch, jacobian
+):
     """Jacobian of `span_discrete_gradient` with respect to p1, per span."""
     dim = len(axes)
     for b in range(p0.shape[0]):
         h = jacobian[b]
         for entry in range(h.shape[0]):
             h[entry] = 0.0
+        mean_strains(p0[b], lattice, spans, dim, b, OLD)
+        mean_strains(p1[b], lattice, spans, dim, b, NOW)
+        clear_moments(spans)
         for j in range(lattice.xi.shape[1]):
             factor_sample(
                 p0[b],
                 p1[b],
                 lattice,
                 stretch,
+                spans,
                 bend,
                 rest,
                 viscosity,
@@ -216,5 +230,7 @@ def span_jacobian(p0, p1, lattice, stretch, bend, rest, viscosity, tau, axes, sc
                 j,
                 scratch,
             )
+            add_moments(p0[b], p1[b], lattice, spans, viscosity, dim, b, j)
             x = lattice.xi[b, j]
             accumulate_jacobian(rest, viscosity, scratch, x, lattice.slope, dim, h)
+        add_dyads(spans, viscosity, tau, dim, b, h)

@@ -91,6 +91,13 @@ DISCRETIZATION = (
         "Quadrature points: per knot span for gauss (2 to 10), in all for uniform (2 a span).",
     ),
     choice(
+        "discretization.stretch",
+        "sample",
+        ("sample", "span"),
+        "Where stretching counts: at every sample, or by its mean over a knot span, which lets "
+        "thin cables bend freely with few control points (needs gauss and 5 control points).",
+    ),
+    choice(
         "discretization.mass",
         "consistent",
         ("consistent", "lumped"),

@@ -186,6 +186,22 @@ def _check_cable(scene: Scene) -> None:
         raise _refuse("cable.rest_curvature_axis", axis, f"is not a unit vector; give {unit}")
 
 
+def _check_span_stretch(scene: Scene) -> None:
+    if scene.discretization.quadrature != "gauss":
+        raise _refuse(
+            "discretization.stretch",
+            "span",
+            "needs Gauss points; set discretization.quadrature to gauss, or stretch to sample",
+        )
+    if scene.discretization.control_points < 5:
+        raise _refuse(
+            "discretization.stretch",
+            "span",
+            "leaves a single span ways to stretch that cost no energy; give 5 control points or "
+            "more, or set it to sample",
+        )
+
+
 def _check_discretization(scene: Scene) -> None:
     samples = scene.discretization.samples
     if scene.discretization.quadrature == "gauss" and not 2 <= samples <= 10:
@@ -195,6 +211,8 @@ def _check_discretization(scene: Scene) -> None:
             "points per knot span will not do for gauss; give 2 to 10 (a single one leaves ways to "
             "bend that cost no energy), or set discretization.quadrature to uniform",
         )
+    if scene.discretization.stretch == "span":
+        _check_span_stretch(scene)
     least = 2 * (scene.discretization.control_points - 3)
     if scene.discretization.quadrature == "uniform" and samples < max(least, 4):
         raise _refuse(

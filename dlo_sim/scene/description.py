@@ -76,6 +76,7 @@ class Discretization:
     control_points: int
     quadrature: str
     samples: int
+    stretch: str
     mass: str
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline, mass, quadrature
-from dlo_sim.kernels import layout
+from dlo_sim.kernels import layout, span_stretch
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation import optional_terms
@@ -110,10 +110,12 @@ def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> 
     free = _free(scene, n, axes, needs.twist)
     bands = _mass_bands(scene, knots, len(axes), needs.twist)
     mass_terms = _mass(bands, free)
+    by_span = scene.discretization.stretch == "span"
     terms = layout.Terms(
         lattice=lattice,
         mass=mass_terms,
-        stretch=layout.Stretch(scene.cable.EA) if needs.stretch else None,
+        stretch=layout.Stretch(scene.cable.EA) if needs.stretch and not by_span else None,
+        span_stretch=_span_stretch(scene, lattice) if needs.stretch and by_span else None,
         bend=layout.Bend(scene.cable.EI) if needs.bend else None,
         rest=_rest_curvature(scene, lattice, axes) if needs.bend else None,
         twist=_twist(scene, knots, rule) if needs.twist else None,
@@ -130,6 +132,17 @@ def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> 
     rest = np.array(ends["start"].attachment)
     rest[list(axes)] = 0.0
     return Model(knots, terms, friction, viscosity, width, rest)
+
+
+def _span_stretch(scene: Scene, lattice: layout.Lattice) -> layout.SpanStretch:
+    linear = np.zeros((lattice.n - bspline.DEGREE, 1))
+    linear[[0, -1]] = 3.0
+    return layout.SpanStretch(
+        stiffness=scene.cable.EA,
+        share=0.5 * lattice.slope,
+        linear=np.ascontiguousarray(_by_lanes(linear, lattice.xi.shape[0])[:, 0]),
+        sums=np.zeros(span_stretch.ROWS * layout.LANES),
+    )
 
 
 def _quadrature(scene: Scene, n_spans: int) -> quadrature.Quadrature:

@@ -77,9 +77,14 @@ class _Search:
         self._dim = len(model.axes)
         self._length = float(model.knots[-1])
         self._slopes, self._spans = _slopes(model.terms.lattice)
-        weights = _flat(model.terms.lattice.weights)[: len(self._spans)]
-        stretch = model.terms.stretch
-        self._half_stiffness = 0.5 * (stretch.stiffness if stretch else 0.0) * weights
+        lattice, stretch, means = model.terms.lattice, model.terms.stretch, model.terms.span_stretch
+        self._weights = _flat(lattice.weights)[: len(self._spans)]
+        self._xi = _flat(lattice.xi)[: len(self._spans)]
+        self._means = means
+        if means is not None:
+            self._linear = means.linear.reshape(-1, 1)[: len(self._spans)]
+        term = stretch if stretch is not None else means
+        self._half_stiffness = 0.5 * (term.stiffness if term else 0.0) * self._weights
         self._force = np.zeros_like(state.position)
         self.patient = 0.0
 
@@ -103,7 +108,7 @@ class _Search:
         x = self._state.position
         before = x.copy()
         tangents = self._tangents()
-        stress, rate = self._stress(tangents)
+        stress = self._stress(tangents)
         lead = stress
         for iteration in range(1, MAX_ITERATIONS + 1):
             change = self._correction(before, pseudo, lead - stress)
@@ -115,9 +120,9 @@ class _Search:
             if not moved < 1e3 * self._length:
                 break
             new = self._tangents()
-            lead = stress + 2.0 * rate * np.einsum("sjd,sjd->sj", tangents, new - tangents)
+            lead = stress + self._predicted(tangents, new - tangents)
             tangents = new
-            stress, rate = self._stress(tangents)
+            stress = self._stress(tangents)
             if largest <= CONVERGED * moved or largest < 1e-12 * self._length:
                 return iteration, float(moved / self._length)
         x[:] = before
@@ -143,10 +148,26 @@ class _Search:
         x = self._state.position[: self._dim]
         return np.einsum("sjk,dsk->sjd", self._slopes, x[:, self._spans])
 
-    def _stress(self, tangents: Array) -> tuple[Array, Array]:
-        """psi = w EA/2 (1 - 1 / |r'|), half the tension over |r'|, and its derivative in r'.r'."""
+    def _stress(self, tangents: Array) -> Array:
+        """psi = w EA/2 eps / |r'|, half the tension over |r'|, with the strain that counts."""
         size = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents))
-        return self._half_stiffness * (1.0 - 1.0 / size), 0.5 * self._half_stiffness / size**3
+        return np.asarray(self._half_stiffness * self._counted(size - 1.0) / size)
+
+    def _predicted(self, tangents: Array, moved: Array) -> Array:
+        """Change of psi with that of the tangents, to first order."""
+        size = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents))
+        strained = np.einsum("sjd,sjd->sj", tangents, moved) / size
+        change = self._counted(strained) - self._counted(size - 1.0) * strained / size
+        return np.asarray(self._half_stiffness * change / size)
+
+    def _counted(self, strain: Array) -> Array:
+        """The strain that counts at the samples: itself or its projection of `span_stretch`."""
+        if self._means is None:
+            return strain
+        share = self._means.share * self._weights
+        mean = (share * strain).sum(axis=1, keepdims=True)
+        slope = (share * self._xi * strain).sum(axis=1, keepdims=True)
+        return np.asarray(mean + self._linear * self._xi * slope)
 
     def _correction(self, before: Array, pseudo: float, extra: Array) -> Array | None:
         """Newton correction of the free DOFs, shape (dim, n); None where it leads uphill."""

@@ -41,7 +41,8 @@ def largest_frequency(
     """Largest natural frequency [rad/s] of the scene linearised at its present configuration."""
     dim = len(model.terms.axes)
     stiffness_band(state.position, model.terms, model.viscosity, work, solver)
-    if model.terms.stretch is None and dim * model.n <= spectrum.DENSE_LIMIT:
+    stretches = model.terms.stretch is not None or model.terms.span_stretch is not None
+    if not stretches and dim * model.n <= spectrum.DENSE_LIMIT:
         # Without stretching only motion that keeps the length counts.
         return largest_constrained_frequency(model, solver.band, state.position)
     free = model.terms.mass.free != 0.0

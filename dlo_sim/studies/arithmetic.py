@@ -121,7 +121,10 @@ def operations_per_sample(simulator: Simulator) -> int:
     one = lattice._replace(xi=lattice.xi[:1, :1, :1], weights=lattice.weights[:1, :1, :1])
     coefficients = np.linspace(0.5, 1.0, 3 * dim).reshape(1, -1, 1)
     gradient = np.zeros((1, 3 * dim, 1))
-    arguments = (coefficients, one, terms.stretch, terms.bend, None, terms.axes, gradient)
+    spans = terms.span_stretch
+    if spans is not None:
+        spans = spans._replace(linear=spans.linear[:1, :1])
+    arguments = (coefficients, one, terms.stretch, spans, terms.bend, None, terms.axes, gradient)
     return operations(span_gradient, *arguments)
 
 

@@ -174,6 +174,7 @@ def _check(scene: Scene) -> None:
         "natural curvature": not any(scene.cable.rest_curvature),
         "torques": all(load.type == "force" for load in scene.loads),
         "lumped mass": scene.discretization.mass == "consistent",
+        "stretching by span": scene.discretization.stretch == "sample",
         "topics": all(load.signal != "none" for load in scene.loads),
     }
     missing = [name for name, fine in known.items() if not fine]

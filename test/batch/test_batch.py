@@ -11,6 +11,7 @@ from dlo_sim.simulation.simulator import Simulator
 # A lane and a simulator do the same sums in another order. What that leaves, 1e-16 of some metres,
 # grows with the motion; over the few hundred steps here by less than 1e4. The bounds leave 1e3.
 POSITION = 1e-9  # [m]
+BY_SPAN = {"discretization.stretch": "span"}
 ENERGY = 1e-9  # of the energy exchanged
 
 
@@ -25,8 +26,16 @@ def alone(scene, duration, start=None):
 
 @pytest.mark.parametrize(
     ("scenes", "duration"),
-    [([wire(k) for k in range(9)], 600 * STEP), ([pulled(k) for k in range(5)], 0.3)],
-    ids=["planar wire on springs", "soft cable in space with loads and damping"],
+    [
+        ([wire(k) for k in range(9)], 600 * STEP),
+        ([pulled(k) for k in range(5)], 0.3),
+        ([wire(k, **BY_SPAN) for k in range(3)], 600 * STEP),
+        ([pulled(k, **BY_SPAN) for k in range(3)], 0.3),
+    ],
+    ids=[
+        *("planar wire on springs", "soft cable in space with loads and damping"),
+        *("planar wire, stretched by span", "soft cable in space, stretched by span"),
+    ],
 )
 def test_lanes_move_as_one_by_one(scenes, duration):
     result = simulate_batch(scenes, duration, processes=1)

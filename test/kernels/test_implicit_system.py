@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import FLAT, FULL, Bench, straight, wild
+from cables import BY_SPAN, FLAT, FULL, Bench, straight, wild
 from differences import assert_limit
 
 from dlo_sim.core import spectrum
@@ -93,9 +93,14 @@ class Step:
         return spectrum.dense(self.bench.solver.band)
 
 
-@pytest.fixture(scope="module")
-def quiet():
-    return Bench(QUIET, n=12)
+BOTH = pytest.mark.parametrize("stretch", [{}, BY_SPAN], ids=["by_sample", "by_span"])
+
+
+@pytest.fixture(scope="module", params=[{}, BY_SPAN], ids=["by_sample", "by_span"])
+def quiet(request):
+    bench = Bench(QUIET, request.param, n=12)
+    assert (bench.terms.span_stretch is not None) == bool(request.param)
+    return bench
 
 
 def without_twist(bench, points):
@@ -132,9 +137,11 @@ def test_discrete_gradient_is_symmetric_and_tends_to_the_gradient(quiet):
     assert np.abs(forward.force(near) - halfway).max() < 1e-10 * np.abs(exact).max()
 
 
-def test_discrete_gradient_has_no_resultant():
+@BOTH
+def test_discrete_gradient_has_no_resultant(stretch):
     """No force and no moment about the midpoint configuration: momenta are conserved."""
-    bench = Bench(QUIET, FLAT, {"end.spring": [1e-12, 0, 0], "cable.rest_curvature": [1e-12]}, n=12)
+    alone = {"end.spring": [1e-12, 0, 0], "cable.rest_curvature": [1e-12]}
+    bench = Bench(QUIET, FLAT, alone, stretch, n=12)
     first, second = wild(bench, 0), wild(bench, 1)
     force = Step(bench, True, first).force(second)
     scale = np.abs(force).sum()
@@ -156,10 +163,14 @@ def test_midpoint_force_is_the_force_at_the_midpoint(quiet):
     [(True, 0.5), (False, 0.5), (False, 0.7)],
     ids=["energy_momentum", "implicit_midpoint", "generalized_alpha"],
 )
-@pytest.mark.parametrize("n", [4, 12])
-def test_newtons_matrix_is_the_derivative_of_the_residual(n, discrete, theta):
+@pytest.mark.parametrize(
+    ("stretch", "n"),
+    [({}, 4), ({}, 12), (BY_SPAN, 5), (BY_SPAN, 12)],
+    ids=["by_sample-4", "by_sample-12", "by_span-5", "by_span-12"],
+)
+def test_newtons_matrix_is_the_derivative_of_the_residual(stretch, n, discrete, theta):
     """With loads (a moment turns with the tangent), springs, weight and natural curvature."""
-    bench = Bench(QUIET, n=n)
+    bench = Bench(QUIET, stretch, n=n)
     bench.terms.loads.torque[0] = [0.05, -0.08, 0.03]
     bench.terms.loads.force[0] = [1.0, -2.0, 0.5]
     first = wild(bench, 0, size=0.1 / n)
@@ -177,12 +188,13 @@ def test_newtons_matrix_is_the_derivative_of_the_residual(n, discrete, theta):
     [(True, 0.5, 1.0), (False, 0.7, 1.6)],
     ids=["energy_momentum", "generalized_alpha"],
 )
-def test_newtons_matrix_with_damping_where_nothing_moves(discrete, theta, rate):
+@BOTH
+def test_newtons_matrix_with_damping_where_nothing_moves(stretch, discrete, theta, rate):
     """Viscosity is linearised about the geometry of the step, which is exact for no increment."""
-    bench = Bench(DAMPED, n=9)
+    bench = Bench(DAMPED, stretch, n=9)
     points = wild(bench)
     free = bench.free[:, :3].ravel()[:, None]
-    undamped = Step(Bench(QUIET, n=9), discrete, points, theta).matrix(points) * free
+    undamped = Step(Bench(QUIET, stretch, n=9), discrete, points, theta).matrix(points) * free
     step = Step(bench, discrete, points, theta, rate)
     step.rates *= 0.0
     found = step.matrix(points) * free
@@ -190,9 +202,10 @@ def test_newtons_matrix_with_damping_where_nothing_moves(discrete, theta, rate):
     assert_limit(-found.reshape(27, 9, 3), step.residual, points[:, :3].copy(), bound=1e-7)
 
 
-def test_energy_lost_to_damping_is_the_work_of_the_damping_force():
+@BOTH
+def test_energy_lost_to_damping_is_the_work_of_the_damping_force(stretch):
     """lost = -(damped - undamped force) . increment, and it is positive."""
-    damped, quiet = Bench(DAMPED, n=9), Bench(QUIET, n=9)
+    damped, quiet = Bench(DAMPED, stretch, n=9), Bench(QUIET, stretch, n=9)
     first, second = wild(damped, 0), wild(damped, 1)
     first[:, 3] = second[:, 3] = 0.0
     step = Step(damped, True, first)

