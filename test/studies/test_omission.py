@@ -11,6 +11,7 @@ from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
 from dlo_sim.studies.catalogue import STUDIES, Request
 from dlo_sim.studies.omission import study as study_module
 from dlo_sim.studies.omission import variants as variants_module
+from dlo_sim.studies.omission.study import Outcome, Row
 from dlo_sim.studies.omission.variants import TERMS, has, job, variants
 
 pytestmark = pytest.mark.slow
@@ -123,3 +124,13 @@ def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one():
     row = study_module._row("hanging_cable", stretch, full, bare)
     assert row.note.endswith("; without it: fails at its own step, so at 0.1 of it")
     assert 0.0 < row.error < 1e-3
+
+
+def test_what_is_left_out_is_judged_without_the_other_model_of_twist():
+    rows = [
+        Row("wire", "loads", False, 1e-6, 1e-6, 2e-6, "no loads"),
+        Row("wire", "frenet", False, 1e-6, 1e-6, 5e-2, "terms.twist is not frenet"),
+        Row("wire", "gravity", True, 1e-6, 1e-6, 3e-2, ""),
+    ]
+    (line,) = Outcome("", [], [], {}, rows).verdicts.values()
+    assert line.endswith(": 0.002 mm")
