@@ -7,11 +7,15 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import needs_of
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
 
 AGAIN = 0.5  # of the target: the error must have been below it before a new excess is an event
+THIN = (
+    200.0  # EA h^2 / EI of a knot span h beyond which coarse cables lock (`kernels.span_stretch`)
+)
 _SPARE = 1.2  # in the advice, so that a setting that follows it is not at the target again
 
 
@@ -30,6 +34,7 @@ class Accuracy:
         """Follow a changed scene."""
         self._target = scene.accuracy.target
         self._control_points = scene.discretization.control_points
+        self._locks = _locks(scene)
         self.forget()
 
     def forget(self) -> None:
@@ -73,10 +78,23 @@ class Accuracy:
         if error.space >= error.time:
             spans = (self._control_points - 3) * math.sqrt(excess)
             part = f"mostly of space; raise discretization.control_points to {spans + 3:.0f}"
+            if self._locks:
+                part += " or set discretization.stretch to span"
         else:
             step = estimate.simulator.step / excess ** (1.0 / estimate.order)
             part = f"mostly of time; lower integrator.step to {step:.2g} s"
         return f"position error of some {error.total:.2g} m exceeds {self._target:g} m, {part}"
+
+
+def _locks(scene: Scene) -> bool:
+    """Whether the cable is so thin that stretching at every sample keeps it from bending freely,
+    and stretching by span may be set."""
+    rule, cable = scene.discretization, scene.cable
+    if rule.quadrature != "gauss" or rule.stretch == "span" or rule.control_points < 5:
+        return False
+    span = cable.length / (rule.control_points - 3)
+    needs = needs_of(scene)
+    return needs.stretch and needs.bend and cable.EA * span**2 > THIN * cable.EI
 
 
 def _shown(error: float) -> str:
