@@ -29,10 +29,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
     parser = subparsers.add_parser(
         "tune",
         help="find the fastest setting within a tolerance",
-        description="Try methods, resolutions, quadratures, steps and the inextensible cable on a "
-        "scene, and write the scene with the fastest that stays within the tolerance of the "
-        "scene's own converged motion. Grippers rest where the scene has them. Exit status 3 when "
-        "nothing is within the tolerance; then nothing is written.",
+        description="Try methods, resolutions, quadratures, steps, stretching by span and the "
+        "inextensible cable on a scene, and write the scene with the fastest that stays within the "
+        "tolerance of the scene's own converged motion. Grippers rest where the scene has them. "
+        "Exit status 3 when nothing is within the tolerance; then nothing is written.",
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
@@ -122,10 +122,12 @@ def _facts(tuned: "Tuned", options: argparse.Namespace) -> dict[str, Any]:
     return {
         "status": "ok",
         "output": str(options.output),
+        "setting": best.setting.words,
         "method": best.setting.method,
         "control_points": best.setting.control_points,
         "quadrature": best.setting.quadrature,
         "samples": best.setting.samples,
+        "stretch": best.setting.stretch,
         "step_s": best.step,
         "terms_off": best.setting.off,
         "error_m": tuned.error,
@@ -153,9 +155,7 @@ def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
         f"Tuned by dlo_sim tune {options.scene} --tolerance {options.tolerance:g} "
         f"--duration {options.duration:g}: what differs from the defaults.",
         "",
-        f"setting    {facts['method']}, n_u {facts['control_points']}, {facts['samples']} "
-        f"Gauss points per span, step {facts['step_s']:g} s; the fastest of "
-        f"{facts['tried']} tried",
+        f"setting    {facts['setting']}; the fastest of {facts['tried']} tried",
         f"error      {facts['error_m']:.2g} m: largest distance from the converged motion at any "
         f"of 21 points within {options.duration:g} s",
         f"reference  {facts['reference']}; itself uncertain by {facts['reference_error_m']:.2g} m",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.reference import Reference, converged
 from dlo_sim.tuning.setting import Setting
@@ -105,8 +107,8 @@ def tune(
     reference = converged(job, tolerance, lambda fraction: progress(0.3 * fraction))
     search = _Search(job, reference, tolerance - reference.error, [])
     for k, method in enumerate(TRIED):
-        for points in POINTS:
-            _method(search, method, points)
+        for points, stretch in product(POINTS, _ways_to_stretch(scene, method)):
+            _method(search, Setting(method, 0, 0.0, points, stretch=stretch))
         progress(0.3 + 0.6 * (k + 1) / len(TRIED))
     finalists = sorted(search.good, key=lambda pair: pair[0].wall)[:FINALISTS]
     finalists = [(timed_again(trial, job), off) for trial, off in finalists]
@@ -123,20 +125,33 @@ def present_setting(scene: Scene) -> Setting:
     """What a scene asks for now."""
     rule, integrator = scene.discretization, scene.integrator
     return Setting(
-        integrator.method, rule.control_points, integrator.step, rule.samples, rule.quadrature
+        integrator.method,
+        rule.control_points,
+        integrator.step,
+        rule.samples,
+        rule.quadrature,
+        rule.stretch,
     )
 
 
-def _method(search: _Search, method: str, points: int) -> None:
-    """Resolutions of a method from coarse to fine, until one is good or it gets too slow."""
+def _ways_to_stretch(scene: Scene, method: str) -> tuple[str, ...]:
+    """Where stretching may count; one place will do if it is left out."""
+    integrator = replace(scene.integrator, method=method)
+    stretches = needs_of(replace(scene, integrator=integrator)).stretch
+    return ("sample", "span") if stretches else ("sample",)
+
+
+def _method(search: _Search, kind: Setting) -> None:
+    """Resolutions of a kind of setting from coarse to fine, until one is good or it gets slow."""
     beyond = 0
     for n_u in RESOLUTIONS:
         if n_u >= search.reference.setting.control_points:
             return
         found, first = False, float("inf")
         last = float("inf")
-        for step in _steps(search, method, n_u, points):
-            trial, off = search.run(Setting(method, n_u, step, points))
+        coarse = replace(kind, control_points=n_u)
+        for step in _steps(search, coarse):
+            trial, off = search.run(replace(coarse, step=step))
             first = min(first, trial.first)
             if off <= search.allowed:
                 found = True
@@ -178,13 +193,13 @@ def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, f
     return best, error
 
 
-def _steps(search: _Search, method: str, n_u: int, points: int) -> list[float]:
-    """Steps to try [s], from long to short; empty if the scene refuses the method."""
+def _steps(search: _Search, setting: Setting) -> list[float]:
+    """Steps to try [s], from long to short; empty if the scene refuses the setting."""
     scene = search.job.scene
-    if METHODS[method].family == IMPLICIT:
+    if METHODS[setting.method].family == IMPLICIT:
         return [1.0 / scene.rate / part for part in PARTS]
     try:
-        own = longest_step(Setting(method, n_u, 0.0, points).applied(scene))
+        own = longest_step(setting.applied(scene))
     except SceneError:
         return []
     # Whole nanoseconds: message stamps have no finer unit.

@@ -15,6 +15,7 @@ class Setting:
         method: integrator.method; a constrained one leaves stretching out.
         control_points: n_u. samples: Gauss points per knot span, or uniform samples in all.
         step: tau [s]; 0 = what suits accuracy.target, at most 0.9 of the stability limit.
+        stretch: discretization.stretch, sample or span.
         off: terms that are switched off although they are in the scene.
     """
 
@@ -23,6 +24,7 @@ class Setting:
     step: float = 0.0
     samples: int = 3
     quadrature: str = "gauss"
+    stretch: str = "sample"
     off: tuple[str, ...] = ()
 
     @property
@@ -32,6 +34,7 @@ class Setting:
             "discretization.control_points": self.control_points,
             "discretization.quadrature": self.quadrature,
             "discretization.samples": self.samples,
+            "discretization.stretch": self.stretch,
             "integrator.method": self.method,
             "integrator.step": self.step,
             **{f"terms.{name}": "off" for name in self.off},
@@ -51,5 +54,6 @@ class Setting:
         step = "its own step" if self.step == 0.0 else f"{1e3 * self.step:.4g} ms"
         rule = "per span" if self.quadrature == "gauss" else "in all"
         without = f", without {', '.join(self.off)}" if self.off else ""
-        points = f"{self.samples} points {rule}"
+        by = ", stretch by span" if self.stretch == "span" else ""
+        points = f"{self.samples} points {rule}{by}"
         return f"{self.method}, n_u {self.control_points}, {points}, {step}{without}"

@@ -36,8 +36,8 @@ def study(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         # Two that must fail: a step beyond the limit, and negative sub-steps with damping.
         for case, setting in (
-            ("scenario_1", ("velocity_verlet", 2, (1.2,), (9,))),
-            ("soft_settled", ("forest_ruth", 2, (1.0,), (9,))),
+            ("scenario_1", targets.Tried("velocity_verlet", (1.2,), (9,))),
+            ("soft_settled", targets.Tried("forest_ruth", (1.0,), (9,))),
         ):
             patch.setitem(targets.QUICK, case, (*targets.QUICK[case], setting))
         outcome = STUDIES["work-precision"].run(request)
@@ -70,6 +70,21 @@ def test_failed_runs_are_rows_that_say_so(study):
     paper = [r for r in rows if r["method"] == "velocity_verlet" and float(r["step [ms]"]) == 2.0]
     assert [row["status"] for row in paper] == ["refused"]
     assert paper[0]["error [%]"] == "" and paper[0]["s per simulated s"] == ""
+
+
+def test_thin_wires_are_nearer_by_span_with_few_control_points(study):
+    rows = [
+        row
+        for row in rows_of(study[0], "runs_steel_wire")
+        if row["method"] == "energy_momentum" and row["n_u"] == "7"
+    ]
+    found = {(row["stretch"], row["step [ms]"]): float(row["error [%]"]) for row in rows}
+    assert len(found) == 4
+    assert found["by span", "2.0"] < 0.5 * found["by sample", "2.0"]
+    left_out = [
+        row["stretch"] for row in rows_of(study[0], "runs_steel_wire") if row["method"] == "rattle"
+    ]
+    assert set(left_out) == {"left out"}
 
 
 def test_runs_behind_the_targets_keep_those_that_failed(study):

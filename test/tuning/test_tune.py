@@ -19,7 +19,7 @@ from dlo_sim.scene.loading import (
 from dlo_sim.simulation.recording import record
 from dlo_sim.tuning.reference import Reference
 from dlo_sim.tuning.scene_file import scene_text, written
-from dlo_sim.tuning.search import _Search, _without_terms
+from dlo_sim.tuning.search import _method, _Search, _ways_to_stretch, _without_terms
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
 
@@ -62,7 +62,8 @@ def test_tuned_scene_is_the_same_cable_and_faster(tuned):
     }
     assert changed <= {
         *("discretization.control_points", "discretization.quadrature"),
-        *("discretization.samples", "integrator.method", "integrator.step"),
+        *("discretization.samples", "discretization.stretch"),
+        *("integrator.method", "integrator.step"),
         *("terms.bend", "terms.gravity", "terms.damping", "terms.out_of_plane"),
     }
     assert scene.integrator.method == facts["method"]
@@ -195,3 +196,23 @@ def test_terms_that_cost_nothing_stay(monkeypatch):
     search, best = _heavy_cable()
     found, error = _without_terms(search, best, 0.0)
     assert found.setting.off == () and error == 0.0
+
+
+def test_a_stiff_wire_gets_along_with_fewer_control_points_by_span(monkeypatch):
+    _clock(monkeypatch, lambda setting: float(setting.control_points))
+    job = Job(_wire({}), 0.2, (0.25, 0.5, 0.75), 0.01)
+    fine = attempt(job, Setting("energy_momentum", 33, 1e-3), timed=False)
+    fewest = {}
+    for way in _ways_to_stretch(job.scene, "energy_momentum"):
+        search = _Search(job, Reference(fine.points, fine.setting, 0.0), 1e-3, [])
+        _method(search, Setting("energy_momentum", 0, samples=2, stretch=way))
+        assert {trial.setting.stretch for trial, _ in search.good} == {way}
+        fewest[way] = int(search.fastest)
+    assert fewest == {"sample": 9, "span": 7}
+
+
+def test_stretching_that_is_left_out_is_tried_one_way():
+    scene = _wire({})
+    assert _ways_to_stretch(scene, "rattle") == ("sample",)
+    assert _ways_to_stretch(_wire({"terms.stretch": "off"}), "velocity_verlet") == ("sample",)
+    assert _ways_to_stretch(scene, "velocity_verlet") == ("sample", "span")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from matplotlib.ticker import NullFormatter
@@ -27,10 +28,12 @@ BEYOND = 1.2  # share of its own step at which an explicit method must be refuse
 
 @dataclass(frozen=True)
 class Grid:
-    """What is tried: methods, resolutions, steps of implicit methods [s], shares of own steps of
-    explicit and of constrained ones, and how long repeats take [s]."""
+    """What is tried: methods, those that are tried with stretching by span as well, resolutions,
+    steps of implicit methods [s], shares of own steps of explicit and of constrained ones, and how
+    long repeats take [s]."""
 
     methods: tuple[str, ...]
+    by_span: tuple[str, ...]
     control_points: tuple[int, ...]
     steps: tuple[float, ...]
     shares: tuple[float, ...]
@@ -43,6 +46,7 @@ FULL = Grid(
         *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
         *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
     ),
+    ("energy_momentum", "energy_momentum_4", "generalized_alpha"),
     (7, 9, 11, 13, 17, 23),
     (1e-2, 5e-3, 2e-3, 1e-3, 5e-4),
     (1.0, 0.5),
@@ -50,7 +54,13 @@ FULL = Grid(
     0.1,
 )
 QUICK = Grid(
-    ("velocity_verlet", "rattle", "energy_momentum"), (7, 11), (5e-3, 2e-3), (1.0,), (1.0,), 0.02
+    ("velocity_verlet", "rattle", "energy_momentum"),
+    ("energy_momentum",),
+    (7, 11),
+    (5e-3, 2e-3),
+    (1.0,),
+    (1.0,),
+    0.02,
 )
 
 
@@ -66,6 +76,12 @@ class Point:
     def setting(self) -> Setting:
         """What was tried."""
         return self.trial.setting
+
+    @property
+    def way(self) -> str:
+        """Where stretching counts, as a word."""
+        method = METHODS[self.setting.method]
+        return "left out" if method.family == CONSTRAINED else f"by {self.setting.stretch}"
 
     @property
     def evaluations(self) -> float:
@@ -95,7 +111,8 @@ def swept(
 
 def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
     if METHODS[method].family == IMPLICIT:
-        return [Setting(method, n_u, step) for step in grid.steps]
+        ways = ("sample", "span") if method in grid.by_span else ("sample",)
+        return [Setting(method, n_u, step, stretch=way) for way in ways for step in grid.steps]
     first = Setting(method, n_u)
     constrained = METHODS[method].family == CONSTRAINED
     shares = grid.constrained_shares if constrained else grid.shares
@@ -143,12 +160,13 @@ def add(
     report.table(
         f"runs_{case.name}",
         [
-            *("method", "n_u", "step [ms]", "status", "error [%]", "s per simulated s"),
-            *("spread", "evaluations/s", "energy error"),
+            *("method", "stretch", "n_u", "step [ms]", "status", "error [%]"),
+            *("s per simulated s", "spread", "evaluations/s", "energy error"),
         ],
         [
             [
                 p.setting.method,
+                p.way,
                 p.setting.control_points,
                 1e3 * p.trial.step,
                 p.trial.status,
@@ -169,7 +187,7 @@ def add(
 def _peer_row(p: PeerRun) -> list[Cell]:
     timed = np.isfinite(p.wall)
     return [
-        *(p.peer, p.elements, 1e3 * p.step, p.status),
+        *(p.peer, None, p.elements, 1e3 * p.step, p.status),
         100 * p.error if p.ok else None,
         p.wall if timed else None,
         f"{100 * p.spread:.0f} %" if timed else None,
@@ -213,17 +231,13 @@ def _figure(
         ),
     ]
     for panel, (label, cost) in zip(axes, ways, strict=True):
-        for method, n_u in dict.fromkeys(
-            (p.setting.method, p.setting.control_points) for p in good
-        ):
-            row = [p for p in good if (p.setting.method, p.setting.control_points) == (method, n_u)]
+        for setting in dict.fromkeys(replace(p.setting, step=0.0) for p in good):
+            row = [p for p in good if replace(p.setting, step=0.0) == setting]
             row.sort(key=cost)
             x, y = [cost(p) for p in row], [100 * p.error for p in row]
-            color = plotting.COLORS.get(method, "black")
-            panel.plot(x, y, "o-", color=color, linewidth=0.9, markersize=3.5)
-            panel.annotate(
-                str(n_u), (x[-1], y[-1]), (4, -2), textcoords="offset points", fontsize=7
-            )
+            panel.plot(x, y, linewidth=0.9, markersize=3.5, **_look(setting))
+            name = str(setting.control_points)
+            panel.annotate(name, (x[-1], y[-1]), (4, -2), textcoords="offset points", fontsize=7)
         panel.axhline(100 * truth.own_error, color="0.5", linestyle=":", linewidth=1.0)
         panel.set(xscale="log", yscale="log", xlabel=label)
         panel.xaxis.set_minor_formatter(NullFormatter())
@@ -231,9 +245,9 @@ def _figure(
         panel.grid(alpha=0.3, which="both", linewidth=0.4)
     _peer_marks(axes[0], peers)
     _failed_marks(axes[0], failed)
-    for method in dict.fromkeys(p.setting.method for p in points):
-        color = plotting.COLORS.get(method, "black")
-        axes[1].plot([], [], "o-", color=color, label=method, markersize=4)
+    for method, way in dict.fromkeys((p.setting.method, p.setting.stretch) for p in points):
+        name = f"{method}, stretch by span" if way == "span" else method
+        axes[1].plot([], [], label=name, markersize=4, **_look(Setting(method, 4, stretch=way)))
     axes[1].plot([], [], "k:", label="own error of the reference")
     if failed:
         axes[1].plot([], [], "kx", label=f"failed or refused ({len(failed)})")
@@ -246,6 +260,7 @@ def _figure(
             "method": np.array(
                 [p.setting.method for p in points] + [p.peer for p in peers], dtype=str
             ),
+            "stretch": np.array([p.way for p in points] + [""] * len(peers)),
             "n_u": [p.setting.control_points for p in points] + [p.elements for p in peers],
             "step [s]": [p.trial.step for p in points] + [p.step for p in peers],
             "status": np.array([p.trial.status for p in points] + [p.status for p in peers]),
@@ -256,6 +271,17 @@ def _figure(
         },
         f"{case.title}: error against run time and against force evaluations",
     )
+
+
+def _look(setting: Setting) -> dict[str, Any]:
+    """Colour of the method; dashed and open where stretching counts by span."""
+    by_span = setting.stretch == "span"
+    return {
+        "color": plotting.COLORS.get(setting.method, "black"),
+        "marker": "o",
+        "linestyle": "--" if by_span else "-",
+        "fillstyle": "none" if by_span else "full",
+    }
 
 
 def _peer_marks(panel: plotting.Axes, peers: list[PeerRun]) -> None:
