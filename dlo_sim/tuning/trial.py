@@ -174,17 +174,18 @@ def error(
         points, truth: shape (T, m, 3) at the same times. last: at the last time alone.
 
     Returns:
-        Infinity where the run is shorter than the truth.
+        Infinity where the run is shorter than the truth, or both are empty.
     """
-    if len(points) != len(truth):
+    if len(points) != len(truth) or len(truth) == 0:
         return float("inf")
     gap = (points - truth)[-1:] if last else points - truth
     return float(np.sqrt(np.mean(gap[:, :, list(components)] ** 2, axis=0)).max())
 
 
 def farthest(points: Array, truth: Array) -> float:
-    """Largest distance [m] between two motions (T, m, 3); infinity where one is shorter."""
-    if len(points) != len(truth):
+    """Largest distance [m] between two motions (T, m, 3); infinity where one is shorter, or both
+    are empty."""
+    if len(points) != len(truth) or len(truth) == 0:
         return float("inf")
     return float(np.linalg.norm(points - truth, axis=2).max())
 

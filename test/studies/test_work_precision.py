@@ -119,6 +119,13 @@ def test_errors_fall_with_resolution_and_time_is_of_second_order(study):
         ]
         assert found[0] > found[-1] > 0.0
         assert found == sorted(found, reverse=True)
+    by_span = [
+        float(row["error [%]"])
+        for row in space
+        if row["case"] == "steel_wire" and row["cable"] == "stretching by span"
+    ]
+    assert len(by_span) == len(found)
+    assert max(a / b for a, b in zip(by_span, found, strict=True)) < 0.5
     orders = [
         float(row["order"])
         for row in rows_of(study[0], "order_in_time")
@@ -218,5 +225,6 @@ def test_error_is_the_worst_rms():
     points[:, 0, 0] = 5.0
     assert error(points, truth, (2,)) == 1.0
     assert error(points, truth) == 5.0
+    assert error(points[:0], truth[:0]) == np.inf
     points[-1, 1, 2] = 3.0
     assert error(points, truth, (2,), last=True) == 3.0

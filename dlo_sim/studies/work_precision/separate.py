@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from matplotlib.ticker import NullFormatter, NullLocator
@@ -23,6 +24,12 @@ RESOLUTIONS = {True: (5, 7, 9, 13), False: (5, 7, 9, 11, 13, 17, 21, 25, 29)}
 FIXED = {True: 7, False: 11}  # n_u at which time is looked at
 STEPS = {True: (4e-3, 2e-3), False: (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)}
 SHARES = {True: (1.0, 0.5), False: (1.0, 0.5, 0.25)}
+# Kinds of cable that are compared in space: setting and colour.
+CABLES = {
+    "stretching": (Setting(METHOD, 0), "tab:green"),
+    "stretching by span": (Setting(METHOD, 0, stretch="span"), "tab:purple"),
+    "inextensible": (Setting("rattle", 0), "tab:gray"),
+}
 FINEST = 0.25  # of the smallest step, or share, compared: where time is resolved
 METHODS_OF_TIME = {
     True: ("velocity_verlet", "rattle", "energy_momentum"),
@@ -52,24 +59,23 @@ def add(report: Report, request: Request, cases: list[Case], truths: dict[str, R
 def _space(
     report: Report, request: Request, cases: list[Case], truths: dict[str, Reference]
 ) -> None:
+    of_cases = list(product(cases, CABLES, RESOLUTIONS[request.quick]))
     pieces = [
-        _Piece(case, Setting(method, n_u), 0.5)
-        for case in cases
-        for method in (METHOD, "rattle")
-        for n_u in RESOLUTIONS[request.quick]
+        _Piece(case, replace(CABLES[cable][0], control_points=n_u), 0.5)
+        for case, cable, n_u in of_cases
     ]
     rows: list[list[Cell]] = []
-    for piece, trial in zip(pieces, request.workers.map(_run, pieces), strict=True):
-        off = error(trial.points, truths[piece.case.name].points, piece.case.components)
-        share = 100 * off / piece.case.scale if trial.ok else np.inf
-        way = "stretching" if piece.setting.method == METHOD else "inextensible"
-        rows.append([piece.case.name, way, piece.setting.control_points, share])
+    trials = request.workers.map(_run, pieces)
+    for (case, cable, n_u), trial in zip(of_cases, trials, strict=True):
+        off = error(trial.points, truths[case.name].points, case.components)
+        rows.append([case.name, cable, n_u, 100 * off / case.scale if trial.ok else np.inf])
     figure, panels = plotting.new_figure(2, 3, width=12.0, height=7.0)
     for panel, case in zip(panels, cases, strict=True):
-        for way, color in (("stretching", "tab:green"), ("inextensible", "tab:gray")):
-            shown = [row for row in rows if row[0] == case.name and row[1] == way]
+        for cable, (_, color) in CABLES.items():
+            shown = [row for row in rows if row[0] == case.name and row[1] == cable]
             shown = [row for row in shown if np.isfinite(_number(row[3]))]
-            panel.loglog([r[2] for r in shown], [r[3] for r in shown], "o-", color=color, label=way)
+            x, y = [row[2] for row in shown], [row[3] for row in shown]
+            panel.loglog(x, y, "o-", color=color, label=cable)
         panel.axhline(100 * truths[case.name].own_error, color="0.5", linestyle=":")
         panel.set(title=case.title, xlabel="control points n_u [-]")
         panel.set_xticks(RESOLUTIONS[request.quick], [str(n) for n in RESOLUTIONS[request.quick]])
@@ -87,9 +93,10 @@ def _space(
             "n_u": [_number(row[2]) for row in rows],
             "error [%]": [_number(row[3]) for row in rows],
         },
-        f"Error against resolution at half the own step of {METHOD} (stretching) and rattle "
-        "(inextensible); dotted: own error of the reference. What an inextensible cable leaves "
-        "out shows where its curve levels off above the dots; one that fails has no point",
+        f"Error against resolution at half the own step of {METHOD} (stretching at every sample, "
+        "or by its mean over a span) and rattle (inextensible); dotted: own error of the "
+        "reference. What an inextensible cable leaves out shows where its curve levels off above "
+        "the dots; one that fails has no point",
     )
 
 

@@ -251,7 +251,15 @@ def _figure(
     axes[1].plot([], [], "k:", label="own error of the reference")
     if failed:
         axes[1].plot([], [], "kx", label=f"failed or refused ({len(failed)})")
-    axes[1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
+    # One legend for both panels, outside: inside it would lie on the fastest runs.
+    ours, others = axes[1].get_legend_handles_labels(), axes[0].get_legend_handles_labels()
+    axes[1].legend(
+        ours[0] + others[0],
+        ours[1] + others[1],
+        fontsize="small",
+        loc="center left",
+        bbox_to_anchor=(1.01, 0.5),
+    )
     figure.suptitle(f"{case.title} (numbers: n_u, at the smallest step; a line: one resolution)")
     report.figure(
         f"work_precision_{case.name}",
@@ -297,8 +305,6 @@ def _peer_marks(panel: plotting.Axes, peers: list[PeerRun]) -> None:
             fillstyle="none",
             label=f"{name} ({without} without a result)" if without else name,
         )
-    if panel.get_legend_handles_labels()[0]:
-        panel.legend(fontsize="small")
 
 
 def _failed_marks(panel: plotting.Axes, failed: list[Point]) -> None:
