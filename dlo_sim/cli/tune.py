@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,7 +123,7 @@ def _facts(tuned: "Tuned", options: argparse.Namespace) -> dict[str, Any]:
     return {
         "status": "ok",
         "output": str(options.output),
-        "setting": best.setting.words,
+        "setting": replace(best.setting, step=best.step).words,
         "method": best.setting.method,
         "control_points": best.setting.control_points,
         "quadrature": best.setting.quadrature,
@@ -172,8 +173,6 @@ def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
 def _write(
     options: argparse.Namespace, scene: Scene, tuned: "Tuned", facts: dict[str, Any]
 ) -> None:
-    from dataclasses import replace
-
     from dlo_sim.tuning.scene_file import scene_text
 
     assert tuned.best is not None

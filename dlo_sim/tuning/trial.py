@@ -174,7 +174,7 @@ def error(
         points, truth: shape (T, m, 3) at the same times. last: at the last time alone.
 
     Returns:
-        Infinity where the run is shorter than the truth, or both are empty.
+        Infinity where the lengths differ, or both are empty.
     """
     if len(points) != len(truth) or len(truth) == 0:
         return float("inf")
@@ -183,8 +183,7 @@ def error(
 
 
 def farthest(points: Array, truth: Array) -> float:
-    """Largest distance [m] between two motions (T, m, 3); infinity where one is shorter, or both
-    are empty."""
+    """Largest distance [m] of two motions (T, m, 3); infinity if unequally long or both empty."""
     if len(points) != len(truth) or len(truth) == 0:
         return float("inf")
     return float(np.linalg.norm(points - truth, axis=2).max())

@@ -99,6 +99,7 @@ def test_what_the_model_does_not_show_is_a_warning_that_hides_no_other(estimates
         ({"discretization__stretch": "span"}, False),
         ({"discretization__quadrature": "uniform", "discretization__samples": 101}, False),
         ({"integrator__method": "rattle"}, False),
+        ({"discretization__control_points": 4}, False),
         ({"terms__bend": "off"}, False),
         ({"cable__axial_stiffness": 3.9}, False),
         ({"cable__axial_stiffness": 4.1}, True),
@@ -113,11 +114,16 @@ def test_a_thin_cable_is_advised_to_stretch_by_span(estimates, changes, advised)
     one.tick(T0 + 5 * MS)
     message = found(one)[1]
     assert "raise discretization.control_points to " in message
-    assert (" or set discretization.stretch to span" in message) is advised
-    if not changes:
-        estimates[0].recent = DiscretizationError(4e-3, 1e-5)
-        one.tick(T0 + 10 * MS)
-        assert "discretization.stretch" not in found(one)[1]
+    assert ("discretization.stretch: span may do as well" in message) is advised
+
+
+def test_an_error_in_time_is_not_cured_by_span(estimates):
+    one = session(cable__axial_stiffness=1e5, cable__bending_stiffness=5e-3)
+    one.tick(T0)
+    estimates[0].recent = DiscretizationError(4e-3, 1e-5)
+    one.tick(T0 + 5 * MS)
+    message = found(one)[1]
+    assert "lower integrator.step" in message and "stretch" not in message
 
 
 def test_excess_is_a_warning_while_it_lasts_and_an_event_once(estimates):

@@ -19,7 +19,15 @@ from dlo_sim.scene.loading import (
 from dlo_sim.simulation.recording import record
 from dlo_sim.tuning.reference import Reference
 from dlo_sim.tuning.scene_file import scene_text, written
-from dlo_sim.tuning.search import _method, _Search, _ways_to_stretch, _without_terms
+from dlo_sim.tuning.search import (
+    TRIED,
+    _method,
+    _Search,
+    _ways_to_stretch,
+    _without_terms,
+    present_setting,
+    tune,
+)
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
 
@@ -80,6 +88,9 @@ def test_comments_say_what_was_measured(tuned):
     for word in ("setting", "error", "reference", "time", "before", "--tolerance 0.001"):
         assert word in text
     assert f"{facts['error_m']:.2g} m" in text
+    assert facts["setting"] in text
+    assert load_scene(path).discretization.stretch == facts["stretch"]
+    assert ("stretch by span" in text) == (facts["stretch"] == "span")
 
 
 def test_nothing_within_the_tolerance_is_status_3_and_writes_nothing(tmp_path, capsys):
@@ -146,6 +157,7 @@ def test_timing_again_keeps_the_least():
     assert again.wall <= trial.wall and again.repeats > trial.repeats >= 2
     assert farthest(again.points, trial.points) == 0.0
     assert farthest(again.points[:-1], trial.points) == np.inf
+    assert farthest(again.points[:0], trial.points[:0]) == np.inf
 
 
 def _wire(overrides):
@@ -209,6 +221,25 @@ def test_a_stiff_wire_gets_along_with_fewer_control_points_by_span(monkeypatch):
         assert {trial.setting.stretch for trial, _ in search.good} == {way}
         fewest[way] = int(search.fastest)
     assert fewest == {"sample": 9, "span": 7}
+
+
+def test_tune_tries_both_ways_with_every_method(monkeypatch):
+    kinds = set()
+    nothing = Reference(np.zeros((0, 21, 3)), Setting("velocity_verlet", 13), 0.0)
+    monkeypatch.setattr("dlo_sim.tuning.search.converged", lambda *arguments: nothing)
+    monkeypatch.setattr(
+        "dlo_sim.tuning.search._method",
+        lambda search, kind: kinds.add((kind.method, kind.samples, kind.stretch)),
+    )
+    assert tune(_wire({"integrator.method": "energy_momentum"}), 1e-3, 0.01).best is None
+    both = {(method, n, way) for method in TRIED for n in (2, 3) for way in ("sample", "span")}
+    assert kinds == {kind for kind in both if kind[0] != "rattle" or kind[2] == "sample"}
+
+
+def test_the_present_setting_is_the_scene_s_own():
+    values = {"discretization.quadrature": "gauss", "discretization.samples": 2}
+    scene = _wire({**values, "discretization.stretch": "span", "integrator.step": 1e-3})
+    assert present_setting(scene).applied(scene) == scene
 
 
 def test_stretching_that_is_left_out_is_tried_one_way():

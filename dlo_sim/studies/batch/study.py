@@ -22,6 +22,7 @@ ASKED_CONTROL_POINTS = 13
 RESOLUTIONS = {True: (9, 13, 25), False: (7, 9, 11, 13, 17, 25, 41)}
 REPEATS = {True: 15, False: 60}
 PIECE = 512  # steps of one timed piece: some milliseconds, which run undisturbed now and then
+# Many: shared machines give two processes anything from 1.5 to 2 times one.
 CORE_REPEATS = {True: 3, False: 15}
 CORE_SCENES = {True: 64, False: 128}
 CORE_DURATION = 0.25  # [s]

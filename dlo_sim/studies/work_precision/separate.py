@@ -123,10 +123,11 @@ def _time(report: Report, request: Request, cases: list[Case]) -> None:
         case, truth = by_name[name], group[-1]
         errors = [error(t.points, truth.points, case.components) / case.scale for t in group[:-1]]
         for k, (trial, off) in enumerate(zip(group, errors, strict=False)):
-            ratio = np.log(errors[k - 1] / off) if k and off > 0.0 else np.nan
-            slope = ratio / np.log(group[k - 1].step / trial.step) if k else np.nan
             good = trial.ok and truth.ok
-            order = float(slope) if good and np.isfinite(slope) else None
+            order = None
+            if good and k and group[k - 1].ok and min(off, errors[k - 1]) > 0.0:
+                ratio = np.log(errors[k - 1] / off)
+                order = float(ratio / np.log(group[k - 1].step / trial.step))
             rows.append([name, method, 1e3 * trial.step, 100 * off if good else None, order])
     report.table(
         "order_in_time",

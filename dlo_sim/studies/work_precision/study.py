@@ -50,7 +50,8 @@ def run_study(request: Request) -> Outcome:
         """Check, then time: a setting's error and its run time come from the same simulator, which
         is compiled and warm; the time is the least of the repeats, with the distance of their
         median. Implicit methods and explicit ones at shares of their own step; Gauss quadrature
-        with three points per span."""
+        with three points per span. Some implicit methods run with stretching by span as well
+        (dashed)."""
     )
     grid = sweep.QUICK if request.quick else sweep.FULL
     for k, case in enumerate(cases):

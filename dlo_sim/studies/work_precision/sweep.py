@@ -28,9 +28,9 @@ BEYOND = 1.2  # share of its own step at which an explicit method must be refuse
 
 @dataclass(frozen=True)
 class Grid:
-    """What is tried: methods, those that are tried with stretching by span as well, resolutions,
-    steps of implicit methods [s], shares of own steps of explicit and of constrained ones, and how
-    long repeats take [s]."""
+    """What is tried: methods, those implicit ones that are tried with stretching by span as well,
+    resolutions, steps of implicit methods [s], shares of own steps of explicit and of constrained
+    ones, and how long repeats take [s]."""
 
     methods: tuple[str, ...]
     by_span: tuple[str, ...]
@@ -42,25 +42,25 @@ class Grid:
 
 
 FULL = Grid(
-    (
+    methods=(
         *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
         *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
     ),
-    ("energy_momentum", "energy_momentum_4", "generalized_alpha"),
-    (7, 9, 11, 13, 17, 23),
-    (1e-2, 5e-3, 2e-3, 1e-3, 5e-4),
-    (1.0, 0.5),
-    (1.0, 0.5, 0.25),
-    0.1,
+    by_span=("energy_momentum", "energy_momentum_4", "generalized_alpha"),
+    control_points=(7, 9, 11, 13, 17, 23),
+    steps=(1e-2, 5e-3, 2e-3, 1e-3, 5e-4),
+    shares=(1.0, 0.5),
+    constrained_shares=(1.0, 0.5, 0.25),
+    budget=0.1,
 )
 QUICK = Grid(
-    ("velocity_verlet", "rattle", "energy_momentum"),
-    ("energy_momentum",),
-    (7, 11),
-    (5e-3, 2e-3),
-    (1.0,),
-    (1.0,),
-    0.02,
+    methods=("velocity_verlet", "rattle", "energy_momentum"),
+    by_span=("energy_momentum",),
+    control_points=(7, 11),
+    steps=(5e-3, 2e-3),
+    shares=(1.0,),
+    constrained_shares=(1.0,),
+    budget=0.02,
 )
 
 
@@ -235,7 +235,9 @@ def _figure(
             row = [p for p in good if replace(p.setting, step=0.0) == setting]
             row.sort(key=cost)
             x, y = [cost(p) for p in row], [100 * p.error for p in row]
-            panel.plot(x, y, linewidth=0.9, markersize=3.5, **_look(setting))
+            panel.plot(
+                x, y, linewidth=0.9, markersize=3.5, **_look(setting.method, setting.stretch)
+            )
             name = str(setting.control_points)
             panel.annotate(name, (x[-1], y[-1]), (4, -2), textcoords="offset points", fontsize=7)
         panel.axhline(100 * truth.own_error, color="0.5", linestyle=":", linewidth=1.0)
@@ -247,7 +249,7 @@ def _figure(
     _failed_marks(axes[0], failed)
     for method, way in dict.fromkeys((p.setting.method, p.setting.stretch) for p in points):
         name = f"{method}, stretch by span" if way == "span" else method
-        axes[1].plot([], [], label=name, markersize=4, **_look(Setting(method, 4, stretch=way)))
+        axes[1].plot([], [], label=name, markersize=4, **_look(method, way))
     axes[1].plot([], [], "k:", label="own error of the reference")
     if failed:
         axes[1].plot([], [], "kx", label=f"failed or refused ({len(failed)})")
@@ -281,11 +283,11 @@ def _figure(
     )
 
 
-def _look(setting: Setting) -> dict[str, Any]:
+def _look(method: str, stretch: str) -> dict[str, Any]:
     """Colour of the method; dashed and open where stretching counts by span."""
-    by_span = setting.stretch == "span"
+    by_span = stretch == "span"
     return {
-        "color": plotting.COLORS.get(setting.method, "black"),
+        "color": plotting.COLORS.get(method, "black"),
         "marker": "o",
         "linestyle": "--" if by_span else "-",
         "fillstyle": "none" if by_span else "full",

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core.methods import CONSTRAINED, METHODS
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.report import Cell, Report
@@ -47,8 +47,13 @@ TARGETS = (
 
 
 @dataclass(frozen=True)
-class Tried:
-    """Settings to try: steps [s], of explicit and constrained methods shares of the own step."""
+class Candidate:
+    """Settings of a method to try.
+
+    Attributes:
+        steps: [s]; of explicit and constrained methods, shares of the own step.
+        control_points: n_u. stretch, samples: as in `tuning.setting.Setting`.
+    """
 
     method: str
     steps: tuple[float, ...]
@@ -57,35 +62,38 @@ class Tried:
     samples: int = 2
 
 
-Candidates = tuple[Tried, ...]
+Candidates = tuple[Candidate, ...]
 CANDIDATES: dict[str, Candidates] = {
     "scenario_1": (
-        Tried("rattle", (1.0,), (8, 9, 10, 11, 12, 13, 15, 17, 19, 21, 22, 23, 24, 25)),
-        Tried("energy_momentum", (2e-3, 1e-3), (11, 12, 13, 15)),
-        Tried("energy_momentum", (2e-3, 1e-3), (7, 8, 9, 11), "span"),
-        Tried("energy_momentum_4", (1e-2, 5e-3), (13, 15, 19, 23)),
-        Tried("energy_momentum_4", (1.5e-2, 1e-2, 5e-3), (7, 8, 9, 11, 17, 19), "span"),
-        Tried("velocity_verlet", (1.0,), (13, 19, 23)),
+        Candidate("rattle", (1.0,), (8, 9, 10, 11, 12, 13, 15, 17, 19, 21, 22, 23, 24, 25)),
+        Candidate("energy_momentum", (2e-3, 1e-3), (11, 12, 13, 15)),
+        Candidate("energy_momentum", (2e-3, 1e-3), (7, 8, 9, 11), "span"),
+        Candidate("energy_momentum_4", (1e-2, 5e-3), (13, 15, 19, 23)),
+        Candidate("energy_momentum_4", (1.5e-2, 1e-2, 5e-3), (7, 8, 9, 11, 17, 19), "span"),
+        Candidate("velocity_verlet", (1.0,), (13, 19, 23)),
     ),
     "scenario_2": (
-        Tried("rattle", (1.0,), (8, 9, 10, 11)),
-        Tried("energy_momentum", (2e-3, 1e-3), (11, 12, 13)),
-        Tried("energy_momentum", (2e-3, 1e-3), (7, 9, 11), "span"),
-        Tried("energy_momentum_4", (1e-2,), (11, 13)),
-        Tried("energy_momentum_4", (1.5e-2, 1e-2), (7, 9, 11), "span"),
-        Tried("velocity_verlet", (1.0,), (11, 13)),
+        Candidate("rattle", (1.0,), (8, 9, 10, 11)),
+        Candidate("energy_momentum", (2e-3, 1e-3), (11, 12, 13)),
+        Candidate("energy_momentum", (2e-3, 1e-3), (7, 9, 11), "span"),
+        Candidate("energy_momentum_4", (1e-2,), (11, 13)),
+        Candidate("energy_momentum_4", (1.5e-2, 1e-2), (7, 9, 11), "span"),
+        Candidate("velocity_verlet", (1.0,), (11, 13)),
     ),
     "soft_settled": (
-        Tried("generalized_alpha", (2e-2, 1e-2), (9, 11, 12, 13, 14, 15, 17)),
-        Tried("energy_momentum", (2e-2, 1e-2), (11, 13, 15)),
-        Tried("velocity_verlet", (1.0,), (11, 12, 13, 14, 15)),
-        Tried("rattle", (1.0,), (9, 11)),
+        Candidate("generalized_alpha", (2e-2, 1e-2), (9, 11, 12, 13, 14, 15, 17)),
+        Candidate("energy_momentum", (2e-2, 1e-2), (11, 13, 15)),
+        Candidate("velocity_verlet", (1.0,), (11, 12, 13, 14, 15)),
+        Candidate("rattle", (1.0,), (9, 11)),
     ),
 }
 QUICK: dict[str, Candidates] = {
-    "scenario_1": (Tried("rattle", (1.0,), (9, 13)),),
-    "scenario_2": (Tried("rattle", (1.0,), (9,)),),
-    "soft_settled": (Tried("velocity_verlet", (1.0,), (9, 15)),),
+    "scenario_1": (
+        Candidate("rattle", (1.0,), (9, 13)),
+        Candidate("energy_momentum", (2e-3,), (8,), "span"),
+    ),
+    "scenario_2": (Candidate("rattle", (1.0,), (9,)),),
+    "soft_settled": (Candidate("velocity_verlet", (1.0,), (9, 15)),),
 }
 
 
@@ -168,13 +176,12 @@ def add(report: Report, request: Request, others: Others) -> list[Verdict]:
 
 def _trials(case: Case, candidates: Candidates, budget: float) -> list[Trial]:
     trials = []
-    for tried in candidates:
-        method = METHODS[tried.method]
-        by_share = method.family == CONSTRAINED or np.isfinite(method.stability_limit)
-        for n_u in tried.control_points:
-            for value in tried.steps:
+    for one in candidates:
+        by_share = METHODS[one.method].family != IMPLICIT
+        for n_u in one.control_points:
+            for value in one.steps:
                 step = 0.0 if by_share else value
-                setting = Setting(tried.method, n_u, step, tried.samples, stretch=tried.stretch)
+                setting = Setting(one.method, n_u, step, one.samples, stretch=one.stretch)
                 if by_share:
                     try:
                         setting = at_share(case.job, setting, value)
