@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,9 +153,12 @@ def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
     present = "failed"
     if facts["faster_than_present"] is not None:
         present = f"{facts['present_wall_s_per_s']:.3g} s, error {facts['present_error_m']:.2g} m"
+    changed = "".join(
+        f" --set {shlex.quote(' '.join(assignment.split()))}" for assignment in options.assignments
+    )
     return [
         f"Tuned by dlo_sim tune {options.scene} --tolerance {options.tolerance:g} "
-        f"--duration {options.duration:g}: what differs from the defaults.",
+        f"--duration {options.duration:g}{changed}: what differs from the defaults.",
         "",
         f"setting    {facts['setting']}; the fastest of {facts['tried']} tried",
         f"error      {facts['error_m']:.2g} m: largest distance from the converged motion at any "

@@ -217,6 +217,12 @@ def _check_damping(scene: Scene, method: Method) -> None:
     if scene.terms.damping == "off":
         return
     if damping.stiffness and not method.stiffness_damping:
+        if frenet_wanted(scene) or plasticity_wanted(scene):
+            raise SceneError(
+                f"damping.stiffness: {damping.stiffness:g} needs an implicit method, Frenet "
+                "torsion and plasticity an explicit one; set it to 0.0 (damping.mass damps as "
+                "well), or terms.plasticity to off and terms.twist to auto"
+            )
         raise SceneError(
             f"integrator.method: {method.name} is not valid with damping.stiffness "
             f"{damping.stiffness:g}; use energy_momentum or implicit_midpoint"

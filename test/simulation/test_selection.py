@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from cables import simulator
 
+from dlo_sim.scene.loading import SceneError
+
 WIRE = {
     "cable.length": 1.0,
     "cable.diameter": 0.002,
@@ -96,3 +98,15 @@ def test_a_soft_cable_gets_a_step_that_it_bears(modulus):
     assert sim.step < sim.choice.limit
     assert sim.advance(5.0).status.ok
     assert sim.energy_error < 0.05
+
+
+@pytest.mark.parametrize("method", ["auto", "velocity_verlet"])
+@pytest.mark.parametrize("term", [{"plasticity.yield_curvature": 2.0}, {"terms.twist": "frenet"}])
+def test_stiffness_damping_against_what_needs_an_explicit_method(method, term):
+    """The cure is not an implicit method, which these terms do not have."""
+    values = {"damping.stiffness": 0.01} | term
+    with pytest.raises(SceneError, match="^damping.stiffness: 0.01 needs an implicit method, Fren"):
+        chosen(values, method=method, step=1e-6)
+    with pytest.raises(SceneError, match="velocity_verlet is not valid with damping.stiffness"):
+        chosen({"damping.stiffness": 0.01}, method="velocity_verlet", step=1e-6)
+    assert chosen(term, {"damping.mass": 0.1}).method == "velocity_verlet"

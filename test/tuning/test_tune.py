@@ -4,11 +4,13 @@ import contextlib
 import io
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dlo_sim.cli.main import main
+from dlo_sim.cli.tune import _comments
 from dlo_sim.scene.loading import (
     load_scene,
     scene_from_values,
@@ -91,6 +93,20 @@ def test_comments_say_what_was_measured(tuned):
     assert facts["setting"] in text
     assert load_scene(path).discretization.stretch == facts["stretch"]
     assert ("stretch by span" in text) == (facts["stretch"] == "span")
+
+
+def test_comments_name_what_was_set_in_one_line():
+    options = SimpleNamespace(
+        scene="mine.yaml",
+        tolerance=1e-3,
+        duration=0.5,
+        assignments=["accuracy.estimate=on", "end.position=[1,\n 0]"],
+    )
+    facts = {"faster_than_present": None, "method": "zhai", "setting": "", "tried": 1}
+    numbers = ("error_m", "reference_error_m", "wall_s_per_s", "spread", "real_time_factor")
+    facts |= dict.fromkeys(numbers, 1.0) | {"repeats": 2, "reference": ""}
+    first = _comments(options, facts)[0]
+    assert "--set accuracy.estimate=on --set 'end.position=[1, 0]': what differs" in first
 
 
 def test_nothing_within_the_tolerance_is_status_3_and_writes_nothing(tmp_path, capsys):
