@@ -4,7 +4,6 @@ import argparse
 import math
 import os
 import shlex
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -124,7 +123,7 @@ def _facts(tuned: "Tuned", options: argparse.Namespace) -> dict[str, Any]:
     return {
         "status": "ok",
         "output": str(options.output),
-        "setting": replace(best.setting, step=best.step).words,
+        "setting": best.taken.words,
         "method": best.setting.method,
         "control_points": best.setting.control_points,
         "quadrature": best.setting.quadrature,
@@ -180,8 +179,7 @@ def _write(
     from dlo_sim.tuning.scene_file import scene_text
 
     assert tuned.best is not None
-    setting = replace(tuned.best.setting, step=tuned.best.step)
-    text = scene_text(setting.applied(scene), _comments(options, facts))
+    text = scene_text(tuned.best.taken.applied(scene), _comments(options, facts))
     target = options.output.resolve()
     partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
     try:

@@ -59,8 +59,7 @@ def converged(
         if before is not None:
             change = farthest(before.points, now.points)
             if change <= wanted:
-                setting = replace(now.setting, step=now.step)
-                return Reference(now.points, setting, change + in_time)
+                return Reference(now.points, now.taken, change + in_time)
         before = now
     raise NoReference(
         f"the motion does not converge to {wanted:.2g} m: n_u {RESOLUTIONS[-2]} and "

@@ -183,7 +183,7 @@ def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, f
         )
         if not there or getattr(scene.terms, name) == "on":
             continue
-        less = replace(best.setting, off=(*best.setting.off, name), step=best.step)
+        less = replace(best.taken, off=(*best.setting.off, name))
         trial, off = search.run(less)
         if off <= search.allowed:
             best = timed_again(best, search.job)

@@ -77,6 +77,11 @@ class Trial:
     first: float = float("inf")
 
     @property
+    def taken(self) -> Setting:
+        """The setting with the step that was taken."""
+        return replace(self.setting, step=self.step)
+
+    @property
     def ok(self) -> bool:
         """Whether the run got to its end."""
         return not self.message
