@@ -13,7 +13,7 @@ _TURN = 1.0e-4
 def in_background(
     work: Callable[[], None], meanwhile: Callable[[], None], period: Callable[[], float]
 ) -> None:
-    """Run `work` in a thread and call `meanwhile` periodically until it is done.
+    """Run `work` in a thread and call `meanwhile` at once, and periodically until it is done.
 
     Args:
         work: must not touch what `meanwhile` changes.
@@ -36,13 +36,11 @@ def in_background(
     sys.setswitchinterval(_TURN)
     thread.start()
     try:
-        due = time.perf_counter() + period()
-        while True:
-            thread.join(max(due - time.perf_counter(), 0.0))
-            if not thread.is_alive():
-                break
+        due = time.perf_counter()  # some of a period may have gone by since the last call
+        while thread.is_alive():
             meanwhile()
             due = max(due + period(), time.perf_counter())
+            thread.join(max(due - time.perf_counter(), 0.0))
     finally:
         thread.join()
         sys.setswitchinterval(usual)

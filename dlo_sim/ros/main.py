@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from dlo_sim.ros.residence import settle
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.session.time_slice import SHORT, ask_for_time_slice
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -98,6 +99,7 @@ def _run(arguments: list[str], termination: Termination) -> int:
             f"the node needs ROS 2, which cannot be imported ({error}); install it with: "
             "pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
         )
+    ask_for_time_slice(SHORT)  # before ROS starts threads, which inherit it
     with arguments_for_rcl(arguments) as prepared:
         try:
             rclpy.init(args=prepared, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)

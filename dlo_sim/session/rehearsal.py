@@ -12,6 +12,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values, scene_values
 from dlo_sim.session.cdr import StampedEncoder
 from dlo_sim.session.session import InputTopic, Session
+from dlo_sim.session.time_slice import LONG, ask_for_time_slice
 
 _SECOND = 1_000_000_000
 _MESSAGES = 6
@@ -88,5 +89,7 @@ def _still(scene: Scene, source: InputTopic, stamp_ns: int) -> bytes:
 
 
 if __name__ == "__main__":
-    os.nice(10)  # whoever waits for this has more urgent work to do meanwhile
+    # Whoever waits for this has more urgent work to do meanwhile.
+    os.nice(10)
+    ask_for_time_slice(LONG)
     rehearse(scene_from_values(json.load(sys.stdin)), live=True)
