@@ -15,6 +15,8 @@ from dlo_sim.kernels.observe import velocities
 from dlo_sim.kernels.rattle import add_constraint_force
 from dlo_sim.kernels.tangent import span_jacobian
 
+# The terms that `stiffness_band` reads.
+STIFFNESS_TERMS = ("lattice", "axes", "stretch", "span_stretch", "bend", "rest", "springs")
 RATE_STEP = 1e-6  # [s] of the difference that gives the acceleration of a driven end
 
 

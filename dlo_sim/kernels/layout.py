@@ -14,7 +14,7 @@ does not exist in the machine code. That is why every optional term is an argume
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +179,12 @@ class Terms(NamedTuple):
     drive: Drive | None
     decay: float | None
     axes: tuple[int, ...]
+
+    def only(self, *names: str) -> Terms:
+        """The same without all others, for a kernel that reads no others: one compiled version of
+        it then serves every scene that has these."""
+        absent: dict[str, Any] = {name: None for name in self._fields if name not in names}
+        return self._replace(**absent)
 
 
 class Work(NamedTuple):

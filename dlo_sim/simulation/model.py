@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.kernels import layout, span_stretch
+from dlo_sim.kernels.instant import STIFFNESS_TERMS
+from dlo_sim.kernels.observe import ENERGY_TERMS, VELOCITY_TERMS
+from dlo_sim.kernels.static import STATIC_TERMS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation import optional_terms
@@ -38,6 +42,26 @@ class Model:
     viscosity: float | None
     width: int
     rest: Array
+
+    @cached_property
+    def velocity_terms(self) -> layout.Terms:
+        """What `velocities` reads."""
+        return self.terms.only(*VELOCITY_TERMS)
+
+    @cached_property
+    def energy_terms(self) -> layout.Terms:
+        """What energies depend on."""
+        return self.terms.only(*ENERGY_TERMS)
+
+    @cached_property
+    def static_terms(self) -> layout.Terms:
+        """What acts on a cable at rest."""
+        return self.terms.only(*STATIC_TERMS)
+
+    @cached_property
+    def stiffness_terms(self) -> layout.Terms:
+        """What its stiffness depends on."""
+        return self.terms.only(*STIFFNESS_TERMS)
 
     @property
     def axes(self) -> tuple[int, ...]:

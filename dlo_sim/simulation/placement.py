@@ -83,7 +83,7 @@ def _frequency(
     model: Model, state: layout.State, work: layout.Work, solver: layout.Solver
 ) -> float:
     """Largest frequency [rad/s] of motion that keeps the length."""
-    stiffness_band(state.position, model.terms, model.viscosity, work, solver)
+    stiffness_band(state.position, model.stiffness_terms, model.viscosity, work, solver)
     return max(largest_constrained_frequency(model, solver.band, state.position), 1e-3)
 
 

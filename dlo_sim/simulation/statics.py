@@ -92,7 +92,7 @@ class _Search:
         """Pseudo-time [s^2] in which the first guess moves by a percent of the length."""
         n, dim = self._model.n, self._dim
         free = self._model.terms.mass.free[:dim]
-        static_force(self._state.position, self._model.terms, self._work, self._force)
+        static_force(self._state.position, self._model.static_terms, self._work, self._force)
         pull = float(np.abs(self._force[:dim, :n] * free).sum())
         inertia = float(mass.multiply(self._model.terms.mass.band[0], np.ones(n)).sum())
         fall = inertia * self._length / max(pull, 1e-300)
@@ -138,7 +138,7 @@ class _Search:
             return
         n = self._model.n
         x = self._state.position
-        static_force(x, terms, self._work, self._force)
+        static_force(x, self._model.static_terms, self._work, self._force)
         free = terms.mass.free[row] != 0.0
         stiffness = mass.dense(terms.twist.stiffness)[np.ix_(free, free)]
         x[row, :n][free] += np.linalg.solve(stiffness, self._force[row, :n][free])
@@ -174,8 +174,8 @@ class _Search:
         n, dim = self._model.n, self._dim
         terms, solver = self._model.terms, self._solver
         x = self._state.position
-        static_force(x, terms, self._work, self._force)
-        stiffness_band(x, terms, self._model.viscosity, self._work, solver)
+        static_force(x, self._model.static_terms, self._work, self._force)
+        stiffness_band(x, self._model.stiffness_terms, self._model.viscosity, self._work, solver)
         if terms.loads is not None and terms.loads.torque.any():
             add_moment_stiffness(x, terms.loads, terms.axes, solver.band)
         band = solver.band

@@ -40,7 +40,7 @@ def largest_frequency(
 ) -> float:
     """Largest natural frequency [rad/s] of the scene linearised at its present configuration."""
     dim = len(model.terms.axes)
-    stiffness_band(state.position, model.terms, model.viscosity, work, solver)
+    stiffness_band(state.position, model.stiffness_terms, model.viscosity, work, solver)
     stretches = model.terms.stretch is not None or model.terms.span_stretch is not None
     if not stretches and dim * model.n <= spectrum.DENSE_LIMIT:
         # Without stretching only motion that keeps the length counts.

@@ -149,7 +149,7 @@ def _frequencies(n_u: int) -> tuple[float, float]:
     state, work = workspace.new_state(model), workspace.new_work(model)
     solver = workspace.new_solver(model)
     state.position[:, : model.n] = model.to_rows(simulator.control_points)
-    stiffness_band(state.position, model.terms, model.viscosity, work, solver)
+    stiffness_band(state.position, model.stiffness_terms, model.viscosity, work, solver)
     dim = len(model.axes)
     free = np.flatnonzero(model.terms.mass.free[1, : model.n])
     across = dim * free + 1  # z: the second row of the plane
