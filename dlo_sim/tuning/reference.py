@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.tuning.setting import Setting
+from dlo_sim.tuning.setting import Setting, ways_to_stretch
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest
 
 Array = NDArray[np.float64]
 RESOLUTIONS = (13, 17, 21, 25, 33, 41, 57, 81)
-METHODS = ("velocity_verlet", "energy_momentum")  # the second where the first is not valid
+METHODS = ("velocity_verlet", "energy_momentum")  # the second where the first is not enough
 IMPLICIT_STEPS = tuple(1e-3 / 2.0**k for k in range(7))  # [s]
 SHARE = 0.25  # of the tolerance, that space and time may each be off
 
@@ -48,13 +48,12 @@ def converged(
     Raises:
         NoReference: a run failed, or the finest two differ by more.
     """
-    method = next((m for m in METHODS if _valid(job, m)), METHODS[-1])
     wanted = SHARE * tolerance
-    step, in_time = _step(job, method, wanted)
+    setting, in_time = _followed(job, wanted)
     before: Trial | None = None
     change = np.inf
     for k, n_u in enumerate(RESOLUTIONS):
-        now = _checked(attempt(job, Setting(method, n_u, step), timed=False))
+        now = _checked(attempt(job, replace(setting, control_points=n_u), timed=False))
         progress((k + 1) / len(RESOLUTIONS))
         if before is not None:
             change = farthest(before.points, now.points)
@@ -67,32 +66,41 @@ def converged(
     )
 
 
-def _valid(job: Job, method: str) -> bool:
-    return attempt(replace(job, duration=0.0), Setting(method, RESOLUTIONS[0]), timed=False).ok
-
-
-def _step(job: Job, method: str, wanted: float) -> tuple[float, float]:
-    """A step whose halving changes the motion by less than wanted [m], and that change."""
-    n_u = RESOLUTIONS[1]
-    if method != METHODS[-1]:
-        own = Simulator(Setting(method, n_u).applied(job.scene)).step
-        runs = [attempt(job, Setting(method, n_u, s), timed=False) for s in (own, 0.5 * own)]
-        change = farthest(_checked(runs[0]).points, _checked(runs[1]).points)
+def _followed(job: Job, wanted: float) -> tuple[Setting, float]:
+    """A method and a step whose halving changes the motion by less than wanted [m], and that
+    change."""
+    explicit, implicit = (
+        Setting(method, RESOLUTIONS[1], stretch=ways_to_stretch(job.scene, method)[-1])
+        for method in METHODS
+    )
+    if attempt(replace(job, duration=0.0), explicit, timed=False).ok:
+        own = Simulator(explicit.applied(job.scene)).step
+        _, change = _halved(job, explicit, (own, 0.5 * own), wanted)
         if change <= wanted:
-            # Finer resolutions need, and take, smaller steps of their own.
-            return 0.0, change
-    before: Trial | None = None
-    for step in IMPLICIT_STEPS:
-        now = attempt(job, Setting(METHODS[-1], n_u, step), timed=False)
-        if before is not None and before.ok and now.ok:
-            change = farthest(before.points, now.points)
-            if change <= wanted:
-                return step, change
-        before = now
+            return explicit, change  # finer resolutions need, and take, smaller steps of their own
+    last, change = _halved(job, implicit, IMPLICIT_STEPS, wanted)
+    if change <= wanted:
+        return last.setting, change
+    _checked(last)
     raise NoReference(
         f"the motion does not converge to {wanted:.2g} m in time, not even at a step of "
-        f"{IMPLICIT_STEPS[-1]:.2g} s; raise --tolerance or shorten --duration"
+        f"{last.setting.step:.2g} s; raise --tolerance or shorten --duration"
     )
+
+
+def _halved(
+    job: Job, setting: Setting, steps: Sequence[float], wanted: float
+) -> tuple[Trial, float]:
+    """The first trial that differs from the one before by no more than wanted [m], else the last;
+    and by how much."""
+    before = attempt(job, replace(setting, step=steps[0]), timed=False)
+    for step in steps[1:]:
+        now = attempt(job, replace(setting, step=step), timed=False)
+        change = farthest(before.points, now.points) if before.ok and now.ok else np.inf
+        if change <= wanted:
+            break
+        before = now
+    return now, change
 
 
 def _checked(trial: Trial) -> Trial:

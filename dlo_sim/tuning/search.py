@@ -11,10 +11,9 @@ import numpy as np
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.reference import Reference, converged
-from dlo_sim.tuning.setting import Setting
+from dlo_sim.tuning.setting import Setting, ways_to_stretch
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, longest_step, timed_again
 
 TRIED = (
@@ -107,7 +106,7 @@ def tune(
     reference = converged(job, tolerance, lambda fraction: progress(0.3 * fraction))
     search = _Search(job, reference, tolerance - reference.error, [])
     for k, method in enumerate(TRIED):
-        for points, stretch in product(POINTS, _ways_to_stretch(scene, method)):
+        for points, stretch in product(POINTS, ways_to_stretch(scene, method)):
             _method(search, Setting(method, 0, 0.0, points, stretch=stretch))
         progress(0.3 + 0.6 * (k + 1) / len(TRIED))
     finalists = sorted(search.good, key=lambda pair: pair[0].wall)[:FINALISTS]
@@ -132,13 +131,6 @@ def present_setting(scene: Scene) -> Setting:
         rule.quadrature,
         rule.stretch,
     )
-
-
-def _ways_to_stretch(scene: Scene, method: str) -> tuple[str, ...]:
-    """Where stretching may count; one place will do if it is left out."""
-    integrator = replace(scene.integrator, method=method)
-    stretches = needs_of(replace(scene, integrator=integrator)).stretch
-    return ("sample", "span") if stretches else ("sample",)
 
 
 def _method(search: _Search, kind: Setting) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import needs_of
 
 
 @dataclass(frozen=True, order=True)
@@ -57,3 +58,11 @@ class Setting:
         by = ", stretch by span" if self.stretch == "span" else ""
         points = f"{self.samples} points {rule}{by}"
         return f"{self.method}, n_u {self.control_points}, {points}, {step}{without}"
+
+
+def ways_to_stretch(scene: Scene, method: str) -> tuple[str, ...]:
+    """Where stretching may count, the way that converges sooner last; one will do if it is left
+    out."""
+    integrator = replace(scene.integrator, method=method)
+    stretches = needs_of(replace(scene, integrator=integrator)).stretch
+    return ("sample", "span") if stretches else ("sample",)

@@ -19,16 +19,16 @@ from dlo_sim.scene.loading import (
     shipped_scenes,
 )
 from dlo_sim.simulation.recording import record
-from dlo_sim.tuning.reference import Reference
+from dlo_sim.tuning.reference import NoReference, Reference, _followed, converged
 from dlo_sim.tuning.scene_file import scene_text, written
 from dlo_sim.tuning.search import (
     TRIED,
     _method,
     _Search,
-    _ways_to_stretch,
     _without_terms,
     present_setting,
     tune,
+    ways_to_stretch,
 )
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
@@ -231,12 +231,39 @@ def test_a_stiff_wire_gets_along_with_fewer_control_points_by_span(monkeypatch):
     job = Job(_wire({}), 0.2, (0.25, 0.5, 0.75), 0.01)
     fine = attempt(job, Setting("energy_momentum", 33, 1e-3), timed=False)
     fewest = {}
-    for way in _ways_to_stretch(job.scene, "energy_momentum"):
+    for way in ways_to_stretch(job.scene, "energy_momentum"):
         search = _Search(job, Reference(fine.points, fine.setting, 0.0), 1e-3, [])
         _method(search, Setting("energy_momentum", 0, samples=2, stretch=way))
         assert {trial.setting.stretch for trial, _ in search.good} == {way}
         fewest[way] = int(search.fastest)
     assert fewest == {"sample": 9, "span": 7}
+
+
+def test_a_reference_counts_stretching_by_span_and_is_as_good_as_its_error_says():
+    job = Job(_wire({}), 0.2, (0.25, 0.5, 0.75, 1.0), 0.01)
+    reference = converged(job, 1e-3)
+    assert reference.setting.stretch == "span"
+    assert reference.error <= 0.5e-3
+    fine = attempt(job, Setting("energy_momentum", 57, 2.5e-4), timed=False)
+    assert farthest(fine.points, reference.points) <= reference.error + 1e-4
+
+
+def test_a_reference_takes_an_implicit_step_with_an_implicit_method():
+    """The explicit one's own step is too long here, and what is short enough beyond its limit at
+    the finest resolution. The clamp's first span converges slowly."""
+    soft = scene_from_values(
+        {
+            **{"cable.length": 0.5, "cable.diameter": 0.01, "cable.density": 1000.0},
+            **{"cable.youngs_modulus": 1e5, "accuracy.target": 0.05},
+            **{"start.clamped": True, "start.tangent": [1.0, 0.0, 0.0]},
+        }
+    )
+    job = Job(soft, 0.3, (0.5, 1.0), 0.01)
+    setting, change = _followed(job, 2.5e-6)
+    assert setting.method == "energy_momentum" and 0.0 < setting.step <= 2.5e-4
+    assert change <= 2.5e-6
+    with pytest.raises(NoReference, match="n_u 57 and 81 still differ"):
+        converged(job, 1e-5)
 
 
 def test_tune_tries_both_ways_with_every_method(monkeypatch):
@@ -260,6 +287,6 @@ def test_the_present_setting_is_the_scene_s_own():
 
 def test_stretching_that_is_left_out_is_tried_one_way():
     scene = _wire({})
-    assert _ways_to_stretch(scene, "rattle") == ("sample",)
-    assert _ways_to_stretch(_wire({"terms.stretch": "off"}), "velocity_verlet") == ("sample",)
-    assert _ways_to_stretch(scene, "velocity_verlet") == ("sample", "span")
+    assert ways_to_stretch(scene, "rattle") == ("sample",)
+    assert ways_to_stretch(_wire({"terms.stretch": "off"}), "velocity_verlet") == ("sample",)
+    assert ways_to_stretch(scene, "velocity_verlet") == ("sample", "span")
