@@ -181,10 +181,11 @@ class Terms(NamedTuple):
     axes: tuple[int, ...]
 
     def only(self, *names: str) -> Terms:
-        """The same without all others, for a kernel that reads no others: one compiled version of
-        it then serves every scene that has these."""
-        absent: dict[str, Any] = {name: None for name in self._fields if name not in names}
-        return self._replace(**absent)
+        """These terms alone, the others None, for a kernel that reads no others: one compiled
+        version of it then serves every scene that has these."""
+        kept: dict[str, Any] = dict.fromkeys(self._fields)
+        kept.update((name, getattr(self, name)) for name in names)
+        return Terms(**kept)
 
 
 class Work(NamedTuple):

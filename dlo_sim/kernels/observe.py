@@ -184,11 +184,14 @@ def raise_floor(state, terms, parts, kinetic):
 
 @entry
 def start_account(state, terms, work, parts, kinetic):
-    """Open the energy account at the present state, of which `potentials` has just been asked."""
+    """Open the energy account at a state of which these are the energies [J].
+
+    work.coefficients are those that `potentials` has left there.
+    """
     ledger = state.ledger
+    raise_floor(state, terms, parts, kinetic)
+    ledger[EXCHANGED] = kinetic
     total = kinetic
-    raise_floor(state, terms, parts, total)
-    ledger[EXCHANGED] = total
     for i in range(5):
         ledger[POTENTIAL_START + i] = parts[i]
         total += parts[i]

@@ -13,7 +13,8 @@ _TURN = 1.0e-4
 def in_background(
     work: Callable[[], None], meanwhile: Callable[[], None], period: Callable[[], float]
 ) -> None:
-    """Run `work` in a thread and call `meanwhile` at once, and periodically until it is done.
+    """Call `meanwhile`, then run `work` in a thread and call `meanwhile` periodically until it is
+    done.
 
     Args:
         work: must not touch what `meanwhile` changes.
@@ -32,15 +33,18 @@ def in_background(
             failures.append(failure)
 
     thread = threading.Thread(target=run, name="preparing")
+    due = time.perf_counter()
+    meanwhile()  # some of a period may have gone by since the last call
     usual = sys.getswitchinterval()
     sys.setswitchinterval(_TURN)
     thread.start()
     try:
-        due = time.perf_counter()  # some of a period may have gone by since the last call
-        while thread.is_alive():
-            meanwhile()
+        while True:
             due = max(due + period(), time.perf_counter())
             thread.join(max(due - time.perf_counter(), 0.0))
+            if not thread.is_alive():
+                break
+            meanwhile()
     finally:
         thread.join()
         sys.setswitchinterval(usual)

@@ -3,16 +3,14 @@
 import contextlib
 import json
 import math
-import os
 import subprocess
 import sys
 from collections.abc import Callable
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import scene_from_values, scene_values
+from dlo_sim.scene.loading import scene_values
 from dlo_sim.session.cdr import StampedEncoder
 from dlo_sim.session.session import InputTopic, Session
-from dlo_sim.session.time_slice import LONG, ask_for_time_slice
 
 _SECOND = 1_000_000_000
 _MESSAGES = 6
@@ -47,7 +45,7 @@ def rehearse_elsewhere(scene: Scene) -> None:
     process that fails leaves the work to whoever needs the code next.
     """
     subprocess.run(
-        [sys.executable, "-m", "dlo_sim.session.rehearsal"],
+        [sys.executable, "-m", "dlo_sim.session.rehearsal_process"],
         input=json.dumps(scene_values(scene)).encode(),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -86,10 +84,3 @@ def _still(scene: Scene, source: InputTopic, stamp_ns: int) -> bytes:
         at_rest = (*scene.ends[source.target].position, 0.0, 0.0, 0.0, 1.0)
         return encoder.encode(stamp_ns, at_rest)
     return encoder.encode(stamp_ns, (0.0,) * (3 if source.kind == "force" else 6))
-
-
-if __name__ == "__main__":
-    # Whoever waits for this has more urgent work to do meanwhile.
-    os.nice(10)
-    ask_for_time_slice(LONG)
-    rehearse(scene_from_values(json.load(sys.stdin)), live=True)

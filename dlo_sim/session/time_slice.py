@@ -8,8 +8,8 @@ import platform
 import struct
 import sys
 
-# Linux from 6.12 on lets a thread that wakes up go before one with a longer slice, and does not
-# wait for the end of that one's slice (3 ms and more).
+# Linux from 6.12 on lets a thread that wakes up, and has not had more than its share, go before one
+# with a longer slice; else it waits for the end of that slice (1 to 3 ms, and the next timer tick).
 SHORT, LONG = 1.0e-4, 1.0e-1  # [s], the least and the most that Linux knows
 
 # sched_setattr(2), which the C library has only from glibc 2.41 on.
@@ -30,14 +30,20 @@ def ask_for_time_slice(duration: float) -> bool:
         Whether the system took it; kernels before 6.12 take it without effect.
     """
     call = _CALL.get(platform.machine())
-    if sys.platform != "linux" or call is None or os.sched_getscheduler(0) != os.SCHED_OTHER:
+    if sys.platform != "linux" or call is None:
+        return False
+    try:
+        policy, nice = os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+    except OSError:  # not everybody may ask, and not every C library can
+        return False
+    if policy != os.SCHED_OTHER:
         return False
     attributes = struct.pack(
         _ATTRIBUTES,
         struct.calcsize(_ATTRIBUTES),
-        os.SCHED_OTHER,
+        policy,
         0,
-        os.getpriority(os.PRIO_PROCESS, 0),
+        nice,
         0,
         round(duration * 1e9),
         0,

@@ -50,17 +50,17 @@ class Model:
 
     @cached_property
     def energy_terms(self) -> layout.Terms:
-        """What energies depend on."""
+        """What `potentials` reads."""
         return self.terms.only(*ENERGY_TERMS)
 
     @cached_property
     def static_terms(self) -> layout.Terms:
-        """What acts on a cable at rest."""
+        """What `static_force` reads."""
         return self.terms.only(*STATIC_TERMS)
 
     @cached_property
     def stiffness_terms(self) -> layout.Terms:
-        """What its stiffness depends on."""
+        """What `stiffness_band` reads."""
         return self.terms.only(*STIFFNESS_TERMS)
 
     @property

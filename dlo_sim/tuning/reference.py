@@ -8,13 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.setting import Setting, ways_to_stretch
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest
 
 Array = NDArray[np.float64]
 RESOLUTIONS = (13, 17, 21, 25, 33, 41, 57, 81)
-METHODS = ("velocity_verlet", "energy_momentum")  # the second where the first is not enough
+METHODS = (
+    "velocity_verlet",
+    "energy_momentum",
+)  # the second where the first will not do
 IMPLICIT_STEPS = tuple(1e-3 / 2.0**k for k in range(7))  # [s]
 SHARE = 0.25  # of the tolerance, that space and time may each be off
 
@@ -49,7 +53,7 @@ def converged(
         NoReference: a run failed, or the finest two differ by more.
     """
     wanted = SHARE * tolerance
-    setting, in_time = _followed(job, wanted)
+    setting, in_time = _method_and_step(job, wanted)
     before: Trial | None = None
     change = np.inf
     for k, n_u in enumerate(RESOLUTIONS):
@@ -66,23 +70,35 @@ def converged(
     )
 
 
-def _followed(job: Job, wanted: float) -> tuple[Setting, float]:
+def _method_and_step(job: Job, wanted: float) -> tuple[Setting, float]:
     """A method and a step whose halving changes the motion by less than wanted [m], and that
     change."""
     explicit, implicit = (
-        Setting(method, RESOLUTIONS[1], stretch=ways_to_stretch(job.scene, method)[-1])
-        for method in METHODS
+        Setting(method, RESOLUTIONS[1], stretch=_stretch(job.scene, method)) for method in METHODS
     )
-    if attempt(replace(job, duration=0.0), explicit, timed=False).ok:
+    there = replace(job, duration=0.0)
+    if attempt(there, explicit, timed=False).ok:
         own = Simulator(explicit.applied(job.scene)).step
-        _, change = _halved(job, explicit, (own, 0.5 * own), wanted)
+        last, change = _halved(job, explicit, (own, 0.5 * own), wanted)
         if change <= wanted:
             return explicit, change  # finer resolutions need, and take, smaller steps of their own
+        if not attempt(there, implicit, timed=False).ok:  # plasticity, Frenet torsion
+            raise _not_in_time(last, wanted)
     last, change = _halved(job, implicit, IMPLICIT_STEPS, wanted)
     if change <= wanted:
         return last.setting, change
+    raise _not_in_time(last, wanted)
+
+
+def _stretch(scene: Scene, method: str) -> str:
+    """By span where it can be: thin cables converge sooner."""
+    return "span" if "span" in ways_to_stretch(scene, method) else "sample"
+
+
+def _not_in_time(last: Trial, wanted: float) -> NoReference:
+    """Why the smallest step tried is not enough."""
     _checked(last)
-    raise NoReference(
+    return NoReference(
         f"the motion does not converge to {wanted:.2g} m in time, not even at a step of "
         f"{last.setting.step:.2g} s; raise --tolerance or shorten --duration"
     )

@@ -61,8 +61,8 @@ class Setting:
 
 
 def ways_to_stretch(scene: Scene, method: str) -> tuple[str, ...]:
-    """Where stretching may count, the way that converges sooner last; one will do if it is left
-    out."""
+    """Values of discretization.stretch worth trying: only `sample` where the scene does not
+    stretch."""
     integrator = replace(scene.integrator, method=method)
     stretches = needs_of(replace(scene, integrator=integrator)).stretch
     return ("sample", "span") if stretches else ("sample",)

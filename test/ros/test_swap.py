@@ -49,12 +49,17 @@ def test_failure_of_the_work_is_raised_here_and_the_interpreter_is_as_before():
 
 
 def test_failing_tick_waits_for_the_thread():
-    released = threading.Event()
+    begun, released = threading.Event(), threading.Event()
+
+    def work() -> None:
+        begun.set()
+        released.wait(20.0)
 
     def tick() -> None:
-        released.set()
-        raise RuntimeError("tick")
+        if begun.is_set():
+            released.set()
+            raise RuntimeError("tick")
 
     with pytest.raises(RuntimeError, match="tick"):
-        in_background(lambda: (released.wait(20.0), time.sleep(0))[1], tick, lambda: 1e-3)
+        in_background(work, tick, lambda: 1e-3)
     assert not [t for t in threading.enumerate() if t.name == "preparing"]

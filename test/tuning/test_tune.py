@@ -19,7 +19,7 @@ from dlo_sim.scene.loading import (
     shipped_scenes,
 )
 from dlo_sim.simulation.recording import record
-from dlo_sim.tuning.reference import NoReference, Reference, _followed, converged
+from dlo_sim.tuning.reference import NoReference, Reference, _method_and_step, converged
 from dlo_sim.tuning.scene_file import scene_text, written
 from dlo_sim.tuning.search import (
     TRIED,
@@ -28,9 +28,8 @@ from dlo_sim.tuning.search import (
     _without_terms,
     present_setting,
     tune,
-    ways_to_stretch,
 )
-from dlo_sim.tuning.setting import Setting
+from dlo_sim.tuning.setting import Setting, ways_to_stretch
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
 
 TOLERANCE, DURATION = 1e-3, 0.3
@@ -259,11 +258,18 @@ def test_a_reference_takes_an_implicit_step_with_an_implicit_method():
         }
     )
     job = Job(soft, 0.3, (0.5, 1.0), 0.01)
-    setting, change = _followed(job, 2.5e-6)
+    setting, change = _method_and_step(job, 2.5e-6)
     assert setting.method == "energy_momentum" and 0.0 < setting.step <= 2.5e-4
     assert change <= 2.5e-6
     with pytest.raises(NoReference, match="n_u 57 and 81 still differ"):
         converged(job, 1e-5)
+
+
+def test_a_reference_without_an_implicit_method_says_what_the_explicit_one_lacks():
+    job = Job(_wire({"plasticity.yield_curvature": 2.0}), 0.02, (0.5,), 0.01)
+    assert converged(job, 1e-3).setting.method == "velocity_verlet"
+    with pytest.raises(NoReference, match="does not converge to 1e-16 m in time"):
+        _method_and_step(job, 1e-16)
 
 
 def test_tune_tries_both_ways_with_every_method(monkeypatch):
