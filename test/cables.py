@@ -10,7 +10,7 @@ from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.kernels.ends import end_velocities
 from dlo_sim.kernels.instant import STIFFNESS_TERMS, instant_force, stiffness_band
 from dlo_sim.kernels.jit import entry
-from dlo_sim.kernels.observe import ENERGY_TERMS, potentials
+from dlo_sim.kernels.observe import potentials
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation import workspace
@@ -117,7 +117,7 @@ class Bench:
 
     def potentials(self, points):
         """Stretch, bend, twist, gravity, spring energy [J]."""
-        return np.array(potentials(self.pack(points), self.terms.only(*ENERGY_TERMS), self.work))
+        return np.array(potentials(self.pack(points), self.terms, self.work))
 
     def potential(self, points):
         """Total potential energy [J]."""

@@ -32,12 +32,8 @@ DIVERGED_SHARE = 0.5  # of the energy exchanged so far; a usable run stays far b
 RESOLUTION = 1e6  # times the round-off of the energies: below that, differences mean nothing
 EPSILON = 2.2e-16
 
-# The terms that `velocities`, `potentials` and `start_account` read.
-VELOCITY_TERMS = ("lattice", "axes", "mass", "drive")
-ENERGY_TERMS = (
-    *("lattice", "axes", "stretch", "span_stretch", "bend", "rest"),
-    *("twist", "frenet", "plastic", "gravity", "springs"),
-)
+# The terms that `start_account` reads.
+ACCOUNT_TERMS = ("lattice", "axes", "stretch", "span_stretch", "bend", "frenet", "gravity")
 
 
 @kernel

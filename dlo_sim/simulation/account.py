@@ -17,16 +17,16 @@ def open_account(scene: Scene, model: Model, state: layout.State, work: layout.W
     cable = scene.cable
     state.ledger[:] = 0.0
     state.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
-    parts = potentials(state.position, model.energy_terms, work)
+    parts = potentials(state.position, model.terms, work)
     kinetic = kinetic_energy(state.w, model.terms.mass, model.n)
-    start_account(state, model.energy_terms, work, parts, kinetic)
+    start_account(state, model.account_terms, work, parts, kinetic)
 
 
 def balance(model: Model, state: layout.State, work: layout.Work) -> tuple[float, float]:
     """|energy - work done + energy lost| [J] now, and the largest energy exchanged so far [J]."""
     ledger = state.ledger
     kinetic = kinetic_energy(state.w, model.terms.mass, model.n)
-    parts = np.array(potentials(state.position, model.energy_terms, work))
+    parts = np.array(potentials(state.position, model.terms, work))
     start = ledger[layout.POTENTIAL_START : layout.POTENTIAL_START + len(parts)]
     works = ledger[layout.LOAD_WORK], ledger[layout.DRIVE_WORK]
     error = kinetic + float(parts.sum()) - ledger[layout.ENERGY_START] - sum(works)

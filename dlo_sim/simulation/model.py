@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.kernels import layout, span_stretch
 from dlo_sim.kernels.instant import STIFFNESS_TERMS
-from dlo_sim.kernels.observe import ENERGY_TERMS, VELOCITY_TERMS
+from dlo_sim.kernels.observe import ACCOUNT_TERMS
 from dlo_sim.kernels.static import STATIC_TERMS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
@@ -44,14 +44,9 @@ class Model:
     rest: Array
 
     @cached_property
-    def velocity_terms(self) -> layout.Terms:
-        """What `velocities` reads."""
-        return self.terms.only(*VELOCITY_TERMS)
-
-    @cached_property
-    def energy_terms(self) -> layout.Terms:
-        """What `potentials` reads."""
-        return self.terms.only(*ENERGY_TERMS)
+    def account_terms(self) -> layout.Terms:
+        """What `start_account` reads."""
+        return self.terms.only(*ACCOUNT_TERMS)
 
     @cached_property
     def static_terms(self) -> layout.Terms:

@@ -115,7 +115,7 @@ class CableView:
     def velocities(self) -> Array:
         """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
         out = np.zeros_like(self._state.w)
-        velocities(self._state.w, self._model.velocity_terms, self.time, out)
+        velocities(self._state.w, self._model.terms, self.time, out)
         return self._model.to_columns(out, rest=False)
 
     @property
@@ -156,9 +156,9 @@ class CableView:
 
     def energy(self) -> Energy:
         """Energies of the present state."""
-        parts = potentials(self._state.position, self._model.energy_terms, self._work)
+        parts = potentials(self._state.position, self._model.terms, self._work)
         out = np.zeros_like(self._state.w)
-        velocities(self._state.w, self._model.velocity_terms, self.time, out)
+        velocities(self._state.w, self._model.terms, self.time, out)
         kinetic = kinetic_energy(out, self._model.terms.mass, self._model.n)
         return Energy(kinetic, *parts)
 

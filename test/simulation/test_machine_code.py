@@ -102,11 +102,11 @@ def test_the_other_process_is_started_once_and_only_if_something_is_missing(
 
 
 def test_what_looks_at_a_scene_is_compiled_once_for_all_that_look_the_same() -> None:
-    """Damping and loads make other steps, not other energies, velocities or stiffness."""
+    """Damping and loads make other steps, not another account or stiffness."""
     space = SOFT | {"terms.out_of_plane": "on"}
     quiet = Simulator(scene_from_values(space | {"loads.names": []})).model
     loaded = Simulator(scene_from_values(space | {"damping.mass": 1.0})).model
     assert numba.typeof(quiet.terms) != numba.typeof(loaded.terms)
-    for name in ("velocity_terms", "energy_terms", "stiffness_terms"):
+    for name in ("account_terms", "stiffness_terms"):
         kinds = {numba.typeof(getattr(model, name)) for model in (quiet, loaded)}
         assert len(kinds) == 1, name
