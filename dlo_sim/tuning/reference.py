@@ -15,10 +15,7 @@ from dlo_sim.tuning.trial import Job, Trial, attempt, farthest
 
 Array = NDArray[np.float64]
 RESOLUTIONS = (13, 17, 21, 25, 33, 41, 57, 81)
-METHODS = (
-    "velocity_verlet",
-    "energy_momentum",
-)  # the second where the first will not do
+METHODS = ("velocity_verlet", "energy_momentum")  # the second where the first will not do
 IMPLICIT_STEPS = tuple(1e-3 / 2.0**k for k in range(7))  # [s]
 SHARE = 0.25  # of the tolerance, that space and time may each be off
 
