@@ -43,7 +43,7 @@ class Heard:
 
 
 def change(node: NodeProcess, peer: Peer, rate: float, folder: Path) -> None:
-    """Leave out twist, which needs other machine code, and look at the ticks, `rate` a second, meanwhile.
+    """Leave out twist, which needs other machine code, and look at the ticks meanwhile.
 
     Ticks may be late where a core stood still or other processes had it, by no more than that and
     one period.
