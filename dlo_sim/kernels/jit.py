@@ -125,8 +125,11 @@ def bound(function: Callable[..., Any], *arguments: object) -> Callable[..., Any
     """The machine code of an entry for arguments of these types, compiled if need be.
 
     A call of the entry itself looks at the type of every array in a scene's terms first, 10 us in
-    all. A call of what this returns does not look: its arguments must keep to the types.
+    all. A call of what this returns does not look: its arguments must keep to the types. Where
+    numba is switched off (NUMBA_DISABLE_JIT), it is the entry itself, in Python.
     """
+    if not isinstance(function, Dispatcher):
+        return function
     kind = function, tuple(_kind(argument) for argument in arguments)
     code = _bound.get(kind)
     if code is None:
