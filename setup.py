@@ -35,7 +35,8 @@ setup(
     maintainer_email="maintainers@users.noreply.h-seed-6cb50d28.example",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     python_requires=">=3.11",
-    install_requires=["numpy", "numba", "rosbags", "ruamel.yaml"],
+    # .ci/run tries the lowest versions. Pythons that numba does not know are refused by numba.
+    install_requires=["numpy>=1.26", "numba>=0.58.1", "rosbags", "ruamel.yaml"],
     extras_require={
         # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],

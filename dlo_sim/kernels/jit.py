@@ -14,12 +14,14 @@
   on (`cache`, `code_files`);
 - pipeline_class: numba's compiler without what only others need (`compiler`, `lowering`,
   `resolution`). A hanging cable takes 16 s instead of 24 s to compile, and the machine code is as
-  fast.
+  fast. It knows numba's insides; where they are others, numba compiles alone.
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,12 +29,13 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 from numba.core import config
-from numba.core.compiler import Flags
+from numba.core.compiler import Compiler, Flags
 from numba.core.cpu import CPUTargetOptions
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaPendingDeprecationWarning
 from numba.core.options import TargetOptions
 
-from dlo_sim.kernels.cache import cache_directory
+from dlo_sim.kernels.cache import LOGGER, cache_directory
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -47,19 +50,46 @@ if hasattr(Flags, "noalias") and not hasattr(CPUTargetOptions, "noalias"):
 if hasattr(CPUTargetOptions, "noalias"):
     _OPTIONS["noalias"] = True
 
-_ENTRY: dict[str, Any] = {}
-_PART: dict[str, Any] = {}
-try:
-    from dlo_sim.kernels.compiler import EntryCompiler, PartCompiler
-except (ImportError, AttributeError):  # a numba with other insides: its own way, only slower
-    pass
-else:
-    _ENTRY["pipeline_class"] = EntryCompiler
-    _PART["pipeline_class"] = PartCompiler
+
+class _Pipeline(Compiler):
+    """A kernel's way through `compiler`; from the first failure there on, through numba alone."""
+
+    _shorter = "EntryCompiler"
+    _works = True
+
+    def __init__(self, *arguments: Any) -> None:
+        self._arguments = arguments
+
+    def compile_extra(self, func: Any) -> Any:
+        failure = None
+        if _Pipeline._works:
+            try:
+                from dlo_sim.kernels import compiler
+
+                shorter = getattr(compiler, self._shorter)(*self._arguments)
+                with warnings.catch_warnings():  # numba 0.58 gives advice on the failure
+                    warnings.simplefilter("ignore", NumbaPendingDeprecationWarning)
+                    return shorter.compile_extra(func)
+            except Exception as error:  # whatever another release of numba may do
+                failure = error
+        compiled = Compiler(*self._arguments).compile_extra(func)
+        if failure is not None and _Pipeline._works:  # else it was the kernel that is wrong
+            _Pipeline._works = False
+            logging.getLogger(LOGGER).warning(
+                "compiling takes several times as long with numba %s (its insides are others: %s)",
+                numba.__version__,
+                type(failure).__name__,
+            )
+        return compiled
+
+
+class _PartPipeline(_Pipeline):
+    _shorter = "PartCompiler"
+
 
 try:
     from dlo_sim.kernels.code_files import KeptCode
-except (ImportError, AttributeError):  # the same: its own files
+except (ImportError, AttributeError):  # a numba with other insides: compiled every time
     KeptCode = None  # type: ignore[assignment, misc]
 
 
@@ -94,7 +124,7 @@ def _part(function: F, forceinline: bool) -> F:
         no_cpython_wrapper=True,
         no_cfunc_wrapper=True,
         forceinline=forceinline,
-        **_PART,
+        pipeline_class=_PartPipeline,
         **_OPTIONS,
     )(function)
     return compiled
@@ -102,7 +132,7 @@ def _part(function: F, forceinline: bool) -> F:
 
 def entry(function: F) -> F:
     """A kernel that Python calls. It is kept on disk with everything it calls."""
-    compiled: F = numba.njit(no_cfunc_wrapper=True, **_ENTRY, **_OPTIONS)(function)
+    compiled: F = numba.njit(no_cfunc_wrapper=True, pipeline_class=_Pipeline, **_OPTIONS)(function)
     if isinstance(compiled, Dispatcher):  # not where numba is switched off
         with _cached_under(cache_directory()):
             _keep(compiled)
@@ -111,10 +141,8 @@ def entry(function: F) -> F:
 
 def _keep(compiled: Any) -> None:
     """Have an entry look for its machine code on disk first, and leave it there."""
-    with contextlib.suppress(RuntimeError):  # no file to go by: compiled every time
-        if KeptCode is None or not hasattr(compiled, "_cache"):
-            compiled.enable_caching()
-        else:
+    if KeptCode is not None:
+        with contextlib.suppress(RuntimeError):  # no file to go by: compiled every time
             compiled._cache = KeptCode(compiled.py_func)
 
 

@@ -7,6 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
+import pytest
+
 PROGRAM = """
 import collections
 import numba
@@ -115,8 +118,8 @@ print(hits, [float(value).hex() for numbers in compiled for value in numbers])
 """
 
 
-def outcome(directory: Path) -> tuple[int, str]:
-    """Run the program with its cache in `directory`: (entries read from disk, its numbers)."""
+def outcome(directory: Path, before: str = "") -> tuple[int, str, str]:
+    """Run the program with its cache in `directory`: (entries read from disk, numbers, stderr)."""
     program = directory / "program.py"
     if not program.exists():  # machine code is kept for a file as old as this one
         program.write_text(PROGRAM)
@@ -124,7 +127,11 @@ def outcome(directory: Path) -> tuple[int, str]:
     environment = {**os.environ, "DLO_SIM_CACHE": str(directory), "PYTHONPATH": path}
     environment.pop("NUMBA_DISABLE_JIT", None)
     done = subprocess.run(
-        [sys.executable, "-c", "import program"],  # a tuple type of a main program is never cached
+        [
+            sys.executable,
+            "-c",
+            f"{before}\nimport program",
+        ],  # a tuple type of a main program is never cached
         env=environment,
         capture_output=True,
         text=True,
@@ -132,15 +139,32 @@ def outcome(directory: Path) -> tuple[int, str]:
     )
     assert done.returncode == 0, done.stderr
     hits, numbers = done.stdout.split(" ", 1)
-    return int(hits), numbers
+    return int(hits), numbers, done.stderr
 
 
 def test_kernels_and_foreign_functions_give_the_numbers_of_python_also_from_disk(
     tmp_path: Path,
 ) -> None:
     """Every way in which a variable can be assigned, and numba's own code before and after."""
-    hits, fresh = outcome(tmp_path)
+    hits, fresh, said = outcome(tmp_path)
     assert hits == 0
-    hits, from_disk = outcome(tmp_path)
+    assert said.count("several times as long") <= 1, "only with a release of other insides"
+    hits, from_disk, _ = outcome(tmp_path)
     assert hits == 2
     assert from_disk == fresh
+
+
+@pytest.mark.parametrize(
+    "other_insides",
+    [
+        "from dlo_sim.kernels.compiler import _Whole; _Whole._optimize_functions = None",
+        "from dlo_sim.kernels.compiler import EntryCompiler; EntryCompiler._library = None",
+    ],
+    ids=["every kernel", "only entries"],
+)
+def test_a_numba_with_other_insides_compiles_alone_and_that_is_said_once(
+    tmp_path: Path, other_insides: str
+) -> None:
+    _, _, said = outcome(tmp_path, before=other_insides)
+    (line,) = said.splitlines()
+    assert f"several times as long with numba {numba.__version__}" in line
