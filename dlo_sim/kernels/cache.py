@@ -1,12 +1,18 @@
-"""Where machine code is kept, and what happens when some is missing there."""
+"""Where machine code is kept, who is trusted with it, and what happens when some is missing there.
+
+Loading machine code means running it, so it is only loaded from where nobody but this user and root
+could have put it (`distrust`).
+"""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import logging
 import os
 import platform
+import stat
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -26,9 +32,9 @@ class NotCompiledError(RuntimeError):
 
 
 def base_directory() -> Path:
-    """The user's directory of compiled kernels of every version."""
+    """The user's directory of compiled kernels of every version, without symbolic links."""
     base = os.environ.get("DLO_SIM_CACHE") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return Path(base).expanduser() / "dlo_sim"
+    return (Path(base).expanduser() / "dlo_sim").resolve()
 
 
 def cache_directory() -> Path:
@@ -45,6 +51,49 @@ def cache_directory() -> Path:
         digest.update(f"{source.name}\n".encode())
         digest.update(hashlib.sha256(source.read_bytes()).digest())
     return base_directory() / digest.hexdigest()[:16]
+
+
+def distrust(path: Path) -> str:
+    """Why somebody else could have put machine code there; an empty string if nobody could.
+
+    The path, which holds no symbolic links, and every directory above it must belong to root or to
+    this user, and nobody else may write to them. Hence a directory that root made is good, such as
+    that of an image, and one of another user is not. What this leaves to others:
+    - what holds directories may be open to all if it is sticky, as /tmp is: there, nobody can
+      replace what belongs to another user;
+    - a group may write where it is the owner's own (`_private`), as many systems set it up.
+    An access list that lets others write shows in the mode as a group that may.
+    """
+    if not hasattr(os, "geteuid"):  # a system without modes: home directories are protected
+        return ""
+    holds_directory = False
+    for place in (path, *path.parents):
+        try:
+            status = place.lstat()
+        except OSError as error:
+            return f"{place} cannot be looked at ({error.strerror})"
+        mode = status.st_mode
+        if status.st_uid not in (0, os.geteuid()):
+            return f"{place} belongs to another user (uid {status.st_uid})"
+        by_group = mode & stat.S_IWGRP and not _private(status.st_uid, status.st_gid)
+        sticky = holds_directory and mode & stat.S_ISVTX
+        if (by_group or mode & stat.S_IWOTH) and not sticky:
+            return f"others may write to {place} (mode {stat.S_IMODE(mode):04o})"
+        holds_directory = stat.S_ISDIR(mode)
+    return ""
+
+
+@functools.cache
+def _private(user: int, group: int) -> bool:
+    """Whether a group is a user's own: of the same name, and nobody else is listed in it."""
+    import grp
+    import pwd
+
+    try:
+        name, found = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
+    except KeyError:
+        return False
+    return found.gr_name == name and set(found.gr_mem) <= {name}
 
 
 @contextlib.contextmanager
@@ -72,25 +121,27 @@ def on_first_miss(act: Callable[[], object]) -> Iterator[None]:
         _this_thread.on_miss = None
 
 
-def miss(name: str, kept: bool) -> None:
+def miss(name: str, obstacle: str = "") -> None:
     """Machine code is not there: say once per process that it is compiled, or do not let it be.
 
     Args:
         name: of the entry.
-        kept: whether it will be on disk afterwards.
+        obstacle: why it will not be on disk afterwards; empty if it will.
 
     Raises:
         NotCompiledError: inside `only_loading`, if it could be kept.
     """
-    if kept and getattr(_this_thread, "only_loads", False):
-        raise NotCompiledError(f"{name} is not compiled")
     act = getattr(_this_thread, "on_miss", None)
-    if kept and act is not None:
-        _this_thread.on_miss = None
-        act()
+    if not obstacle:
+        if getattr(_this_thread, "only_loads", False):
+            raise NotCompiledError(f"{name} is not compiled")
+        if act is not None:
+            _this_thread.on_miss = None
+            act()
     told = f"kept in {base_directory()}"
-    if not kept:
-        told = f"at every start: {base_directory()} cannot be written; set DLO_SIM_CACHE"
+    if obstacle:
+        told = f"at every start: {obstacle}; set DLO_SIM_CACHE to a directory of your own"
     if told not in _said:
         _said.add(told)
-        _log.info("compiling the step of this scene, some 10 to 30 s, %s", told)
+        level = logging.WARNING if obstacle else logging.INFO
+        _log.log(level, "compiling the step of this scene, some 10 to 30 s, %s", told)

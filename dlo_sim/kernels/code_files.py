@@ -6,6 +6,9 @@ machine code of the other. Here there is no index: the name of a file is a diges
 was compiled for, and the file says so itself. Files appear whole, so that nothing depends on locks,
 which home directories on a network do not always have; where there are locks, one process compiles
 and the others wait for its code.
+
+A file is only opened as machine code if nobody else could have written it (`cache.distrust`) and it
+is what was saved, to the bit: it begins with a digest of the rest.
 """
 
 from __future__ import annotations
@@ -20,14 +23,17 @@ from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
     IndexDataCacheFile,
-    UserProvidedCacheLocator,
 )
 
-from dlo_sim.kernels.cache import miss
+from dlo_sim.kernels.cache import base_directory, distrust, miss
 from dlo_sim.kernels.turns import Turn
 
-# What unpickling raises on a file cut short, or with types that are not there any more.
-_UNREADABLE = OSError, EOFError, ValueError, AttributeError, ImportError
+try:
+    from numba.core.caching import UserProvidedCacheLocator
+except ImportError:  # its name up to numba 0.60
+    from numba.core.caching import _UserProvidedCacheLocator as UserProvidedCacheLocator
+
+_DIGEST = hashlib.sha256().digest_size
 
 
 class CodeFiles(IndexDataCacheFile):
@@ -41,13 +47,23 @@ class CodeFiles(IndexDataCacheFile):
         """
         content = self._dump((self._source_stamp, key, data))
         with self._open_for_write(self._path(key)) as stream:
-            stream.write(content)
+            Path(stream.name).chmod(0o644)  # whatever the process lets others write otherwise
+            stream.write(hashlib.sha256(content).digest() + content)
 
     def load(self, key: object) -> Any:
-        """The code for a key; None if there is none, or none of this source that can be read."""
+        """The code for a key; None if there is none, or none of this source that is as it was saved
+        and that nobody else can have written."""
+        path = self._path(key)
         try:
-            stamp, found, data = pickle.loads(self._path(key).read_bytes())
-        except (*_UNREADABLE, pickle.UnpicklingError):
+            saved = path.read_bytes()
+        except OSError:
+            return None
+        content = saved[_DIGEST:]
+        if distrust(path) or hashlib.sha256(content).digest() != saved[:_DIGEST]:
+            return None
+        try:
+            stamp, found, data = pickle.loads(content)
+        except (AttributeError, ImportError):  # types that are not there any more
             return None
         return data if (stamp, found) == (self._source_stamp, key) else None
 
@@ -66,15 +82,25 @@ class CodeFiles(IndexDataCacheFile):
 
 
 class _Directory(UserProvidedCacheLocator):
-    """The user's directory, also one that can only be read, such as that of an image."""
+    """The user's directory, also one that can only be read, such as that of an image.
 
-    writable = False
+    Attributes:
+        obstacle: why no code is left there; empty if it is.
+    """
+
+    obstacle = ""
 
     def ensure_cache_path(self) -> None:
-        """Make the directory, where that is possible, and look whether it can be written."""
-        with contextlib.suppress(OSError):
+        """Make the directory, where that is possible, and look whether it can be used."""
+        path = Path(self.get_cache_path())
+        try:
+            for place in (*reversed(path.parents), path):
+                place.mkdir(mode=0o755, exist_ok=True)
             super().ensure_cache_path()
-            self.writable = True
+        except OSError as error:
+            self.obstacle = f"{base_directory()} cannot be written ({error.strerror})"
+        else:
+            self.obstacle = distrust(path)
 
 
 class _UserDirectory(CompileResultCacheImpl):
@@ -95,7 +121,7 @@ class KeptCode(FunctionCache):
     def __init__(self, function: Any) -> None:
         super().__init__(function)
         self._function = function.__name__
-        self._writable = self._impl.locator.writable
+        self._obstacle = self._impl.locator.obstacle
         self._cache_file = CodeFiles(
             self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
         )
@@ -109,7 +135,9 @@ class KeptCode(FunctionCache):
         """
         code = super().load_overload(signature, target)
         if code is None:
-            miss(self._function, kept=self._writable)
+            miss(self._function, self._obstacle)
+            if self._obstacle:
+                return None
             if signature not in self._turns:  # else compiling was broken off before
                 self._turns[signature] = self._cache_file.turn(signature)
             code = super().load_overload(signature, target)  # it may have come meanwhile
@@ -119,6 +147,8 @@ class KeptCode(FunctionCache):
 
     def save_overload(self, signature: Any, code: Any) -> None:
         """Keep the code for a signature; a full disk is no reason not to run it."""
+        if self._obstacle:
+            return
         try:
             with contextlib.suppress(OSError):
                 super().save_overload(signature, code)

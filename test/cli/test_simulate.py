@@ -228,7 +228,7 @@ def test_one_line_when_machine_code_is_missing(recorder, capsys, monkeypatch, te
 
     def record(*arguments, **options):
         for entry in ("one", "another"):
-            cache.miss(entry, kept=True)
+            cache.miss(entry)
         return make_up(*arguments, **options)
 
     make_up = recorder.record

@@ -44,10 +44,10 @@ def test_who_is_told_is_told_no_more_afterwards(monkeypatch: pytest.MonkeyPatch)
     told: list[str] = []
     level = logging.getLogger(cache.LOGGER).level
     with compiling_told_to(told.append):
-        cache.miss("step", kept=True)
+        cache.miss("step")
     assert len(told) == 1 and "compiling" in told[0]
     cache._said.clear()
-    cache.miss("step", kept=True)
+    cache.miss("step")
     assert len(told) == 1
     assert logging.getLogger(cache.LOGGER).level == level
 
@@ -91,13 +91,13 @@ def test_the_other_process_is_started_once_and_only_if_something_is_missing(
         pass
     assert not started
     with compiled_by_two(scene):
-        cache.miss("step", kept=True)
-        cache.miss("step", kept=True)
+        cache.miss("step")
+        cache.miss("step")
     assert [command[-1] for command in started] == ["dlo_sim.simulation.machine_code"]
-    cache.miss("step", kept=True)
+    cache.miss("step")
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0})
     with compiled_by_two(scene):
-        cache.miss("step", kept=True)
+        cache.miss("step")
     assert len(started) == 1, "nobody to share with"
 
 
