@@ -190,7 +190,7 @@ def _stack(lanes: Sequence[Lane], step: float) -> Stack:
         gravity=_side_by_side(gravity) if gravity else None,
         springs=_springs(every),
         loads=_loads(every),
-        keep=np.tile(np.exp(-0.5 * step * np.array(decay)), dim) if decay else None,
+        keep=np.exp(-0.5 * step * np.stack(decay, axis=-1)).ravel() if decay else None,
         axes=one.axes,
     )
 

@@ -57,7 +57,8 @@ class Stack(NamedTuple):
         lower, upper: LDL^T factors L[i, i - k] and L[i + k, i], zero beyond the ends, shape
             (n, 3, dim LANES); inverse_diagonal: (n, dim LANES), zero on prescribed entries.
         stretch, bend: EA [N] and EI [N m^2], shape (LANES,); gravity: weight [N], (n, dim LANES).
-        keep: exp(-decay tau / 2), the share of w left by half a step of damping, (dim LANES,).
+        keep: exp(-decay tau / 2), the share of w left by half a step of damping, the same for
+            each row, (dim LANES,).
         axes: world axis of each row of `Terms`.
     """
 

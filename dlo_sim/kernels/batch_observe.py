@@ -35,7 +35,7 @@ from dlo_sim.kernels.layout import (
     PENDING,
     POTENTIAL_START,
 )
-from dlo_sim.kernels.observe import DIVERGED_SHARE, EPSILON, RESOLUTION
+from dlo_sim.kernels.observe import DIVERGED_SHARE, energy_floor
 
 _SLOTS = (0, 1, 3, 4)  # of these potentials in the ledger, which has twist as well
 
@@ -183,17 +183,40 @@ def largest_row(x, out):
 
 
 @kernel
-def noise_floor(reach, weight, slope, spans, parts, lane):
-    """Energy [J] below which differences mean nothing; see `kernels.observe.raise_floor`."""
+def lane_floor(stack, reach, weight, spans, parts, lane):
+    """`kernels.observe.energy_floor` of one lane."""
     far = 0.0
     heavy = 0.0
     for e in range(lane, reach.shape[0], LANES):
         far = max(far, reach[e])
         heavy += weight[e]
-    magnified = 1.0 + 0.5 * far * slope[lane] * spans
-    elastic = abs(parts[STRETCH, lane]) + abs(parts[BEND, lane])
-    noise = EPSILON * (magnified * elastic + abs(parts[SPRING, lane]) + parts[KINETIC, lane])
-    return RESOLUTION * (noise + EPSILON * heavy)
+    span = 2.0 / stack.slope[lane]
+    return energy_floor(
+        parts[STRETCH, lane],
+        parts[BEND, lane],
+        parts[SPRING, lane] + parts[KINETIC, lane] + heavy,
+        far,
+        span,
+        span * spans,
+        lane_value(stack.stretch, lane) + lane_stiffness(stack.span_stretch, lane),
+        lane_value(stack.bend, lane),
+    )
+
+
+@kernel
+def lane_value(values, lane):
+    """Value of one lane, 0 without the term."""
+    if values is not None:
+        return values[lane]
+    return 0.0
+
+
+@kernel
+def lane_stiffness(spans, lane):
+    """EA of one lane that is stretched by span, 0 without."""
+    if spans is not None:
+        return spans.stiffness[lane]
+    return 0.0
 
 
 @kernel
@@ -230,7 +253,7 @@ def keep_good(state, lane):
 
 
 @kernel
-def judge(state, slope, reach, weight, parts, step):
+def judge(state, stack, reach, weight, parts, step):
     """Judge every lane after `step` whole steps and keep the sane states."""
     clear_row(reach)
     for i in range(state.position.shape[0]):
@@ -239,7 +262,7 @@ def judge(state, slope, reach, weight, parts, step):
     good = 0
     for lane in range(LANES):
         if state.failed_step[lane] < 0:
-            floor = noise_floor(reach, weight, slope, spans, parts, lane)
+            floor = lane_floor(stack, reach, weight, spans, parts, lane)
             if sane(state.ledger, parts, floor, lane):
                 state.good_step[lane] = step
                 good += 1
@@ -258,7 +281,7 @@ def judge(state, slope, reach, weight, parts, step):
 def look(state, stack, work, step):
     """Energies of all lanes into work.parts, and a judgement of every lane."""
     energies(state, stack, work)
-    judge(state, stack.slope, work.sums[0], work.sums[1], work.parts, step)
+    judge(state, stack, work.sums[0], work.sums[1], work.parts, step)
 
 
 @kernel

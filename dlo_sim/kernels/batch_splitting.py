@@ -102,7 +102,7 @@ def shrink_row(keep, w):
 
 @kernel
 def decay(w, keep, band, sums, scratch, ledger):
-    """Exact flow of the mass-proportional damping over half a step."""
+    """Exact flow of the external damping over half a step."""
     if keep is not None:
         kinetic(w, band, sums, scratch)
         for lane in range(LANES):

@@ -1,4 +1,4 @@
-"""Linear damping inside the implicit step: alpha M + drag of every row, and beta of the twist."""
+"""Linear damping inside the implicit step: the matrix of every row, and beta of the twist."""
 
 from __future__ import annotations
 

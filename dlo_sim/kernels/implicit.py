@@ -22,17 +22,23 @@ from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import EXCHANGED, FLOOR, HISTORY, MAX_CORRECTIONS
 from dlo_sim.kernels.matrix import eliminate, hold_prescribed
 from dlo_sim.kernels.newton import (
-    coasting,
     correct,
     largest,
     predict,
     residual_along,
     restore_prescribed,
     retreat,
+    seen_apart,
     shortened,
     turned_over,
 )
-from dlo_sim.kernels.observe import RESOLUTION, begin_sample, end_sample, update_account
+from dlo_sim.kernels.observe import (
+    RESOLUTION,
+    add_drive_velocity,
+    begin_sample,
+    end_sample,
+    update_account,
+)
 from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends
 from dlo_sim.kernels.step_account import (
     absorb_loss,
@@ -104,7 +110,14 @@ def implicit_step(
     copy_rows(x, n, solver.coast)
     copy_anchors(terms.springs, work.anchors)
     drive_ends(x, terms.drive, terms.springs, terms.mass, terms.axes, n, t0 + tau, work.ends)
-    coasting(x, solver.start_w, n, tau, solver.coast)
+    if newmark:
+        driven = solver.moved
+        clear(driven)
+        time = t0 + theta * tau
+        add_drive_velocity(terms.drive, terms.mass.free, time, n, terms.axes, driven)
+        seen_apart(x, solver.start_w, acceleration, driven, n, dim, tau, rate, g, solver.coast)
+    else:
+        clear(solver.coast)
     # The change over the step is kept apart from here on: a short step of a long cable moves it by
     # less than the coordinates can tell, and the momentum would be off by that over tau.
     difference(x, solver.start, n, work.before)
@@ -123,7 +136,6 @@ def implicit_step(
     while True:
         lost = step_force(
             x,
-            acceleration,
             terms,
             friction,
             viscosity,
@@ -133,7 +145,6 @@ def implicit_step(
             tau,
             theta,
             rate,
-            g,
             discrete,
             linearize,
         )
@@ -180,7 +191,7 @@ def implicit_step(
     if converged and careful:
         converged = not turned_over(x, solver.start, terms.mass.free, work, n, dim)
     if converged:
-        lost += solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, tau)
+        lost += solve_twist(x, terms, terms.twist, friction, work, solver, n, dim, t0, tau)
         free_travel(terms.drive, terms.mass, work, n, solver.moved)
         finish_momentum(
             state.w, acceleration, solver.moved, terms.mass, solver, alpha, newmark, n, dim, tau

@@ -161,7 +161,8 @@ class Terms(NamedTuple):
     Stretching is either that of every sample or that of the spans.
 
     axes: world axis of each spatial row. gravity: generalised weight, shape (dim, n) [N].
-    decay: rate of the exactly integrated mass-proportional damping [1/s].
+    decay: rate of the external damping of every row [1/s], shape (rows,), for methods that let it
+    act on momenta.
     """
 
     lattice: Lattice
@@ -177,7 +178,7 @@ class Terms(NamedTuple):
     springs: Springs | None
     loads: Loads | None
     drive: Drive | None
-    decay: float | None
+    decay: Array | None
     axes: tuple[int, ...]
 
     def only(self, *names: str) -> Terms:
@@ -228,7 +229,8 @@ class State(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """Linear damping: (alpha M + drag) of every row, shape (rows, 4, n), and beta [s]."""
+    """Linear damping: alpha M + c G of every row (`simulation.external_damping`), shape
+    (rows, 4, n), and beta [s]."""
 
     viscous: Array
     stiffness: float

@@ -80,11 +80,21 @@ def restore_prescribed(x, start, free, n, dim):
 
 
 @kernel
-def coasting(x, w, n, tau, coast):
-    """Change over the step at constant w: what driven ends did to x since `coast`, + tau w."""
+def seen_apart(x, w, acceleration, driven, n, dim, tau, rate, g, coast):
+    """Into `coast`: tau times the velocity that damping sees, without `rate` times the change over
+    the step, by Newmark's formulas
+        tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0
+    for what w moves. Driven ends and what they carry along, the change of x since `coast`, move at
+    the velocities `driven` instead; the twist is that of the midpoint.
+    """
     for d in range(x.shape[0]):
         for i in range(n):
-            coast[d, i] = x[d, i] - coast[d, i] + tau * w[d, i]
+            carried = x[d, i] - coast[d, i]
+            if d < dim:
+                free = (1.0 - rate) * w[d, i] + g * tau * acceleration[d, i]
+                coast[d, i] = tau * (free + driven[d, i]) - rate * carried
+            else:
+                coast[d, i] = (1.0 - rate) * carried
 
 
 @kernel

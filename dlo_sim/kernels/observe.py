@@ -134,48 +134,71 @@ def kinetic_energy(w, mass, n):
 
 
 @kernel
-def gravity_round_off(x, gravity, n):
-    """Round-off of the weight's energy [J]: it is large far from the world's origin."""
+def gravity_size(x, gravity, n):
+    """Sum of the sizes of the weight's energy [J]: it is large far from the world's origin."""
     total = 0.0
     if gravity is not None:
         for d in range(gravity.shape[0]):
             for i in range(n):
                 total += abs(gravity[d, i] * x[d, i])
-    return EPSILON * total
+    return total
 
 
 @kernel
-def strain_round_off(term, energy, strain, length):
-    """Round-off of an energy E = k length eps^2 / 2 [J] whose strain is known to `strain`:
-    k length (eps strain + strain^2). It outweighs that of E itself where the strain is small.
-    """
+def stiffness_of(term):
+    """Stiffness of a term, 0 without it."""
     if term is not None:
-        stiffness = term.stiffness * length
-        return np.sqrt(2.0 * abs(energy) * stiffness) * strain + stiffness * strain * strain
+        return term.stiffness
     return 0.0
 
 
 @kernel
-def raise_floor(state, terms, parts, kinetic):
-    """Raise the energy below which differences mean nothing to what round-off leaves certain.
+def strain_round_off(stiffness, energy, strain):
+    """Round-off of an energy E = k eps^2 / 2 [J] whose strain is known to `strain`:
+    k (eps strain + strain^2). It outweighs that of E itself where the strain is small.
+    """
+    return np.sqrt(2.0 * abs(energy) * stiffness) * strain + stiffness * strain * strain
+
+
+@kernel
+def energy_floor(stretched, bent, others, reach, span, length, axial, bending):
+    """Energy [J] below which differences mean nothing, for one cable and for a lane of a stack.
 
     Strain is a difference of coordinates over a span, curvature one over the square of a span, so
     their round-off grows with the number of spans and with the distance from the origin.
+
+    Args:
+        stretched, bent: energies [J]; others: sum of the sizes of all others. reach: the largest
+            coordinate [m]. span: length of a knot span [m]. length: of the cable [m].
+        axial, bending: EA [N] and EI [N m^2], 0 without the term.
     """
+    strain = EPSILON * (1.0 + reach / span)
+    noise = EPSILON * (abs(stretched) + abs(bent) + others)
+    noise += strain_round_off(axial * length, stretched, strain)
+    noise += strain_round_off(bending * length, bent, strain / span)
+    return RESOLUTION * noise
+
+
+@kernel
+def raise_floor(state, terms, parts, kinetic):
+    """Raise the account's floor to that of the present state."""
     lattice = terms.lattice
     reach = 0.0
     for d in range(len(terms.axes)):
         for i in range(lattice.n):
             reach = max(reach, abs(state.position[d, i]))
     span = 2.0 / lattice.slope
-    length = span * (lattice.n - 3.0)
-    noise = EPSILON * (abs(parts[0]) + abs(parts[1]) + abs(parts[2]) + abs(parts[4]) + kinetic)
-    noise += gravity_round_off(state.position, terms.gravity, lattice.n)
-    strain = EPSILON * (1.0 + reach / span)
-    noise += strain_round_off(terms.stretch, parts[0], strain, length)
-    noise += strain_round_off(terms.span_stretch, parts[0], strain, length)
-    noise += strain_round_off(terms.bend, parts[1], strain / span, length)
-    state.ledger[FLOOR] = max(state.ledger[FLOOR], RESOLUTION * noise)
+    floor = energy_floor(
+        parts[0],
+        parts[1],
+        abs(parts[2]) + parts[4] + kinetic + gravity_size(state.position, terms.gravity, lattice.n),
+        reach,
+        span,
+        span * (lattice.n - 3.0),
+        stiffness_of(terms.stretch) + stiffness_of(terms.span_stretch),
+        stiffness_of(terms.bend),
+    )
+    state.ledger[FLOOR] = max(state.ledger[FLOOR], floor)
 
 
 @entry

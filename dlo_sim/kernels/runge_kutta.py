@@ -7,11 +7,11 @@ w itself. The forces at the end of a step are the first stage of the next.
 
 from __future__ import annotations
 
-from dlo_sim.kernels.banded import solve_rows
+from dlo_sim.kernels.banded import quadratic_form, solve_rows
 from dlo_sim.kernels.forces import conservative_force, load_force
 from dlo_sim.kernels.jit import entry, kernel
 from dlo_sim.kernels.layout import BOOKED, DISSIPATED
-from dlo_sim.kernels.observe import begin_sample, end_sample, kinetic_energy, update_account
+from dlo_sim.kernels.observe import begin_sample, end_sample, update_account
 from dlo_sim.kernels.plastic import plastic_flow
 from dlo_sim.kernels.splitting import (
     DIVERGED,
@@ -58,10 +58,10 @@ def add_slopes(state, n, weights, slopes, tau):
 @kernel
 def keep_slope(state, force, decay, n, slope):
     """Slope of (q, w) at the present state, with the accelerations in `force`."""
-    rate = 0.0
-    if decay is not None:
-        rate = decay
     for d in range(state.w.shape[0]):
+        rate = 0.0
+        if decay is not None:
+            rate = decay[d]
         for i in range(n):
             slope[0, d, i] = state.w[d, i]
             slope[1, d, i] = force[d, i] - rate * state.w[d, i]
@@ -69,9 +69,11 @@ def keep_slope(state, force, decay, n, slope):
 
 @kernel
 def lose_energy(state, mass, decay, n, dt):
-    """Add dt times the power of the mass-proportional damping, decay w^T M w, to the ledger."""
+    """Add dt times the power of the external damping, decay w^T M w of every row, to the ledger."""
     if decay is not None:
-        state.ledger[DISSIPATED] += 2.0 * dt * decay * kinetic_energy(state.w, mass, n)
+        for d in range(state.w.shape[0]):
+            power = decay[d] * quadratic_form(mass.band[d], n, state.w[d])
+            state.ledger[DISSIPATED] += dt * power
 
 
 @kernel

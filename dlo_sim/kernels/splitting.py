@@ -2,15 +2,15 @@
 
 A step is: for each stage, drift q by c_i tau w, then kick w by d_i tau M^-1 f(q). Driven ends are
 placed at the stage's own time and the free DOFs are carried along exactly (see `layout.State`).
-Mass-proportional damping is an exactly solved flow of its own, half before and half after the
-drift/kick step, and only offered for methods without negative weights.
+External damping is an exactly solved flow of its own, half before and half after the drift/kick
+step, and only offered for methods without negative weights.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels.banded import solve_rows
+from dlo_sim.kernels.banded import quadratic_form, solve_rows
 from dlo_sim.kernels.ends import anchor_work, keep_anchors, move_anchors, place_ends
 from dlo_sim.kernels.forces import clear, conservative_force, load_force
 from dlo_sim.kernels.jit import entry, kernel
@@ -18,7 +18,6 @@ from dlo_sim.kernels.layout import BOOKED, DISSIPATED, DRIVE_WORK, LOAD_WORK, PE
 from dlo_sim.kernels.observe import (
     begin_sample,
     end_sample,
-    kinetic_energy,
     potentials,
     prescribed_column,
     update_account,
@@ -183,14 +182,14 @@ def jump_ends(state, terms, work, t):
 
 @kernel
 def decay_flow(state, mass, decay, n, dt):
-    """Exact flow of the mass-proportional damping over dt."""
+    """Exact flow of the external damping over dt."""
     if decay is not None:
-        factor = np.exp(-decay * dt)
-        lost = kinetic_energy(state.w, mass, n) * (1.0 - factor * factor)
         for d in range(state.w.shape[0]):
+            factor = np.exp(-decay[d] * dt)
+            lost = 0.5 * quadratic_form(mass.band[d], n, state.w[d]) * (1.0 - factor * factor)
             for i in range(n):
                 state.w[d, i] *= factor
-        state.ledger[DISSIPATED] += lost
+            state.ledger[DISSIPATED] += lost
 
 
 @kernel

@@ -114,7 +114,6 @@ def elastic_discrete_force(
 @kernel
 def step_force(
     x,
-    acceleration,
     terms,
     friction,
     viscosity,
@@ -124,15 +123,14 @@ def step_force(
     tau,
     theta,
     rate,
-    g,
     discrete,
     linearize,
 ):
     """All forces of the step between solver.start and x into work.force; energy lost to damping.
 
     The change between the two is in work.before. Damping sees the velocity at theta; tau times it
-    is kept in solver.moved. By Newmark's formulas it is
-    rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0, which is q1 - q0 for the midpoint family.
+    is kept in solver.moved. It is rate (q1 - q0) + solver.coast (`newton.seen_apart`), which is
+    q1 - q0 for the midpoint family.
     """
     n = terms.lattice.n
     clear(work.force)
@@ -142,11 +140,7 @@ def step_force(
         for i in range(n):
             change = work.before[d, i]
             solver.middle[d, i] = solver.start[d, i] + theta * change
-            solver.moved[d, i] = (
-                rate * change
-                + (1.0 - rate) * solver.coast[d, i]
-                + g * tau * tau * acceleration[d, i]
-            )
+            solver.moved[d, i] = rate * change + solver.coast[d, i]
     lost = elastic_discrete_force(
         x, terms, work, solver, viscosity, theta, rate, tau, discrete, linearize, work.force
     )

@@ -9,6 +9,7 @@ from dlo_sim.kernels.banded import (
     multiply_differences,
     solve_row,
 )
+from dlo_sim.kernels.forces import clear, load_force
 from dlo_sim.kernels.friction import (
     add_friction_band,
     add_friction_row,
@@ -21,8 +22,25 @@ REFINEMENTS = 3  # of the solution for a cable that is free to spin
 
 
 @kernel
-def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
-    """Step of the twist row, which is linear: one symmetric solve.
+def load_midpoint(loads, axes, work, solver, n, row, t):
+    """Replace the moments on the twist row by those of the midpoint at time t, whose method this
+    row has.
+    """
+    if loads is not None:
+        for d in range(row):
+            for i in range(n):
+                solver.middle[d, i] = solver.start[d, i] + 0.5 * work.before[d, i]
+        clear(solver.damping_force)
+        load_force(solver.middle, loads, axes, t, solver.damping_force)
+        for i in range(n):
+            moment = solver.damping_force[row, i]
+            work.force[row, i] += moment - work.load[row, i]
+            work.load[row, i] = moment
+
+
+@kernel
+def solve_twist(x, terms, twist, friction, work, solver, n, row, t0, tau):
+    """Step of the twist row from t0, which is linear: one symmetric solve.
 
     Expects the forces of the new shape in work.force and completes row `row` of work.force,
     work.before, solver.middle and the damping. Returns the energy lost in that row beyond what the
@@ -30,6 +48,7 @@ def solve_twist(x, terms, twist, friction, work, solver, n, row, tau):
     """
     if twist is None:
         return 0.0
+    load_midpoint(terms.loads, terms.axes, work, solver, n, row, t0 + 0.5 * tau)
     a = 2.0 / (tau * tau)
     beta = friction_beta(friction, tau)
     mass = terms.mass.band[row]

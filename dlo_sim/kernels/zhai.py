@@ -18,11 +18,11 @@ from dlo_sim.kernels.splitting import DIVERGED, OK, drive_ends, evaluate
 
 @kernel
 def add_decay(state, force, decay, n):
-    """Accelerations in `force` += - decay w of the mass-proportional damping."""
+    """Accelerations in `force` += - decay w of the external damping."""
     if decay is not None:
         for d in range(state.w.shape[0]):
             for i in range(n):
-                force[d, i] -= decay * state.w[d, i]
+                force[d, i] -= decay[d] * state.w[d, i]
 
 
 @kernel

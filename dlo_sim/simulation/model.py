@@ -17,6 +17,7 @@ from dlo_sim.kernels.static import STATIC_TERMS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.external_damping import row_matrices, row_rates
 from dlo_sim.simulation.geometry import ENDS, EndGeometry
 
 Array = NDArray[np.float64]
@@ -127,7 +128,8 @@ def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> 
     width = lattice.extraction.shape[0] * layout.LANES + bspline.DEGREE
     axes = needs.axes
     free = _free(scene, n, axes, needs.twist)
-    bands = _mass_bands(scene, knots, len(axes), needs.twist)
+    gram = _mass_gram(scene, knots)
+    bands = _mass_bands(scene, gram, len(axes), needs.twist)
     mass_terms = _mass(bands, free)
     by_span = scene.discretization.stretch == "span"
     terms = layout.Terms(
@@ -144,10 +146,10 @@ def build_model(scene: Scene, needs: Needs, ends: Mapping[str, EndGeometry]) -> 
         springs=_springs(scene, ends, needs) if needs.springs else None,
         loads=_loads(scene, knots, axes) if needs.loads else None,
         drive=_drive(bands, free, width) if needs.drive else None,
-        decay=_decay(scene) if needs.damping else None,
+        decay=row_rates(scene, len(axes), len(bands)) if needs.damping else None,
         axes=axes,
     )
-    friction, viscosity = _friction(scene, knots, bands, needs)
+    friction, viscosity = _friction(scene, gram, bands, needs)
     rest = np.array(ends["start"].attachment)
     rest[list(axes)] = 0.0
     return Model(knots, terms, friction, viscosity, width, rest)
@@ -212,11 +214,14 @@ def _free(scene: Scene, n: int, axes: tuple[int, ...], twist: bool) -> Array:
     return free
 
 
-def _mass_bands(scene: Scene, knots: Array, dim: int, twist: bool) -> Array:
-    """Mass of every row, shape (rows, 4, n): mu times the Gram matrix, plus the end masses."""
+def _mass_gram(scene: Scene, knots: Array) -> Array:
+    """The Gram matrix of which mass and drag are multiples, shape (4, n)."""
     gram = mass.gram(knots)
-    if scene.discretization.mass == "lumped":
-        gram = mass.lumped(gram)
+    return mass.lumped(gram) if scene.discretization.mass == "lumped" else gram
+
+
+def _mass_bands(scene: Scene, gram: Array, dim: int, twist: bool) -> Array:
+    """Mass of every row, shape (rows, 4, n): mu times the Gram matrix, plus the end masses."""
     line = scene.cable.mu * gram
     line[0, 0] += scene.start.mass
     line[0, -1] += scene.end.mass
@@ -319,22 +324,11 @@ def _drive(bands: Array, free: Array, width: int) -> layout.Drive:
     return layout.Drive(np.zeros((2, 39)), shift)
 
 
-def _decay(scene: Scene) -> float | None:
-    """Rate of mass-proportional damping; drag is such damping where no end mass is carried.
-
-    Damping that is forced without coefficients is a rate of 0.
-    """
-    rate = scene.damping.mass + scene.damping.air_drag / scene.cable.mu
-    return rate if rate or not scene.damping.stiffness else None
-
-
 def _friction(
-    scene: Scene, knots: Array, bands: Array, needs: Needs
+    scene: Scene, gram: Array, bands: Array, needs: Needs
 ) -> tuple[layout.Friction | None, float | None]:
     if not needs.damping:
         return None, None
-    damping = scene.damping
-    viscous = damping.mass * bands
-    viscous[: len(needs.axes)] += damping.air_drag * mass.gram(knots)
-    friction = layout.Friction(np.ascontiguousarray(viscous), damping.stiffness)
-    return friction, damping.stiffness or None
+    beta = scene.damping.stiffness
+    matrices = row_matrices(scene, bands, gram, len(needs.axes))
+    return layout.Friction(matrices, beta), beta or None

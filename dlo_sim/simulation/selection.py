@@ -13,6 +13,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, plasticity_wanted
 from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.external_damping import external_rates
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 CONSTRAINED_SAFETY = 0.8  # the pull of a fast inextensible cable adds to its frequencies
@@ -159,13 +160,16 @@ def _method(scene: Scene, name: str) -> Method:
 
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
     """Largest stable step [s] of the linearised scene."""
-    decay = scene.damping.mass + scene.damping.air_drag / scene.cable.mu
-    if scene.terms.damping == "off":
-        decay = 0.0
-    if decay and method.family in (RUNGE_KUTTA, ZHAI):
+    rates = set(external_rates(scene))
+    return min(_damped_limit(scene, method, frequency, rate) for rate in rates)
+
+
+def _damped_limit(scene: Scene, method: Method, frequency: float, rate: float) -> float:
+    """Largest stable step [s] for modes up to a frequency that are all damped at one rate."""
+    if rate and method.family in (RUNGE_KUTTA, ZHAI):
         # These take damping as a force; splitting methods solve it exactly.
         psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-        return largest_step(method, frequency, decay, psi, phi)
+        return largest_step(method, frequency, rate, psi, phi)
     return method.stability_limit / frequency if frequency > 0.0 else np.inf
 
 
@@ -183,7 +187,7 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
         return "velocity_verlet", f"soft: an explicit step of {limit:.2g} s is stable"
     stiff = f"stiff in {_stiffest(scene)}: an explicit step would have to be below {limit:.2g} s"
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
-    undamped = not scene.damping.mass and not scene.damping.air_drag
+    undamped = not any(external_rates(scene))
     if undamped and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
         return fourth.name, f"{stiff}; accuracy.target {scene.accuracy.target:g} m wants order 4"
     return second.name, stiff

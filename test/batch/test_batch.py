@@ -5,6 +5,7 @@ import pytest
 from batch_scenes import STEP, pulled, wire
 
 from dlo_sim.batch import simulate_batch
+from dlo_sim.kernels import layout
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
 
@@ -157,3 +158,20 @@ def test_refused():
         wrong[4, column] = np.nan if column == 0 else 0.1
         with pytest.raises(ValueError, match=f"initial 0: control points: .*{match}"):
             simulate_batch([wire(0)], 1.0, initial=[(wrong, 0.0 * wrong)], processes=1)
+
+
+def test_a_lane_judges_by_the_floor_of_a_single_run():
+    """Small waves along a stiff wire far from the origin: less energy than round-off leaves
+    certain."""
+    ends = {"start.position": [10.0, 0.0, 0.0], "end.position": [12.0, 0.0, 0.0]}
+    scene = wire(0, gravity=[0.0, 0.0, 0.0], **ends)
+    rates = np.zeros((13, 4))
+    rates[2:-2, 0] = 1e-5
+    start = Simulator(scene).control_points, rates
+    duration = 600 * STEP
+    sim = alone(scene, duration, start)
+    result = simulate_batch([scene], duration, initial=[start], processes=1)
+    assert result.one_by_one == ("",)
+    ledger = sim.state.ledger
+    assert ledger[layout.FLOOR] > 3.0 * ledger[layout.EXCHANGED]
+    assert result.energy_error[0] == pytest.approx(sim.energy_error, rel=0.3)

@@ -29,7 +29,6 @@ def step_system(x, rates, terms, friction, viscosity, work, solver, tau, theta, 
     copy_anchors(terms.springs, work.anchors)
     lost = step_force(
         x,
-        rates,
         terms,
         friction,
         viscosity,
@@ -39,7 +38,6 @@ def step_system(x, rates, terms, friction, viscosity, work, solver, tau, theta, 
         tau,
         theta,
         rate,
-        0.1,
         discrete,
         True,
     )
@@ -61,8 +59,9 @@ class Step:
         bench.solver.start[:] = bench.pack(self.start)
         bench.work.before[:] = bench.pack(points) - bench.solver.start
         bench.solver.start_w[:] = bench.pack(self.rates)
-        bench.solver.coast[:] = bench.pack(TAU * self.rates)
         midpoint = self.theta == 0.5
+        seen_apart = 0.0 if midpoint else (1.0 - self.rate) * TAU + 0.1 * TAU**2
+        bench.solver.coast[:] = bench.pack(seen_apart * self.rates)
         self.lost = step_system(
             bench.pack(points),
             bench.pack(0.0 * self.rates if midpoint else self.rates),
