@@ -40,7 +40,7 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import plasticity_wanted
 from dlo_sim.scene.parameters import PARAMETERS
 from dlo_sim.simulation.geometry import Pose
-from dlo_sim.simulation.report import DiscretizationError, Report
+from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
 from dlo_sim.simulation.selection import accurate_step, safe_share
 from dlo_sim.simulation.simulator import Simulator
 
@@ -141,7 +141,9 @@ class ErrorEstimate:
                 self._follow()
             if not report.status.ok or done >= steps:
                 simulated = done * simulator.step
-                return Report(report.status, report.message, done, simulated, evaluations)
+                note = newton_note(simulator.choice.method, simulator.step, done, evaluations)
+                message = report.message
+                return Report(report.status, message, done, simulated, evaluations, note)
 
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None

@@ -13,7 +13,7 @@ from dlo_sim.core import bspline
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
-from dlo_sim.simulation.report import Report
+from dlo_sim.simulation.report import Report, newton_note
 from dlo_sim.simulation.simulator import CHUNK, Simulator
 from dlo_sim.simulation.workspace import new_recorder
 
@@ -121,9 +121,10 @@ def record_simulator(
     began = time.perf_counter() if began is None else began
     scene = simulator.scene
     estimate = ErrorEstimate(simulator) if estimated else None
+    simulator.make_ready()
     compile_s = time.perf_counter() - began
     recorder = _recorder(simulator, sample_times(duration, every))
-    wall_s, report, evaluations = _run(estimate or simulator, duration, recorder, progress)
+    wall_s, report, pace = _run(estimate or simulator, duration, recorder, progress)
     count = int(recorder.next[0])
     control_points = simulator.model.to_columns(recorder.positions[:count])
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
@@ -146,13 +147,13 @@ def record_simulator(
         step_s=simulator.step,
         method=simulator.method,
         choice=simulator.choice.reason,
-        force_evaluations=evaluations,
+        force_evaluations=pace.evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
         error_estimate=None if estimate is None else _estimated(estimate),
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
-        notes=simulator.notes + _unknown(estimate),
+        notes=simulator.notes + _unknown(estimate) + pace.notes(simulator),
     )
 
 
@@ -183,13 +184,37 @@ def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:
     return recorder
 
 
+@dataclass
+class _Pace:
+    """Force evaluations of a run, and those of its unusually slow pieces with their steps."""
+
+    evaluations: int = 0
+    slow_evaluations: int = 0
+    slow_steps: int = 0
+
+    def count(self, report: Report) -> None:
+        """Add a piece of the run."""
+        self.evaluations += report.force_evaluations
+        if report.note:
+            self.slow_evaluations += report.force_evaluations
+            self.slow_steps += report.steps
+
+    def notes(self, simulator: Simulator) -> tuple[str, ...]:
+        """One line about the slow pieces, if there are any."""
+        if not self.slow_steps:
+            return ()
+        method, step = simulator.choice.method, simulator.step
+        note = newton_note(method, step, self.slow_steps, self.slow_evaluations)
+        return (f"in {self.slow_steps} of {simulator.steps} steps {note}",)
+
+
 def _run(
     run: Simulator | ErrorEstimate,
     duration: float,
     recorder: layout.Recorder,
     progress: Callable[[float], None] | None,
-) -> tuple[float, Report, int]:
-    """Step over the duration; returns the time it took [s], the last report, force evaluations.
+) -> tuple[float, Report, _Pace]:
+    """Step over the duration; returns the time it took [s], the last report, and how it went.
 
     Time spent on an error estimate does not count.
     """
@@ -197,16 +222,16 @@ def _run(
     simulator = run.simulator if isinstance(run, ErrorEstimate) else run
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
     piece = min(max(total // _PIECES, _FEWEST_STEPS), CHUNK)
-    wall, evaluations = 0.0, 0
+    wall, pace = 0.0, _Pace()
     while True:
         began = time.perf_counter()
         report = run.advance_steps(min(piece, total - simulator.steps), recorder)
         wall += time.perf_counter() - began
-        evaluations += report.force_evaluations
+        pace.count(report)
         if progress is not None:
             progress(simulator.steps / total)
         if simulator.steps >= total or not report.status.ok:
-            return wall - (estimate.seconds if estimate else 0.0), report, evaluations
+            return wall - (estimate.seconds if estimate else 0.0), report, pace
 
 
 def energies_at(times: Array, energies: Array, step: float, every: float) -> Array:

@@ -6,6 +6,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+from dlo_sim.core.methods import IMPLICIT, Method
+
+USUAL_ITERATIONS = "2 to 10"  # of Newton's method per sub-step
+FAR_ABOVE = 20.0  # of them
+
 
 class Status(Enum):
     """Outcome of an advance; the value is a readable sentence."""
@@ -33,6 +38,7 @@ class Report(NamedTuple):
         status: what happened; message: one line, empty if all is well.
         steps: whole steps done; simulated: their time [s].
         force_evaluations: force evaluations, or Newton iterations of an implicit method.
+        note: one line where all is well but unusually slow (`newton_note`), else empty.
     """
 
     status: Status
@@ -40,6 +46,21 @@ class Report(NamedTuple):
     steps: int
     simulated: float
     force_evaluations: int
+    note: str = ""
+
+
+def newton_note(method: Method, step: float, steps: int, iterations: int) -> str:
+    """One line where Newton's method iterated far more than it usually does in so many steps, else
+    empty.
+    """
+    done = steps * len(method.substeps)
+    if method.family != IMPLICIT or iterations <= FAR_ABOVE * done:
+        return ""
+    each = f"{iterations / max(done, 1):.0f} iterations per {'sub-' * (done > steps)}step"
+    return (
+        f"Newton's method took {each} where {USUAL_ITERATIONS} are usual: the cable moves far "
+        f"within integrator.step {step:g} s; a smaller one is more accurate, and may be faster"
+    )
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from dlo_sim.simulation.geometry import ENDS, Pose, end_geometries
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.model import build_model, local_axis
 from dlo_sim.simulation.placement import place
-from dlo_sim.simulation.report import Report, Status
+from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.stepper import Stepper, largest_frequency
 from dlo_sim.simulation.transfer import carry_inputs, put_state, resampled
@@ -93,12 +93,22 @@ class Simulator(CableView):
         self._stepper = Stepper(scene, self._model, self._choice)
         self._open_account()
         self._loop = self._new_loop()
-        started = time.perf_counter()
-        self._loop.advance(0, 0, None)
-        self.compile_seconds = time.perf_counter() - started
+        self.compile_seconds = 0.0
+        self.make_ready()
         self._initial = self.snapshot()
 
     # -- change ---------------------------------------------------------------------------------
+
+    def make_ready(self) -> None:
+        """Compile the step if that is still to be done, and add the time [s] to `compile_seconds`.
+
+        The first motion of an end, or the first moment, may bring in what no step contained so far.
+        `advance` makes it ready if nobody did; call this where time counts.
+        """
+        if not self._stepper.ready:
+            started = time.perf_counter()
+            self._loop.advance(self._steps, 0, None)
+            self.compile_seconds += time.perf_counter() - started
 
     def advance(self, duration: float) -> Report:
         """Advance by `duration` [s] in whole steps; what does not fill a step is carried over.
@@ -122,6 +132,7 @@ class Simulator(CableView):
         """
         if steps != int(steps) or steps < 0:
             raise ValueError(f"steps: needs a whole number of 0 or more, got {steps!r}")
+        self.make_ready()
         steps, done = int(steps), 0
         evaluations = 0
         while done < steps:
@@ -136,7 +147,8 @@ class Simulator(CableView):
                     f"method {self.method}, step {self.step:g} s)"
                 )
                 return Report(status, message, done, done * self.step, evaluations)
-        return Report(Status.OK, "", done, done * self.step, evaluations)
+        note = newton_note(self.choice.method, self.step, done, evaluations)
+        return Report(Status.OK, "", done, done * self.step, evaluations, note)
 
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None

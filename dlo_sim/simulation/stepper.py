@@ -106,6 +106,11 @@ class Stepper:
                 MAX_HALVINGS,
             )
 
+    @property
+    def ready(self) -> bool:
+        """Whether the loop's machine code has been used for this scene's arrays."""
+        return self._code is not None
+
     def looked_at(self, step: int) -> bool:
         """Whether the loop compares the energy of the state after so many steps."""
         return self.family == IMPLICIT or step % GUARD_STEPS == 0

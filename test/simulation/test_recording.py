@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import bspline
+from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.simulation import recording
 from dlo_sim.simulation.recording import record
+from dlo_sim.simulation.report import newton_note
 from dlo_sim.simulation.simulator import Simulator
 
 
@@ -173,3 +175,48 @@ def test_failed_run_keeps_what_was_good():
 def test_scene_that_cannot_be_simulated_is_refused():
     with pytest.raises(SceneError, match="integrator.step: 0.01 s exceeds the stability limit"):
         record(wire(integrator__method="forest_ruth", integrator__step=1e-2), 0.1, 1e-3)
+
+
+HEAVY = {"gravity": [0.0, 0.0, -1000.0], "integrator__step": 1e-2}  # [m/s^2], [s]
+
+
+def test_a_run_of_far_too_many_newton_iterations_says_so(swinging):
+    assert swinging.notes == ()
+    made = record(wire(**HEAVY), 0.2, 1e-2)
+    (note,) = made.notes
+    mean = made.force_evaluations / made.steps
+    assert made.ok and mean > 20.0
+    assert f"in 20 of 20 steps Newton's method took {mean:.0f} iterations per step" in note
+    assert "integrator.step 0.01 s" in note
+    report = Simulator(wire(**HEAVY)).advance_steps(20)
+    assert report.status.ok and f"{mean:.0f} iterations" in report.note
+
+
+def test_a_calm_run_with_one_wild_piece_says_where_it_was_wild(monkeypatch):
+    """Pieces of a run are judged one by one: a long calm run does not hide a wild part."""
+    monkeypatch.setattr(recording, "_FEWEST_STEPS", 5)
+    simulator = Simulator(wire(**{"integrator__step": 1e-2}))
+    advance = simulator.advance_steps
+    pieces = []
+
+    def advance_steps(steps, recorder=None):
+        report = advance(steps, recorder)
+        pieces.append(steps)
+        if len(pieces) != 3:
+            return report
+        worked = 100 * steps
+        note = newton_note(simulator.choice.method, simulator.step, steps, worked)
+        return report._replace(force_evaluations=worked, note=note)
+
+    monkeypatch.setattr(simulator, "advance_steps", advance_steps)
+    made = recording.record_simulator(simulator, 0.5, 1e-2)
+    assert len(pieces) == 10
+    (note,) = made.notes
+    assert "in 5 of 50 steps Newton's method took 100 iterations" in note
+
+
+def test_iterations_are_counted_per_sub_step_and_of_newton_alone():
+    composed = METHODS["energy_momentum_4"]
+    assert newton_note(composed, 1e-3, 10, 10 * 5 * 20) == ""
+    assert "21 iterations per sub-step" in newton_note(composed, 1e-3, 10, 10 * 5 * 21)
+    assert newton_note(METHODS["rk4"], 1e-3, 10, 1000) == ""
