@@ -14,7 +14,8 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
-from dlo_sim.session.time_base import SECOND, StepGrid, grid_multiple_at_or_after
+from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
+from dlo_sim.session.time_base import SECOND
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
@@ -175,7 +176,8 @@ class Drive:
         waiting: tuple[str, ...] = ()
         for name, path in self.paths.items():
             knot = self._knots[name]
-            if (knot is None and not path.waiting) or (knot is not None and self.index < knot):
+            resting = knot is None and path.silent and not path.waiting
+            if resting or (knot is not None and self.index < knot):
                 continue
             segment = path.next_segment(grid, self.index, self.simulator.time, silence_ns)
             if segment is None:
@@ -223,10 +225,14 @@ class Drive:
         self.estimate, self._too_slow = None, True
         return True
 
-    def shift_time(self, delta_ns: int) -> None:
-        """Relabel every time by delta [ns]."""
-        if self.grid is not None:
+    def shift_time(self, delta_ns: int, inputs: bool) -> None:
+        """Relabel by delta [ns] every time that was read off the clock: that of the inputs if they
+        were dated by it until now, and that of a simulation that waits for no pose.
+        """
+        if self.grid is not None and (inputs or not self.paths):
             self.grid.origin_ns += delta_ns
+        if not inputs:
+            return
         for path in self.paths.values():
             path.shift_time(delta_ns)
         for schedule in self.schedules.values():

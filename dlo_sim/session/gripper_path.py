@@ -38,7 +38,8 @@ from dlo_sim.core.one_rotation import (
 )
 from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 from dlo_sim.session.rejoining import Shift
-from dlo_sim.session.time_base import SECOND, StepGrid
+from dlo_sim.session.step_grid import StepGrid
+from dlo_sim.session.time_base import SECOND
 
 __all__ = ["GripperPath", "Pose", "Segment"]
 
@@ -185,6 +186,7 @@ class GripperPath:
         that it is found at the same stamp whatever the arrival times.
         """
         self.settle(wanted_ns)
+        self._pass_over(grid.time_of(index - 1))
         while self._queue:
             pose, center = self._queue[0], self._center
             assert center is not None, "next_segment() needs begin()"
@@ -222,8 +224,6 @@ class GripperPath:
         # A segment much shorter than the interval would turn a small miss into a jerk; the next one
         # takes over.
         if last <= index or (last - index) * grid.step < 0.25e-9 * interval_ns:
-            if grid.time_of(index - 1) > pose.stamp_ns:
-                self._note("late", f"a pose of {self.end} came after the simulation had passed it")
             return None
         first_p, first_q = self._shifted(center)
         second_p, second_q = self._shifted(pose)
@@ -289,6 +289,19 @@ class GripperPath:
         if math.hypot(*self._velocity) < 1e-9 and math.hypot(*self._spin) < 1e-9:
             self._stop_at(self._position, self._orientation)
         return segment
+
+    def _pass_over(self, now_ns: int) -> None:
+        """Leave out the poses before `now_ns`, which the simulation has passed; from where the end
+        is, it returns to those that follow.
+        """
+        late = self._center
+        while self._queue and self._queue[0].stamp_ns < now_ns:
+            late = self._queue.popleft()
+            self._note("late", f"a pose of {self.end} came after the simulation had passed it")
+        if late is not None and late is not self._center:
+            self.silent = False
+            self._center = late
+            self._rejoin(late._replace(stamp_ns=now_ns))
 
     def _resume(self, grid: StepGrid, index: int, time: float) -> Segment | None:
         """Poses are back: rest until the first of them, then rejoin from the pose held."""

@@ -18,6 +18,7 @@ SIGN AND FRAME OF EVERY INPUT
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,22 +29,11 @@ from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.load_schedule import LoadMessage
 from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.time_base import SECOND, TimeBase
-
-# A stamp may be this far ahead of its arrival (two clocks that are not quite synchronised), and
-# this far behind.
-MOST_AHEAD = SECOND // 2
-MOST_BEHIND = 1 * SECOND
-
-# A jump back of stamps counts as a jump (and not as stray messages) when so many messages in a row
-# agree on it.
-JUMP_AGREEMENT = 3
+from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
 
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.
 SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
-
-_CURE = "synchronise the clocks or set inputs.time: arrival"
 
 _TYPES = {
     "pose": cdr.POSE_STAMPED,
@@ -84,19 +74,29 @@ class Accepted:
 
     Attributes:
         poses: end -> pose; loads: load name -> message (one topic may drive several).
-        restart: the stamps have jumped back: reset first.
+        verdict: what its stamp means for everything before it.
     """
 
     poses: dict[str, Pose]
     loads: dict[str, LoadMessage]
-    restart: bool
+    verdict: Verdict
+
+
+class _Sound(NamedTuple):
+    """The numbers of a message, and the end in whose frame they are."""
+
+    values: tuple[float, ...]
+    end: str
 
 
 class _Topic:
     """One topic: what it drives, and what is known of its last messages."""
 
-    def __init__(self, entries: tuple[InputTopic, ...], record: TopicRecord) -> None:
+    def __init__(
+        self, entries: tuple[InputTopic, ...], record: TopicRecord, source: Source
+    ) -> None:
         self.record = record
+        self.source = source
         self.type = entries[0].type
         self.is_pose = entries[0].kind == "pose"
         self.entries = entries
@@ -113,11 +113,9 @@ class _Topic:
             self.record.timeout = min(load.timeout for load in self.loads)
 
     def clear(self) -> None:
-        """Forget the last messages."""
-        self.last_stamp_ns: int | None = None
+        """Forget where the last pose was."""
         self.last_position: tuple[float, ...] | None = None
         self.too_fast_since_ns: int | None = None
-        self.strays: list[tuple[int, int]] = []
 
 
 class Intake:
@@ -125,19 +123,17 @@ class Intake:
 
     Args:
         scene: gives topics, limits, frames and signs.
-        time_base: converts stamps; decided by the first sound stamped message.
+        time_base: decides by the stamps which messages are used, and where in time.
         journal: where messages are counted.
     """
 
     def __init__(self, scene: Scene, time_base: TimeBase, journal: Journal) -> None:
         self.inputs = input_topics(scene)
         self.time_base = time_base
-        names = dict.fromkeys(entry.topic for entry in self.inputs)
-        self._topics = {
-            name: _Topic(tuple(e for e in self.inputs if e.topic == name), journal.topics[name])
-            for name in names
-        }
-        self._used_since_stray = False
+        self._topics: dict[str, _Topic] = {}
+        for name in dict.fromkeys(entry.topic for entry in self.inputs):
+            entries = tuple(entry for entry in self.inputs if entry.topic == name)
+            self._topics[name] = _Topic(entries, journal.topics[name], time_base.add_source())
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:
@@ -148,20 +144,13 @@ class Intake:
             topic.configure(scene)
 
     def clear(self) -> None:
-        """Forget the last messages, so that the next ones are taken wherever they are (reset)."""
+        """Take the next poses wherever they are (reset)."""
         for topic in self._topics.values():
             topic.clear()
 
-    def shift_time(self, delta_ns: int, decided_by: str) -> None:
-        """Relabel the last stamps by delta [ns], except that of the topic whose message decided the
-        time base.
-        """
-        for name, topic in self._topics.items():
-            if topic.last_stamp_ns is not None and name != decided_by:
-                topic.last_stamp_ns += delta_ns
-
-    def accept(self, name: str, raw: cdr.Bytes, arrival_ns: int) -> Accepted | None:
-        """Check one message; None = refused and counted.
+    def accept(self, name: str, raw: cdr.Bytes, arrival_ns: int) -> list[Accepted]:
+        """Check one message; returns what is used now: it, and others that it has waited with.
+        Everything refused is counted.
 
         Raises:
             KeyError: if the scene has no such input topic (a mistake of the caller, not of a
@@ -172,21 +161,53 @@ class Intake:
         try:
             message = cdr.decode(topic.type, raw)
             end = self._content.check(message, topic.is_pose)
-            stamp_ns, restart = self._check_time(topic, message, arrival_ns)
-            if topic.is_pose:
-                self._check_speed(topic, message.values, stamp_ns, restart)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
-            return None
+            return []
         except Refused as refused:
             topic.record.refuse(refused.reason, refused.detail)
-            return None
-        topic.record.accepted += 1
-        topic.last_stamp_ns = stamp_ns
+            return []
+        sound = _Sound(message.values, end)
+        decisions = self.time_base.sort(topic.source, message.stamp_ns, arrival_ns, sound)
+        return self._follow(topic, decisions)
+
+    def due(self, clock_ns: int) -> list[Accepted]:
+        """Messages that have waited and are used at this time of the clock [ns]."""
+        found: list[Accepted] = []
+        for topic in self._topics.values():
+            if topic.source.early:
+                found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
+        return found
+
+    def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
+        """Use or refuse messages as the time base decides."""
+        found = []
+        for decision in decisions:
+            try:
+                found.append(self._use(topic, decision))
+            except Refused as refused:
+                topic.record.refuse(refused.reason, refused.detail)
+        return found
+
+    def _use(self, topic: _Topic, decision: Decision) -> Accepted:
+        """Note a message that is in time.
+
+        Raises:
+            Refused: it is not, or its pose is out of reach.
+        """
+        if decision.refusal is not None:
+            raise decision.refusal
+        (values, end), stamp_ns, verdict = decision.content, decision.stamp_ns, decision.verdict
+        if verdict is Verdict.START_OVER:
+            self.clear()
         if topic.is_pose:
-            topic.last_position = message.values[:3]
-            return Accepted(self._poses(topic, message.values, stamp_ns), {}, restart)
-        return Accepted({}, self._loads(topic, message.values, stamp_ns, end), restart)
+            self._check_speed(topic, values, stamp_ns)
+            topic.last_position = values[:3]
+        topic.source.last_ns = stamp_ns
+        topic.record.accepted += 1
+        if topic.is_pose:
+            return Accepted(self._poses(topic, values, stamp_ns), {}, verdict)
+        return Accepted({}, self._loads(topic, values, stamp_ns, end), verdict)
 
     def _poses(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> dict[str, Pose]:
         px, py, pz, x, y, z, w = values
@@ -203,80 +224,10 @@ class Intake:
             found[load.name] = LoadMessage(stamp_ns, (fx, fy, fz), (tx, ty, tz), end)
         return found
 
-    def _check_time(self, topic: _Topic, message: cdr.Stamped, arrival_ns: int) -> tuple[int, bool]:
-        """Place the message in the time base; returns its stamp there and whether time has jumped
-        back.
-        """
-        base = self.time_base
-        if not base.uses_stamp(message.stamp_ns):
-            stamp_ns = base.from_clock(arrival_ns)
-            self._check_order(topic, stamp_ns)
-            return stamp_ns, False
-        stamp_ns = message.stamp_ns
-        base.decide(stamp_ns, arrival_ns)
-        try:
-            ahead = stamp_ns - base.from_clock(arrival_ns)
-            if ahead > MOST_AHEAD:
-                raise Refused(
-                    "in_future", f"stamp is {ahead * 1e-9:.3f} s ahead of its arrival; {_CURE}"
-                )
-            if -ahead > MOST_BEHIND:
-                raise Refused(
-                    "too_old", f"stamp is {-ahead * 1e-9:.3f} s behind its arrival; {_CURE}"
-                )
-            self._check_order(topic, stamp_ns)
-        except Refused as refused:
-            if self._jumped(topic, refused.reason, stamp_ns, arrival_ns):
-                base.forget()
-                base.decide(stamp_ns, arrival_ns, MOST_AHEAD)
-                self.clear()
-                return stamp_ns, True
-            raise
-        base.confirm()
-        topic.strays.clear()
-        self._used_since_stray = True
-        return stamp_ns, False
-
-    def _check_order(self, topic: _Topic, stamp_ns: int) -> None:
-        last = topic.last_stamp_ns
-        if last is not None and stamp_ns <= last:
-            raise Refused(
-                "out_of_order",
-                f"stamp is {(last - stamp_ns) * 1e-9:.6f} s before the last one used",
-            )
-
-    def _jumped(self, topic: _Topic, reason: str, stamp_ns: int, arrival_ns: int) -> bool:
-        """Whether the stamps have started over (a bag loops, a clock was set back, the first stamp
-        was nonsense).
-
-        True when JUMP_AGREEMENT messages of one topic in a row are more than 1 s back, follow each
-        other in time as they arrived,
-        and no stamped message of any topic was used meanwhile: one source must not undo what the
-        others agree on. Stamps in the future count only while the offset rests on a single message.
-        """
-        last = topic.last_stamp_ns
-        near = reason == "out_of_order" and last is not None and last - stamp_ns <= MOST_BEHIND
-        forward = reason == "in_future" and self.time_base.confirmed
-        fixed = reason != "out_of_order" and self.time_base.mode != "auto"
-        if near or forward or fixed:
-            topic.strays.clear()
-            return False
-        if topic.strays:
-            stamp_before, arrival_before = topic.strays[-1]
-            passed, arrived = stamp_ns - stamp_before, arrival_ns - arrival_before
-            if passed <= 0 or abs(passed - arrived) > MOST_AHEAD or self._used_since_stray:
-                topic.strays.clear()
-        if not topic.strays:
-            self._used_since_stray = False
-        topic.strays.append((stamp_ns, arrival_ns))
-        return len(topic.strays) >= JUMP_AGREEMENT
-
-    def _check_speed(
-        self, topic: _Topic, values: tuple[float, ...], stamp_ns: int, restart: bool
-    ) -> None:
+    def _check_speed(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> None:
         """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm; p_last = last one used."""
-        last, last_stamp = topic.last_position, topic.last_stamp_ns
-        if last is None or last_stamp is None or restart:
+        last, last_stamp = topic.last_position, topic.source.last_ns
+        if last is None or last_stamp is None:
             topic.too_fast_since_ns = None
             return
         passed = (stamp_ns - last_stamp) * 1e-9

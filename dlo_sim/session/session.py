@@ -21,15 +21,12 @@ from dlo_sim.session import cdr
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.diagnostics import Journal, session_status, topic_status
 from dlo_sim.session.drive import Drive, Prepared, SimulatorFactory
-from dlo_sim.session.intake import InputTopic, Intake
+from dlo_sim.session.intake import Accepted, InputTopic, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.status import SessionStatus, TickReport
-from dlo_sim.session.time_base import SECOND, TimeBase
+from dlo_sim.session.time_base import SECOND, TimeBase, Verdict
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
-
-# A clock that goes back by more than this has been set back (a bag that loops); less is jitter.
-CLOCK_JUMP = 1 * SECOND
 
 # Beyond pose_timeout and inputs.catch_up, a simulation this far behind skips time instead of
 # falling back for ever [s].
@@ -81,7 +78,6 @@ class Session:
         self._failure = ""
         self._waiting: tuple[str, ...] = ()
         self._lag_ns = 0
-        self._last_tick_ns: int | None = None
         self._marker_count: int | None = None
         self._markers_due = False
         self._limits()
@@ -123,34 +119,17 @@ class Session:
             raw: CDR bytes.
             arrival_ns: when it came, on the clock [ns].
         """
-        self._notice_clock_jump(arrival_ns)
+        self._watch_clock(arrival_ns, tick=False)
         before = self._time.offset_ns
-        accepted = self._intake.accept(topic, raw, arrival_ns)
-        if accepted is None:
-            return
-        offset = self._time.offset_ns
-        if accepted.restart:
-            self._restart(
-                "time_jump", f"stamps of {topic} jumped by more than 1 s; simulation reset"
-            )
-        elif offset != before:
-            # Until now everything was dated by the clock; the same instants have other names from
-            # here on.
-            self._drive.shift_time(before - offset)
-            self._intake.shift_time(before - offset, topic)
-        if offset and offset != before:
-            self._note_epoch(topic, offset)
-        for end, pose in accepted.poses.items():
-            self._drive.paths[end].add(pose)
-        for name, load in accepted.loads.items():
-            self._drive.schedules[name].add(load)
+        self._use(self._intake.accept(topic, raw, arrival_ns), before)
 
     def tick(self, now_ns: int) -> TickReport:
         """Advance the simulation to `now_ns` (clock) minus the latency, as far as inputs and limits
         allow.
         """
-        self._notice_clock_jump(now_ns)
-        self._last_tick_ns = now_ns
+        self._watch_clock(now_ns, tick=True)
+        before = self._time.offset_ns
+        self._use(self._intake.due(now_ns), before)
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         self._markers_due, self._marker_count = count != self._marker_count, count
         wanted_ns = self._time.from_clock(now_ns) - self._latency_ns
@@ -212,7 +191,7 @@ class Session:
         """Start over: the cable is placed anew at the next poses (at once if no end is driven),
         loads are forgotten.
         """
-        self._time.forget()
+        self._time.start_over()
         self._intake.clear()
         self._restart("reset", "reset was called")
 
@@ -274,21 +253,34 @@ class Session:
             self._time.set_mode(scene.inputs.time)
             self.reset()
 
-    def _notice_clock_jump(self, now_ns: int) -> None:
-        last = self._last_tick_ns
-        if last is not None and now_ns < last - CLOCK_JUMP:
-            back = (last - now_ns) * 1e-9
-            self._last_tick_ns = None
-            self._time.forget()
+    def _watch_clock(self, clock_ns: int, tick: bool) -> None:
+        back_ns = self._time.watch(clock_ns, tick)
+        if back_ns:
+            back = back_ns * 1e-9
             self._intake.clear()
             self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
-    def _note_epoch(self, topic: str, offset_ns: int) -> None:
+    def _use(self, found: list[Accepted], offset_before: int) -> None:
+        """Hand messages to the drive; the offset may have changed by them."""
+        offset = self._time.offset_ns
+        verdicts = {accepted.verdict for accepted in found}
+        if offset != offset_before and Verdict.START_OVER not in verdicts:
+            self._drive.shift_time(offset_before - offset, inputs=Verdict.DECIDE in verdicts)
+        for accepted in found:
+            if accepted.verdict is Verdict.START_OVER:
+                self._restart("time_jump", "stamps or clock jumped; simulation reset")
+            if accepted.verdict is not Verdict.USE and offset and offset != offset_before:
+                self._note_epoch(offset)
+            for end, pose in accepted.poses.items():
+                self._drive.paths[end].add(pose)
+            for name, load in accepted.loads.items():
+                self._drive.schedules[name].add(load)
+
+    def _note_epoch(self, offset_ns: int) -> None:
         side = "behind" if offset_ns > 0 else "ahead of"
         self.journal.event(
             "other_epoch",
-            f"stamps of {topic} are {abs(offset_ns) * 1e-9:.6g} s {side} the clock; "
-            "using their own time base",
+            f"stamps are {abs(offset_ns) * 1e-9:.6g} s {side} the clock; using their own time base",
         )
 
     def _begin(self, wanted_ns: int) -> bool:

@@ -1,5 +1,4 @@
-"""Two clocks and a grid: header stamps, the clock that delivers messages, and the simulator's
-steps.
+"""Which time a message counts at: its header stamp against the clock that delivers it.
 
 Everything inside a session is counted in the *time base* [ns]: the header stamps of the inputs, so
 that the result does not depend on when a message arrived. The offset (clock minus time base) is
@@ -8,33 +7,150 @@ zero unless the stamps come from another epoch.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, NamedTuple
+
+from dlo_sim.session.content import Refused
 
 SECOND = 1_000_000_000
 
-# Stamps this far from the clock come from another epoch (an old recording, a device's own clock).
-OTHER_EPOCH = 1 * SECOND
+# A stamp fits the offset if it is no further ahead of the clock than this (two clocks that are not
+# quite synchronised), and no further behind (everyday delays). A clock set back by more than the
+# latter has jumped.
+MOST_AHEAD = SECOND // 2
+MOST_BEHIND = 1 * SECOND
+
+# What does not fit is believed after so long, in a row of so many messages.
+PATIENCE = 2 * SECOND // 5
+AGREEMENT = 3
+
+# The clock may pass several seconds at once (a process that was stopped, /clock); what has not been
+# waited for while messages were handled does not count as patience.
+_LONGEST_WAIT = SECOND // 10
+
+_CURE = "synchronise the clocks or set inputs.time: arrival"
+
+
+class Verdict(Enum):
+    """What becomes of a message."""
+
+    USE = "used"
+    DECIDE = "used; it has decided the offset, until which all was dated by the clock"
+    START_OVER = "used after everything before it is forgotten: the stamps or clocks have jumped"
+    WAIT = "kept until its time has come or is refuted"
+    REFUSE = "not used"
+
+
+class Decision(NamedTuple):
+    """A verdict on a message.
+
+    Attributes:
+        content: what was handed in with it.
+        stamp_ns: its stamp in the time base [ns].
+        refusal: reason and detail if it is refused.
+    """
+
+    content: Any
+    stamp_ns: int
+    verdict: Verdict
+    refusal: Refused | None = None
+
+
+class _Early(NamedTuple):
+    """A message that waits: its stamp and arrival [ns], the patience spent when it came."""
+
+    stamp_ns: int
+    arrival_ns: int
+    since_ns: int
+    content: Any
+
+
+@dataclass
+class Source:
+    """What is known of the stamps of one topic.
+
+    Attributes:
+        last_ns: stamp of the last message used, in the time base [ns], None = none; whoever uses a
+            message sets it.
+        early: messages that wait, in the order of their stamps.
+        strays: stamps and arrivals [ns] of the last messages in a row that jump back.
+        uses: messages used of all sources when the strays began.
+    """
+
+    last_ns: int | None = None
+    early: deque[_Early] = field(default_factory=deque)
+    strays: list[tuple[int, int]] = field(default_factory=list)
+    uses: int = 0
+
+    def clear(self) -> None:
+        """Forget all messages."""
+        self.last_ns = None
+        self.early.clear()
+        self.strays.clear()
 
 
 class TimeBase:
-    """Converts between the clock and the time base, and decides their offset once.
+    """Decides for every message whether its stamp can be used, and the offset.
+
+    Queueing only ever adds delay: of all differences clock - stamp the smallest is the one that
+    tells about the epoch, and stamps that go on in their topic are the same epoch however late they
+    arrive. With d = clock - stamp, the offset o, and `last` = the last stamp used of the topic:
+
+    | message | case | decision |
+    |---|---|---|
+    | stamp 0, or mode `arrival` | after last | counts at its arrival |
+    | | at the same instant | `out_of_order` |
+    | first stamped one of all, mode `auto` | -0.5 s <= d <= 1 s: the clock's epoch | o = 0 |
+    | | else: another epoch (an old recording), or held up, or nonsense | o = d |
+    | after last | -0.5 s <= d - o <= 1 s: it fits | used; if o was not 0, o = min(o, d) |
+    | | later: a hold-up, a slow network, a queue that ran over | used all the same |
+    | | later, as all has been for 0.4 s: a clock was set forward | o = d, start over |
+    | | earlier, /clock follows: the clock had stood still in a hold-up | waits, used |
+    | | earlier, a later message refutes it: a nonsense stamp | waits, `in_future` |
+    | | earlier for 0.4 s, other messages fit: one source's clock is wrong | `in_future` |
+    | | earlier for 0.4 s, nothing fits, 3 wait: a clock was set, o was wrong | o = d, start over |
+    | none of the topic used | later: one source's clock is wrong, or held up | `too_old` |
+    | not after last | up to 1 s back: duplicates, disorder | `out_of_order` |
+    | | further back: one source is wrong, a nonsense stamp | `too_old` |
+    | | third in a row, nothing used meanwhile: a bag loops | o = d, start over |
+    | the clock goes back by more than 1 s | set back, /clock loops | start over |
+
+    Two sources whose clocks differ by less than 0.5 s both fit. `o = d` means 0 where d fits the
+    clock itself. In mode `stamp` o is 0 for good; what would change it is refused.
 
     Args:
-        mode: `auto` = stamps; the first stamped message fixes an offset if it is more than 1 s from
-            the clock; `stamp` = stamps, never an offset; `arrival` = stamps are ignored, arrival
-            times count.
+        mode: `auto`, `stamp` or `arrival` (stamps are ignored).
     """
 
     def __init__(self, mode: str) -> None:
+        self._sources: list[Source] = []
+        self._tick_ns: int | None = None
+        self._seen_ns: int | None = None
+        self._uses = 0
+        self._spent_ns = 0  # time for which the clock has been watched
         self.set_mode(mode)
 
     def set_mode(self, mode: str) -> None:
         """Start over in this mode, without an offset."""
         self.mode = mode
         self.offset_ns = 0
-        self.decided = mode != "auto"
-        self._confirmations = 0
+        self.start_over()
+
+    def add_source(self) -> Source:
+        """A topic more."""
+        self._sources.append(Source())
+        return self._sources[-1]
+
+    def start_over(self) -> None:
+        """Forget all messages; the next stamped one decides the offset."""
+        self._decided = self.mode != "auto"
+        self._fit_ns = self._spent_ns - PATIENCE
+        self._late_ns: int | None = None
+        for source in self._sources:
+            source.clear()
 
     def from_clock(self, clock_ns: int) -> int:
         """Time base [ns] at this time of the clock."""
@@ -44,77 +160,172 @@ class TimeBase:
         """Time of the clock [ns] at this time of the time base."""
         return base_ns + self.offset_ns
 
-    def uses_stamp(self, stamp_ns: int) -> bool:
-        """Whether a message with this header stamp is placed by it; stamp 0 means unstamped."""
-        return stamp_ns != 0 and self.mode != "arrival"
+    def watch(self, clock_ns: int, tick: bool) -> int:
+        """Look at the clock [ns].
 
-    def decide(self, stamp_ns: int, arrival_ns: int, tolerance_ns: int = OTHER_EPOCH) -> int:
-        """Fix the offset by a message that is known to be sound.
+        Args:
+            tick: whether a tick is made now: those are what the clock may not go back behind.
 
         Returns:
-            How much the offset changed [ns]; 0 if it was decided before or the stamps agree with
-            the clock.
+            How far [ns] it was set back, more than 1 s, and all was forgotten; else 0.
         """
-        if self.decided:
-            return 0
-        self.decided = True
-        difference = arrival_ns - stamp_ns
+        passed = 0 if self._seen_ns is None else clock_ns - self._seen_ns
+        self._spent_ns += min(max(0, passed), _LONGEST_WAIT)
+        self._seen_ns = clock_ns
+        back = 0 if self._tick_ns is None else self._tick_ns - clock_ns
+        if back > MOST_BEHIND:
+            self._tick_ns = None
+            self.start_over()
+        if tick:
+            self._tick_ns = clock_ns
+        return back if back > MOST_BEHIND else 0
+
+    def sort(
+        self, source: Source, stamp_ns: int, arrival_ns: int, content: Any
+    ) -> Iterator[Decision]:
+        """Decide about a sound message, and about those of its topic that wait.
+
+        Set `source.last_ns` before taking the next decision.
+
+        Args:
+            stamp_ns: header stamp, 0 = unstamped.
+            arrival_ns: when it came, on the clock.
+            content: goes with it.
+        """
+        yield from self.due(source, arrival_ns)
+        if stamp_ns == 0 or self.mode == "arrival":
+            yield self._by_arrival(source, self.from_clock(arrival_ns), content)
+            return
+        try:
+            verdict = self._place(source, stamp_ns, arrival_ns)
+        except Refused as refused:
+            yield Decision(content, stamp_ns, Verdict.REFUSE, refused)
+            return
+        while source.early and source.early[-1].stamp_ns >= stamp_ns:
+            early = source.early.pop()
+            ahead = early.stamp_ns - self.from_clock(early.arrival_ns)
+            yield Decision(early.content, early.stamp_ns, Verdict.REFUSE, _in_future(ahead))
+        if verdict is Verdict.WAIT:
+            source.early.append(_Early(stamp_ns, arrival_ns, self._spent_ns, content))
+        else:
+            self._uses += 1
+            yield Decision(content, stamp_ns, verdict)
+
+    def due(self, source: Source, clock_ns: int) -> Iterator[Decision]:
+        """Decide about messages of a topic that have waited long enough; as `sort`."""
+        while source.early:
+            early = source.early[0]
+            verdict, refusal = Verdict.USE, None
+            ahead = early.stamp_ns - self.from_clock(clock_ns)
+            if ahead > MOST_AHEAD:
+                if self._spent_ns - early.since_ns < PATIENCE:
+                    return
+                if self.mode != "auto" or self._spent_ns - self._fit_ns < PATIENCE // 2:
+                    verdict, refusal = Verdict.REFUSE, _in_future(ahead)
+                elif len(source.early) < AGREEMENT:
+                    return
+                else:
+                    newest = source.early[-1]
+                    self._set_offset(newest.arrival_ns - newest.stamp_ns)
+                    verdict = Verdict.START_OVER
+            source.early.popleft()
+            if refusal is None:
+                self._note_fit()
+                self._uses += 1
+            yield Decision(early.content, early.stamp_ns, verdict, refusal)
+
+    def _by_arrival(self, source: Source, stamp_ns: int, content: Any) -> Decision:
+        last = source.last_ns
+        if last is not None and stamp_ns <= last:
+            return Decision(content, stamp_ns, Verdict.REFUSE, _out_of_order(last - stamp_ns))
+        return Decision(content, stamp_ns, Verdict.USE)
+
+    def _place(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict:
+        """The table for a stamped message that comes now.
+
+        Raises:
+            Refused: it is not used.
+        """
+        decides = not self._decided
+        if decides:
+            self._decide(clock_ns - stamp_ns)
+        if source.last_ns is not None and stamp_ns <= source.last_ns:
+            return self._place_past(source, source.last_ns - stamp_ns, stamp_ns, clock_ns)
+        if decides:
+            return Verdict.DECIDE
+        source.strays.clear()
+        ahead = stamp_ns - self.from_clock(clock_ns)
+        if ahead > MOST_AHEAD:
+            return Verdict.WAIT
+        if ahead < -MOST_BEHIND:
+            return self._place_late(source, stamp_ns, clock_ns)
+        if self.offset_ns and ahead > 0:
+            self._set_offset(clock_ns - stamp_ns)
+        self._note_fit()
+        return Verdict.USE
+
+    def _place_late(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict:
+        if self._late_ns is None:
+            self._late_ns = self._spent_ns
+        if self.mode == "auto" and self._spent_ns - self._late_ns >= PATIENCE:
+            self._set_offset(clock_ns - stamp_ns)
+            self._note_fit()
+            return Verdict.START_OVER
+        if source.last_ns is None:
+            raise _too_old(self.from_clock(clock_ns) - stamp_ns)
+        return Verdict.USE
+
+    def _place_past(self, source: Source, back_ns: int, stamp_ns: int, clock_ns: int) -> Verdict:
+        if back_ns <= MOST_BEHIND:
+            source.strays.clear()
+            raise _out_of_order(back_ns)
+        if source.strays:
+            stamp_before, clock_before = source.strays[-1]
+            passed, arrived = stamp_ns - stamp_before, clock_ns - clock_before
+            if passed <= 0 or abs(passed - arrived) > MOST_BEHIND or self._uses != source.uses:
+                source.strays.clear()
+        if not source.strays:
+            source.uses = self._uses
+        source.strays.append((stamp_ns, clock_ns))
+        fixed = self.mode != "auto" and not _fits(clock_ns - stamp_ns)
+        if len(source.strays) < AGREEMENT or fixed:
+            raise _too_old(back_ns)
+        self.start_over()
+        self._decided = True
+        self._set_offset(clock_ns - stamp_ns)
+        self._note_fit()
+        return Verdict.START_OVER
+
+    def _decide(self, difference_ns: int) -> None:
+        """Fix the offset; what was dated by the clock until now gets other names."""
+        self._decided = True
         before = self.offset_ns
-        self.offset_ns = difference if abs(difference) > tolerance_ns else 0
-        return self.offset_ns - before
+        self._set_offset(difference_ns)
+        self._note_fit()
+        for source in self._sources:
+            if source.last_ns is not None:
+                source.last_ns += before - self.offset_ns
 
-    @property
-    def confirmed(self) -> bool:
-        """Whether another message has agreed with the one that decided the offset."""
-        return self._confirmations > 1
+    def _set_offset(self, difference_ns: int) -> None:
+        self.offset_ns = 0 if _fits(difference_ns) else difference_ns
 
-    def confirm(self) -> None:
-        """Note a stamped message that was used."""
-        self._confirmations += 1
-
-    def forget(self) -> None:
-        """Let the next stamped message decide the offset again (after a jump of the clock or the
-        stamps).
-        """
-        if self.mode == "auto":
-            self.decided = False
-            self._confirmations = 0
+    def _note_fit(self) -> None:
+        self._fit_ns = self._spent_ns
+        self._late_ns = None
 
 
-@dataclass
-class StepGrid:
-    """Start times of the simulator's steps in the time base.
-
-    Attributes:
-        origin_ns: time base [ns] of step 0.
-        step: duration tau of a step [s].
-    """
-
-    origin_ns: int
-    step: float
-
-    def time_of(self, index: int) -> int:
-        """Time base [ns] at the start of step `index`."""
-        return self.origin_ns + round(index * self.step * 1e9)
-
-    def last_at_or_before(self, base_ns: int) -> int:
-        """The last step index whose start is not after `base_ns`."""
-        index = math.floor((base_ns - self.origin_ns) / (self.step * 1e9))
-        while self.time_of(index + 1) <= base_ns:
-            index += 1
-        while self.time_of(index) > base_ns:
-            index -= 1
-        return index
-
-    def first_at_or_after(self, base_ns: int) -> int:
-        """The first step index whose start is not before `base_ns`."""
-        index = self.last_at_or_before(base_ns)
-        return index if self.time_of(index) == base_ns else index + 1
+def _fits(behind_ns: int) -> bool:
+    return -MOST_AHEAD <= behind_ns <= MOST_BEHIND
 
 
-def grid_multiple_at_or_after(base_ns: int, step: float) -> int:
-    """The first integer multiple of the step [s] at or after `base_ns` [ns]: where a simulation may
-    begin.
-    """
-    step_ns = max(1, round(step * 1e9))
-    return -(-base_ns // step_ns) * step_ns
+def _in_future(ahead_ns: int) -> Refused:
+    return Refused("in_future", f"stamp is {ahead_ns * 1e-9:.3f} s ahead of its arrival; {_CURE}")
+
+
+def _too_old(behind_ns: int) -> Refused:
+    return Refused("too_old", f"stamp is {behind_ns * 1e-9:.3f} s behind; {_CURE}")
+
+
+def _out_of_order(back_ns: int) -> Refused:
+    detail = f"stamp is {back_ns * 1e-9:.6f} s before the last one used"
+    return Refused("out_of_order", detail)

@@ -6,7 +6,8 @@ import pytest
 from dlo_sim.core import one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.session.gripper_path import GripperPath, Pose
-from dlo_sim.session.time_base import SECOND, StepGrid
+from dlo_sim.session.step_grid import StepGrid
+from dlo_sim.session.time_base import SECOND
 
 STEP = 1e-3
 GRID = StepGrid(0, STEP)

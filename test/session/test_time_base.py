@@ -1,52 +1,236 @@
-"""Offsets between stamps and clock, and the grid of steps."""
+"""Each row of the table of cases in `TimeBase`."""
+
+from collections import Counter
 
 import pytest
 
-from dlo_sim.session.time_base import SECOND, StepGrid, TimeBase, grid_multiple_at_or_after
+from dlo_sim.session.time_base import SECOND, TimeBase, Verdict
+
+MS = SECOND // 1000
+T0 = 1000 * SECOND
+CLOCK = 1_700_000_000 * SECOND
+USE, OVER, DECIDE = Verdict.USE, Verdict.START_OVER, Verdict.DECIDE
+
+
+class Stream:
+    """A time base and its sources; uses what it decides to use."""
+
+    def __init__(self, mode="auto", sources=1):
+        self.base = TimeBase(mode)
+        self.sources = [self.base.add_source() for _ in range(sources)]
+        self.refused = Counter()
+        self.used = []
+
+    def _follow(self, source, decisions):
+        outcomes = []
+        for decision in decisions:
+            if decision.refusal is None:
+                source.last_ns = decision.stamp_ns
+                self.used.append(decision.stamp_ns)
+                outcomes.append(decision.verdict)
+            else:
+                self.refused[decision.refusal.reason] += 1
+                outcomes.append(decision.refusal.reason)
+        return outcomes
+
+    def send(self, stamp_ns, clock_ns, source=0):
+        """What becomes of it, and of those that waited with it."""
+        self.base.watch(clock_ns, tick=False)
+        source = self.sources[source]
+        return self._follow(source, self.base.sort(source, stamp_ns, clock_ns, None))
+
+    def tick(self, clock_ns):
+        self.base.watch(clock_ns, tick=True)
+        return [out for s in self.sources for out in self._follow(s, self.base.due(s, clock_ns))]
+
+    def run(self, begin_ns, seconds, late_ns=0, source=0):
+        """A message each 20 ms, so much later than its stamp."""
+        outcomes = []
+        for stamp in range(begin_ns, begin_ns + round(seconds * SECOND), 20 * MS):
+            outcomes += self.send(stamp, stamp + late_ns, source)
+            outcomes += self.tick(stamp + late_ns)
+        return outcomes
 
 
 def test_stamps_near_the_clock_need_no_offset():
-    base = TimeBase("auto")
-    assert base.decide(100 * SECOND, 100 * SECOND + 900_000_000) == 0
-    assert base.from_clock(5) == 5
+    stream = Stream()
+    assert stream.send(100 * SECOND, 100 * SECOND + 900 * MS) == [DECIDE]
+    assert stream.base.from_clock(5) == 5
 
 
 def test_first_stamp_of_another_epoch_fixes_the_offset_for_good():
-    base = TimeBase("auto")
-    clock = 1_700_000_000 * SECOND
-    assert base.decide(1000 * SECOND, clock) == clock - 1000 * SECOND
-    assert base.decide(1000 * SECOND, 3 * clock) == 0
-    assert base.from_clock(clock + 7) == 1000 * SECOND + 7
-    assert base.to_clock(base.from_clock(clock + 7)) == clock + 7
+    stream = Stream()
+    assert stream.send(T0, CLOCK) == [DECIDE]
+    assert stream.base.offset_ns == CLOCK - T0
+    assert set(stream.run(T0 + 20 * MS, 5.0, CLOCK - T0)) == {USE}
+    assert stream.base.from_clock(CLOCK + 7) == T0 + 7
+    assert stream.base.to_clock(stream.base.from_clock(CLOCK + 7)) == CLOCK + 7
 
 
 @pytest.mark.parametrize("mode", ["stamp", "arrival"])
 def test_other_modes_never_have_an_offset(mode):
-    base = TimeBase(mode)
-    assert base.decide(1000 * SECOND, 5000 * SECOND) == 0
-    base.forget()
-    assert base.decide(1000 * SECOND, 5000 * SECOND) == 0
+    stream = Stream(mode)
+    stream.run(T0, 3.0, 4000 * SECOND)
+    stream.base.start_over()
+    stream.run(T0, 3.0, 9000 * SECOND)
+    assert stream.base.offset_ns == 0
 
 
 def test_which_messages_are_placed_by_their_stamp():
-    assert TimeBase("auto").uses_stamp(1)
-    assert not TimeBase("auto").uses_stamp(0)
-    assert TimeBase("stamp").uses_stamp(1)
-    assert not TimeBase("arrival").uses_stamp(1)
+    for mode, stamp, placed in (
+        ("auto", T0, T0),
+        ("auto", 0, T0 + MS),
+        ("stamp", T0, T0),
+        ("arrival", T0, T0 + MS),
+    ):
+        stream = Stream(mode)
+        assert stream.send(stamp, T0 + MS) == [DECIDE if (mode, stamp) == ("auto", T0) else USE]
+        assert stream.used == [placed]
 
 
-@pytest.mark.parametrize("step", [1e-3, 1 / 3000, 1.7e-5, 0.01])
-@pytest.mark.parametrize("origin", [0, -17, 1_700_000_000_123_456_789])
-def test_grid_searches_agree_with_its_times(step, origin):
-    grid = StepGrid(origin, step)
-    for index in (0, 1, 2, 3, 1000, 12345, 7_654_321):
-        at = grid.time_of(index)
-        assert grid.first_at_or_after(at) == grid.last_at_or_before(at) == index
-        assert grid.first_at_or_after(at - 1) == index == grid.last_at_or_before(at + 1)
-        assert grid.first_at_or_after(at + 1) == index + 1 == grid.last_at_or_before(at - 1) + 2
+def test_unstamped_messages_of_one_instant_are_one():
+    stream = Stream("arrival")
+    assert stream.send(0, T0) == [USE]
+    assert stream.send(0, T0) == ["out_of_order"]
+    assert stream.send(0, T0 + 1) == [USE]
 
 
-def test_simulations_begin_at_multiples_of_the_step():
-    assert grid_multiple_at_or_after(10_000_000, 1e-3) == 10_000_000
-    assert grid_multiple_at_or_after(10_000_001, 1e-3) == 11_000_000
-    assert grid_multiple_at_or_after(-1, 1e-3) == 0
+@pytest.mark.parametrize("mode", ["auto", "stamp"])
+@pytest.mark.parametrize("length", [0.2, 1.1, 1.5, 5.0, 60.0])
+@pytest.mark.parametrize("kept", [100, 5000])
+def test_after_a_hold_up_all_is_used(mode, length, kept):
+    """All that have waited come at one instant, or the newest if the queue was too short."""
+    stream = Stream(mode)
+    stream.run(T0, 1.0)
+    over = T0 + SECOND + round(length * SECOND)
+    waiting = range(T0 + SECOND, over, 20 * MS)[-kept:]
+    assert [stream.send(stamp, over) for stamp in waiting] == [[USE]] * len(waiting)
+    assert set(stream.run(over, 2.0)) == {USE}
+    assert stream.base.offset_ns == 0
+
+
+@pytest.mark.parametrize("length", [1.5, 5.0, 60.0])
+@pytest.mark.parametrize("epoch", [0, 10**6])
+def test_an_offset_taken_from_a_message_that_was_held_up_is_corrected(length, epoch):
+    stream = Stream()
+    shift = epoch * SECOND
+    over = T0 + round(length * SECOND)
+    outcomes = [stream.send(s, over + shift) for s in range(T0, over, 20 * MS)[-100:]]
+    assert outcomes == [[DECIDE]] + [[USE]] * (len(outcomes) - 1)
+    assert set(stream.run(over, 2.0, shift)) == {USE}
+    assert stream.base.offset_ns == shift
+
+
+def test_slow_messages_correct_an_offset_too():
+    """One a second: each is a second nearer to the clock than the one before."""
+    stream = Stream()
+    over = T0 + 5 * SECOND
+    for stamp in range(T0, over, SECOND):
+        stream.send(stamp, over)
+    for now in range(over, over + 2 * SECOND, 20 * MS):
+        stream.tick(now)
+    assert stream.base.offset_ns == 0
+    assert stream.used == list(range(T0, over, SECOND))
+    assert not stream.refused
+
+
+def test_a_clock_that_stood_still_catches_up():
+    """/clock is heard after the messages that waited with it."""
+    stream = Stream()
+    stream.run(T0, 1.0)
+    for stamp in range(T0 + 4 * SECOND, T0 + 6 * SECOND, 20 * MS):  # a queue has run over
+        assert stream.send(stamp, T0 + SECOND) == []
+    assert stream.tick(T0 + 6 * SECOND) == [USE] * 100
+    assert stream.base.offset_ns == 0
+
+
+@pytest.mark.parametrize("epoch", [0, 10**6])
+@pytest.mark.parametrize("wrong", [3_000_000_000, 0.607, 5, -5, -(10**7)])
+def test_a_single_nonsense_stamp_changes_nothing(epoch, wrong):
+    stream = Stream()
+    shift = epoch * SECOND
+    stream.run(T0, 1.0, shift)
+    nonsense = T0 + SECOND + round(wrong * SECOND)
+    stream.send(nonsense, T0 + SECOND + shift)
+    assert set(stream.run(T0 + SECOND + 20 * MS, 2.0, shift)) == {USE, "in_future"} - (
+        {"in_future"} if wrong < 0 else set()
+    )
+    assert stream.refused == {"in_future" if wrong > 0 else "too_old": 1}
+    assert nonsense not in stream.used
+    assert stream.base.offset_ns == shift
+
+
+@pytest.mark.parametrize("jump", [-3600, -10, 10, 3600])
+def test_the_clock_of_all_sources_is_set(jump):
+    stream = Stream()
+    stream.run(T0, 2.0)
+    outcomes = stream.run(T0 + (2 + jump) * SECOND, 2.0, -jump * SECOND)
+    assert outcomes.count(OVER) == 1
+    assert stream.base.offset_ns == -jump * SECOND
+    assert stream.refused == ({"too_old": 2} if jump < 0 else {})
+    assert outcomes[-50:] == [USE] * 50
+
+
+@pytest.mark.parametrize("jump", [10, 3600])
+def test_the_clock_that_delivers_is_set_forward(jump):
+    stream = Stream()
+    stream.run(T0, 2.0)
+    outcomes = stream.run(T0 + 2 * SECOND, 2.0, jump * SECOND)
+    assert outcomes.count(OVER) == 1
+    assert set(outcomes) == {USE, OVER}
+    assert stream.base.offset_ns == jump * SECOND
+
+
+def test_the_clock_that_delivers_is_set_back():
+    stream = Stream()
+    stream.run(T0, 2.0)
+    assert stream.base.watch(T0 - 8 * SECOND, tick=False) == pytest.approx(10 * SECOND, abs=20 * MS)
+    assert stream.run(T0 - 8 * SECOND, 1.0)[0] is DECIDE
+    assert not stream.refused
+
+
+@pytest.mark.parametrize(("apart", "reason"), [(10, "in_future"), (-10, "too_old")])
+def test_one_source_with_a_clock_of_its_own_is_refused(apart, reason):
+    stream = Stream(sources=2)
+    for stamp in range(T0, T0 + 3 * SECOND, 20 * MS):
+        assert stream.send(stamp, stamp) == [USE if stamp > T0 else DECIDE]
+        stream.send(stamp + apart * SECOND, stamp, source=1)
+        stream.tick(stamp)
+    assert stream.refused.keys() == {reason}
+    assert stream.refused[reason] >= 150 - 21  # the last 0.4 s may still wait
+    assert stream.base.offset_ns == 0
+
+
+@pytest.mark.parametrize("apart", [0.3, -0.3, 0.7, -0.7])
+def test_two_sources_whose_clocks_differ_a_little_are_both_used(apart):
+    stream = Stream(sources=2)
+    for stamp in range(T0, T0 + 3 * SECOND, 20 * MS):
+        stream.send(stamp, stamp)
+        stream.send(stamp + round(apart * SECOND), stamp, source=1)
+        stream.tick(stamp)
+    assert not stream.refused
+    assert len(stream.used) > 2 * 150 - 15
+
+
+def test_a_bag_that_loops_starts_over_with_the_third_message():
+    stream = Stream(sources=2)
+    for k in range(100):
+        stream.send(T0 + k * 20 * MS, T0 + k * 20 * MS)
+        stream.send(T0 + k * 20 * MS, T0 + k * 20 * MS, source=1)
+    again = [
+        outcome
+        for k in range(100)
+        for source in (0, 1)
+        for outcome in stream.send(T0 + k * 20 * MS, T0 + (100 + k) * 20 * MS, source)
+    ]
+    assert again[:5] == ["too_old"] * 4 + [OVER]
+    assert set(again[5:]) == {USE}
+    assert stream.base.offset_ns == 2 * SECOND
+
+
+def test_disorder_is_no_jump():
+    stream = Stream()
+    stream.run(T0, 2.0)
+    for k in range(20):
+        assert stream.send(T0 + SECOND + k * 20 * MS, T0 + 2 * SECOND) == ["out_of_order"]
+    assert stream.run(T0 + 2 * SECOND, 0.1) == [USE] * 5
