@@ -1,6 +1,7 @@
 """`dlo_sim replay BAG`: predict a cable offline from a recorded bag."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +18,7 @@ from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable
 if TYPE_CHECKING:
     from dlo_sim.replay.summary import ReplaySummary
 
-INCOMPLETE = 3  # the simulation failed, or the bag is damaged and only a part of it was used
+INCOMPLETE = 3  # the simulation failed, or only a part of the bag was or could be used
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
@@ -27,7 +28,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         help="predict a cable offline from a bag of poses, wrenches and forces",
         description="Feed the messages of a bag to the same code as the node, as fast as it can, "
         "and write what the node would have published. Deterministic: the same bag and scene give "
-        "the same bytes. Exit status 3 when only a part could be replayed; that part is kept.",
+        "the same bytes. Exit status 3 when only a part could be replayed, or more than 5 %% of a "
+        "topic's messages were refused; what there is is kept.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 folder (sqlite3 or MCAP)")
     parser.add_argument(
@@ -74,7 +76,10 @@ def run(options: argparse.Namespace) -> int:
         print_json(summary_values(summary))
     else:
         _print_summary(options.bag, summary)
-    return 0 if summary.ok else INCOMPLETE
+    if summary.ok:
+        return 0
+    print(f"dlo_sim: {summary.status}: {summary.message}", file=sys.stderr)
+    return INCOMPLETE
 
 
 def _print_summary(bag: Path, summary: "ReplaySummary") -> None:

@@ -34,6 +34,8 @@ _DIAGNOSTICS_PERIOD = 1 * SECOND
 # A longer gap in the recording is not simulated through: the session starts over after it.
 LONGEST_GAP = 600 * SECOND
 _PROGRESS_TICKS = 100
+# A larger part of a topic's messages refused is said, and the replay is not `done`.
+MOST_REFUSED = 0.05
 
 
 class ReplayError(Exception):
@@ -175,6 +177,7 @@ class _Replay:
         """Run to the end of the bag and fill the summary."""
         begin = time.perf_counter()
         self._run(self._bag.messages(wanted))
+        self._session.end_inputs()
         summary, journal = self.summary, self._session.journal
         summary.wall_s = time.perf_counter() - begin
         summary.real_time_factor = summary.simulated_s / summary.wall_s
@@ -191,7 +194,26 @@ class _Replay:
                 f"bag {self._bag.path} is damaged ({self._bag.damage}); {read}{of} messages could "
                 f"be read, {(last - first) * 1e-9:.3f} s"
             )
+        self._report_refusals()
         self._compare()
+
+    def _report_refusals(self) -> None:
+        """A prediction that lacks more than a few messages of a topic is not what was asked for."""
+        summary = self.summary
+        records = {r.topic: r for r in self._session.journal.topics.values() if r.refusals}
+        summary.refused_by_topic = {
+            resolved(topic): dict(sorted(record.refused.items()))
+            for topic, record in sorted(records.items())
+        }
+        lacking = [
+            f"{resolved(r.topic)}: {r.refusals} of {r.refusals + r.accepted} messages refused, "
+            f"last {r.last_refusal}"
+            for r in records.values()
+            if r.refusals > MOST_REFUSED * (r.refusals + r.accepted)
+        ]
+        if lacking:
+            summary.status = "refused" if summary.status == "done" else summary.status
+            summary.message = "; ".join([summary.message] * bool(summary.message) + lacking)
 
     def _run(self, messages: Iterator[BagMessage]) -> None:
         """Hand over what has arrived, tick, write; until the bag is exhausted and its last stamp

@@ -18,10 +18,12 @@ class ReplaySummary:
 
     Attributes:
         status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
-            the simulator gave up.
+            the simulator gave up; `refused`: more than 5 % of the messages of a topic could not be
+            used.
         message: one line that explains any status but `done`, else "".
         output: the bag written.
-        messages_used, messages_refused: input messages; refused_by_reason: the latter by reason.
+        messages_used, messages_refused: input messages; refused_by_reason: the latter by reason;
+            refused_by_topic: topic -> reason -> number.
         events: what else was counted (silences, resets, ...).
         messages_written: output messages.
         ticks: ticks of the session.
@@ -38,6 +40,7 @@ class ReplaySummary:
     messages_used: int = 0
     messages_refused: int = 0
     refused_by_reason: dict[str, int] = field(default_factory=dict)
+    refused_by_topic: dict[str, dict[str, int]] = field(default_factory=dict)
     events: dict[str, int] = field(default_factory=dict)
     messages_written: int = 0
     ticks: int = 0
@@ -50,7 +53,7 @@ class ReplaySummary:
 
     @property
     def ok(self) -> bool:
-        """Whether the whole bag was replayed."""
+        """Whether the whole bag was replayed, and used but for a few messages."""
         return self.status == "done"
 
 

@@ -137,7 +137,8 @@ class CableNode(Node):
             self._hand_over_early(now)
         report = self._session.tick(now)
         stepped = time.perf_counter_ns()
-        self._outputs.publish(self._session.messages(self._outputs.wanted(now)))
+        wanted = self._outputs.wanted(now, self._session.fresh)
+        self._outputs.publish(self._session.messages(wanted))
         end = time.perf_counter_ns()
         self._times.record(now, begin, stepped, end, report.advanced_steps, self._period_ns)
         if report.stop:

@@ -42,6 +42,7 @@ class Outputs:
     def __init__(self, node: Node, scene: Scene) -> None:
         self._node = node
         self._publishers: dict[str, Publisher] = {}
+        self._readers: dict[str, int] = {}
         self._marker_due_ns = 0
         self._add(CONTROL_POINTS, PoseArray)
         for topic in MARKERS:
@@ -58,6 +59,7 @@ class Outputs:
                 self._add(topic, WrenchStamped)
             if not scene.ends[end].held and topic in self._publishers:
                 self._node.destroy_publisher(self._publishers.pop(topic))
+                self._readers.pop(topic, None)
 
     @property
     def topics(self) -> list[str]:
@@ -65,16 +67,18 @@ class Outputs:
         publishers = [*self._publishers.values(), self._diagnostics]
         return [publisher.topic_name for publisher in publishers]
 
-    def wanted(self, now_ns: int) -> set[str]:
-        """The topics for which a message is worth its work now: those that someone reads, markers
-        at their own rate.
+    def wanted(self, now_ns: int, fresh: bool) -> set[str]:
+        """The topics for which a message is worth its work now: a fresh state for those who read, a
+        known one for those who have begun to; markers, which expire, at their own rate.
         """
         marker_due = self._marker_due(now_ns)
-        return {
-            topic
-            for topic, publisher in self._publishers.items()
-            if (topic not in MARKERS or marker_due) and publisher.get_subscription_count()
-        }
+        wanted = set()
+        for topic, publisher in self._publishers.items():
+            before = self._readers.get(topic, 0)
+            readers = self._readers[topic] = publisher.get_subscription_count()
+            if readers and (marker_due if topic in MARKERS else fresh or readers > before):
+                wanted.add(topic)
+        return wanted
 
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:
         """Publish messages of the session."""

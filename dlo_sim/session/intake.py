@@ -179,6 +179,11 @@ class Intake:
                 found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
         return found
 
+    def refuse_waiting(self) -> None:
+        """Nothing more will come that could tell about the messages that still wait."""
+        for topic in self._topics.values():
+            self._follow(topic, self.time_base.refute(topic.source))
+
     def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
         """Use or refuse messages as the time base decides."""
         found = []

@@ -24,6 +24,7 @@ from dlo_sim.session.drive import Drive, Prepared, SimulatorFactory
 from dlo_sim.session.intake import Accepted, InputTopic, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.status import SessionStatus, TickReport
+from dlo_sim.session.step_grid import OutputGrid
 from dlo_sim.session.time_base import SECOND, TimeBase, Verdict
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
@@ -79,6 +80,7 @@ class Session:
         self._waiting: tuple[str, ...] = ()
         self._lag_ns = 0
         self._marker_count: int | None = None
+        self._given_out: tuple[Any, int] | None = None
         self._markers_due = False
         self._limits()
 
@@ -124,15 +126,15 @@ class Session:
         self._use(self._intake.accept(topic, raw, arrival_ns), before)
 
     def tick(self, now_ns: int) -> TickReport:
-        """Advance the simulation to `now_ns` (clock) minus the latency, as far as inputs and limits
-        allow.
+        """Advance the simulation to `now_ns` (clock) minus the latency, down to a multiple of the
+        timer period, as far as inputs and limits allow.
         """
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
         self._use(self._intake.due(now_ns), before)
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         self._markers_due, self._marker_count = count != self._marker_count, count
-        wanted_ns = self._time.from_clock(now_ns) - self._latency_ns
+        wanted_ns = self._grid.aim(self._time.from_clock(now_ns) - self._latency_ns)
         if self._paused or self._failure:
             return self._report(0)
         if not self.started and not self._begin(wanted_ns):
@@ -146,16 +148,22 @@ class Session:
             self._ease(wanted_ns, lag_before)
         return self._report(steps)
 
+    @property
+    def fresh(self) -> bool:
+        """Whether `messages` has not seen the present state yet."""
+        return self.started and self._given_out != (self._drive.simulator, self._drive.now_ns)
+
     def messages(self, wanted: Collection[str] | None = None) -> list[OutgoingMessage]:
         """The present state as serialised messages; empty until the cable is placed.
 
         Args:
-            wanted: topics to build (whoever asks for a marker by name gets it now); None = all that
-                are due after this tick, that is everything, and the markers at outputs.marker_rate.
+            wanted: topics to build, whether the state is fresh or not; None = what is due after
+                this tick: everything if the state is fresh, the markers at outputs.marker_rate.
                 Diagnostics are made by `diagnostics`.
         """
-        if not self.started:
+        if not self.started or (wanted is None and not self.fresh):
             return []
+        self._given_out = self._drive.simulator, self._drive.now_ns
         markers = self._markers_due or wanted is not None
         found = self._outputs.messages(self._drive.simulator, self.stamp_ns, wanted, markers)
         if self._outputs.not_finite:
@@ -194,6 +202,10 @@ class Session:
         self._time.start_over()
         self._intake.clear()
         self._restart("reset", "reset was called")
+
+    def end_inputs(self) -> None:
+        """No message will come any more; those that still wait for their time are refused."""
+        self._intake.refuse_waiting()
 
     def pause(self, flag: bool) -> None:
         """Stop or go on. The time of a pause is not simulated; driven ends rejoin their poses
@@ -360,6 +372,7 @@ class Session:
         inputs, step = self.scene.inputs, self._drive.simulator.step
         timeouts = [end.pose_timeout for end in self.scene.ends.values() if end.driven]
         self._latency_ns = round(inputs.latency * SECOND)
+        self._grid = OutputGrid(self.scene.rate)
         self._most_steps = max(1, round(max(inputs.catch_up, 1.0 / self.scene.rate) / step))
         self._most_lag_ns = round((max([MOST_LAG, *timeouts]) + inputs.catch_up) * SECOND)
 

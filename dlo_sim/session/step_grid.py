@@ -1,4 +1,4 @@
-"""The grid of the simulator's steps in the time base."""
+"""The grids in the time base: of the simulator's steps, and of the states that are published."""
 
 from __future__ import annotations
 
@@ -43,3 +43,31 @@ def grid_multiple_at_or_after(base_ns: int, step: float) -> int:
     """
     step_ns = max(1, round(step * 1e9))
     return -(-base_ns // step_ns) * step_ns
+
+
+class OutputGrid:
+    """Times of the states that are published: integer multiples of the timer period.
+
+    So the states of a run have the same stamps whenever its timer happened to start.
+
+    Args:
+        rate: of the timer [Hz].
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._period_ns = round(1e9 / rate)
+        self._last: int | None = None
+
+    def aim(self, base_ns: int) -> int:
+        """The time [ns] to which a tick goes that may go up to `base_ns`.
+
+        That is the newest multiple, or the next one after the last tick's until half a period after
+        a newer one: ticks that jitter about a multiple take them one by one all the same.
+        """
+        period, index = self._period_ns, base_ns // self._period_ns
+        if self._last is not None:
+            following = self._last + 1
+            if following * period <= base_ns < following * period + 3 * period // 2:
+                index = following
+        self._last = index
+        return index * period

@@ -86,9 +86,8 @@ class Source:
     uses: int = 0
 
     def clear(self) -> None:
-        """Forget all messages."""
+        """Forget what was used; what waits is judged by what comes."""
         self.last_ns = None
-        self.early.clear()
         self.strays.clear()
 
 
@@ -145,7 +144,7 @@ class TimeBase:
         return self._sources[-1]
 
     def start_over(self) -> None:
-        """Forget all messages; the next stamped one decides the offset."""
+        """Forget all messages that were used; the next stamped one decides the offset."""
         self._decided = self.mode != "auto"
         self._fit_ns = self._spent_ns - PATIENCE
         self._late_ns: int | None = None
@@ -201,15 +200,19 @@ class TimeBase:
         except Refused as refused:
             yield Decision(content, stamp_ns, Verdict.REFUSE, refused)
             return
-        while source.early and source.early[-1].stamp_ns >= stamp_ns:
-            early = source.early.pop()
-            ahead = early.stamp_ns - self.from_clock(early.arrival_ns)
-            yield Decision(early.content, early.stamp_ns, Verdict.REFUSE, _in_future(ahead))
+        yield from self.refute(source, stamp_ns)
         if verdict is Verdict.WAIT:
             source.early.append(_Early(stamp_ns, arrival_ns, self._spent_ns, content))
         else:
             self._uses += 1
             yield Decision(content, stamp_ns, verdict)
+
+    def refute(self, source: Source, stamp_ns: int = 0) -> Iterator[Decision]:
+        """Refuse the messages of a topic that wait with this stamp or a later one."""
+        while source.early and source.early[-1].stamp_ns >= stamp_ns:
+            early = source.early.pop()
+            ahead = early.stamp_ns - self.from_clock(early.arrival_ns)
+            yield Decision(early.content, early.stamp_ns, Verdict.REFUSE, _in_future(ahead))
 
     def due(self, source: Source, clock_ns: int) -> Iterator[Decision]:
         """Decide about messages of a topic that have waited long enough; as `sort`."""
@@ -227,11 +230,10 @@ class TimeBase:
                 else:
                     newest = source.early[-1]
                     self._set_offset(newest.arrival_ns - newest.stamp_ns)
+                    self._note_fit()
                     verdict = Verdict.START_OVER
             source.early.popleft()
-            if refusal is None:
-                self._note_fit()
-                self._uses += 1
+            self._uses += refusal is None
             yield Decision(early.content, early.stamp_ns, verdict, refusal)
 
     def _by_arrival(self, source: Source, stamp_ns: int, content: Any) -> Decision:

@@ -71,12 +71,14 @@ def test_json_is_the_last_line_and_strict(replayer, capsys):
     assert values["real_time_factor"] is None
 
 
-@pytest.mark.parametrize("status", ["diverged", "truncated"])
+@pytest.mark.parametrize("status", ["diverged", "truncated", "refused"])
 def test_part_of_a_replay_is_reported_with_its_reason(replayer, capsys, status):
     replayer.result.status = status
     replayer.result.message = "only 3.2 s could be used"
     assert main(ARGUMENTS) == 3
-    assert "only 3.2 s could be used" in capsys.readouterr().out
+    out, err = capsys.readouterr()
+    assert "only 3.2 s could be used" in out
+    assert err == f"dlo_sim: {status}: only 3.2 s could be used\n"
 
 
 def test_refused_bag_is_one_line(replayer, capsys):

@@ -144,6 +144,60 @@ def test_refused_messages_are_counted_by_reason(make_bag, recorded, scene, tmp_p
     assert good["/diagnostics"] != other["/diagnostics"]
 
 
+@pytest.mark.parametrize(("share", "status"), [(20, "done"), (18, "refused")])
+def test_a_topic_that_lacks_more_than_a_few_messages(
+    make_bag, recorded, scene, tmp_path, share, status
+):
+    """One in 20 refused is still a replay, more is said with the reason."""
+    poses = [message for message in recorded if message[0] == "/gripper_pose"]
+    wrenches = [message for message in recorded if message[0] == "/wrench"][:100]
+    bad = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "camera")
+    for k in range(0, 100, share):
+        topic, t, _ = wrenches[k]
+        wrenches[k] = topic, t, bad.encode(t, (0, 0, 0, 0, 0, 0))
+    count = len(range(0, 100, share))
+    bag = make_bag(sorted(poses + wrenches, key=lambda m: m[1]))
+    summary = replay_bag(bag, scene, tmp_path / "out")
+    assert summary.status == status
+    assert summary.refused_by_topic == {"/wrench": {"unknown_frame": count}}
+    assert summary_values(summary)["refused_by_topic"] == summary.refused_by_topic
+    if status == "refused":
+        assert not summary.ok
+        text = "/wrench: 6 of 100 messages refused, last unknown_frame: frame_id 'camera'"
+        assert summary.message.startswith(text)
+    assert contents(tmp_path / "out")["/dlo_sim/control_points"]  # kept
+
+
+def test_what_still_waits_at_the_end_is_refused(make_bag, recorded, scene, tmp_path):
+    pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+    stamp = recorded[-1][1] + 5000 * SECOND
+    extra = ("/gripper_pose", recorded[-1][1], pose.encode(stamp, (0, 0, 0.5, 0, 0, 0, 1)))
+    summary = replay_bag(make_bag([*recorded, extra]), scene, tmp_path / "out")
+    assert summary.refused_by_reason == {"in_future": 1}
+    assert summary.messages_used + summary.messages_refused == len(recorded) + 1
+
+
+def test_a_recorder_that_was_held_up(make_bag, long_recording, scene, tmp_path):
+    """Everything of 3 to 4.2 s was recorded at 4.2 s: all is used, and a second later the cable,
+    which hardly swings here, is where it would have been.
+    """
+    scene = scene.with_values({"damping.mass": 20.0})
+    begin, end = T0 + 3 * SECOND, T0 + 4200 * MS
+    late = [(topic, end if begin < t < end else t, data) for topic, t, data in long_recording]
+    held_up = replay_bag(make_bag(late, name="late"), scene, tmp_path / "held_up")
+    assert held_up.status == "done"
+    assert (held_up.messages_used, held_up.messages_refused) == (len(long_recording), 0)
+    assert "time_jump" not in held_up.events
+    replay_bag(make_bag(long_recording), scene, tmp_path / "out")
+    one, two = (
+        {t: cdr.decode_pose_array(data).poses for t, data in found["/dlo_sim/control_points"]}
+        for found in (contents(tmp_path / "out"), contents(tmp_path / "held_up"))
+    )
+    after = [t for t in one if t > end + 1060 * MS]
+    assert len(after) > 300
+    assert max(np.abs(one[t] - two[t])[:, :3].max() for t in after) < 1e-3
+
+
 class TestRefused:
     """One line, nothing written."""
 

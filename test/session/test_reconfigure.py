@@ -5,6 +5,7 @@ import pytest
 from session_bench import MS, SECOND, T0, motion, play
 
 from dlo_sim.session import cdr
+from dlo_sim.session.outputs import CONTROL_POINTS
 
 
 class TestReconfigure:
@@ -73,5 +74,5 @@ class TestReconfigure:
     def test_before_the_first_pose(self, loaded):
         loaded.session.reconfigure(loaded.scene.with_values({"discretization.control_points": 9}))
         play(loaded, 0.5)
-        (points, *_) = loaded.session.messages()
+        (points,) = loaded.session.messages([CONTROL_POINTS])
         assert len(cdr.decode_pose_array(points.data).poses) == 9

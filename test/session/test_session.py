@@ -8,6 +8,7 @@ from rosbags.typesys import Stores, get_typestore
 from session_bench import FREE, GRIPPER, LOADED, MS, SECOND, T0, motion, play
 
 from dlo_sim.session import cdr
+from dlo_sim.session.outputs import output_topics
 from dlo_sim.session.session import Session, SessionStatus
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -35,6 +36,39 @@ class TestDeterminism:
         shared = first.keys() & other.keys()
         assert len(shared) > 150
         assert all(first[key] == other[key] for key in shared)
+
+
+class TestGrid:
+    """Which states are published does not depend on when the timer happened to start."""
+
+    @staticmethod
+    def stamps(bench, phase, jitter=0, seed=0, **changes):
+        """Stamps of a session whose timer started `phase` ns later, its ticks jittering."""
+        rng = np.random.default_rng(seed)
+        free = bench(FREE, **changes)
+        period = round(SECOND / free.scene.rate)
+        found = []
+        for due in range(T0 + phase, T0 + phase + 4 * SECOND, period):
+            free.session.tick(due + int(rng.uniform(-jitter, jitter)))
+            found += [m.stamp_ns for m in free.session.messages() if "points" in m.topic]
+        return found
+
+    @pytest.mark.parametrize("step", [1e-3, 5e-4, 1 / 3000])
+    @pytest.mark.parametrize("rate", [200.0, 30.0, 333.0])
+    def test_any_phase_gives_the_same_stamps(self, bench, rate, step):
+        changes = {"rate": rate, "integrator.step": step}
+        first = self.stamps(bench, 0, **changes)
+        assert len(first) > 3.9 * rate
+        for phase in (1, 123_456, 1_999_999, 2_500_000):
+            other = self.stamps(bench, phase, **changes)
+            assert set(first[2:-2]) <= set(other)
+
+    @pytest.mark.parametrize("phase", [0, 1_000_000, 2_500_000, 4_950_000])
+    def test_jitter_loses_no_stamp(self, bench, phase):
+        first = self.stamps(bench, 0)
+        other = self.stamps(bench, phase, jitter=400_000, seed=phase)
+        assert set(first[2:-2]) <= set(other)
+        assert set(np.diff(other[2:])) == {5 * MS}
 
 
 class TestWaiting:
@@ -168,8 +202,9 @@ class TestPause:
         assert now == T0 + 4980 * MS - 60 * MS
         assert loaded.simulator.control_points[0, :3] == pytest.approx(motion(now), abs=1e-4)
 
-    def test_the_end_does_not_jump_on_the_way_back(self, loaded):
+    def test_the_end_does_not_jump_on_the_way_back(self, bench):
         """Paused in the middle of a fast motion, resumed when the gripper is elsewhere."""
+        loaded = bench(LOADED, rate=250.0)
 
         def fast(now):
             return 0.2 * math.sin((now - T0) * 9e-9), 0.0, 0.0
@@ -287,7 +322,7 @@ class TestFailure:
     def test_numbers_that_are_not_finite_are_not_published(self, loaded):
         play(loaded, 1.0)
         loaded.simulator.tip[1] = math.nan
-        topics = {m.topic for m in loaded.session.messages()}
+        topics = {m.topic for m in loaded.session.messages(output_topics(loaded.scene))}
         assert topics == {"~/start/reaction"}
         assert loaded.events == {"not_published": 1}
 
@@ -304,14 +339,40 @@ class TestMessages:
         play(loaded, 1.0)
         counts = {}
         for now in range(T0 + SECOND, T0 + 2 * SECOND, 5 * MS):
+            if now % (20 * MS) == 0:
+                loaded.pose(now, motion(now))
             loaded.session.tick(now)
             for message in loaded.session.messages():
                 counts[message.topic] = counts.get(message.topic, 0) + 1
         assert counts["~/control_points"] == counts["~/start/reaction"] == 200
         assert counts["~/centerline"] == counts["~/control_polygon"] == 30
 
+    def test_a_tick_without_a_step_has_nothing_new(self, loaded):
+        play(loaded, 1.0)
+        loaded.session.pause(True)
+        now = T0 + SECOND
+        for k in range(200):
+            loaded.session.tick(now + k * 5 * MS)
+            assert loaded.session.messages() == []
+            assert len(loaded.session.messages(["~/control_points"])) == 1  # for who comes now
+        loaded.session.step_once()
+        assert len(loaded.session.messages()) == 4
+        assert not loaded.session.fresh
+
+    def test_no_stamp_comes_twice(self, loaded):
+        """Poses are missing now and then, and ticks come twice in a timer period."""
+        stamps = []
+        for now in range(T0, T0 + 4 * SECOND, 2 * MS):
+            if now % (20 * MS) == 0 and now // SECOND % 2 == 0:
+                loaded.pose(now, motion(now))
+            loaded.session.tick(now)
+            stamps += [m.stamp_ns for m in loaded.session.messages() if "points" in m.topic]
+        assert len(stamps) > 350
+        assert len(set(stamps)) == len(stamps)
+
     def test_contents(self, loaded):
         play(loaded, 1.0)
+        loaded.session.pause(True)
         loaded.session.step_once()
         by_topic = {m.topic: m for m in loaded.session.messages(None)}
         by_topic |= {m.topic: m for m in loaded.session.messages(["~/centerline"])}
@@ -331,7 +392,9 @@ class TestMessages:
 
     def test_no_reaction_of_a_free_end(self, loaded):
         play(loaded, 1.0)
-        assert "~/end/reaction" not in {m.topic for m in loaded.session.messages()}
+        found = loaded.session.messages(output_topics(loaded.scene))
+        assert "~/start/reaction" in {m.topic for m in found}
+        assert "~/end/reaction" not in {m.topic for m in found}
 
 
 def test_diagnostics_name_every_refusal_with_its_reason(loaded):
