@@ -1,0 +1,57 @@
+"""The node is stopped for a while, with a gripper at 50 Hz, and goes on."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections.abc import Callable
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+
+from geometry_msgs.msg import PoseArray, PoseStamped
+from node_harness import HELD, NodeProcess, Peer
+
+
+def place(seconds: float) -> tuple[float, float]:
+    """Where the gripper is at this time [m]."""
+    return 0.05 * math.sin(2.0 * seconds), 0.05 * math.sin(3.0 * seconds)
+
+
+@pytest.mark.parametrize("length", [1.5, 5.0])
+def test_all_that_waited_is_used(
+    length: float, peer: Peer, started: Callable[..., NodeProcess]
+) -> None:
+    node = started(HELD)
+    publisher = peer.publisher(PoseStamped, "/gripper_pose")
+
+    def publish() -> None:
+        now = peer.node.get_clock().now()
+        pose = PoseStamped()
+        pose.header.frame_id = "world"
+        pose.header.stamp = now.to_msg()
+        pose.pose.position.x, pose.pose.position.y = place(now.nanoseconds * 1e-9)
+        publisher.publish(pose)
+
+    timer = peer.node.create_timer(0.02, publish)
+    received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    peer.until(lambda: len(received) > 50, "control points")
+    node.process.send_signal(signal.SIGSTOP)
+    begin = time.monotonic()
+    peer.until(lambda: time.monotonic() > begin + length, "the end of the hold-up")
+    node.process.send_signal(signal.SIGCONT)
+    over = peer.node.get_clock().now().nanoseconds * 1e-9
+
+    def stamp(message: PoseArray) -> float:
+        return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+    peer.until(lambda: stamp(received[-1]) > over + 1.0, "control points after the hold-up")
+    values = peer.status("dlo_sim: session", lambda values, status: True, "the session")
+    timer.cancel()
+    assert values["messages refused"] == "0"
+    assert "event time_jump" not in values
+    after = next(message for message in received if stamp(message) > over + 1.0)
+    first = after.poses[0].position
+    assert (first.x, first.y) == pytest.approx(place(stamp(after)), abs=1e-3)
