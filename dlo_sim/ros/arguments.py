@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.checking import SceneError, brief
+from dlo_sim.scene.plain_yaml import parse_yaml, read_text
 
 _PARAMS_FILE = "--params-file"
 _PARAMETER = ("-p", "--param")
@@ -54,20 +54,15 @@ def arguments_for_rcl(arguments: Sequence[str]) -> Iterator[list[str]]:
 
 def _readable_file(source: str, rewritten: Path) -> str:
     """The params file, or a copy of it in which rcl can read every list."""
-    yaml = YAML(typ="rt")
     try:
-        document = yaml.load(Path(source).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SceneError(
-            f"{source}: cannot be read ({error.strerror}); check the path after {_PARAMS_FILE}"
-        ) from None
-    except (YAMLError, UnicodeDecodeError) as error:
-        raise SceneError(f"{source}: is not YAML{_where(error)}; correct the file") from None
+        document = parse_yaml(read_text(Path(source)), "rt")
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from None
     _refuse_doubles(document, source)
     if not _write_out_decimals(document):
         return source
     with rewritten.open("w", encoding="utf-8") as stream:
-        yaml.dump(document, stream)
+        YAML(typ="rt").dump(document, stream)
     return str(rewritten)
 
 
@@ -103,9 +98,9 @@ def _readable_rule(rule: str) -> str:
     """`name:=value` with a mixed list written out; anything else is left for rcl to judge."""
     name, separator, text = rule.partition(":=")
     try:
-        value = YAML(typ="safe", pure=True).load(text)
-    except YAMLError:
-        return rule
+        value = parse_yaml(text)
+    except SceneError as error:
+        raise SceneError(f"{brief(rule)} {error}") from None
     if separator and _write_out_decimals(value):
         return f"{name}:={value}"
     return rule
@@ -130,9 +125,3 @@ def _write_out_decimals(node: Any) -> bool:
         return True
     changed = [_write_out_decimals(item) for item in node]
     return any(changed)
-
-
-def _where(error: Exception) -> str:
-    if isinstance(error, MarkedYAMLError) and error.problem_mark is not None:
-        return f" ({error.problem}, line {error.problem_mark.line + 1})"
-    return ""

@@ -26,7 +26,10 @@ class SceneError(ValueError):
     """A scene, or a value for one, that is refused: one line with key, value and cure."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+        words = message.split()
+        line = " ".join(w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in words)
+        # Keys come from files: no escape sequence or half a letter gets to a terminal.
+        super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line))
 
 
 def brief(value: object) -> str:

@@ -68,7 +68,6 @@ _GROUPS: dict[str, type] = {
     "outputs": Outputs,
     "accuracy": Accuracy,
 }
-_LARGEST_FILE = 1_000_000  # bytes; a scene is a page, so a larger file is something else
 _DEEPEST = 12
 # Parameters that every ROS node has; a scene file may set them, the scene does not need them.
 _ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
@@ -137,11 +136,13 @@ def parse_assignment(text: str) -> tuple[str, object]:
     Raises:
         SceneError: without `=`, or if the value is not YAML.
     """
+    from dlo_sim.scene.plain_yaml import parse_yaml
+
     key, separator, value = text.partition("=")
     if not separator or not key.strip():
         raise SceneError(f"{brief(text)} is not an assignment; give key=value, cable.length=2.0")
     try:
-        return key.strip(), _parse_yaml(value)
+        return key.strip(), parse_yaml(value)
     except SceneError as error:
         raise SceneError(f"{key.strip()}: {brief(value)} {error}") from None
 
@@ -199,46 +200,12 @@ def _config_folder() -> Path | None:
 
 
 def _read_yaml(source: Path) -> object:
-    try:
-        if source.is_dir():
-            raise SceneError("is a folder; give a scene file")
-        size = source.stat().st_size
-        if size > _LARGEST_FILE:
-            raise SceneError(f"holds {size} bytes, too many for a scene; give a scene file")
-        text = source.read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        raise SceneError("does not exist; give a scene file or a shipped scene's name") from None
-    except OSError as error:
-        raise SceneError(f"cannot be read ({error.strerror}); check the file") from None
-    except UnicodeDecodeError:
-        raise SceneError("is not a text file; give a scene file in YAML") from None
+    from dlo_sim.scene.plain_yaml import parse_yaml, read_text
+
+    text = read_text(source)
     if not text.strip():
-        raise SceneError("is empty; start from a shipped scene such as paper_wire") from None
-    return _parse_yaml(text)
-
-
-def _parse_yaml(text: str) -> object:
-    """YAML 1.2, plain values only.
-
-    Raises:
-        SceneError: what is wrong, and where.
-    """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.constructor import DuplicateKeyError
-    from ruamel.yaml.error import MarkedYAMLError, YAMLError
-
-    try:
-        return YAML(typ="safe", pure=True).load(text)
-    except DuplicateKeyError as error:
-        where = f"line {error.problem_mark.line + 1}" if error.problem_mark else "the file"
-        found = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
-        key = f" {found.group(1)}" if found else ""
-        raise SceneError(f"{where}: key{key} is there twice; keep one of them") from None
-    except MarkedYAMLError as error:
-        where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise SceneError(f"is not valid YAML{where}: {error.problem}; correct the line") from None
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise SceneError(f"is not valid YAML: {error}; correct it") from None
+        raise SceneError("is empty; start from a shipped scene such as paper_wire")
+    return parse_yaml(text)
 
 
 # ------------------------------------------------------------------------- ROS parameter layout

@@ -1,0 +1,104 @@
+"""YAML as parameter files hold it: one document of plain values, read within bounds.
+
+A file may come from anywhere. So it must be a regular file of a limited size, may nest only so deep
+and hold only so many values, and may not hold aliases, which ROS refuses as well: a page of them
+stands for more values than fit into memory.
+"""
+
+import os
+import re
+import stat
+from pathlib import Path
+from typing import Any, Literal
+
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, ComposerError
+from ruamel.yaml.constructor import DuplicateKeyError
+from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.events import AliasEvent
+
+from dlo_sim.scene.checking import SceneError
+
+_LARGEST_FILE = 1_000_000  # bytes; a scene is a page, so a larger file is something else
+_MOST_VALUES = 20_000  # keys count too; about 1 s to read
+_DEEPEST = 32
+
+
+def read_text(source: Path) -> str:
+    """The text of a file.
+
+    Raises:
+        SceneError: missing, not a regular file (a pipe would be waited for), too large, not UTF-8.
+    """
+    try:
+        mode = source.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise SceneError("is a folder; give a scene file")
+        if not stat.S_ISREG(mode):
+            raise SceneError("is not a regular file; give a scene file")
+        # Should it have become a pipe meanwhile, nobody waits for it.
+        with open(os.open(source, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            data = file.read(_LARGEST_FILE + 1)
+        if len(data) > _LARGEST_FILE:
+            raise SceneError(
+                f"holds more than {_LARGEST_FILE} bytes, too many for a scene; give a scene file"
+            )
+        return data.decode("utf-8")
+    except FileNotFoundError:
+        raise SceneError("does not exist; give a scene file or a shipped scene's name") from None
+    except UnicodeDecodeError:
+        raise SceneError("is not a text file; give a scene file in YAML") from None
+    except OSError as error:
+        raise SceneError(f"cannot be read ({error.strerror}); check the path") from None
+
+
+def parse_yaml(text: str, kind: Literal["safe", "rt"] = "safe") -> Any:
+    """The document in a text, as YAML 1.2.
+
+    Args:
+        text: YAML.
+        kind: `safe`: as Python's own types; `rt`: with comments and formats, to be dumped again.
+
+    Raises:
+        SceneError: what is wrong, and where.
+    """
+    yaml = YAML(typ=kind, pure=True)
+    yaml.Composer = _BoundedComposer
+    try:
+        return yaml.load(text)
+    except DuplicateKeyError as error:
+        where = f"line {error.problem_mark.line + 1}" if error.problem_mark else "the file"
+        found = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
+        key = f" {found.group(1)}" if found else ""
+        raise SceneError(f"{where}: key{key} is there twice; keep one of them") from None
+    except MarkedYAMLError as error:
+        where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise SceneError(f"is not valid YAML{where}: {error.problem}; correct the line") from None
+    except Exception as error:  # the library raises whatever a hostile text provokes
+        raise SceneError(f"is not valid YAML: {error}; correct it") from None
+
+
+class _BoundedComposer(Composer):
+    """Refuses aliases, deep nesting and too many values while the document is being built."""
+
+    def __init__(self, loader: Any = None) -> None:
+        super().__init__(loader)
+        self.warn_double_anchors = False  # anchors mean nothing without aliases
+        self._level = self._values = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        event = self.parser.peek_event()
+        problem = ""
+        if isinstance(event, AliasEvent):
+            problem = f"alias '*{event.anchor}' is not supported, write the value out"
+        elif self._level == _DEEPEST:
+            problem = f"nests deeper than {_DEEPEST} levels"
+        elif self._values == _MOST_VALUES:
+            problem = f"holds more than {_MOST_VALUES} keys and values"
+        if problem:
+            raise ComposerError(None, None, problem, event.start_mark)
+        self._level += 1
+        self._values += 1
+        node = super().compose_node(parent, index)
+        self._level -= 1
+        return node
