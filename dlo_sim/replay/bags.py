@@ -1,51 +1,60 @@
-"""Bags on disk: the only place that knows the bag library. Raw CDR in, raw CDR out.
+"""Bags on disk: the only place that knows the bag library, which writes. Raw CDR in and out.
 
 Reads rosbag2 directories and single `.mcap` or `.db3` files. A bag that was cut off (a full disk, a
-killed recorder) is read as far as it goes; `Bag.damage` says what is missing. Written bags hold
-neither the wall time nor the path they were written to, so the same messages give the same bytes
-wherever they go.
+killed recorder) or damaged is read as far as it goes; `Bag.damage` says what is wrong. Written bags
+hold neither the wall time nor the path they were written to, so the same messages give the same
+bytes wherever they go.
 """
 
 from __future__ import annotations
 
+import heapq
 import os
 import shutil
+import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from rosbags.typesys import Stores, get_typestore
 
-from dlo_sim.replay import salvage
+from dlo_sim.replay import storage
+from dlo_sim.replay.metadata import read_metadata
+from dlo_sim.replay.storage import Damage, Record
+from dlo_sim.scene.checking import one_line
 
 Storage = Literal["mcap", "sqlite3"]
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
-_SUFFIXES = {".mcap": "mcap", ".db3": "sqlite3"}
+_SUFFIXES = (".mcap", ".db3")
 # The data file's name is part of the bytes (it is in the metadata), so it must not depend on the
 # output path.
 _FILE_NAME = "dlo_sim_0"
+# Later times of recording than this, in 2038, are none: seconds have 32 bits in ROS.
+_END_OF_TIME = (2**31 - 86_400) * 1_000_000_000
+_LONGEST_LINE = 300
+_MOST_TOPICS = 20  # in a message
+_PER_COMMIT = 200  # messages
+_DISK_ERRORS = (OSError, sqlite3.Error)
 
 
 class BagError(Exception):
     """A bag that cannot be read or written; one line says which and why."""
 
 
-class BagMessage(NamedTuple):
-    """Topic, type, time of recording [ns], serialised message."""
-
-    topic: str
-    type: str
-    time_ns: int
-    data: bytes
-
-
 class Bag:
-    """A bag opened for reading; use as a context manager.
+    """A bag for reading.
+
+    Opening reads the whole bag once, without the contents of its messages: what is damaged is known
+    before anything is computed from it.
 
     Args:
         path: a rosbag2 directory, or one `.mcap` or `.db3` file.
@@ -54,7 +63,9 @@ class Bag:
         storage: `mcap` or `sqlite3`.
         topics: topic -> ROS types found on it (more than one is possible).
         damage: what is wrong with the bag, one line; "" = nothing so far (reading may find more).
+        count: number of messages that can be read, all topics.
         promised: number of messages that the metadata promises, None if unknown.
+        span_ns: first and last time of recording [ns]; zeros if there is no message.
 
     Raises:
         BagError: there is no bag, or nothing of it can be read.
@@ -64,87 +75,88 @@ class Bag:
         self.path = Path(path)
         self.damage = ""
         self.promised: int | None = None
-        self._reader: Reader | None = None
-        self._salvaged: list[salvage.Record] = []
+        self._packed_messages = False
         if not self.path.exists():
             raise BagError(f"bag {self.path} does not exist")
         self._files = _data_files(self.path)
-        self.storage: Storage = _storage(self._files[0])
-        try:
-            self._open(self.path)
-        except Exception as error:  # the library raises whatever a broken file provokes
-            self._rescue(f"{type(error).__name__}: {_one_line(error)}")
+        self.storage: Storage = "mcap" if self._files[0].suffix == ".mcap" else "sqlite3"
+        if self.path.is_dir():
+            self._read_metadata()
+        self._survey()
+        if self.damage and not self.count:
+            raise BagError(f"bag {self.path} cannot be read: {self.damage}")
 
-    def _open(self, path: Path) -> None:
-        reader = Reader(path)
-        reader.open()
-        self._reader = reader
-        self.promised = reader.message_count
+    def _read_metadata(self) -> None:
+        try:
+            metadata = read_metadata(self.path)
+        except Damage as error:
+            self._note(str(error))
+        else:
+            self.promised = metadata.message_count
+            self._packed_messages = metadata.packed_messages
+            missing = set(metadata.files) - {file.name for file in self._files}
+            if missing:
+                self._note(f"{sorted(missing)[0]} is missing")
+            listed = [file for file in self._files if file.name in metadata.files]
+            self._files = listed or self._files
+
+    def _survey(self) -> None:
+        """Fill in what the messages say, without keeping them."""
         self.topics: dict[str, tuple[str, ...]] = {}
-        for connection in reader.connections:
-            types = self.topics.get(connection.topic, ())
-            if connection.msgtype not in types:
-                self.topics[connection.topic] = (*types, connection.msgtype)
+        self.count = self._late = 0
+        first = latest = 0
+        for record in self._records(None):
+            first = min(first, record.time_ns) if self.count else record.time_ns
+            latest = max(latest, record.time_ns)
+            self._late = max(self._late, latest - record.time_ns)
+            self.count += 1
+            types = self.topics.get(record.topic, ())
+            if record.type not in types:
+                self.topics[record.topic] = (*types, record.type)
+        self.span_ns = (first, latest)
+        if self.promised is not None and self.promised != self.count:
+            self._note("metadata.yaml counts otherwise")
 
-    def _rescue(self, reason: str) -> None:
-        """Read what there is without the library's indexes."""
-        self._salvaged = []
-        for file in self._files:
-            self._salvaged += salvage.records(file)
-        if not self._salvaged:
-            raise BagError(f"bag {self.path} cannot be read: {reason}") from None
-        self._salvaged.sort(key=lambda record: record.time_ns)
-        self.promised = _promised(self.path)
-        self.damage = reason
-        self.topics = {}
-        for record in self._salvaged:
-            if record.type not in self.topics.get(record.topic, ()):
-                self.topics[record.topic] = (*self.topics.get(record.topic, ()), record.type)
+    def messages(self, wanted: Mapping[str, str]) -> Iterator[Record]:
+        """Messages of these topics (topic -> type) in the order of recording, those of one time in
+        the order of writing.
 
-    def messages(self, wanted: Mapping[str, str]) -> Iterator[BagMessage]:
-        """Messages of these topics (topic -> type) in the order of recording; sets `damage` if the
-        bag breaks off.
+        They are kept back only as long as one behind them may be older.
         """
-        if self._reader is None:
-            for record in self._salvaged:
-                if wanted.get(record.topic) == record.type:
-                    yield BagMessage(*record)
-            return
-        connections = [c for c in self._reader.connections if wanted.get(c.topic) == c.msgtype]
-        if not connections:
-            return
-        last = None
+        waiting: list[tuple[int, int, Record]] = []
+        for number, record in enumerate(self._records(wanted.items())):
+            heapq.heappush(waiting, (record.time_ns, number, record))
+            while waiting and waiting[0][0] <= record.time_ns - self._late:
+                yield heapq.heappop(waiting)[2]
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+    def _records(self, wanted: Collection[tuple[str, str]] | None) -> Iterator[Record]:
+        named: set[object] = set()
+        for file in self._files:
+            for record in storage.records(file, wanted, self._note):
+                topic, kind, time_ns, _ = record
+                if (topic, kind) not in named and not (_is_name(topic) and _is_name(kind)):
+                    self._note(f"a topic of {file.name} is called {topic!r}, of type {kind!r}")
+                    continue
+                named.add((topic, kind))
+                if not (isinstance(time_ns, int) and 0 <= time_ns < _END_OF_TIME):
+                    self._note(f"a message of {file.name} is recorded at {time_ns!r} ns")
+                elif not self._packed_messages or wanted is None:
+                    yield record
+                elif data := self._unpacked(record):
+                    yield record._replace(data=data)
+
+    def _unpacked(self, record: Record) -> bytes:
         try:
-            for connection, time_ns, data in self._reader.messages(connections):
-                last = time_ns
-                yield BagMessage(connection.topic, connection.msgtype, time_ns, data)
-        except GeneratorExit:
-            raise
-        except Exception as error:  # as above
-            self._close()
-            self._rescue(f"{type(error).__name__}: {_one_line(error)}")
-            for record in self._salvaged:
-                if wanted.get(record.topic) == record.type and (
-                    last is None or record.time_ns > last
-                ):
-                    yield BagMessage(*record)
+            return storage.unpacked("zstd", BytesIO(record.data)).read(storage.LONGEST)
+        except Exception as error:  # the decompressor's own errors
+            self._note(f"a message on {record.topic} cannot be unpacked: {error}")
+            return b""
 
-    @property
-    def salvaged(self) -> int:
-        """Number of messages that were read from a damaged bag, all topics; 0 if it is whole."""
-        return len(self._salvaged)
-
-    @property
-    def span_ns(self) -> tuple[int, int]:
-        """First and last time of recording [ns]."""
-        if self._reader is not None:
-            return self._reader.start_time, self._reader.end_time
-        return self._salvaged[0].time_ns, self._salvaged[-1].time_ns
-
-    def _close(self) -> None:
-        reader, self._reader = self._reader, None
-        if reader is not None:
-            reader.close()
+    def _note(self, problem: str) -> None:
+        """Keep the first thing that is wrong."""
+        self.damage = self.damage or one_line(problem)[:_LONGEST_LINE]
 
     def __enter__(self) -> Bag:
         return self
@@ -155,16 +167,41 @@ class Bag:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._close()
+        """Nothing is kept open."""
+
+
+class _CommittingWriter(Sqlite3Writer):
+    """Commits now and then: a transaction that ends on a full disk is lost as a whole."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self.conn.execute("PRAGMA synchronous=OFF")  # the bag is nothing before it is whole
+        self._count = 0
+
+    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
+        super().write(connection, timestamp, data)
+        self._count += 1
+        if self._count % _PER_COMMIT == 0:
+            self.conn.commit()
+
+
+class _Writer(Writer):
+    STORAGE_PLUGINS = {
+        StoragePlugin.MCAP: McapWriter,
+        StoragePlugin.SQLITE3: _CommittingWriter,
+    }
 
 
 class BagWriter:
-    """Writes a bag under a temporary name beside its place; it appears there, whole, on `finish`.
+    """Writes a bag under a temporary name beside its place; it appears there on `finish`.
 
     Args:
         path: directory that will be the bag; must not exist, its parent must.
         topics: topic -> ROS type, in the order of their numbers in the bag.
         storage: `mcap` or `sqlite3`.
+
+    Attributes:
+        failure: why the bag is not whole (the disk is full), one line; "" = nothing is wrong.
 
     Raises:
         BagError: the place is taken or cannot be written.
@@ -174,16 +211,16 @@ class BagWriter:
         self, path: str | os.PathLike[str], topics: Mapping[str, str], storage: Storage
     ) -> None:
         self.path = Path(path)
+        self.failure = ""
         if self.path.exists() or self.path.is_symlink():
             raise BagError(f"output {self.path} exists; remove it or choose another name")
         try:
             parent = self.path.resolve().parent
             self._folder = Path(tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=parent))
         except OSError as error:
-            reason = error.strerror or str(error)
-            raise BagError(f"output {self.path} cannot be written: {reason}") from None
+            raise self._cannot_write(error) from None
         try:
-            self._writer = Writer(
+            self._writer = _Writer(
                 self._folder / _FILE_NAME, version=9, storage_plugin=_PLUGINS[storage]
             )
             self._writer.open()
@@ -192,73 +229,88 @@ class BagWriter:
                 topic: self._writer.add_connection(topic, kind, typestore=typestore)
                 for topic, kind in topics.items()
             }
+        except _DISK_ERRORS as error:
+            self._remove()
+            raise self._cannot_write(error) from None
         except BaseException:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._remove()
             raise
 
     def write(self, topic: str, time_ns: int, data: bytes) -> None:
         """Append one serialised message.
 
         Raises:
-            BagError: the disk refuses.
+            BagError: the disk refuses; `finish` keeps what was written before.
         """
         try:
             self._writer.write(self._connections[topic], time_ns, data)
-        except OSError as error:
-            raise BagError(f"output {self.path} cannot be written: {error.strerror}") from None
+        except _DISK_ERRORS as error:
+            self._fail(error)
+            raise BagError(self.failure) from None
 
     def finish(self) -> None:
-        """Complete the bag and put it in its place.
+        """Complete the bag and put it in its place, also what there is of it after a `failure`.
 
         Raises:
-            BagError: the disk refuses, or the place was taken meanwhile.
+            BagError: the place was taken meanwhile.
         """
         try:
-            self._writer.close()
+            if not self.failure:
+                self._writer.close()
+        except _DISK_ERRORS as error:
+            self._fail(error)
+        try:
             (self._folder / _FILE_NAME).rename(self.path)
         except OSError as error:
-            raise BagError(f"output {self.path} cannot be written: {error.strerror}") from None
+            raise self._cannot_write(error) from None
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._remove()
 
     def discard(self) -> None:
         """Leave nothing behind."""
-        self._writer.abort()
+        self._abort()
+        self._remove()
+
+    def _fail(self, error: Exception) -> None:
+        self.failure = (
+            f"output {self.path} is not whole ({_reason(error)}): make room; what was written is "
+            "kept, without an index ('ros2 bag reindex')"
+        )
+        self._abort()
+
+    def _abort(self) -> None:
+        with suppress(*_DISK_ERRORS):  # what waits to be written goes nowhere
+            self._writer.abort()
+
+    def _remove(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _cannot_write(self, error: Exception) -> BagError:
+        return BagError(f"output {self.path} cannot be written: {_reason(error)}")
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and value.isprintable()
 
 
 def _data_files(path: Path) -> list[Path]:
-    """The files of a bag that hold messages, in order."""
-    if path.is_file():
-        if path.suffix not in _SUFFIXES:
-            raise BagError(f"{path} is no bag: needs a rosbag2 directory, a .mcap or a .db3 file")
+    """The files of a bag that hold messages, in the order of their numbers."""
+    if path.is_file() and path.suffix in _SUFFIXES:
         return [path]
-    files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES)
+    if not path.is_dir():
+        raise BagError(f"{path} is no bag: needs a rosbag2 directory, a .mcap or a .db3 file")
+    files = [file for file in path.iterdir() if file.suffix in _SUFFIXES and file.is_file()]
     if not files:
         raise BagError(f"{path} is no bag: no .mcap or .db3 file in it")
-    return files
-
-
-def _storage(file: Path) -> Storage:
-    return "mcap" if file.suffix == ".mcap" else "sqlite3"
-
-
-def _promised(path: Path) -> int | None:
-    """Number of messages according to metadata.yaml, None if it does not say."""
-    try:
-        lines = (path / "metadata.yaml").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return None
-    for line in lines:  # the total is the one that is indented least
-        if line.startswith("  message_count:"):
-            return int(line.split(":")[1])
-    return None
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or "no reason given"
+    return sorted(files, key=lambda file: (len(file.name), file.name))
 
 
 def topic_list(topics: Mapping[str, Collection[str]]) -> str:
     """Topics and types for people: `/a (pkg/msg/A), /b (pkg/msg/B)`."""
-    return ", ".join(f"{topic} ({', '.join(types)})" for topic, types in sorted(topics.items()))
+    texts = [f"{topic} ({', '.join(types)})" for topic, types in sorted(topics.items())]
+    more = [f"{len(texts) - _MOST_TOPICS} more"] if len(texts) > _MOST_TOPICS else []
+    return ", ".join(texts[:_MOST_TOPICS] + more)

@@ -11,11 +11,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
-from dlo_sim.replay.bags import Bag, BagError, BagMessage, BagWriter, topic_list
+from dlo_sim.replay.bags import Bag, BagError, BagWriter, topic_list
 from dlo_sim.replay.comparison import compare_reaction
+from dlo_sim.replay.storage import Record
 from dlo_sim.replay.summary import Recording, ReplaySummary, summary_values
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
@@ -82,6 +85,9 @@ def replay_bag(
                     raise ReplayError(run.why_nothing())
                 if writer is not None:
                     writer.finish()
+                    if writer.failure:
+                        summary.status, summary.message = "unwritten", writer.failure
+                        summary.messages_written = _readable(writer.path)
             except BaseException:
                 if writer is not None:
                     writer.discard()
@@ -99,13 +105,21 @@ def resolved(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
+def _readable(bag: Path) -> int:
+    """Number of messages in a bag that is not whole."""
+    try:
+        return Bag(bag).count
+    except BagError:
+        return 0
+
+
 def _output_topics(scene: Scene) -> dict[str, str]:
     return {resolved(topic): kind for topic, kind in output_topics(scene).items()}
 
 
 def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[str, str]:
     """Topic -> type of everything to be read; refuses a bag that cannot drive the scene."""
-    if not bag.topics or bag.promised == 0:
+    if not bag.count:
         raise ReplayError(f"bag {bag.path} is empty: there is no message in it")
     present = topic_list(bag.topics)
     inputs: dict[str, str] = {}
@@ -176,8 +190,9 @@ class _Replay:
     def execute(self, wanted: Mapping[str, str]) -> None:
         """Run to the end of the bag and fill the summary."""
         begin = time.perf_counter()
-        self._run(self._bag.messages(wanted))
-        self._session.end_inputs()
+        with suppress(BagError):  # the disk is full; the writer says so when it is finished
+            self._run(self._bag.messages(wanted))
+            self._session.end_inputs()
         summary, journal = self.summary, self._session.journal
         summary.wall_s = time.perf_counter() - begin
         summary.real_time_factor = summary.simulated_s / summary.wall_s
@@ -186,7 +201,7 @@ class _Replay:
         summary.messages_refused = sum(summary.refused_by_reason.values())
         summary.events = dict(sorted(journal.events.items()))
         if self._bag.damage and summary.status == "done":
-            read, promised = self._bag.salvaged, self._bag.promised
+            read, promised = self._bag.count, self._bag.promised
             of = f" of {promised}" if promised is not None else ""
             first, last = self._bag.span_ns
             summary.status = "truncated"
@@ -215,7 +230,7 @@ class _Replay:
             summary.status = "refused" if summary.status == "done" else summary.status
             summary.message = "; ".join([summary.message] * bool(summary.message) + lacking)
 
-    def _run(self, messages: Iterator[BagMessage]) -> None:
+    def _run(self, messages: Iterator[Record]) -> None:
         """Hand over what has arrived, tick, write; until the bag is exhausted and its last stamp
         simulated.
         """
@@ -251,7 +266,7 @@ class _Replay:
         if self._progress is not None:
             self._progress(1.0)
 
-    def _take(self, message: BagMessage) -> None:
+    def _take(self, message: Record) -> None:
         topic = self._inputs.get(message.topic)
         if topic is not None:
             self._session.receive(topic, message.data, message.time_ns)

@@ -19,7 +19,7 @@ class ReplaySummary:
     Attributes:
         status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
             the simulator gave up; `refused`: more than 5 % of the messages of a topic could not be
-            used.
+            used; `unwritten`: the disk was full, the output holds what was written until then.
         message: one line that explains any status but `done`, else "".
         output: the bag written.
         messages_used, messages_refused: input messages; refused_by_reason: the latter by reason;

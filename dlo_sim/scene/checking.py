@@ -26,10 +26,13 @@ class SceneError(ValueError):
     """A scene, or a value for one, that is refused: one line with key, value and cure."""
 
     def __init__(self, message: str) -> None:
-        words = message.split()
-        line = " ".join(w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in words)
-        # Keys come from files: no escape sequence or half a letter gets to a terminal.
-        super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line))
+        super().__init__(one_line(message))
+
+
+def one_line(message: str) -> str:
+    """A message that may quote a file: one line, without escape sequences or endless words."""
+    words = [w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in message.split()]
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(words))
 
 
 def brief(value: object) -> str:

@@ -20,7 +20,7 @@ from ruamel.yaml.events import AliasEvent
 from dlo_sim.scene.checking import SceneError
 
 _LARGEST_FILE = 1_000_000  # bytes; a scene is a page, so a larger file is something else
-_MOST_VALUES = 20_000  # keys count too; about 1 s to read
+MOST_VALUES = 20_000  # keys count too; about 1 s to read
 _DEEPEST = 32
 
 
@@ -40,9 +40,7 @@ def read_text(source: Path) -> str:
         with open(os.open(source, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
             data = file.read(_LARGEST_FILE + 1)
         if len(data) > _LARGEST_FILE:
-            raise SceneError(
-                f"holds more than {_LARGEST_FILE} bytes, too many for a scene; give a scene file"
-            )
+            raise SceneError(f"holds more than {_LARGEST_FILE} bytes; give a scene file")
         return data.decode("utf-8")
     except FileNotFoundError:
         raise SceneError("does not exist; give a scene file or a shipped scene's name") from None
@@ -52,18 +50,22 @@ def read_text(source: Path) -> str:
         raise SceneError(f"cannot be read ({error.strerror}); check the path") from None
 
 
-def parse_yaml(text: str, kind: Literal["safe", "rt"] = "safe") -> Any:
+def parse_yaml(
+    text: str, kind: Literal["safe", "rt"] = "safe", most_values: int = MOST_VALUES
+) -> Any:
     """The document in a text, as YAML 1.2.
 
     Args:
         text: YAML.
         kind: `safe`: as Python's own types; `rt`: with comments and formats, to be dumped again.
+        most_values: keys and values that it may hold.
 
     Raises:
         SceneError: what is wrong, and where.
     """
     yaml = YAML(typ=kind, pure=True)
     yaml.Composer = _BoundedComposer
+    yaml.composer.most_values = most_values
     try:
         return yaml.load(text)
     except DuplicateKeyError as error:
@@ -85,6 +87,7 @@ class _BoundedComposer(Composer):
         super().__init__(loader)
         self.warn_double_anchors = False  # anchors mean nothing without aliases
         self._level = self._values = 0
+        self.most_values = MOST_VALUES
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         event = self.parser.peek_event()
@@ -93,8 +96,8 @@ class _BoundedComposer(Composer):
             problem = f"alias '*{event.anchor}' is not supported, write the value out"
         elif self._level == _DEEPEST:
             problem = f"nests deeper than {_DEEPEST} levels"
-        elif self._values == _MOST_VALUES:
-            problem = f"holds more than {_MOST_VALUES} keys and values"
+        elif self._values == self.most_values:
+            problem = f"holds more than {self.most_values} keys and values"
         if problem:
             raise ComposerError(None, None, problem, event.start_mark)
         self._level += 1

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dlo_sim.replay.bags import Bag, BagError, BagWriter
-from dlo_sim.replay.salvage import records
 from dlo_sim.session import cdr
 
 TOPICS = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
@@ -120,11 +119,11 @@ def test_compressed_chunks_are_salvaged(tmp_path):
         for topic, time_ns, data in recorded:
             writer.write(connections[topic], time_ns, data)
     file = data_file(path)
-    assert len(records(file)) == len(recorded)
+    assert len(read(file)[1]) == len(recorded)
     cut(file, 0.5)
-    found = records(file)
+    found = read(file)[1]
     assert 2000 < len(found) < len(recorded)
-    assert [m.data for m in found] == [m[2] for m in recorded[: len(found)]]
+    assert found == recorded[: len(found)]
 
 
 @pytest.mark.parametrize("name", ["x.mcap", "x.db3"])

@@ -99,7 +99,7 @@ def test_off_quoted_or_not(write, value):
         ("/**: {ros__parameters: {cable: {lenght: 2.0}}}", "cable.lenght: 2.0 is for no known key"),
         ("/**: {ros__parameters: {cable: {length: .nan}}}", "cable.length: nan is not finite"),
         ("/**: {ros__parameters: {rate: 2020-01-01}}", "is not a number"),
-        ("x: " + "y" * 2_000_000, "too many for a scene"),
+        ("x: " + "y" * 2_000_000, "holds more than 1000000 bytes"),
         ("[" * 5000, "is not valid YAML"),
     ],
 )

@@ -85,7 +85,7 @@ def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path, command, kind):
 
 
 def test_values_on_the_command_line_have_the_same_bounds():
-    for value in ("[&a 1, *a]", "[" * 900 + "]" * 900):
+    for value in ("[&a 1, *a]", "[" * 40 + "]" * 40):
         with pytest.raises(SceneError):
             parse_assignment(f"gravity={value}")
         given = ["--ros-args", "-p", f"gravity:={value}"]

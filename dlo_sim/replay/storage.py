@@ -1,0 +1,276 @@
+"""The data files of bags, MCAP and sqlite3: one message after the other, without any index.
+
+A file may be cut off, damaged or made to do harm, so nothing that it says is believed unseen: it is
+unpacked piece by piece, nothing is kept that is longer than a message or a name can be, and the
+work is bounded by the size of the file. Nothing is guessed: what is not whole is left out.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import sqlite3
+import struct
+import sys
+import tempfile
+import zlib
+from collections.abc import Callable, Collection, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, cast
+
+LONGEST = 1 << 20  # bytes; of a longer message the first so many
+_LONGEST_NAME = 1000
+
+_MAGIC = b"\x89MCAP0\r\n"
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0F
+_HEAD = struct.Struct("<BQ")
+# Both come with the bag library.
+_ZSTD = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+_UNPACKERS = {"zstd": _ZSTD, "lz4": "lz4.frame"}
+_PIECE = 1 << 16  # bytes read at once of what is skipped
+_LARGEST_CHUNK = 1 << 30  # bytes, packed; writers make chunks of a few megabytes
+
+# What reading a file may cost: its records with so many bytes for each, unpacked, against the
+# size of the file. Black pictures stay below the ratio, and so does the shortest of messages.
+_PER_RECORD = 4096
+_LEAST_WORK, _MOST_RATIO = 1 << 28, 1000
+
+_SQLITE_STEPS = 1_000_000  # of its machine, and one more per byte of the file; a row needs 10 to 20
+
+
+class Damage(Exception):
+    """A file cannot be read any further; one line says why."""
+
+
+class Record(NamedTuple):
+    """Topic, type, time of recording [ns], serialised message."""
+
+    topic: str
+    type: str
+    time_ns: int
+    data: bytes
+
+
+Note = Callable[[str], None]
+Wanted = Collection[tuple[str, str]] | None
+
+
+def records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
+    """Every whole message that can be read of a `.mcap` or `.db3` file, in the order of writing.
+
+    Args:
+        path: the file.
+        wanted: topics and types; None = all, with empty data.
+        note: called with what is wrong, one line, as often as something is.
+    """
+    try:
+        if path.suffix == ".db3":
+            yield from _sqlite3_records(path, wanted, note)
+        else:
+            with path.open("rb") as file:
+                yield from _Mcap(file, wanted, note).records()
+    except Damage as damage:
+        note(f"{path.name} {damage}")
+    except OSError as error:
+        note(f"{path.name} cannot be read: {error.strerror}")
+
+
+def unpacked(compression: str, file: BinaryIO) -> BinaryIO:
+    """A packed file as it was, unpacked as it is read.
+
+    Raises:
+        Damage: nothing here unpacks this.
+    """
+    if compression not in _UNPACKERS:
+        raise Damage(f"is packed as {compression[:20]!r}, which is unknown")
+    return cast(BinaryIO, import_module(_UNPACKERS[compression]).open(file))
+
+
+class _Bytes:
+    """So many bytes of a file, taken in order.
+
+    Args:
+        checked: read also what is skipped, for the checksum and to see whether it is there.
+    """
+
+    def __init__(self, file: BinaryIO, size: int, checked: bool) -> None:
+        self.left, self.checksum = size, 0
+        self._file, self._checked = file, checked
+
+    def take(self, size: int) -> bytes:
+        """The next bytes, all of them."""
+        self._leave(size)
+        try:
+            data = self._file.read(size)
+        except Exception as error:  # each decompressor has its own errors
+            raise Damage(f"cannot be unpacked: {error}") from None
+        if len(data) != size:
+            raise Damage("is cut off")
+        if self._checked:
+            self.checksum = zlib.crc32(data, self.checksum)
+        return data
+
+    def skip(self, size: int) -> None:
+        """Leave the next bytes out."""
+        if self._checked:
+            for at in range(0, size, _PIECE):
+                self.take(min(_PIECE, size - at))
+        else:
+            self._leave(size)
+            self._file.seek(size, io.SEEK_CUR)
+
+    def text(self) -> str:
+        """The next bytes as a text with its length in front."""
+        (size,) = struct.unpack("<I", self.take(4))
+        data = self.take(min(size, _LONGEST_NAME + 1))
+        if size > _LONGEST_NAME or not data.isascii():
+            raise Damage("is damaged: a name is no name")
+        return data.decode()
+
+    def _leave(self, size: int) -> None:
+        if size > self.left:
+            raise Damage("is cut off or damaged: a record is longer than what is left")
+        self.left -= size
+
+
+class _Mcap:
+    """An MCAP file being scanned: its schemas and channels so far."""
+
+    def __init__(self, file: BinaryIO, wanted: Wanted, note: Note) -> None:
+        self._file, self._wanted, self._note = file, wanted, note
+        self._size = os.fstat(file.fileno()).st_size
+        self._work = _LEAST_WORK + _MOST_RATIO * self._size
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, tuple[str, str]] = {}
+
+    def records(self) -> Iterator[Record]:
+        """Messages of the data section; the summary behind it is only passed over."""
+        if self._file.read(len(_MAGIC)) != _MAGIC:
+            raise Damage("is no MCAP file")
+        at, in_data = len(_MAGIC), True
+        while True:
+            self._file.seek(at)
+            data = _Bytes(self._file, self._size - at, checked=False)
+            kind, size = self._head(data)
+            at += _HEAD.size + size
+            in_data = in_data and kind != _DATA_END
+            if kind == _CHUNK and in_data:
+                try:
+                    yield from self._chunk(data)
+                except Damage as damage:  # the next one may be whole
+                    self._note(f"chunk before byte {at} {damage}")
+            elif in_data and (record := self._record(kind, size, data)):
+                yield record
+            if kind == _FOOTER and at + len(_MAGIC) == self._size:
+                return
+            if at > self._size or kind == _FOOTER:
+                raise Damage("is cut off or damaged: it does not end with its footer")
+
+    def _head(self, data: _Bytes) -> tuple[int, int]:
+        kind, size = _HEAD.unpack(data.take(_HEAD.size))
+        if kind == 0:
+            raise Damage("is damaged: there is a record of no kind")
+        self._work -= _PER_RECORD + min(size, data.left)
+        if self._work < 0:
+            raise Damage("unpacks to far more than a recording of its size can hold")
+        return kind, size
+
+    def _chunk(self, data: _Bytes) -> Iterator[Record]:
+        """Messages in a chunk, as far as it goes."""
+        _, _, size, checksum = struct.unpack("<QQQI", data.take(28))
+        compression = data.text()
+        (packed,) = struct.unpack("<Q", data.take(8))
+        if compression == "":
+            inside = _Bytes(self._file, min(size, data.left), checked=checksum != 0)
+        else:
+            part = io.BytesIO(self._file.read(min(packed, data.left, _LARGEST_CHUNK)))
+            inside = _Bytes(unpacked(compression, part), size, checked=True)
+        while inside.left:
+            record = self._record(*self._head(inside), inside)
+            if record:
+                yield record
+        if checksum and inside.checksum != checksum:
+            raise Damage("does not have its checksum, so some message in it is not as recorded")
+
+    def _record(self, kind: int, size: int, data: _Bytes) -> Record | None:
+        """Take in one record of so many bytes; what comes out is a message."""
+        before, message = data.left, None
+        if kind == _MESSAGE:
+            channel, _, time_ns, _ = struct.unpack("<HIQQ", data.take(22))
+            known = self._channels.get(channel)
+            if known is None:
+                self._note(f"messages of channel {channel}, which is not there, are left out")
+            elif self._wanted is None:
+                message = Record(*known, time_ns, b"")
+            elif known in self._wanted:
+                message = Record(*known, time_ns, data.take(min(max(size - 22, 0), LONGEST)))
+        elif kind == _SCHEMA:
+            (number,) = struct.unpack("<H", data.take(2))
+            self._schemas[number] = data.text()
+        elif kind == _CHANNEL:
+            number, schema = struct.unpack("<HH", data.take(4))
+            self._channels[number] = (data.text(), self._schemas.get(schema, ""))
+        elif kind == _CHUNK:
+            self._note("a chunk within a chunk is left out")
+        rest = size - (before - data.left)
+        if rest < 0:
+            raise Damage("is damaged: a record is shorter than what it holds")
+        data.skip(rest)
+        return message
+
+
+def _sqlite3_records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
+    """Rows of a database without its last page, if that page is not whole.
+
+    The database would be read as if zeros followed, which makes false messages, not missing ones.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(32)
+    page = int.from_bytes(head[16:18], "big")
+    page = 65536 if page == 1 else page
+    if not head.startswith(b"SQLite format 3\x00") or len(head) < 32 or not page or size < page:
+        raise Damage("is no sqlite3 file")
+    if size % page == 0:
+        yield from _rows(path, size, wanted, note)
+    else:
+        with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+            whole = Path(shutil.copy(path, folder))
+            os.truncate(whole, size - size % page)
+            yield from _rows(whole, size, wanted, note)
+    if size < page * int.from_bytes(head[28:32], "big"):
+        raise Damage("is cut off")
+
+
+def _rows(path: Path, size: int, wanted: Wanted, note: Note) -> Iterator[Record]:
+    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+    steps = iter(range((_SQLITE_STEPS + size) // 1000))
+    try:
+        connection.set_progress_handler(lambda: next(steps, None) is None, 1000)
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 64 * LONGEST)
+        connection.text_factory = lambda text: text.decode("utf-8", "replace")
+        # A file shorter than its header says is refused as a whole, unless the schema may be
+        # repaired.
+        connection.execute("PRAGMA writable_schema=ON")
+        connection.execute("PRAGMA trusted_schema=OFF")
+        tables = "SELECT name FROM sqlite_master WHERE type = 'table'"
+        if not {("topics",), ("messages",)} <= set(connection.execute(tables)):
+            raise Damage("has no table of topics and messages")
+        topics = {
+            number: (name, kind)
+            for number, name, kind in connection.execute("SELECT id, name, type FROM topics")
+        }
+        # Without contents, the pages of long messages are not read.
+        data = "X''" if wanted is None else f"substr(data, 1, {LONGEST})"
+        rows = f"SELECT topic_id, timestamp, typeof(data), {data} FROM messages NOT INDEXED"
+        for number, time_ns, kind, data in connection.execute(rows):
+            if number not in topics or kind != "blob":
+                note("messages without a topic or with data of another type are left out")
+            elif wanted is None or topics[number] in wanted:
+                yield Record(*topics[number], time_ns, data or b"")  # no bytes come as None
+    except sqlite3.Error as error:
+        raise Damage(f"is damaged: {error}") from None
+    finally:
+        connection.close()
