@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    if arguments[:1] == ["node"] and arguments[1:2] not in (["-h"], ["--help"]):
+    if arguments[:1] == ["node"]:
         return node.run_node(arguments[1:])
     options = _parser().parse_args(arguments)
     status: int = options.run(options)

@@ -7,13 +7,8 @@ from dlo_sim.cli.arguments import Parser
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand; its arguments go to ROS unread (see `run_node`)."""
-    parser = subparsers.add_parser(
-        "node",
-        help="run the ROS 2 node",
-        description="Run the ROS 2 node. Everything after 'node' is passed to ROS, for example: "
-        "dlo_sim node --ros-args --params-file config/hanging_cable.yaml",
-    )
+    """Register the subcommand; what follows it, also --help, is read by the node (`run_node`)."""
+    parser = subparsers.add_parser("node", help="run the ROS 2 node")
     parser.set_defaults(run=run)
 
 

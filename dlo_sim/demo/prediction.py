@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.replay.bags import Bag
-from dlo_sim.replay.replay import resolved
 from dlo_sim.session import cdr
+from dlo_sim.session.naming import resolved
 from dlo_sim.session.outputs import CONTROL_POINTS
 
 Array = NDArray[np.float64]

@@ -24,13 +24,12 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.drive import SimulatorFactory
 from dlo_sim.session.intake import input_topics
+from dlo_sim.session.naming import resolved
 from dlo_sim.session.outputs import DIAGNOSTICS, output_topics
 from dlo_sim.session.rehearsal import rehearse
 from dlo_sim.session.session import Session, SessionStatus
 
-__all__ = ["ReplayError", "ReplaySummary", "replay_bag", "resolved", "summary_values"]
-
-NODE_NAME = "dlo_sim"
+__all__ = ["ReplayError", "ReplaySummary", "replay_bag", "summary_values"]
 
 SECOND = 1_000_000_000
 _DIAGNOSTICS_PERIOD = 1 * SECOND
@@ -96,13 +95,6 @@ def replay_bag(
         raise ReplayError(str(error)) from None
     summary.output = "" if output is None else str(output)
     return summary
-
-
-def resolved(topic: str) -> str:
-    """A topic as the node `dlo_sim` in the root namespace would name it."""
-    if topic.startswith("~/"):
-        return f"/{NODE_NAME}/{topic[2:]}"
-    return topic if topic.startswith("/") else f"/{topic}"
 
 
 def _readable(bag: Path) -> int:
@@ -179,7 +171,7 @@ class _Replay:
         if factory is None:
             rehearse(scene)
         self.summary.compile_s = time.perf_counter() - begin
-        self._inputs = {resolved(entry.topic): entry.topic for entry in self._session.inputs}
+        self._inputs = {entry.topic for entry in self._session.inputs}
         self._names = {topic: resolved(topic) for topic in output_topics(scene)}
         # Without an output only what is compared has to be computed.
         self._wanted = None if writer is not None else [f"~/{end}/reaction" for end in compare]
@@ -217,11 +209,11 @@ class _Replay:
         summary = self.summary
         records = {r.topic: r for r in self._session.journal.topics.values() if r.refusals}
         summary.refused_by_topic = {
-            resolved(topic): dict(sorted(record.refused.items()))
+            topic: dict(sorted(record.refused.items()))
             for topic, record in sorted(records.items())
         }
         lacking = [
-            f"{resolved(r.topic)}: {r.refusals} of {r.refusals + r.accepted} messages refused, "
+            f"{r.topic}: {r.refusals} of {r.refusals + r.accepted} messages refused, "
             f"last {r.last_refusal}"
             for r in records.values()
             if r.refusals > MOST_REFUSED * (r.refusals + r.accepted)
@@ -267,9 +259,8 @@ class _Replay:
             self._progress(1.0)
 
     def _take(self, message: Record) -> None:
-        topic = self._inputs.get(message.topic)
-        if topic is not None:
-            self._session.receive(topic, message.data, message.time_ns)
+        if message.topic in self._inputs:
+            self._session.receive(message.topic, message.data, message.time_ns)
         recording = self._recordings.get(message.topic)
         if recording is not None:
             try:

@@ -2,68 +2,154 @@
 
 rcl refuses a list that mixes integers and decimals ("[0, 0, -9.81]"), which in a scene file is
 fine everywhere else; such lists are written out as decimals for it. A params file that does not
-exist or is not YAML is refused in one line.
+exist or is not YAML is refused in one line. What is for other nodes only, rcl ignores without a
+word; here it is remembered, until the node knows its name.
 """
 
+import argparse
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
 
 from dlo_sim.scene.checking import SceneError, brief
+from dlo_sim.scene.loading import find_scene, is_for_node, nodes_with_parameters
 from dlo_sim.scene.plain_yaml import parse_yaml, read_text
 
 _PARAMS_FILE = "--params-file"
 _PARAMETER = ("-p", "--param")
+_ROS_ARGUMENTS, _END = "--ros-args", "--"
+
+
+@dataclass
+class NodeArguments:
+    """The command line of the node.
+
+    Attributes:
+        for_rcl: ROS arguments as rcl can read them.
+        allow_unmatched: parameters that are for other nodes only are fine.
+        nodes: params file or -p argument -> the nodes that it holds parameters for, full names or
+            wildcards.
+    """
+
+    for_rcl: list[str] = field(default_factory=list)
+    allow_unmatched: bool = False
+    nodes: dict[str, list[str]] = field(default_factory=dict)
+
+    def unmatched(self, node: str) -> list[str]:
+        """One line for each params file and -p argument that holds nothing for this node."""
+        return [
+            f"{source}: holds parameters for {', '.join(names) or 'no node'}, none for this one, "
+            f"{node}; put them under '/**:', or start all the same with --allow-unmatched"
+            for source, names in self.nodes.items()
+            if not any(is_for_node(name, node) for name in names)
+        ]
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise SceneError(f"{message}; see 'dlo_sim node --help'")
+
+
+def parser() -> argparse.ArgumentParser:
+    """What the node takes beside ROS arguments."""
+    parser = _Parser(
+        prog="dlo_sim node",
+        usage="%(prog)s [--scene SCENE] [--allow-unmatched] "
+        "[--ros-args [--params-file FILE] [-p KEY:=VALUE] [-r FROM:=TO] ...]",
+        description="Predict a cable live. A scene file is a ROS parameter file; "
+        "'dlo_sim parameters' lists the keys.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--scene",
+        action="append",
+        default=[],
+        help="scene file, or a shipped scene's name; --params-file and -p change it",
+    )
+    parser.add_argument(
+        "--allow-unmatched",
+        action="store_true",
+        help="start although a parameter file or a -p holds nothing for this node",
+    )
+    return parser
 
 
 @contextmanager
-def arguments_for_rcl(arguments: Sequence[str]) -> Iterator[list[str]]:
-    """The arguments as rcl can read them; rewritten files live as long as the context.
+def read_arguments(arguments: Sequence[str]) -> Iterator[NodeArguments]:
+    """Read the command line; rewritten files live as long as the context.
 
     Args:
         arguments: command line without the program's name, for example
-            `--ros-args --params-file scene.yaml`.
+            `--scene hanging_cable --ros-args -p rate:=100.0`.
 
     Raises:
-        SceneError: an argument that is not for ROS, or a params file that cannot be read.
+        SceneError: an argument that is neither for the node nor for ROS, no such scene, or a params
+            file that cannot be read.
     """
+    own, for_ros = _split(arguments)
+    options, strange = parser().parse_known_args(own)
+    if strange:
+        raise SceneError(
+            f"{strange[0]!r} is not an argument of the node; give a scene as --scene SCENE, and "
+            f"what is for ROS after {_ROS_ARGUMENTS}"
+        )
+    if len(options.scene) > 1:
+        raise SceneError(f"--scene {options.scene[1]} is the second one; keep one of them")
+    for scene in options.scene:
+        for_ros = [_ROS_ARGUMENTS, _PARAMS_FILE, str(find_scene(scene)), _END, *for_ros]
+    given = NodeArguments(allow_unmatched=options.allow_unmatched)
     with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
-        prepared: list[str] = []
-        in_ros_section = False
         previous = ""
-        for argument in arguments:
-            if argument in ("--ros-args", "--"):
-                in_ros_section = argument == "--ros-args"
-            elif not in_ros_section:
-                raise SceneError(
-                    f"{argument!r} is not an argument of the node; give ROS arguments, as in "
-                    "--ros-args --params-file scene.yaml"
-                )
-            elif previous == _PARAMS_FILE:
-                argument = _readable_file(argument, Path(folder) / f"{len(prepared)}.yaml")
+        for argument in for_ros:
+            prepared = argument
+            if previous == _PARAMS_FILE:
+                rewritten = Path(folder) / f"{len(given.for_rcl)}.yaml"
+                prepared, given.nodes[argument] = _readable_file(argument, rewritten)
             elif previous in _PARAMETER:
-                argument = _readable_rule(argument)
-            prepared.append(argument)
+                prepared = _readable_rule(argument)
+                node, separator, _ = argument.partition(":=")[0].rpartition(":")
+                if separator:
+                    given.nodes[f"-p {argument}"] = [f"/{node}"]
+            given.for_rcl.append(prepared)
             previous = argument
-        yield prepared
+        yield given
 
 
-def _readable_file(source: str, rewritten: Path) -> str:
-    """The params file, or a copy of it in which rcl can read every list."""
+def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """What is for the node itself, and the sections for ROS."""
+    own: list[str] = []
+    for_ros: list[str] = []
+    in_ros_section = False
+    for argument in arguments:
+        if argument in (_ROS_ARGUMENTS, _END):
+            in_ros_section = argument == _ROS_ARGUMENTS
+            for_ros.append(argument)
+        else:
+            (for_ros if in_ros_section else own).append(argument)
+    return own, for_ros
+
+
+def _readable_file(source: str, rewritten: Path) -> tuple[str, list[str]]:
+    """The params file, or a copy of it in which rcl can read every list; and the nodes in it."""
     try:
         document = parse_yaml(read_text(Path(source)), "rt")
     except SceneError as error:
         raise SceneError(f"{source}: {error}") from None
     _refuse_doubles(document, source)
+    try:
+        nodes = nodes_with_parameters(document)
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from None
     if not _write_out_decimals(document):
-        return source
+        return source, nodes
     with rewritten.open("w", encoding="utf-8") as stream:
         YAML(typ="rt").dump(document, stream)
-    return str(rewritten)
+    return str(rewritten), nodes
 
 
 def _refuse_doubles(node: Any, source: str) -> None:

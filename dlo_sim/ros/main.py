@@ -22,10 +22,6 @@ if TYPE_CHECKING:
 
 DONE, REFUSED, FAILED = 0, 2, 3
 
-USAGE = """usage: node [--ros-args [--params-file SCENE.yaml] [-p KEY:=VALUE] [-r FROM:=TO] ...]
-
-Predicts a cable live. A scene file is a ROS parameter file; 'dlo_sim parameters' lists the keys."""
-
 _RETRY = 0.1  # [s]; until a lost `Terminated` is raised again
 _LONGEST_SPIN = 0.2  # [s]; a signal is noticed after this long also when no timer fires
 
@@ -83,14 +79,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str], termination: Termination) -> int:
+    from dlo_sim.ros.arguments import parser, read_arguments
+
     if arguments[:1] in (["-h"], ["--help"]):
-        print(USAGE)
+        parser().print_help()
         return DONE
     try:
         import rclpy
         import rclpy.signals
 
-        from dlo_sim.ros.arguments import arguments_for_rcl
         from dlo_sim.ros.node import CableNode
     except ImportError as error:
         if (error.name or "").startswith("dlo_sim"):
@@ -100,14 +97,15 @@ def _run(arguments: list[str], termination: Termination) -> int:
             "pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
         )
     ask_for_time_slice(SHORT)  # before ROS starts threads, which inherit it
-    with arguments_for_rcl(arguments) as prepared:
+    with read_arguments(arguments) as given:
         try:
-            rclpy.init(args=prepared, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-        except RuntimeError as error:
+            no_handlers = rclpy.signals.SignalHandlerOptions.NO
+            rclpy.init(args=given.for_rcl, signal_handler_options=no_handlers)
+        except (RuntimeError, UnicodeError) as error:
             return _refuse(f"ROS refuses the arguments: {error}")
     node: CableNode | None = None
     try:
-        node = CableNode()
+        node = CableNode(given)
         return _spin(node, termination)
     finally:
         termination.only_note()

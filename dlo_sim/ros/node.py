@@ -10,66 +10,81 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
+from dlo_sim.ros.arguments import NodeArguments
 from dlo_sim.ros.background import in_background
-from dlo_sim.ros.parameters import SceneParameters, refuse_unknown_overrides
-from dlo_sim.ros.status import ClockWatch, node_status
+from dlo_sim.ros.guarded_node import GuardedNode, one_line
+from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
+from dlo_sim.ros.status import node_status
 from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import NODE_NAME, SceneError
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
+from dlo_sim.session.intake import input_topics
+from dlo_sim.session.naming import Naming
 from dlo_sim.session.rehearsal import make_ready, rehearse
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.simulation.machine_code import compiled_by_two, compiling_told_to
-
-NODE_NAME = "dlo_sim"
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
 _LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
 
 
-class CableNode(Node):
+class CableNode(GuardedNode):
     """Predicts a cable live.
 
     Attributes:
         failure: why the node must end, one line; None while all is well.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, given: NodeArguments | None = None, **options: Any) -> None:
         """Read the parameters, build and compile the simulator, then open topics, services, timers.
 
         Args:
+            given: the command line.
             options: passed to `rclpy.node.Node`.
 
         Raises:
-            SceneError: a parameter is refused, or the scene cannot be simulated.
+            SceneError: a parameter is refused or for another node, or the scene cannot be
+                simulated.
         """
         super().__init__(NODE_NAME, **options)
         self.failure: str | None = None
+        self._naming = Naming(self.get_fully_qualified_name(), self.resolved)
+        self._refuse_unmatched(given or NodeArguments())
         self._scene_parameters: SceneParameters[Prepared] = SceneParameters(self)
         scene = self._scene_parameters.scene
+        check_qos_overrides(self, [self._naming.topic(e.topic) for e in input_topics(scene)])
         self._session = self._built(scene)
         self._status = self._session.status
         self._times = TickTimes()
-        self._clock_watch = ClockWatch()
         self._clock_jumps = 0
         self._late_reported = 0
         self._logged = (0, 0)  # events and refusals that the log knows of
+        self._source_problems: list[str] = []
         self._early: dict[str, bytes] = {}
-        self._outputs = Outputs(self, scene)
-        self._inputs = Inputs(self, self._session.inputs, self._receive)
-        refuse_unknown_overrides(self)
+        self._open(scene)
         self._scene_parameters.follow(self._prepare, self._adopt)
-        self._serve()
         self._keep_time(scene)
         self._log_topics()
 
     # -- start-up -------------------------------------------------------------------------------
+
+    def _refuse_unmatched(self, given: NodeArguments) -> None:
+        """Refuse parameters that are all for other nodes, or only say so if that is what is wanted.
+
+        Raises:
+            SceneError: naming the file and the nodes in it.
+        """
+        for line in given.unmatched(self._naming.node):
+            if not given.allow_unmatched:
+                raise SceneError(line)
+            self.get_logger().warning(line)
 
     def _built(self, scene: Scene) -> Session:
         """The session, with everything compiled that a tick can need."""
@@ -77,12 +92,28 @@ class CableNode(Node):
         log.info("building the simulator")
         begin = time.perf_counter()
         with compiling_told_to(log.info), compiled_by_two(scene):
-            session = Session(scene, live=True)
+            session = Session(scene, naming=self._naming, live=True)
             rehearse(scene, live=True)
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
         for line in session.simulator.warnings:
             log.warning(line)
         return session
+
+    def _open(self, scene: Scene) -> None:
+        """Open topics and services.
+
+        Raises:
+            SceneError: ROS cannot have them, for example where it has something of another type.
+        """
+        try:
+            self._outputs = Outputs(self, scene)
+            self._inputs = Inputs(self, self._session.inputs, self._receive)
+            self._serve()
+        except RuntimeError as error:
+            raise SceneError(
+                f"ROS cannot open topics and services: {one_line(error)}; correct their names or "
+                "the remap rules"
+            ) from None
 
     def _serve(self) -> None:
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -261,19 +292,24 @@ class CableNode(Node):
         """Publish /diagnostics: what the session counts, and what only the node can measure."""
         now = self._now()
         steady = time.perf_counter_ns()
-        self._clock_watch.look(now, steady * 1e-9)
+        self.clock_watch.look(now, steady * 1e-9)
         fresh_late = self._times.late - self._late_reported
         self._late_reported = self._times.late
+        sources = self._inputs.sources()
         status = node_status(
             self._times.report(steady, self._session.simulator.step),
             fresh_late,
-            self._clock_watch.problem,
+            self.clock_watch,
             self._clock_jumps,
-            self._inputs.publisher_counts(),
+            sources,
         )
         self._outputs.publish_diagnostics(self._session.diagnostics(now))
-        self._outputs.publish_diagnostics(encode_diagnostic_array(now, [status]))
+        self._outputs.publish_diagnostics(encode_diagnostic_array(now, self._naming.node, [status]))
         self._log_events()
+        problems = [line for source in sources for line in source.problems]
+        for line in set(problems).difference(self._source_problems):
+            self.get_logger().warning(line)
+        self._source_problems = problems
 
     def _log_events(self) -> None:
         """Say in the log, too, what the diagnostics have counted anew; not every second again."""

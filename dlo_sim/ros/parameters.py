@@ -6,7 +6,8 @@ refuse, with the same line.
 """
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -19,10 +20,11 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as NodeParameter
 
+from dlo_sim.ros.guarded_node import one_line
 from dlo_sim.scene.checking import check_value, unknown_key
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
-from dlo_sim.scene.parameter import Parameter, allowed, shown
+from dlo_sim.scene.parameter import Parameter, allowed, choice, shown
 from dlo_sim.scene.parameters import scene_parameters
 
 Prepared = TypeVar("Prepared")
@@ -37,6 +39,12 @@ _TYPES = {
     "string_array": NodeParameter.Type.STRING_ARRAY,
 }
 _LARGEST_INTEGER = 2**63 - 1
+# What rclpy lets a user override of a subscription, and the values that every ROS middleware knows.
+_QOS_POLICIES = (
+    choice("history", "keep_last", ("keep_last", "keep_all"), ""),
+    Parameter("depth", "integer", 100, low=1, high=2**31 - 1),
+    choice("reliability", "best_effort", ("best_effort", "reliable"), ""),
+)
 
 
 class ParameterRefused(ParameterNotDeclaredException):
@@ -159,18 +167,29 @@ def scene_from_overrides(node: Node) -> Scene:
     return scene_from_values(values)
 
 
-def refuse_unknown_overrides(node: Node) -> None:
-    """Refuse overrides that nothing has declared, once everything is declared.
+def check_qos_overrides(node: Node, topics: Iterable[str]) -> None:
+    """Refuse a `qos_overrides` that rclpy would stumble over or ignore.
+
+    Args:
+        topics: the inputs, by their names on the wire.
 
     Raises:
-        SceneError: naming the first one.
+        SceneError: a topic or policy that cannot be overridden, or a value that it cannot have.
     """
-    for name in node._parameter_overrides:
-        if not node.has_parameter(name):
+    rows = {
+        f"qos_overrides.{topic}.subscription.{row.key}": row
+        for topic in topics
+        for row in _QOS_POLICIES
+    }
+    for name, override in node._parameter_overrides.items():
+        if not name.startswith("qos_overrides."):
+            continue
+        if name not in rows:
             raise SceneError(
-                f"{name}: is for no input of this scene; name the topic as the node logs it at "
-                "start-up, or remove the key"
+                f"{name}: is for no input of this scene; these can be given: "
+                f"{', '.join(rows) or 'none'}"
             )
+        check_value(replace(rows[name], key=name), _plain(override.value))
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:
@@ -191,11 +210,6 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
         low, high = _bounds(row, _LARGEST_INTEGER)
         described.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return described
-
-
-def one_line(error: BaseException) -> str:
-    """The message of an error on one line."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _bounds(row: Parameter, limit: float) -> tuple[float, float]:

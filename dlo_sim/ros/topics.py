@@ -12,6 +12,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from visualization_msgs.msg import Marker
 
+from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import encode_marker_delete_all
 from dlo_sim.session.session import InputTopic, OutgoingMessage
@@ -126,8 +127,9 @@ class Inputs:
         inputs: Sequence[InputTopic],
         receive: Callable[[str, bytes], None],
     ) -> None:
-        """Subscribe; `receive(topic, raw)` gets the topic as the scene names it."""
+        """Subscribe; `receive(topic, raw)` gets the topic by its name on the wire."""
         self._node = node
+        self._types = {source.topic: source.type for source in inputs}
         self._subscriptions: dict[str, Subscription] = {}
         for source in inputs:
             if source.topic not in self._subscriptions:
@@ -157,8 +159,18 @@ class Inputs:
     @property
     def topics(self) -> list[str]:
         """Names of the topics as they are on the wire, remapped."""
-        return [subscription.topic_name for subscription in self._subscriptions.values()]
+        return list(self._types)
 
-    def publisher_counts(self) -> dict[str, int]:
-        """Number of publishers on each topic (name on the wire)."""
-        return {topic: self._node.count_publishers(topic) for topic in self.topics}
+    def sources(self) -> list[InputSources]:
+        """Who publishes on each topic."""
+        return [self._sources(topic, kind) for topic, kind in self._types.items()]
+
+    def _sources(self, topic: str, kind: str) -> InputSources:
+        found = InputSources(topic, kind)
+        for publisher in self._node.get_publishers_info_by_topic(topic):
+            if publisher.topic_type == kind:
+                found.count += 1
+            else:
+                node = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+                found.strangers.append((node, publisher.topic_type))
+        return found

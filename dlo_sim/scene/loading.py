@@ -43,7 +43,9 @@ from dlo_sim.scene.parameters import scene_parameters
 __all__ = [
     "SceneError",
     "find_scene",
+    "is_for_node",
     "load_scene",
+    "nodes_with_parameters",
     "parse_assignment",
     "scene_from_values",
     "scene_values",
@@ -185,6 +187,27 @@ def find_scene(text: str) -> Path:
     return shipped_scene(text) if bare and not path.is_file() else path
 
 
+def nodes_with_parameters(document: object) -> list[str]:
+    """The nodes that a parsed parameter file holds parameters for: full names, or wildcards.
+
+    Raises:
+        SceneError: the file holds something else than nodes.
+    """
+    blocks = () if document is None else _node_blocks(document, ())
+    return list(dict.fromkeys(node for node, block in blocks if block))
+
+
+def is_for_node(block: str, node: str) -> bool:
+    """Whether ROS gives the parameters under this name in a file to the node of this full name.
+
+    `*` is one part of the name and `/**` any number of parts, also none.
+    """
+    rules = {"/**": "(/.*)?", "*": "[^/]+"}
+    parts = re.split(r"(/\*\*|\*)", block)
+    pattern = "".join(rules.get(part, re.escape(part)) for part in parts)
+    return re.fullmatch(pattern, node) is not None
+
+
 def _config_folder() -> Path | None:
     """Where the scenes are: beside the checkout, else in share/ of the prefix we live in."""
     package = Path(__file__).resolve().parents[1]
@@ -223,20 +246,13 @@ def _node_values(document: object) -> dict[str, object]:
     if len(mine) > 1:
         raise SceneError(f"holds several nodes ({', '.join(mine)}); keep one, or use '/**'")
     name = mine[0] if mine else f"/{NODE_NAME}"
-    matching = [b for b in blocks if b[0] == name or _wildcard(b[0]).fullmatch(name)]
+    matching = [b for b in blocks if is_for_node(b[0], name)]
     if not matching:
         raise SceneError(f"holds nothing for the node {NODE_NAME}; use '/**:' for any node")
     values: dict[str, object] = {}
     for _, block in sorted(matching, key=lambda item: item[0] == name):
         values.update(_flat(block))
     return values
-
-
-def _wildcard(node: str) -> re.Pattern[str]:
-    """The pattern of a node name: `*` is one part of the name, `/**` any number, also none."""
-    rules = {"/**": "(/.*)?", "*": "[^/]+"}
-    parts = re.split(r"(/\*\*|\*)", node)
-    return re.compile("".join(rules.get(part, re.escape(part)) for part in parts))
 
 
 def _node_blocks(document: object, path: tuple[str, ...]) -> Iterator[tuple[str, object]]:

@@ -274,7 +274,10 @@ def _marker_tail(writer: _Writer) -> None:
 
 
 class DiagnosticStatus(NamedTuple):
-    """One diagnostic_msgs/DiagnosticStatus; level 0 OK, 1 WARN, 2 ERROR, 3 STALE."""
+    """One diagnostic_msgs/DiagnosticStatus; level 0 OK, 1 WARN, 2 ERROR, 3 STALE.
+
+    Its name says what it is about; the name of the node comes before it when it is encoded.
+    """
 
     level: int
     name: str
@@ -283,17 +286,20 @@ class DiagnosticStatus(NamedTuple):
 
 
 def encode_diagnostic_array(
-    stamp_ns: int, statuses: Sequence[DiagnosticStatus], hardware_id: str = ""
+    stamp_ns: int, node: str, statuses: Sequence[DiagnosticStatus]
 ) -> bytes:
-    """A DiagnosticArray of these statuses."""
+    """A DiagnosticArray of these statuses of a node, whose full name tells them from other nodes'.
+
+    It is the hardware_id and the beginning of each name: `/left/dlo_sim: session`.
+    """
     writer = _Writer()
     writer.header("", stamp_ns)
     writer.numbers("I", len(statuses))
     for status in statuses:
         writer.numbers("B", status.level)
-        writer.text(status.name)
+        writer.text(f"{node}: {status.name}")
         writer.text(status.message)
-        writer.text(hardware_id)
+        writer.text(node)
         writer.numbers("I", len(status.values))
         for key, value in status.values:
             writer.text(key)

@@ -129,7 +129,7 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
     ]
     if record.last_refusal:
         values.append(("last refusal", record.last_refusal))
-    return DiagnosticStatus(level, f"dlo_sim: input {record.topic}", message, tuple(values))
+    return DiagnosticStatus(level, f"input {record.topic}", message, tuple(values))
 
 
 def session_status(
@@ -190,4 +190,4 @@ def session_status(
     ]
     if journal.last_event:
         values.append(("last event", journal.last_event))
-    return DiagnosticStatus(level, "dlo_sim: session", text, (*values, *extra.items()))
+    return DiagnosticStatus(level, "session", text, (*values, *extra.items()))

@@ -18,7 +18,7 @@ SIGN AND FRAME OF EVERY INPUT
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ class InputTopic(NamedTuple):
     """A topic that the scene listens to.
 
     Attributes:
-        topic: name as in the scene, `~/...` not resolved.
+        topic: its name; as in the scene (`~/...`), or on the wire.
         kind: `pose`, `wrench` or `force`.
         target: `start` or `end` for a pose, the load's name otherwise.
     """
@@ -122,18 +122,20 @@ class Intake:
     """Checks every message of a scene's input topics.
 
     Args:
-        scene: gives topics, limits, frames and signs.
+        scene: gives limits, frames and signs.
+        inputs: the topics it listens to, by their names on the wire.
         time_base: decides by the stamps which messages are used, and where in time.
         journal: where messages are counted.
     """
 
-    def __init__(self, scene: Scene, time_base: TimeBase, journal: Journal) -> None:
-        self.inputs = input_topics(scene)
+    def __init__(
+        self, scene: Scene, inputs: Sequence[InputTopic], time_base: TimeBase, journal: Journal
+    ) -> None:
         self.time_base = time_base
         self._topics: dict[str, _Topic] = {}
-        for name in dict.fromkeys(entry.topic for entry in self.inputs):
-            entries = tuple(entry for entry in self.inputs if entry.topic == name)
-            self._topics[name] = _Topic(entries, journal.topics[name], time_base.add_source())
+        for name, record in journal.topics.items():
+            entries = tuple(entry for entry in inputs if entry.topic == name)
+            self._topics[name] = _Topic(entries, record, time_base.add_source())
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:

@@ -35,6 +35,16 @@ DIAGNOSTICS = "/diagnostics"
 
 _CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
+EVERY_OUTPUT = {
+    CONTROL_POINTS: cdr.POSE_ARRAY,
+    "~/start/reaction": cdr.WRENCH_STAMPED,
+    "~/end/reaction": cdr.WRENCH_STAMPED,
+    CENTERLINE: cdr.MARKER,
+    CONTROL_POLYGON: cdr.MARKER,
+    DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
+}
+"""Topic -> ROS type of everything that any scene publishes, in the order of publication."""
+
 # A marker that is not renewed disappears after this many marker periods.
 _MARKER_PERIODS = 5
 
@@ -72,10 +82,8 @@ _Encode = Callable[[Observable, int], bytes | None]
 
 def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
-    topics = {CONTROL_POINTS: cdr.POSE_ARRAY}
-    topics |= {_reaction(n): cdr.WRENCH_STAMPED for n, end in scene.ends.items() if end.held}
-    topics |= {CENTERLINE: cdr.MARKER, CONTROL_POLYGON: cdr.MARKER}
-    return topics | {DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY}
+    free = {_reaction(name) for name, end in scene.ends.items() if not end.held}
+    return {topic: kind for topic, kind in EVERY_OUTPUT.items() if topic not in free}
 
 
 class Outputs:

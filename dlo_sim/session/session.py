@@ -21,8 +21,9 @@ from dlo_sim.session import cdr
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.diagnostics import Journal, session_status, topic_status
 from dlo_sim.session.drive import Drive, Prepared, SimulatorFactory
-from dlo_sim.session.intake import Accepted, InputTopic, Intake
-from dlo_sim.session.outputs import OutgoingMessage, Outputs
+from dlo_sim.session.intake import Accepted, InputTopic, Intake, input_topics
+from dlo_sim.session.naming import AS_IN_THE_SCENE, Naming
+from dlo_sim.session.outputs import EVERY_OUTPUT, OutgoingMessage, Outputs
 from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.step_grid import OutputGrid
 from dlo_sim.session.time_base import SECOND, TimeBase, Verdict
@@ -41,15 +42,16 @@ class Session:
         scene: what is simulated.
         simulator_factory: builds the simulator, `Simulator` by default: factory(scene,
             end_poses=None).
+        naming: what node and topics are called; default: as the scene is written.
         live: a prediction made live, whose error is worth knowing (accuracy.estimate auto).
 
     Attributes:
         scene: the scene as configured now.
-        inputs: the topics it listens to, names as in the scene.
+        inputs: the topics it listens to, by their names on the wire.
         journal: counters of everything accepted, refused, held, skipped.
 
     Raises:
-        ValueError: the simulator refuses the scene.
+        ValueError: the simulator refuses the scene, or two topics of different types have one name.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Session:
         scene: Scene,
         simulator_factory: SimulatorFactory | None = None,
         *,
+        naming: Naming = AS_IN_THE_SCENE,
         live: bool = False,
     ) -> None:
         if simulator_factory is None:
@@ -66,11 +69,11 @@ class Session:
             simulator_factory = Simulator
         self.scene = scene
         self._time = TimeBase(scene.inputs.time)
-        topics = [end.pose_topic for end in scene.ends.values() if end.driven]
-        topics += [load.input_topic for load in scene.loads if load.input_topic]
-        self.journal = Journal(list(dict.fromkeys(topics)))
-        self._intake = Intake(scene, self._time, self.journal)
-        self.inputs = self._intake.inputs
+        self._naming = naming
+        self.inputs = tuple(e._replace(topic=naming.topic(e.topic)) for e in input_topics(scene))
+        naming.check((*((e.topic, e.type) for e in input_topics(scene)), *EVERY_OUTPUT.items()))
+        self.journal = Journal([entry.topic for entry in self.inputs])
+        self._intake = Intake(scene, self.inputs, self._time, self.journal)
         self._drive = Drive(scene, simulator_factory, self.journal.event, live)
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
@@ -193,7 +196,7 @@ class Session:
             extra=extra or {},
         )
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
-        return cdr.encode_diagnostic_array(now_ns, [status, *topics])
+        return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
 
     def reset(self) -> None:
         """Start over: the cable is placed anew at the next poses (at once if no end is driven),
@@ -359,8 +362,8 @@ class Session:
         missing = self._drive.without_pose if not self.started else self._waiting
         if missing:
             order = "first" if not self.started else "next"
-            topics = ", ".join(self.scene.ends[name].pose_topic for name in missing)
-            return f"waiting for the {order} pose on {topics}"
+            topics = [self._naming.topic(self.scene.ends[name].pose_topic) for name in missing]
+            return f"waiting for the {order} pose on {', '.join(dict.fromkeys(topics))}"
         return ""
 
     def _report(self, steps: int) -> TickReport:

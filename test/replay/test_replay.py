@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.replay.bags import Bag
-from dlo_sim.replay.replay import ReplayError, replay_bag, resolved, summary_values
+from dlo_sim.replay.replay import ReplayError, replay_bag, summary_values
 from dlo_sim.session import cdr
 
 MS = 1_000_000
@@ -366,12 +366,6 @@ def test_a_gap_of_hours_is_left_out(make_bag, recorded, scene, tmp_path):
     assert "a gap of 17998" in summary.warnings[0]
     last = contents(tmp_path / "out")["/dlo_sim/control_points"][-1][1]
     assert cdr.decode_pose_array(last).poses[0, 0] == pytest.approx(0.3, abs=1e-6)
-
-
-def test_topic_names():
-    assert resolved("~/start/pose") == "/dlo_sim/start/pose"
-    assert resolved("/a/b") == "/a/b"
-    assert resolved("a/b") == "/a/b"
 
 
 def test_a_bag_recorded_while_an_old_one_was_played(make_bag, recorded, scene, tmp_path):

@@ -71,7 +71,7 @@ def started(launch: Callable[..., NodeProcess], peer: Peer) -> Iterator[Callable
 
     processes: list[NodeProcess] = []
 
-    def start(values: dict[str, Any], *arguments: str) -> NodeProcess:
+    def start(values: dict[str, Any] | None, *arguments: str) -> NodeProcess:
         node = launch(values, *arguments)
         processes.append(node)
         peer.watched = node

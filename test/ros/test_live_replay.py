@@ -218,7 +218,7 @@ def _listen(
         first, last = reader.start_time, reader.end_time
     peer.until(lambda: player.said("ready"), "the player")
     peer.status(
-        "dlo_sim: node",
+        "/dlo_sim: node",
         lambda values, status: all(values[f"publishers on {topic}"] == "1" for topic in topics),
         "the player's topics",
     )
@@ -233,7 +233,7 @@ def _listen(
         lambda: publications.poses and max(publications.poses) > end - SECOND // 20,
         "the last control points",
     )
-    values = peer.status("dlo_sim: session", lambda values, status: True, "the session")
+    values = peer.status("/dlo_sim: session", lambda values, status: True, "the session")
     publications.end()
     return publications, values, shift
 

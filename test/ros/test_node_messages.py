@@ -119,7 +119,7 @@ def test_a_bad_wrench_is_refused_and_counted(
 ) -> None:
     poses = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
     publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
-    name = "dlo_sim: input ~/tip/wrench"
+    name = "/dlo_sim: input /dlo_sim/tip/wrench"
     before = peer.status(name, lambda values, status: True, "the input")
     publisher.publish(message)
     count = int(before.get(f"refused {reason}", "0"))
@@ -142,14 +142,16 @@ def test_a_bad_wrench_is_refused_and_counted(
 def test_bytes_that_are_no_message_are_refused(peer: Peer) -> None:
     publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
     known = "publishers on /dlo_sim/tip/wrench"  # to the node as well: only then it hears it
-    peer.status("dlo_sim: node", lambda values, status: values[known] == "1", "one publisher")
+    peer.status("/dlo_sim: node", lambda values, status: values[known] == "1", "one publisher")
     publisher.publish(b"\x00\x01\x00\x00\x01\x02\x03\x04")
-    peer.status("dlo_sim: input ~/tip/wrench", refusals("undecodable"), "an undecodable message")
+    peer.status(
+        "/dlo_sim: input /dlo_sim/tip/wrench", refusals("undecodable"), "an undecodable message"
+    )
     peer.node.destroy_publisher(publisher)
 
 
 def test_two_publishers_are_a_warning(peer: Peer) -> None:
-    name, key = "dlo_sim: node", "publishers on /dlo_sim/tip/wrench"
+    name, key = "/dlo_sim: node", "publishers on /dlo_sim/tip/wrench"
     first = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
     peer.status(name, lambda values, status: values[key] == "1", "one publisher")
     second = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
@@ -169,14 +171,14 @@ def test_two_publishers_are_a_warning(peer: Peer) -> None:
 
 def test_diagnostics_tell_how_the_ticks_keep_up(peer: Peer) -> None:
     values = peer.status(
-        "dlo_sim: node", lambda values, status: float(values["tick rate [Hz]"]) > 0.0, "ticks"
+        "/dlo_sim: node", lambda values, status: float(values["tick rate [Hz]"]) > 0.0, "ticks"
     )
     assert float(values["tick time mean [ms]"]) > 0.0
     assert float(values["step time mean [us]"]) > 0.0
     assert float(values["real-time factor"]) > 0.0
     assert int(values["dropped ticks"]) >= 0
     session = peer.status(
-        "dlo_sim: session", lambda values, status: values["status"] == "running", "the session"
+        "/dlo_sim: session", lambda values, status: values["status"] == "running", "the session"
     )
     assert float(session["simulated time [s]"]) > 0.0
     assert session["method"]

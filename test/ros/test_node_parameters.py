@@ -11,8 +11,14 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from geometry_msgs.msg import PoseArray, WrenchStamped
 from node_harness import CABLE, START, NodeProcess, Peer
-from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.parameter import Parameter
 
 from dlo_sim.scene.loading import scene_from_values, scene_values
@@ -54,6 +60,17 @@ def changeable(key: str, value: object) -> bool:
 def count_of_points(peer: Peer) -> Callable[[], int]:
     received = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
     return lambda: len(received[-1].poses) if received else 0
+
+
+def test_a_type_that_there_is_not_is_refused(peer: Peer) -> None:
+    value = ParameterValue(type=72, double_value=2.0)
+    request = SetParametersAtomically.Request(
+        parameters=[ParameterMessage(name="cable.length", value=value)]
+    )
+    name = "/dlo_sim/set_parameters_atomically"
+    result = peer.call(SetParametersAtomically, name, request).result
+    assert not result.successful
+    assert "cable.length: no value given" in result.reason
 
 
 def test_the_whole_table_is_declared_with_the_scene_s_values(peer: Peer) -> None:
@@ -98,7 +115,7 @@ def test_diagnostics_name_the_terms_that_the_simulator_has_and_warn_of_those_it_
         expected = Simulator(scene_from_values({**CABLE, "terms.gravity": weight}))
         left_out = [f"{name}: {reason}" for name, reason in expected.left_out.items()]
         found = peer.status(
-            "dlo_sim: session",
+            "/dlo_sim: session",
             lambda values, status, lines=left_out: values["left out"] == "; ".join(lines),
             f"what is left out with terms.gravity {weight}",
         )
@@ -189,7 +206,7 @@ def test_an_end_that_is_let_go_has_no_reaction_topic(peer: Peer) -> None:
 def test_another_rate(peer: Peer) -> None:
     assert peer.set({"rate": 50.0}).successful
     peer.status(
-        "dlo_sim: node",
+        "/dlo_sim: node",
         lambda values, status: 30.0 < float(values["tick rate [Hz]"]) < 70.0,
         "about 50 ticks per second",
     )

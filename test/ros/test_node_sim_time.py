@@ -27,6 +27,9 @@ class PlayedClock:
         self.now_ns += step_ms * 1_000_000
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(self.now_ns, 1_000_000_000)
+        self.publish(message)
+
+    def publish(self, message: Clock) -> None:
         self._publisher.publish(message)
 
     def run_until(self, condition: Callable[[], object], what: str, step_ms: int = 10) -> None:
@@ -51,7 +54,7 @@ def test_time_begins_stands_still_goes_on_and_jumps_back(
 ) -> None:
     started({**CABLE, "use_sim_time": True})
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
-    name = "dlo_sim: node"
+    name = "/dlo_sim: node"
     peer.status(
         name,
         lambda v, s: s.level == DiagnosticStatus.WARN and "no /clock" in s.message,
@@ -64,7 +67,7 @@ def test_time_begins_stands_still_goes_on_and_jumps_back(
     # The first /clock is a jump of 1000 s that nobody simulates.
     assert stamp(received[0]) > 999 * 10**9
     assert abs(clock.now_ns - stamp(received[-1])) < 10**9
-    values = peer.status("dlo_sim: session", lambda v, s: True, "the session")
+    values = peer.status("/dlo_sim: session", lambda v, s: True, "the session")
     assert float(values["simulated time [s]"]) < 10.0
     assert float(values["skipped [s]"]) == 0.0
 
@@ -95,7 +98,7 @@ def test_a_small_jump_back_is_a_reset_too(started: Callable[..., NodeProcess], p
     )
     clock.now_ns -= 300_000_000
     clock.run_until(lambda: abs(received[-1].poses[-1].position.z) < 0.05, "a straight cable")
-    peer.status("dlo_sim: node", lambda v, s: v["clock jumps"] == "1", "one jump")
+    peer.status("/dlo_sim: node", lambda v, s: v["clock jumps"] == "1", "one jump")
     clock.close()
 
 
@@ -105,7 +108,7 @@ def test_a_pose_that_comes_before_the_clock_is_not_lost(
     started({**HELD, "use_sim_time": True, "end.position": [1.0, 2.0, 3.0]})
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
     poses = peer.publisher(PoseStamped, "/gripper_pose")
-    name = "dlo_sim: node"
+    name = "/dlo_sim: node"
     peer.status(name, lambda v, s: v["publishers on /gripper_pose"] == "1", "the publisher")
     pose = PoseStamped()
     pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = 1.0, 2.0, 3.0
@@ -119,3 +122,22 @@ def test_a_pose_that_comes_before_the_clock_is_not_lost(
     assert (first.x, first.y, first.z) == (1.0, 2.0, 3.0)
     clock.close()
     peer.node.destroy_publisher(poses)
+
+
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (2**31 - 1, 2**32 - 1)])
+def test_a_clock_that_is_no_time_is_counted_and_ignored(
+    started: Callable[..., NodeProcess], peer: Peer, sec: int, nanosec: int
+) -> None:
+    node = started({**CABLE, "use_sim_time": True})
+    received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    clock = PlayedClock(peer, 100)
+    clock.run_until(lambda: received, "control points")
+    message = Clock()
+    message.clock.sec, message.clock.nanosec = sec, nanosec
+    clock.publish(message)
+    values = peer.status("/dlo_sim: node", lambda v, s: v["clock refused"] == "1", "a count")
+    assert values["clock jumps"] == "0"
+    received.clear()
+    clock.run_until(lambda: len(received) > 5, "control points again")
+    assert "Traceback" not in node.output
+    clock.close()

@@ -15,8 +15,11 @@ from dlo_sim.ros import main as node_main
 
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from node_harness import CABLE, HELD, START, NodeProcess, Peer
+
+QOS = "qos_overrides./dlo_sim/tip/wrench.subscription"
 
 
 @pytest.mark.parametrize(
@@ -33,6 +36,10 @@ from node_harness import CABLE, HELD, START, NodeProcess, Peer
         ({"integrator.method": "euler"}, "integrator.method"),
         ({"integrator.method": "forest_ruth", "damping.mass": 1.0}, "damping"),
         ({"qos_overrides./nowhere.subscription.depth": 5}, "qos_overrides./nowhere"),
+        ({f"{QOS}.reliability": "fast"}, f"{QOS}.reliability: 'fast'"),
+        ({f"{QOS}.depth": 0}, f"{QOS}.depth: 0"),
+        ({f"{QOS}.history": ["keep_all"]}, f"{QOS}.history"),
+        ({f"{QOS}.durability": "volatile"}, f"{QOS}.durability"),
     ],
 )
 def test_a_bad_parameter_is_refused(
@@ -46,12 +53,21 @@ def test_a_bad_parameter_is_refused(
     assert "Traceback" not in node.output
 
 
+IN_OTHER_NODE = ["--ros-args", "-r", "__node:=other", "-p", "loads.names:=[tip, force]"]
+IN_OTHER_NODE += ["-p", "loads.force.type:=force"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
         (["--ros-args", "--params-file", "/nowhere/scene.yaml"], "/nowhere/scene.yaml"),
         (["--ros-args", "--parms-file", "scene.yaml"], "--parms-file"),
         (["scene.yaml"], "scene.yaml"),
+        (["--ros-args", "-p", "other:rate:=50.0"], "for /other, none for this one, /dlo_sim"),
+        (
+            [*IN_OTHER_NODE, "-r", "/other/tip/wrench:=/x", "-r", "/other/force:=/x"],
+            "/x: stands for ~/tip/wrench",
+        ),
     ],
 )
 def test_a_bad_argument_is_refused(
@@ -61,6 +77,26 @@ def test_a_bad_argument_is_refused(
     assert node.wait() == node_main.REFUSED
     assert named in node.output.splitlines()[-1]
     assert "Traceback" not in node.output
+
+
+def test_a_params_file_for_other_nodes_is_refused_unless_told_otherwise(
+    launch: Callable[..., NodeProcess], peer: Peer, tmp_path: Path
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("/dlo_sim:\n  ros__parameters: {rate: 50.0}\n", encoding="utf-8")
+    arguments = ["--ros-args", "--params-file", str(scene), "-r", "__node:=left"]
+    refusal = f"{scene}: holds parameters for /dlo_sim, none for this one, /left"
+    node = launch(None, *arguments)
+    assert node.wait(START) == node_main.REFUSED
+    (line,) = node.output.splitlines()
+    assert line.startswith(f"dlo_sim: error: {refusal}")
+    assert "--allow-unmatched" in line
+    node = launch(None, "--allow-unmatched", *arguments)
+    peer.watched = node
+    peer.until(lambda: peer.node.count_services("/left/reset"), "node", START)
+    assert refusal in node.output
+    assert node.stop() == 0
+    peer.watched = None
 
 
 def test_integers_mixed_lists_and_empty_lists_are_fine(
@@ -81,14 +117,27 @@ def test_integers_mixed_lists_and_empty_lists_are_fine(
 
 
 def test_every_start_goes_by_its_own_name(launch: Callable[..., NodeProcess], peer: Peer) -> None:
-    """Two nodes of one file, told apart by name; topics and services follow it."""
-    node = launch(HELD, "-r", "__node:=left", "-r", "/gripper_pose:=/left/pose")
+    """Two nodes of one file, told apart by name; topics, services and diagnostics follow it."""
+    remaps = ["__node:=left", "__ns:=/arm", "/gripper_pose:=/left/pose"]
+    node = launch(HELD, *(argument for remap in remaps for argument in ("-r", remap)))
     peer.watched = node
-    peer.until(lambda: peer.node.count_services("/left/reset"), "node", START)
+    peer.until(lambda: peer.node.count_services("/arm/left/reset"), "node", START)
     topics = [name for name, _ in peer.node.get_topic_names_and_types()]
-    assert "/left/control_points" in topics
+    assert "/arm/left/control_points" in topics
     assert peer.node.count_subscribers("/left/pose") == 1
     assert peer.node.count_subscribers("/gripper_pose") == 0
+    statuses = peer.collect(DiagnosticArray, "/diagnostics")
+    peer.until(lambda: len(statuses) >= 2, "diagnostics")
+    found = [status for array in statuses for status in array.status]
+    names = {"/arm/left: node", "/arm/left: session", "/arm/left: input /left/pose"}
+    assert {status.name for status in found} == names
+    assert {status.hardware_id for status in found} == {"/arm/left"}
+    stranger = peer.node.create_publisher(PoseArray, "/left/pose", 1)
+    both = "/peer publishes geometry_msgs/msg/PoseArray on /left/pose, the input takes "
+    both += "geometry_msgs/msg/PoseStamped"
+    peer.status("/arm/left: node", lambda values, status: both in status.message, "both types")
+    peer.node.destroy_publisher(stranger)
+    peer.until(lambda: both in node.output, "a line in the log")
     assert node.stop() == 0
 
 
@@ -101,13 +150,13 @@ def test_the_command_is_the_node(tmp_path: Path, domain: int) -> None:
     assert "did you mean cable.length?" in done.stderr
 
 
-def test_shipped_scenes_start(
-    started: Callable[..., NodeProcess], peer: Peer, checkout: Path
+def test_a_shipped_scene_starts_by_its_name(
+    started: Callable[..., NodeProcess], peer: Peer
 ) -> None:
-    scene = checkout / "config" / "paper_wire_force.yaml"
-    started({}, "--params-file", str(scene))
+    started(None, "--scene", "paper_wire_force", "--ros-args", "-p", "rate:=50.0")
     received = peer.collect(PoseArray, "/dlo_sim/control_points", depth=1)
     peer.until(lambda: received, "control points")
+    assert peer.get("rate", "loads.names", "cable.diameter") == [50.0, ["centre"], 0.002]
     assert len(received[-1].poses) == peer.get("discretization.control_points")[0]
 
 
@@ -118,7 +167,7 @@ def test_pages_stay_in_memory_where_that_is_allowed(
     probe = "from dlo_sim.ros.residence import settle; raise SystemExit(0 if settle() else 1)"
     allowed = subprocess.run([sys.executable, "-c", probe], check=False).returncode == 0
     node = started(HELD)
-    peer.status("dlo_sim: node", lambda values, status: True, "the first report")
+    peer.status("/dlo_sim: node", lambda values, status: True, "the first report")
     status = Path(f"/proc/{node.process.pid}/status").read_text()
     locked = [int(line.split()[1]) for line in status.splitlines() if line.startswith("VmLck")]
     assert (locked[0] > 1000) == allowed  # kB

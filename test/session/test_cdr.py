@@ -139,14 +139,17 @@ def test_diagnostic_array(text):
         cdr.DiagnosticStatus(1, "one" + text, text, (("key" + text, text), ("k", "v"))),
         cdr.DiagnosticStatus(3, text, "two", ()),
     ]
-    raw = cdr.encode_diagnostic_array(STAMP, statuses, text)
+    raw = cdr.encode_diagnostic_array(STAMP, text, statuses)
     message = STORE.deserialize_cdr(raw, cdr.DIAGNOSTIC_ARRAY)
     assert message.header == header("")
     found = [
         (s.level, s.name, s.message, tuple((v.key, v.value) for v in s.values), s.hardware_id)
         for s in message.status
     ]
-    assert found == [(*status, text) for status in statuses]
+    assert found == [
+        (status.level, f"{text}: {status.name}", status.message, status.values, text)
+        for status in statuses
+    ]
 
 
 @pytest.mark.parametrize("frame", FRAMES[:6])
@@ -253,7 +256,7 @@ class TestAgainstRclpy:
         marker = self.serialization.deserialize_message(raw, self.visualization.Marker)
         assert marker.action == marker.DELETEALL
         status = cdr.DiagnosticStatus(2, "name", frame, (("a", "b"), (frame, "ccc")))
-        raw = cdr.encode_diagnostic_array(STAMP, [status, status], "hw")
+        raw = cdr.encode_diagnostic_array(STAMP, "/dlo", [status, status])
         array = self.serialization.deserialize_message(raw, self.diagnostic.DiagnosticArray)
         assert [s.level for s in array.status] == [b"\x02", b"\x02"]
         assert [(v.key, v.value) for v in array.status[1].values] == [("a", "b"), (frame, "ccc")]

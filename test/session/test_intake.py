@@ -201,10 +201,10 @@ def test_force_topic_takes_a_vector(bench):
     values = {k: v for k, v in FREE.items() if not k.startswith("loads")}
     force = bench(values, **{"loads.names": ["force"], "loads.force.type": "force"})
     assert [(i.topic, i.kind, i.type) for i in force.session.inputs] == [
-        ("~/force", "force", cdr.VECTOR3_STAMPED)
+        ("/dlo_sim/force", "force", cdr.VECTOR3_STAMPED)
     ]
     raw = cdr.StampedEncoder(cdr.VECTOR3_STAMPED, "world").encode(T0, (1, 2, 3))
-    force.session.receive("~/force", raw, T0)
+    force.session.receive("/dlo_sim/force", raw, T0)
     force.run(T0, T0 + 100 * MS)
     (call,) = (c for c in force.simulator.calls if c[0] == "load")
     assert (call[3], call[4]) == ((1, 2, 3), (0, 0, 0))

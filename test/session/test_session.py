@@ -147,8 +147,8 @@ class TestSilence:
         loaded.run(T0 + SECOND, T0 + 6 * SECOND)
         raw = loaded.session.diagnostics(T0 + 6 * SECOND)
         levels = {s.name: s.level for s in STORE.deserialize_cdr(raw, cdr.DIAGNOSTIC_ARRAY).status}
-        assert levels["dlo_sim: input /gripper_pose"] == 3
-        assert levels["dlo_sim: input /wrench"] == 3
+        assert levels["/dlo_sim: input /gripper_pose"] == 3
+        assert levels["/dlo_sim: input /wrench"] == 3
 
 
 class TestCatchingUp:

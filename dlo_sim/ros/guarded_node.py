@@ -1,0 +1,85 @@
+"""A node whose user input cannot raise out of rclpy.
+
+rclpy gives a node a time source and parameter services of its own. Both raise on messages that ROS
+can carry and they cannot hold, and whatever a callback raises ends the process. They subscribe and
+serve by the node's own methods, so this is where their messages are checked.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from dlo_sim.ros.status import ClockWatch
+from dlo_sim.scene.checking import brief
+from dlo_sim.scene.loading import SceneError
+
+_PARAMETER_TYPES = range(ParameterType.PARAMETER_NOT_SET, ParameterType.PARAMETER_STRING_ARRAY + 1)
+
+
+class GuardedNode(Node):
+    """A node that counts or refuses what rclpy would raise on.
+
+    Attributes:
+        clock_watch: what is known of /clock.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """Make the node.
+
+        Raises:
+            SceneError: rclpy refuses its name, its namespace or a parameter of its own.
+        """
+        self.clock_watch = ClockWatch()
+        try:
+            super().__init__(name, **options)
+        except (RuntimeError, ParameterException) as error:
+            raise SceneError(f"ROS refuses the node: {one_line(error)}; correct it") from None
+
+    def resolved(self, topic: str) -> str:
+        """A topic by its name on the wire, remapped.
+
+        Raises:
+            SceneError: ROS cannot have that name.
+        """
+        try:
+            return str(self.resolve_topic_name(topic))
+        except (RuntimeError, ValueError) as error:
+            raise SceneError(f"{brief(topic)}: {one_line(error)}; give another name") from None
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[[Any], None], *args: Any, **options: Any
+    ) -> Any:
+        """As of every node; a /clock that is no time is counted and goes no further."""
+        if msg_type is Clock:
+            callback = partial(self._pass_on_clock, callback)
+        return super().create_subscription(msg_type, topic, callback, *args, **options)
+
+    def create_service(
+        self, srv_type: Any, name: str, callback: Callable[..., Any], *args: Any, **options: Any
+    ) -> Any:
+        """As of every node; a parameter of a type that there is not comes without a value."""
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = partial(_pass_on_parameters, callback)
+        return super().create_service(srv_type, name, callback, *args, **options)
+
+    def _pass_on_clock(self, callback: Callable[[Clock], None], message: Clock) -> None:
+        if self.clock_watch.accept(message.clock.sec, message.clock.nanosec):
+            callback(message)
+
+
+def one_line(error: BaseException) -> str:
+    """The message of an error on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _pass_on_parameters(callback: Callable[..., Any], request: Any, response: Any) -> Any:
+    for parameter in request.parameters:
+        if parameter.value.type not in _PARAMETER_TYPES:
+            parameter.value.type = ParameterType.PARAMETER_NOT_SET
+    return callback(request, response)
