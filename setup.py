@@ -32,7 +32,7 @@ setup(
     license="Apache-2.0",
     license_files=["LICENSE"],
     maintainer="dlo_sim maintainers",
-    maintainer_email="maintainers@users.noreply.h-seed-6cb50d28.example",
+    maintainer_email="dlo_sim@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     python_requires=">=3.11",
     # .ci/run tries the lowest versions. Pythons that numba does not know are refused by numba.
@@ -43,7 +43,7 @@ setup(
         "plots": ["matplotlib"],
         # Studies and batches on more than one machine.
         "dask": ["distributed"],
-        "test": ["pytest", "setuptools"],
+        "test": ["pytest", "pytest-xdist", "setuptools"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

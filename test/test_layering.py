@@ -26,7 +26,7 @@ ARROWS = {
         *("batch", "core", "demo", "replay", "ros", "scene", "session", "simulation", "studies"),
         "tuning",
     },
-    "": {"cli", "scene", "simulation"},  # dlo_sim/__init__.py and dlo_sim/__main__.py
+    "": {"cli", "core", "scene", "simulation"},  # dlo_sim/__init__.py and dlo_sim/__main__.py
 }
 ROS_MESSAGES = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces"}
 ROS_MESSAGES |= {"rosgraph_msgs", "std_msgs", "std_srvs", "visualization_msgs"}

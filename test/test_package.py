@@ -67,24 +67,27 @@ def test_manifest_has_the_order_and_fields_of_format_3(manifest):
     email = manifest.find("maintainer").get("email")
     assert re.fullmatch(r"[-\w%+]+(\.[-\w%+]+)*@[-\w%]+(\.[-\w%]+)*\.[a-zA-Z]{2,}", email)
     assert manifest.findtext("export/build_type") == "ament_python"
+    depends = {child.text for child in manifest if child.tag.endswith("depend")}
+    assert not {key for key in depends if key.endswith("-pip")}, "it could not be released"
     assert len({(c.tag, c.text) for c in manifest}) == len(tags), "nothing is there twice"
 
 
 def test_name_version_and_licence_agree(checkout, manifest):
-    name, version = (
+    name, version, email = (
         subprocess.run(
-            [sys.executable, "setup.py", "--quiet", "--name", "--version"],
+            [sys.executable, "setup.py", "--quiet", "--name", "--version", "--maintainer-email"],
             cwd=checkout,
             capture_output=True,
             text=True,
             check=True,
         )
         .stdout.strip()
-        .splitlines()[-2:]
+        .splitlines()[-3:]
     )
     assert re.fullmatch(r"(0|[1-9]\d*)(\.(0|[1-9]\d*)){2}", version)
     assert (manifest.findtext("name"), manifest.findtext("version")) == (name, version)
     assert dlo_sim.__version__ == version
+    assert manifest.find("maintainer").get("email") == email
     assert manifest.findtext("license") == "Apache-2.0"
     assert (checkout / manifest.find("license").get("file")).read_text().split()[:2] == [
         "Apache",
@@ -122,7 +125,7 @@ def test_installed_package_finds_its_scenes_and_no_other(installed, tmp_path):
     code = (
         "import dlo_sim, dlo_sim.scene.loading as s;"
         "print(dlo_sim.__file__); print(s.shipped_scene('paper_wire'));"
-        "print(s.load_scene(s.shipped_scene('paper_wire')).cable.length)"
+        "print(dlo_sim.load_scene('paper_wire').cable.length)"
     )
     lines = subprocess.run(
         [sys.executable, "-c", code],

@@ -173,7 +173,7 @@ def _look_at(asked: _Asked) -> list[Lane | Run]:
                 simulator.start_from(*start)
         except SceneError as refusal:
             raise SceneError(f"scene {k}: {refusal}") from None
-        except ValueError as refusal:
+        except (TypeError, ValueError) as refusal:
             raise ValueError(f"initial {k}: {refusal}") from None
         reason = reason_against(simulator)
         if reason:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import SceneError, find_scene, load_scene, parse_assignment
+from dlo_sim.scene.loading import SceneError, load_scene, parse_assignment
 
 
 class CommandError(Exception):
@@ -76,4 +76,4 @@ def read_scene(text: str, assignments: Sequence[str]) -> Scene:
         if key in overrides:
             raise SceneError(f"--set {key} is given twice; keep one of them")
         overrides[key] = value
-    return load_scene(find_scene(text), overrides)
+    return load_scene(text, overrides)

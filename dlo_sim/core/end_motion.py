@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import one_rotation, rotations
+from dlo_sim.core import arguments, one_rotation, rotations
 
 Array = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ class EndMotion:
         rotation: rows w1 [rad/s], w2 [rad/s^2], shape (2, 3), world frame.
 
     Raises:
-        ValueError: wrong shape, a value that is not finite, a negative duration, or a quaternion
-            that is not unit.
+        TypeError: a value that is not made of numbers. ValueError: wrong shape, a value that is not
+            finite, a negative duration, or a quaternion that is not unit.
     """
 
     start: float
@@ -47,22 +47,19 @@ class EndMotion:
 
     def __post_init__(self) -> None:
         for name, shape in (("position", (3, 3)), ("orientation", (4,)), ("rotation", (2, 3))):
-            value = np.array(getattr(self, name), dtype=float)
-            if value.shape != shape:
-                raise ValueError(f"end motion: {name} has shape {value.shape}, needs {shape}")
+            value = arguments.numbers(f"end motion: {name}", getattr(self, name), shape)
             value.setflags(write=False)
             object.__setattr__(self, name, value)
-        # A sum is not finite if one term is not.
-        total = float(
-            np.add.reduce(self.position, axis=None) + np.add.reduce(self.rotation, axis=None)
-        )
-        if not math.isfinite(total + self.start + self.duration):
-            raise ValueError("end motion: a coefficient or time is not finite")
+        for name in ("start", "duration"):
+            time = arguments.number(f"end motion: {name}", getattr(self, name), "s")
+            object.__setattr__(self, name, time)
         if self.duration < 0.0:
-            raise ValueError(f"end motion: duration {self.duration:g} s is negative")
+            raise ValueError(
+                f"end motion: duration {self.duration:g} s is negative; give 0 or more"
+            )
         norm = math.hypot(*self.orientation.tolist())
-        if not abs(norm - 1.0) <= _NORM_TOLERANCE:  # written so that NaN fails
-            raise ValueError(f"end motion: orientation has norm {norm:g}, normalise it")
+        if abs(norm - 1.0) > _NORM_TOLERANCE:
+            raise ValueError(f"end motion: orientation has norm {norm:g}; normalise it")
 
     @classmethod
     def resting(
@@ -70,8 +67,9 @@ class EndMotion:
     ) -> EndMotion:
         """An end effector that stays where it is; position (3,) [m], orientation (4,)."""
         coefficients = np.zeros((3, 3))
-        coefficients[0] = position
-        return cls(start, 0.0, coefficients, np.asarray(orientation, dtype=float), np.zeros((2, 3)))
+        coefficients[0] = arguments.numbers("end motion: position", position, (3,), "m")
+        turned = arguments.numbers("end motion: orientation", orientation, (4,), "x, y, z, w")
+        return cls(start, 0.0, coefficients, turned, np.zeros((2, 3)))
 
     @property
     def end(self) -> float:

@@ -75,24 +75,32 @@ _DEEPEST = 12
 _ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
 
 
-def load_scene(path: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
-    """Read a scene file.
+def load_scene(
+    source: str | os.PathLike[str] | Mapping[str, object],
+    overrides: Mapping[str, object] | None = None,
+) -> Scene:
+    """Read a scene.
 
     Args:
-        path: a ROS 2 parameter file with a block for `/**`, `dlo_sim` or a single other node.
-        overrides: dotted key -> value, applied over the file; naming `loads.names` here drops the
-            blocks of the file's other loads.
+        source: the name of a shipped scene, such as "two_grippers"; the path of a ROS 2 parameter
+            file with a block for `/**`, `dlo_sim` or a single other node; or a mapping as in such a
+            file, or of its keys alone, nested or dotted: `{"cable": {"length": 2.0}}`.
+        overrides: dotted key -> value, applied over the source; naming `loads.names` here drops the
+            blocks of the source's other loads.
 
     Raises:
-        SceneError: one line that names the file, the key, the value and the cure.
+        SceneError: one line that names the file, the key, the value and the cure. TypeError:
+            neither a name nor a path nor a mapping.
     """
-    source = Path(path)
-    wanted = dict(overrides or {})
+    wanted = _mapping("overrides", {} if overrides is None else overrides)
+    if isinstance(source, Mapping):
+        values = _node_values(source) if _has_nodes(source) else _flat(source)
+        return scene_from_values(_overridden(values, wanted))
+    path = find_scene(source)
     try:
-        values = _node_values(_read_yaml(source))
-        return scene_from_values({**_without_dropped_loads(values, wanted), **wanted})
+        return scene_from_values(_overridden(_node_values(_read_yaml(path)), wanted))
     except SceneError as error:
-        raise SceneError(f"{source}: {error}") from None
+        raise SceneError(f"{path}: {error}") from None
 
 
 def scene_from_values(values: Mapping[str, object]) -> Scene:
@@ -104,10 +112,12 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
     Raises:
         SceneError: unknown key, wrong type, out of range, or an impossible scene.
     """
-    names = _load_names(values)
+    names = _load_names(_mapping("values", values))
     known = {row.key: row for row in scene_parameters(names)}
     checked: dict[str, Value] = {key: row.default for key, row in known.items()}
     for key, value in values.items():
+        if not isinstance(key, str):
+            raise SceneError(f"{brief(key)}: a key must be a text; give one like 'cable.length'")
         if key in known:
             checked[key] = check_value(known[key], value)
         elif not _ROS_KEYS.fullmatch(key):
@@ -129,7 +139,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 def changed_values(scene: Scene, changes: Mapping[str, object]) -> dict[str, object]:
     """The values of a scene with changes; loads that `loads.names` no longer holds are dropped."""
-    return {**_without_dropped_loads(scene_values(scene), changes), **changes}
+    return _overridden(scene_values(scene), _mapping("values", changes))
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
@@ -176,15 +186,20 @@ def shipped_scene(name: str) -> Path:
     )
 
 
-def find_scene(text: str) -> Path:
+def find_scene(text: str | os.PathLike[str]) -> Path:
     """The file that a user means: a path, or the bare name of a shipped scene.
 
     Raises:
-        SceneError: if it is neither.
+        SceneError: if it is neither. TypeError: no text and no path.
     """
-    path = Path(text)
-    bare = path.name == text and not path.suffix
-    return shipped_scene(text) if bare and not path.is_file() else path
+    name = os.fspath(text) if isinstance(text, str | os.PathLike) else None
+    if not isinstance(name, str) or "\0" in name:
+        raise TypeError(
+            f"scene: needs a shipped scene's name, a path or a mapping of keys, got {brief(text)}"
+        )
+    path = Path(name)
+    bare = path.name == name and not path.suffix
+    return shipped_scene(name) if bare and not os.path.isfile(path) else path
 
 
 def nodes_with_parameters(document: object) -> list[str]:
@@ -255,6 +270,14 @@ def _node_values(document: object) -> dict[str, object]:
     return values
 
 
+def _has_nodes(document: Mapping[str, object], depth: int = 0) -> bool:
+    """Whether keys stand below the names of nodes, as in a file."""
+    return depth <= _DEEPEST and any(
+        key == "ros__parameters" or (isinstance(value, Mapping) and _has_nodes(value, depth + 1))
+        for key, value in document.items()
+    )
+
+
 def _node_blocks(document: object, path: tuple[str, ...]) -> Iterator[tuple[str, object]]:
     """Every `ros__parameters` block with the full name of its node; namespaces may nest."""
     if not isinstance(document, Mapping):
@@ -305,18 +328,28 @@ def _load_names(values: Mapping[str, object]) -> tuple[str, ...]:
     return texts
 
 
-def _without_dropped_loads(
-    values: Mapping[str, object], changes: Mapping[str, object]
-) -> dict[str, object]:
-    """The values without the blocks of loads that the changed `loads.names` leaves out."""
+def _mapping(name: str, values: object) -> dict[str, object]:
+    """Values by key, as a dictionary of its own.
+
+    Raises:
+        TypeError: no mapping.
+    """
+    if not isinstance(values, Mapping):
+        raise TypeError(f"{name}: needs a mapping, {{'cable.length': 2.0}}, got {brief(values)}")
+    return dict(values)
+
+
+def _overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
+    """The values with changes, without the blocks of loads that `loads.names` no longer holds."""
     if "loads.names" not in changes:
-        return dict(values)
+        return {**values, **changes}
     dropped = set(_load_names(values)) - set(_load_names(changes))
-    return {
+    left = {
         key: value
         for key, value in values.items()
         if not (key.startswith("loads.") and key.split(".")[1] in dropped)
     }
+    return {**left, **changes}
 
 
 def _scene(values: Mapping[str, Any], load_names: tuple[str, ...]) -> Scene:

@@ -108,13 +108,15 @@ def needs_of(scene: Scene) -> Needs:
         return False
 
     terms = scene.terms
+    # Switched off, it is missed once something does twist the cable (`Needs.with_twist`).
+    twisting = _twisted(scene, axes) if terms.twist == "off" else _may_twist(scene)
     if len(axes) == 2:
         decide("out_of_plane", terms.out_of_plane, leaves, f"everything lies in {_plane(axes)}")
     decide("contact", terms.contact, False, "not available in this version")
     present = {
         "stretch": decide("stretch", terms.stretch, scene.cable.EA > 0.0, "axial stiffness is 0"),
         "bend": decide("bend", terms.bend, scene.cable.EI > 0.0, "bending stiffness is 0"),
-        "twist": decide("twist", terms.twist, _twists(scene), "nothing twists the cable"),
+        "twist": decide("twist", terms.twist, twisting, "nothing twists the cable"),
         "gravity": decide("gravity", terms.gravity, any(scene.gravity), "gravity is 0"),
         "springs": decide("springs", "auto", _sprung(scene), "no end hangs on a spring"),
         "loads": decide("loads", "auto", bool(scene.loads), "no loads"),
@@ -150,7 +152,7 @@ def _lost(scene: Scene, axes: tuple[int, ...]) -> dict[str, str]:
         "bend": f"terms.bend: off, so nothing resists bending, although EI is {cable.EI:.3g} "
         "N m^2; set it to auto",
         "twist": "terms.twist: off, so nothing turns the cable about its own axis, although a "
-        "gripper or a moment may; set it to auto",
+        "gripper or a moment does; set it to auto",
         "gravity": f"terms.gravity: off, so the cable has no weight, although gravity is "
         f"{list(scene.gravity)} m/s^2; set it to auto",
         "damping": "terms.damping: off, so no motion dies away, although the scene has damping "
@@ -275,11 +277,16 @@ def _plane(axes: tuple[int, ...]) -> str:
     return f"the {''.join('xyz'[axis] for axis in axes)} plane"
 
 
-def _twists(scene: Scene) -> bool:
-    """Something turns the cable about its own axis: a turning gripper, or a moment with a clamp."""
+def _may_twist(scene: Scene) -> bool:
+    """Something can turn the cable about its own axis: a gripper that clamps it, or a moment."""
     turned = any(end.clamped and end.driven for end in scene.ends.values())
     moments = any(load.type == "wrench" for load in scene.loads)
     return turned or moments
+
+
+def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
+    """A moment turns the cable from the beginning; across a plane it bends it."""
+    return len(axes) == 3 and any(any(load.torque) for load in scene.loads)
 
 
 def _sprung(scene: Scene) -> bool:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import one_rotation, rotations
+from dlo_sim.core import arguments, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.one_rotation import Vector
 from dlo_sim.kernels.ends import end_points, turn
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.geometry import ENDS, EndGeometry
+from dlo_sim.simulation.geometry import ENDS, EndGeometry, given_quaternion, known_end
 
 Array = NDArray[np.float64]
 COLUMNS = 39
 TWIST, CLAMPED, HELD, SIGN = 33, 34, slice(35, 38), 38
+NEAR = 1e-6  # lengths of the cable, and radians: beyond, a motion begins elsewhere than the end is
 
 
 class EndDrive:
@@ -33,6 +35,7 @@ class EndDrive:
         self._motions: dict[str, EndMotion] = {}
         spans = scene.discretization.control_points - 3
         third = scene.cable.length / spans / 3.0
+        self._near = NEAR * scene.cable.length
         for row, name in enumerate(ENDS):
             end, geometry = scene.ends[name], geometries[name]
             sign = 1.0 if name == "start" else -1.0
@@ -52,12 +55,12 @@ class EndDrive:
 
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
         """Position [m] and quaternion of an end effector at time t."""
-        motion = self._motions[_known(end)]
+        motion = self._motions[known_end(end)]
         return motion.position_at(t), motion.orientation_at(t)
 
     def orientation(self, end: str, t: float) -> Array:
         """Quaternion of an end effector at time t."""
-        return self._motions[_known(end)].orientation_at(t)
+        return self._motions[end].orientation_at(t)
 
     def turned(self, end: str, t: float, direction: Vector) -> Vector:
         """World direction at time t of one that is fixed in an end effector's frame."""
@@ -94,33 +97,62 @@ class EndDrive:
         """Rest at a pose from time t on.
 
         Raises:
-            ValueError: not finite, a zero quaternion or tangent, or both orientation and tangent.
+            TypeError, ValueError: not finite numbers, a zero quaternion or tangent, or both
+                orientation and tangent.
         """
         old_position, old_orientation = self.pose(end, t)
         if orientation is not None and tangent is not None:
-            raise ValueError(f"{end}: give an orientation or a tangent, not both")
+            raise ValueError(f"tangent of {end}: is given beside an orientation; leave one out")
         turned = old_orientation
         if orientation is not None:
-            turned = rotations.normalized(orientation)
+            turned = given_quaternion(f"orientation of {end}", orientation)
         if tangent is not None:
-            direction = _finite(end, "tangent", tangent, 3)
-            turned = rotations.multiply(
-                rotations.minimal_rotation(self.tangent(end, t), direction), old_orientation
-            )
-        place = old_position if position is None else _finite(end, "position", position, 3)
+            direction = arguments.numbers(f"tangent of {end}", tangent, (3,))
+            try:
+                swing = rotations.minimal_rotation(self.tangent(end, t), direction)
+            except ValueError as refusal:
+                raise ValueError(
+                    f"tangent of {end}: {refusal}; give the cable's direction"
+                ) from None
+            turned = rotations.multiply(swing, old_orientation)
+        place = old_position
+        if position is not None:
+            place = arguments.numbers(f"position of {end}", position, (3,), "m")
         # A swing towards a new orientation keeps the twist that the way there gives it.
-        swing = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
+        way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
         row = self.motion[ENDS.index(end)]
         row[TWIST] = end_points(row, t)[6] + row[SIGN] * _twist_about(
-            swing, rotations.rotate(old_orientation, row[30:33])
+            way, rotations.rotate(old_orientation, row[30:33])
         )
         self._write(end, EndMotion.resting(place, turned, t))
         row[0] = 1.0
 
-    def follow(self, end: str, t: float, motion: EndMotion) -> None:
-        """Follow a motion; the twist goes on from where the present motion is at its start."""
-        row = self.motion[ENDS.index(_known(end))]
-        row[TWIST] = end_points(row, max(motion.start, row[1]))[6]
+    def follow(self, end: str, t: float, motion: EndMotion, step: float) -> None:
+        """Follow a motion from time t on; the twist goes on from where it is.
+
+        Raises:
+            TypeError, ValueError: no end, or no motion; one that begins elsewhere than the end
+                effector is, or more than a step before t.
+        """
+        row = self.motion[ENDS.index(known_end(end))]
+        arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
+        if motion.start < t - step * (1.0 + 1e-9):
+            raise ValueError(
+                f"motion of {end}: starts at {motion.start!r} s, before the present; start it at "
+                f"the simulator's time, {t!r} s, or later"
+            )
+        begin = min(motion.start, t)  # a motion that has yet to start rests where it will
+        position, orientation = self.pose(end, begin)
+        way = math.dist(motion.position[0], position)
+        turn = math.hypot(
+            *one_rotation.turn_between(orientation.tolist(), motion.orientation.tolist())
+        )
+        if way > self._near or turn > NEAR:
+            raise ValueError(
+                f"motion of {end}: starts {way:.3g} m and {turn:.3g} rad away from the end "
+                f"effector; start it at end_pose('{end}'), or put the end there with set_end before"
+            )
+        row[TWIST] = end_points(row, begin)[6]
         self._write(end, motion)
         row[0] = 1.0
 
@@ -170,19 +202,6 @@ class EndDrive:
         m[12:21] = rotations.to_matrix(motion.orientation).ravel()
         m[21:27] = motion.rotation.ravel()
         self._motions[end] = motion
-
-
-def _known(end: str) -> str:
-    if end not in ENDS:
-        raise KeyError(f"no end '{end}': use start or end")
-    return end
-
-
-def _finite(end: str, what: str, value: ArrayLike, size: int) -> Array:
-    vector = np.asarray(value, dtype=float)
-    if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise ValueError(f"{end}: {what} needs {size} finite numbers, got {value!r}")
-    return vector
 
 
 def _twist_about(rotation: ArrayLike, axis: Array) -> float:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import bspline, rotations
+from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
@@ -32,15 +32,27 @@ class EndGeometry:
     tangent: Array
 
 
+def known_end(end: object) -> str:
+    """The name of an end.
+
+    Raises:
+        TypeError, ValueError: not one.
+    """
+    return arguments.one_of("end", end, ENDS)
+
+
 def end_geometries(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict[str, EndGeometry]:
-    """Both ends from the scene, or from end-effector poses where given."""
-    poses = poses or {}
+    """Both ends from the scene, or from end-effector poses where given.
+
+    Raises:
+        TypeError, ValueError: poses that are none.
+    """
+    poses = {} if poses is None else _checked(poses)
     placed: dict[str, tuple[Array, Array, Array]] = {}
     for name in ENDS:
         end = scene.ends[name]
         position, orientation = poses.get(name, (end.position, rotations.IDENTITY))
-        position = np.asarray(position, dtype=float)
-        orientation = rotations.normalized(orientation)
+        position, orientation = np.asarray(position), np.asarray(orientation)
         placed[name] = (position, orientation, position + rotations.rotate(orientation, end.offset))
     line = _straight_direction(scene, placed["start"][2], placed["end"][2])
     result = {}
@@ -53,6 +65,36 @@ def end_geometries(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dic
             position, orientation, attachment, tangent / np.linalg.norm(tangent)
         )
     return result
+
+
+def _checked(poses: object) -> dict[str, Pose]:
+    checked: dict[str, Pose] = {}
+    if not isinstance(poses, Mapping):
+        raise TypeError(
+            'end_poses: needs {"start": (position, quaternion), ...}, got ' + arguments.given(poses)
+        )
+    for end, pose in poses.items():
+        name = f"end_poses[{known_end(end)!r}]"
+        if not isinstance(pose, Sequence) or len(pose) != 2:
+            raise TypeError(
+                f"{name}: needs (position, quaternion) as of end_pose, got {arguments.given(pose)}"
+            )
+        position = arguments.numbers(f"{name} position", pose[0], (3,), "m")
+        checked[end] = position, given_quaternion(f"{name} quaternion", pose[1])
+    return checked
+
+
+def given_quaternion(name: str, value: object) -> Array:
+    """A unit quaternion from one of any length but zero, shape (4,).
+
+    Raises:
+        TypeError, ValueError: not four finite numbers, or zero.
+    """
+    quaternion = arguments.numbers(name, value, (4,), "x, y, z, w")
+    try:
+        return rotations.normalized(quaternion)
+    except ValueError as refusal:
+        raise ValueError(f"{name}: {refusal}; give [0, 0, 0, 1] for no turn") from None
 
 
 def _straight_direction(scene: Scene, start: Array, end: Array) -> Array:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import bspline, mass, quadrature
+from dlo_sim.core import arguments, bspline, mass, quadrature
 from dlo_sim.kernels import layout, span_stretch
 from dlo_sim.kernels.instant import STIFFNESS_TERMS
 from dlo_sim.kernels.observe import ACCOUNT_TERMS
@@ -100,11 +100,10 @@ class Model:
         """Control points (n, 4) that somebody gives, or with `rest` false their velocities.
 
         Raises:
-            ValueError: another shape, not finite, or out of the coordinates of the scene's step.
+            TypeError: not numbers. ValueError: another shape, not finite, or out of the coordinates
+                of the scene's step.
         """
-        columns = np.array(value, dtype=float)
-        if columns.shape != (self.n, 4) or not np.isfinite(columns).all():
-            raise ValueError(f"{what}: needs finite numbers of shape ({self.n}, 4)")
+        columns = arguments.numbers(what, value, (self.n, 4))
         own = self.to_columns(self.to_rows(columns), rest)
         if not np.allclose(own, columns, rtol=0.0, atol=1e-12):
             raise ValueError(

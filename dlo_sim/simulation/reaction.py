@@ -7,7 +7,7 @@ import numpy as np
 from dlo_sim.kernels import layout
 from dlo_sim.kernels.ends import end_wrench
 from dlo_sim.kernels.instant import missing_force
-from dlo_sim.simulation.geometry import ENDS
+from dlo_sim.simulation.geometry import ENDS, known_end
 from dlo_sim.simulation.model import Model
 
 Wrench = tuple[float, float, float, float, float, float]
@@ -30,8 +30,7 @@ def reaction(
     missing in M a = f + R on the prescribed rows is the reaction R. A spring's force counts too,
     and so do the constraint forces of an inextensible cable (`chain`).
     """
-    if end not in ENDS:
-        raise KeyError(f"no end '{end}': use start or end")
+    row = ENDS.index(known_end(end))
     n, terms = model.n, model.terms
     missing = state.reaction
     if not state.ledger[layout.REACTION]:
@@ -40,7 +39,5 @@ def reaction(
             state, terms, model.friction, model.viscosity, work, solver, chain, t, missing
         )
     twist = -1 if model.twist_row is None else model.twist_row
-    wrench: Wrench = end_wrench(
-        missing, state.position, terms.springs, model.axes, n, ENDS.index(end), twist
-    )
+    wrench: Wrench = end_wrench(missing, state.position, terms.springs, model.axes, n, row, twist)
     return wrench

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import bspline
+from dlo_sim.core import arguments, bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
@@ -53,6 +54,9 @@ class Simulator(CableView):
             (4,)), ...}; ends that are not named are where the scene says.
         unchecked_step: take integrator.step even beyond the stability limit (to study stability).
 
+    Every method refuses an argument of a wrong type (TypeError) or value (ValueError) in one line
+    with the cure, and leaves the state as it was.
+
     Raises:
         SceneError: a scene that cannot be simulated, in one line.
     """
@@ -64,7 +68,7 @@ class Simulator(CableView):
         *,
         unchecked_step: bool = False,
     ) -> None:
-        self.scene = scene
+        self.scene = arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         needs = needs_of(scene)
         optional_terms.check_terms(scene, needs)
         check_named_method(scene)
@@ -116,11 +120,12 @@ class Simulator(CableView):
         Raises:
             ValueError: not a finite time of 0 or more.
         """
-        if not 0.0 <= duration < math.inf:
-            raise ValueError(f"duration: needs a finite time of 0 s or more, got {duration!r}")
+        duration = arguments.number("duration", duration, "s, 0 or more")
+        if duration < 0.0:
+            raise ValueError(f"duration: needs 0 s or more, got {duration!r}")
         wanted = duration + self._remainder
-        steps = int(np.floor(wanted / self.step + 1e-9))
-        report = self.advance_steps(max(steps, 0))
+        steps = float(np.floor(wanted / self.step + 1e-9))
+        report = self.advance_steps(arguments.count(f"duration / {self.step:g} s", steps))
         self._remainder = wanted - report.steps * self.step if report.status.ok else 0.0
         return report
 
@@ -130,10 +135,10 @@ class Simulator(CableView):
         Raises:
             ValueError: not a whole number of 0 or more.
         """
-        if steps != int(steps) or steps < 0:
-            raise ValueError(f"steps: needs a whole number of 0 or more, got {steps!r}")
+        steps, done = arguments.count("steps", steps), 0
+        if recorder is not None:
+            workspace.check_recorder(recorder, self._model)
         self.make_ready()
-        steps, done = int(steps), 0
         evaluations = 0
         while done < steps:
             piece = min(CHUNK, steps - done)
@@ -156,13 +161,13 @@ class Simulator(CableView):
         """Set force [N] and moment [N m] of a load, world frame, ON the cable, until changed.
 
         Raises:
-            KeyError: no such load. ValueError: not three finite numbers.
+            TypeError, ValueError: no such load, or not three finite numbers.
         """
-        if name not in self._load_index:
-            raise KeyError(
-                f"no load '{name}'; the scene has {', '.join(self._load_index) or 'none'}"
-            )
-        push, turn = _three(name, force), _three(name, torque)
+        arguments.one_of("load", name, self._load_index)
+        push, turn = (
+            _three(f"force of {name}", force, "N"),
+            _three(f"torque of {name}", torque, "N m"),
+        )
         self._extend(needs_of_load(self._needs, self.scene, push, turn))
         loads = self._model.terms.loads
         assert loads is not None
@@ -185,14 +190,24 @@ class Simulator(CableView):
         Args:
             position: [m]; default: where it is. orientation: quaternion x, y, z, w; default: as it
             is. tangent: direction of the cable at this end instead of an orientation.
+
+        Raises:
+            TypeError, ValueError: no end, or not a pose.
         """
         self._ends.place(end, self.time, position, orientation, tangent)
         self._after_end_moved(end)
         self._stepper.jump(self._state, self._work, self.time)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
-        """Let an end effector follow `motion`; afterwards it rests at its last pose."""
-        self._ends.follow(end, self.time, motion)
+        """Let an end effector follow a motion; afterwards it rests at its last pose.
+
+        The motion begins now or later (it may be given up to a step late), at the end effector's
+        present pose: `set_end` is for jumps.
+
+        Raises:
+            TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
+        """
+        self._ends.follow(end, self.time, motion, self.step)
         self._after_end_moved(end)
 
     def snapshot(self) -> Snapshot:
@@ -209,14 +224,16 @@ class Simulator(CableView):
         """Go back to a snapshot of this simulator.
 
         Raises:
-            ValueError: one of another scene.
+            TypeError: no snapshot. ValueError: one of another scene.
         """
+        arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
         if snapshot.scene != self.scene:
             raise ValueError("snapshot: is of another scene; restore it where it was taken")
         self._steps = snapshot.steps
         self._remainder = snapshot.remainder
         if snapshot.needs != self._needs:
             self._rebuild(snapshot.needs)
+        self._needs = snapshot.needs  # its warnings may differ
         for array, saved in zip(self._mutable(), snapshot.arrays, strict=True):
             array[:] = saved
         self._ends.restored()
@@ -227,18 +244,21 @@ class Simulator(CableView):
 
     def start_from(self, points: ArrayLike, rates: ArrayLike | None = None) -> None:
         """Make this the first state: control points (x, y, z, theta), shape (n_u, 4), and their
-        velocities (default: at rest). What the ends hold stays where they hold it.
+        velocities (default: at rest). What the ends hold stays where they hold it; a UserWarning
+        tells if that is elsewhere.
 
         Raises:
-            ValueError: another shape, not finite, out of the coordinates of the scene's step, or
-                without a finite energy.
+            TypeError: not numbers. ValueError: another shape, not finite, out of the coordinates of
+                the scene's step, or without a finite energy.
         """
         place = self._model.own_columns("control points", points)
         speed = np.zeros_like(place)
         if rates is not None:
             speed = self._model.own_columns("velocities", rates, rest=False)
         before = self.snapshot()
+        given = place.copy()
         self._ends.put(place, 0.0)
+        moved = np.abs(place - given).max()
         self._set(place, speed)
         self._open_account()
         if not math.isfinite(self._state.ledger[layout.ENERGY_START]):
@@ -246,6 +266,12 @@ class Simulator(CableView):
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
         self._steps, self._remainder = 0, 0.0
         self._initial = self.snapshot()
+        if moved > 1e-9 * self.scene.cable.length:
+            warnings.warn(
+                f"control points: those that the ends hold were given {moved:.3g} m (or rad) away "
+                "and stay where they are held; give them as control_points does, or another scene",
+                stacklevel=2,
+            )
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends.
@@ -254,6 +280,7 @@ class Simulator(CableView):
 
         Building it takes time. What changes meanwhile it can `take_over` at the end.
         """
+        arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
         # Tangents that the scene leaves open are those of the cable as it was placed.
         tangents = {
             f"{end}.tangent": list(self._geometries[end].tangent)
@@ -270,6 +297,7 @@ class Simulator(CableView):
         """Start with the present shape, motion and ends of another simulator of the same ends and
         loads. Only before the first step.
         """
+        arguments.instance("other", other, Simulator, "one that runs")
         points, rates = other.control_points, other.velocities
         old, new = other._model, self._model
         if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
@@ -374,11 +402,6 @@ class Simulator(CableView):
         self._turn_rest_axis()
 
 
-def _three(name: str, value: ArrayLike | None) -> Array | None:
-    """Three finite numbers of a load, or None."""
-    if value is None:
-        return None
-    vector = np.asarray(value, dtype=float)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"load '{name}': needs three finite numbers, got {value!r}")
-    return vector
+def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:
+    """Three finite numbers, or None."""
+    return None if value is None else arguments.numbers(name, value, (3,), unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import bspline
+from dlo_sim.core import arguments, bspline
 from dlo_sim.core.one_rotation import Vector
 from dlo_sim.kernels import layout
 from dlo_sim.kernels.frames import control_poses, curve_frames
@@ -124,14 +124,22 @@ class CableView:
         return self._greville.copy()
 
     def centerline(self, u: ArrayLike) -> Array:
-        """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3)."""
-        columns, values, _ = self._basis(u)
+        """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3).
+
+        Raises:
+            TypeError, ValueError: not a list of such numbers.
+        """
+        columns, values, _ = self._basis(_coordinates(u))
         points = self.control_points[:, :3].take(columns, axis=0)
         return np.einsum("mk,mkd->md", values, points)
 
     def frames(self, u: ArrayLike) -> Array:
-        """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent."""
-        basis = self._basis(u)
+        """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent.
+
+        Raises:
+            TypeError, ValueError: as `centerline`.
+        """
+        basis = self._basis(_coordinates(u))
         poses = np.empty((len(basis[0]), 7))
         curve_frames(self.control_points, *basis, self._frame_reference(), poses)
         return poses[:, 3:]
@@ -139,8 +147,13 @@ class CableView:
     def control_poses(self, out: Array) -> None:
         """Into out, shape (n_u, 7): every control point [m] with the material frame at its material
         coordinate, quaternion x, y, z, w.
+
+        Raises:
+            TypeError: not such an array of doubles.
         """
         model = self._model
+        if not _writable(out, (model.n, 7)):
+            raise TypeError(f"out: needs np.empty(({model.n}, 7)), got {arguments.given(out)}")
         control_poses(
             self._state.position,
             model.axes,
@@ -215,9 +228,8 @@ class CableView:
 
     # -- inside ---------------------------------------------------------------------------------
 
-    def _basis(self, u: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]:
+    def _basis(self, u: Array) -> tuple[NDArray[np.int64], Array, Array]:
         """Active control points (m, 4), basis values and derivatives at u; kept for reuse."""
-        u = np.asarray(u, dtype=float)
         key = u.tobytes()
         table = self._bases.get(key)
         if table is None:
@@ -232,3 +244,15 @@ class CableView:
     def _frame_reference(self) -> Vector:
         """A vector that the second axis of the material frame follows at the start."""
         return self._ends.turned("start", self.time, self._frame_axis)
+
+
+def _coordinates(u: ArrayLike) -> Array:
+    """Material coordinates that somebody gives."""
+    return arguments.numbers("u", u, (None,), "m, from 0 to the length")
+
+
+def _writable(out: object, shape: tuple[int, int]) -> bool:
+    """Whether kernels can write doubles into an array of this shape."""
+    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float64:
+        return False
+    return bool(out.flags.c_contiguous and out.flags.writeable)

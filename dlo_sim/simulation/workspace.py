@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core import arguments
 from dlo_sim.kernels import layout, tangent
 from dlo_sim.simulation.model import Model
 
@@ -93,6 +94,19 @@ def new_recorder(model: Model, times: NDArray[np.float64]) -> layout.Recorder:
         next=np.zeros(1, dtype=np.int64),
         before=np.zeros((model.rows, model.width)),
     )
+
+
+def check_recorder(recorder: layout.Recorder, model: Model) -> None:
+    """Refuse what kernels would write beyond.
+
+    Raises:
+        TypeError: no recorder. ValueError: one of another model.
+    """
+    arguments.instance("recorder", recorder, layout.Recorder, "new_recorder of the present model")
+    fits = (model.rows, model.n), (model.rows, model.width)
+    found = recorder.positions.shape[1:], recorder.before.shape
+    if found != fits:
+        raise ValueError(f"recorder: has room for {found}, the model needs {fits}; make a new one")
 
 
 def _together(*shapes: tuple[int, ...]) -> list[Array]:

@@ -70,12 +70,12 @@ def test_resting():
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"position": np.zeros((2, 3))}, "position has shape"),
-        ({"rotation": np.zeros(3)}, "rotation has shape"),
+        ({"position": np.zeros((2, 3))}, r"position: needs finite numbers of shape \(3, 3\)"),
+        ({"rotation": np.zeros(3)}, r"rotation: needs finite numbers of shape \(2, 3\)"),
         ({"orientation": [0, 0, 0, 0.9]}, "norm 0.9"),
-        ({"orientation": [np.nan, 0, 0, 1]}, "norm nan"),
-        ({"position": np.full((3, 3), np.inf)}, "not finite"),
-        ({"start": np.nan}, "not finite"),
+        ({"orientation": [np.nan, 0, 0, 1]}, "orientation: needs 4 finite"),
+        ({"position": np.full((3, 3), np.inf)}, "position: needs finite"),
+        ({"start": np.nan}, "start: needs a finite"),
         ({"duration": -0.1}, "negative"),
     ],
 )

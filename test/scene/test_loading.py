@@ -1,8 +1,10 @@
 """Scene files: the layouts of ROS parameter files, and files that are none."""
 
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
+from ruamel.yaml import YAML
 
 from dlo_sim.scene.loading import (
     SceneError,
@@ -15,6 +17,8 @@ from dlo_sim.scene.loading import (
     shipped_scenes,
 )
 
+ENDLESS: dict[str, object] = {}
+ENDLESS["a"] = ENDLESS
 BLOCK = "ros__parameters: {cable: {length: 2.5}}"
 
 
@@ -183,3 +187,61 @@ def test_shipped_scene_by_name_or_path(tmp_path, monkeypatch):
     assert find_scene("paper_wire") == Path("paper_wire")
     with pytest.raises(SceneError, match=r"'paper_wir' is not a shipped scene.*did you mean"):
         find_scene("paper_wir")
+
+
+@pytest.mark.parametrize("name", ["paper_wire", Path("paper_wire"), shipped_scene("paper_wire")])
+def test_a_scene_is_loaded_by_a_shipped_name_or_a_path(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert load_scene(name, {"rate": 50.0}) == load_scene(shipped_scene("paper_wire"), {"rate": 50})
+    with pytest.raises(SceneError, match=r"'paper_wires' is not a shipped scene.*did you mean"):
+        load_scene(f"{name}s" if isinstance(name, str) else "paper_wires")
+
+
+def test_a_scene_is_loaded_from_a_mapping():
+    """Nested as in a file, with its nodes or without, or flat."""
+    text = shipped_scene("hanging_cable").read_text(encoding="utf-8")
+    document = YAML(typ="safe").load(text)
+    (node,) = document.values()
+    scene = load_scene(shipped_scene("hanging_cable"))
+    assert load_scene(document) == load_scene(node["ros__parameters"]) == scene
+    assert load_scene(MappingProxyType(scene_values(scene))) == scene
+    assert load_scene({"cable": {"length": 2}, "rate": 50.0}).cable.length == 2.0
+    assert load_scene({"cable": {"length": 2}}, {"cable.length": 3}).cable.length == 3.0
+    assert load_scene({}) == scene_from_values({})
+    dropped = load_scene(document, {"loads.names": ["hand"]})
+    assert dropped == load_scene("hanging_cable", {"loads.names": ["hand"]})
+
+
+@pytest.mark.parametrize(
+    ("source", "overrides", "complaint"),
+    [
+        (None, None, "scene: needs a shipped scene's name, a path or a mapping of keys, got None"),
+        (b"paper_wire", None, "scene: needs a shipped"),
+        (3, None, "scene: needs a shipped"),
+        (["cable.length"], None, "scene: needs a shipped"),
+        ("", None, "'' is not a shipped scene"),
+        ("x" * 5000, None, "is not a shipped scene"),
+        ("a\0b", None, "scene: needs a shipped"),
+        ("/x" * 5000, None, "cannot be read"),
+        ("paper_wire", ["rate"], "overrides: needs a mapping, {'cable.length': 2.0}, got ['rate']"),
+        ("paper_wire", "rate=3", "overrides: needs a mapping"),
+        ("paper_wire", {3: 4}, "3: a key must be a text"),
+        ({3: 4}, None, "3: a key must be a text"),
+        ({"cable": {"lenght": 2.0}}, None, "cable.lenght: 2.0 is for no known key; did you mean"),
+        ({"cable": 2.0}, None, "cable: 2.0 stands for a group of keys; give cable.length"),
+        ({"cable.length": 1, "cable": {"length": 2}}, None, "cable.length: 2 is given twice"),
+        ({"cable": {"length": b"1"}}, None, "cable.length: b'1' is not a number"),
+        ({"/**": {"ros__parameters": None}}, None, "ros__parameters: None is not a mapping"),
+        (ENDLESS, None, "is not a mapping of keys; write key: value lines"),
+    ],
+)
+def test_what_is_no_scene_is_refused_in_one_line(source, overrides, complaint):
+    with pytest.raises((SceneError, TypeError)) as caught:
+        load_scene(source, overrides)
+    message = str(caught.value)
+    assert complaint in message and "\n" not in message and len(message) < 11_000
+
+
+def test_changes_of_a_scene_are_a_mapping():
+    with pytest.raises(TypeError, match="values: needs a mapping"):
+        scene_from_values({}).with_values(None)

@@ -13,6 +13,8 @@ TAUT = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, "start.spring": [0.0
 TAUT |= {"end.spring": [0.0] * 3}
 OPEN = {"integrator.method": "auto", "terms.stretch": "off"}
 FLAT = {"terms.out_of_plane": "off"}
+HAND = {"loads.names": ["hand"], "initial.shape": "straight"}
+WRUNG = HAND | {"loads.hand.signal": "constant", "loads.hand.torque": [0.0, 0.0, 0.1]}
 
 
 def shipped(name, *more):
@@ -30,7 +32,7 @@ def shipped(name, *more):
         ("paper_wire", "stretch", {"integrator.method": "auto"} | TAUT, "taut between fixed ends"),
         ("paper_wire", "bend", {}, "set it to auto"),
         ("paper_wire", "gravity", {}, "set it to auto"),
-        ("hanging_cable", "twist", {}, "set it to auto"),
+        ("hanging_cable", "twist", WRUNG, "set it to auto"),
         ("hanging_cable", "damping", {}, "set it to auto"),
         ("hanging_cable", "plasticity", YIELDING, "set it to auto"),
         ("two_grippers", "out_of_plane", {}, "set it to auto"),
@@ -45,6 +47,26 @@ def test_off_is_obeyed_and_warns_where_the_scene_needs_the_term(name, term, more
     assert term not in needs.active
     (warning,) = needs.warnings
     assert warning.startswith(f"{key}: off, so ") and cure in warning and "\n" not in warning
+
+
+def test_twist_that_is_off_warns_once_something_twists():
+    """A gripper that can turn, and a moment that can come, are no loss yet."""
+    sim = Simulator(shipped("hanging_cable", HAND, {"terms.twist": "off"}))
+    assert sim.warnings == ()
+    across = [[0.0, 0.4, 0.0], [0.0, 0.0, 0.0]]
+    position, orientation = sim.end_pose("start")
+    path = np.array([position, [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    sim.set_motion("start", EndMotion(0.0, 0.01, path, orientation, across))
+    sim.set_load("hand", force=[0.0, 1.0, 0.0], torque=[0.0, 0.0, 0.0])
+    assert sim.warnings == ()
+    about_the_cable = [[0.0, 0.0, 0.4], [0.0, 0.0, 0.0]]
+    sim.set_motion("start", EndMotion(0.0, 0.01, path, orientation, about_the_cable))
+    (warning,) = sim.warnings
+    assert warning.startswith("terms.twist: off, so nothing turns")
+    sim.reset()
+    assert sim.warnings == ()
+    sim.set_load("hand", torque=[0.1, 0.0, 0.0])
+    assert sim.warnings == (warning,)
 
 
 def test_off_is_no_loss_where_nothing_needs_the_term():

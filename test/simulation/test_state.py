@@ -287,7 +287,7 @@ def test_a_start_without_a_finite_energy_is_refused():
         sim.start_from(np.zeros((6, 4)))
     assert same(everything(sim), before)
     with pytest.raises(ValueError, match="outside"):
-        sim.centerline([np.nan])
+        sim.centerline([1.1])
 
 
 def test_fields_of_the_state_are_copies():

@@ -1,0 +1,111 @@
+"""What a caller gives: numbers, arrays and names, taken as they are meant or refused in one line.
+
+A refusal names the argument, what it needs and what was given. Text, bytes, None and booleans are
+no numbers here, although NumPy makes some of them floats.
+"""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Iterable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+_LARGEST_COUNT = 2**53  # whole numbers beyond it are not all floats
+
+
+def given(value: object) -> str:
+    """A value for an error message: short, on one line, whatever it is."""
+    return " ".join(reprlib.repr(value).split())
+
+
+def numbers(name: str, value: object, shape: tuple[int | None, ...], meaning: str = "") -> Array:
+    """Finite numbers of a shape; None in it stands for any number of them.
+
+    Args:
+        meaning: their unit, or what they are, for the refusal.
+
+    Raises:
+        TypeError: not numbers, or rows of unequal length. ValueError: another shape, not finite.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # rows of unequal length
+        array = np.asarray(None)
+    fits = len(shape) == array.ndim and all(
+        wanted in (None, size) for wanted, size in zip(shape, array.shape, strict=True)
+    )
+    is_number = array.dtype.kind in "iuf"
+    if is_number and fits:
+        array = array.astype(float)
+        if np.isfinite(array).all():
+            return array
+    refusal = ValueError if is_number else TypeError
+    wanted = f"{_wanted(shape)} ({meaning})" if meaning else _wanted(shape)
+    raise refusal(f"{name}: needs {wanted}, got {given(value)}")
+
+
+def _wanted(shape: tuple[int | None, ...]) -> str:
+    if not shape:
+        return "a finite number"
+    if shape == (None,):
+        return "a list of finite numbers"
+    return f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
+
+
+def number(name: str, value: object, meaning: str = "") -> float:
+    """One finite number.
+
+    Raises:
+        TypeError: no number. ValueError: not finite, or more than one.
+    """
+    if type(value) is float and math.isfinite(value):  # asked for at every step
+        return value
+    return float(numbers(name, value, (), meaning))
+
+
+def count(name: str, value: object) -> int:
+    """A whole number of 0 or more, also as a float.
+
+    Raises:
+        TypeError: no number. ValueError: not whole, negative, or beyond 2^53.
+    """
+    if type(value) is not int or abs(value) > _LARGEST_COUNT:
+        value = number(name, value, "a whole number of 0 or more")
+    if not 0 <= value <= _LARGEST_COUNT or value != int(value):
+        raise ValueError(f"{name}: needs a whole number of 0 to 2^53, got {given(value)}")
+    return int(value)
+
+
+def one_of(name: str, value: object, known: Iterable[str]) -> str:
+    """One of the known names.
+
+    Raises:
+        TypeError: no text. ValueError: another one.
+    """
+    if isinstance(value, str) and value in known:
+        return value
+    refusal = ValueError if isinstance(value, str) else TypeError
+    there = ", ".join(known)
+    cure = f"give one of {there}" if there else "there are none"
+    raise refusal(f"{name}: {given(value)} is not known; {cure}")
+
+
+def instance(name: str, value: object, kind: type[T], source: str) -> T:
+    """A value of a class.
+
+    Args:
+        source: where to get one, for the refusal.
+
+    Raises:
+        TypeError: of another class.
+    """
+    if not isinstance(value, kind):
+        raise TypeError(f"{name}: needs a {kind.__name__} ({source}), got {given(value)}")
+    return value

@@ -1,0 +1,196 @@
+"""What is no argument of a simulator: refused in one line that names it, without a trace."""
+
+import re
+
+import numpy as np
+import pytest
+from cables import SOFT, simulator
+
+from dlo_sim import EndMotion, Simulator
+from dlo_sim.simulation.workspace import new_recorder
+
+NAN, INF = float("nan"), float("inf")
+EMPTY, NEGATIVE, HUGE = {}, -1.5, 1e300
+STILL = [0.0, 0.0, 0.0, 1.0]
+# No number, vector, name, mapping or simulator of any shape that is asked for anywhere.
+WRONG = [None, True, "up", "", "start\nend", b"\0\1", object(), Simulator, len, slice(3)]
+WRONG += [NAN, INF, NEGATIVE, HUGE, 1j, 10**400, np.datetime64("2020-01-01"), iter([1.0])]
+WRONG += [EMPTY, {"start": 1}, {1, 2}, [[1.0, 2.0], [3.0]], [1.0, "2", 3.0], ["a"] * 3, [None] * 3]
+WRONG += [[NAN] * 3, [INF] * 4, [[[]]], np.zeros((0, 3)), np.full((6, 4), NAN), np.array(["x"])]
+
+# Method -> its arguments: how it is given, how a refusal names it, and what of WRONG is none.
+CALLS = {
+    "__init__": [
+        (lambda sim, x: Simulator(x), "scene", ()),
+        (lambda sim, x: Simulator(sim.scene, x), "end", (None, EMPTY)),
+        (lambda sim, x: Simulator(sim.scene, {"start": x}), "end_poses['start']", ()),
+        (lambda sim, x: Simulator(sim.scene, {"end": (x, STILL)}), "end_poses['end'] position", ()),
+        (lambda sim, x: Simulator(sim.scene, {"end": ([0, 0, 1], x)}), "end_poses['end'] quat", ()),
+    ],
+    "advance": [(lambda sim, x: sim.advance(x), "duration", ())],
+    "advance_steps": [
+        (lambda sim, x: sim.advance_steps(x), "steps", ()),
+        (lambda sim, x: sim.advance_steps(1, x), "recorder", (None,)),
+    ],
+    "set_load": [
+        (lambda sim, x: sim.set_load(x, [0, 0, 1]), "load", ()),
+        (lambda sim, x: sim.set_load("tip", x), "force of tip", (None,)),
+        (lambda sim, x: sim.set_load("tip", [0, 0, 1], x), "torque of tip", (None,)),
+    ],
+    "set_end": [
+        (lambda sim, x: sim.set_end(x, [0, 0, 1]), "end", ()),
+        (lambda sim, x: sim.set_end("start", x), "position of start", (None,)),
+        (lambda sim, x: sim.set_end("start", [0, 0, 1], x), "orientation of start", (None,)),
+        (lambda sim, x: sim.set_end("end", tangent=x), "tangent of end", (None,)),
+    ],
+    "set_motion": [
+        (lambda sim, x: sim.set_motion(x, EndMotion.resting([0, 0, 0], start=sim.time)), "end", ()),
+        (lambda sim, x: sim.set_motion("start", x), "motion", ()),
+        (lambda sim, x: EndMotion.resting(x), "end motion: position", ()),
+        (lambda sim, x: EndMotion.resting([0, 0, 0], x), "end motion: orientation", ()),
+        (
+            lambda sim, x: EndMotion(x, 0, np.eye(3), STILL, np.eye(2, 3)),
+            "end motion: start",
+            (NEGATIVE, HUGE),
+        ),
+        (
+            lambda sim, x: EndMotion(0, x, np.eye(3), STILL, np.eye(2, 3)),
+            "end motion: duration",
+            (HUGE,),
+        ),
+        (lambda sim, x: EndMotion(0, 1, x, STILL, np.eye(2, 3)), "end motion: position", ()),
+        (lambda sim, x: EndMotion(0, 1, np.eye(3), STILL, x), "end motion: rotation", ()),
+    ],
+    "restore": [(lambda sim, x: sim.restore(x), "snapshot", ())],
+    "start_from": [
+        (lambda sim, x: sim.start_from(x), "control points", ()),
+        (lambda sim, x: sim.start_from(sim.control_points, x), "velocities", (None,)),
+    ],
+    "reconfigured": [(lambda sim, x: sim.reconfigured(x), "scene", ())],
+    "take_over": [(lambda sim, x: sim.take_over(x), "other", ())],
+    "centerline": [(lambda sim, x: sim.centerline(x), "u", ())],
+    "frames": [(lambda sim, x: sim.frames(x), "u", ())],
+    "control_poses": [(lambda sim, x: sim.control_poses(x), "out", ())],
+    "end_pose": [(lambda sim, x: sim.end_pose(x), "end", ())],
+    "reaction": [(lambda sim, x: sim.reaction(x), "end", ())],
+    "reaction_wrench": [(lambda sim, x: sim.reaction_wrench(x), "end", ())],
+}
+WITHOUT_ARGUMENTS = {"energy", "reset", "snapshot"}
+
+
+@pytest.fixture(scope="module")
+def moving():
+    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    assert sim.advance_steps(20).status.ok
+    return sim
+
+
+def everything(sim):
+    arrays = (*sim.state, *(np.concatenate(sim.end_pose(end)) for end in ("start", "end")))
+    loads = sim.model.terms.loads
+    return sim.time, sim.active_terms, [a.tobytes() for a in (*arrays, loads.force, loads.torque)]
+
+
+@pytest.mark.parametrize("method", CALLS)
+def test_wrong_arguments_are_refused_without_a_trace(method, moving):
+    before = everything(moving)
+    for call, name, meant in CALLS[method]:
+        for value in WRONG:
+            if any(value is each for each in meant):
+                continue
+            with pytest.raises((TypeError, ValueError)) as caught:
+                call(moving, value)
+            message = str(caught.value)
+            case = f"{name} = {value!r}: {message}"
+            assert message.startswith(name), case
+            assert re.search("needs|give|\\[0, ", message), case
+            assert "\n" not in message and len(message) < 200, case
+            assert everything(moving) == before, case
+
+
+def test_no_method_is_left_out():
+    methods = {name for name in dir(Simulator) if callable(getattr(Simulator, name))}
+    public = {name for name in methods if not name.startswith("_")}
+    assert public | {"__init__"} == set(CALLS) | WITHOUT_ARGUMENTS
+
+
+def test_arrays_that_kernels_write_are_of_the_model(moving):
+    before = everything(moving)
+    other = simulator(SOFT, n=7, method="velocity_verlet")
+    for call in (
+        lambda: moving.advance_steps(1, new_recorder(other.model, np.zeros(1))),
+        lambda: moving.control_poses(np.zeros((6, 7), dtype=np.float32)),
+        lambda: moving.control_poses(np.zeros((7, 6)).T),
+        lambda: moving.control_poses(np.broadcast_to(np.zeros(7), (6, 7))),
+    ):
+        with pytest.raises(
+            (TypeError, ValueError), match=r"recorder: has room|out: needs np.empty"
+        ):
+            call()
+    assert everything(moving) == before
+
+
+def test_numbers_of_any_kind_are_taken(moving):
+    moving.set_load("tip", force=np.array([0, 1, 0], dtype=np.int8), torque=(0, 0, np.float32(0)))
+    moving.set_end("end", position=range(3))
+    assert moving.advance(np.float64(0.0)).steps == moving.advance_steps(np.int64(0)).steps == 0
+    assert moving.centerline(np.array([0, 1])).shape == (2, 3)
+    assert moving.centerline([]).shape == (0, 3)
+
+
+# ------------------------------------------------------------------------- motions, first states
+
+
+def path(sim, way=(0.0, 0.0, 0.0), turn=0.0, start=None):
+    """A motion from so far beside the start's pose."""
+    position, orientation = sim.end_pose("start")
+    turned = orientation + np.array([np.sin(turn / 2), 0.0, 0.0, np.cos(turn / 2) - 1.0])
+    rows = np.array([position + way, [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    return EndMotion(sim.time if start is None else start, 0.1, rows, turned, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "cure"),
+    [
+        ({"way": (5.0, 0.0, 0.0)}, r"starts 5 m and 0 rad away .* start it at end_pose\('start'\)"),
+        ({"way": (0.0, 1e-4, 0.0)}, "or put the end there with set_end before"),
+        ({"turn": 0.1}, r"starts 0 m and 0\.1 rad away"),
+        ({"way": (5.0, 0.0, 0.0), "start": 2.0}, "starts 5 m"),
+        ({"start": 0.0}, r"starts at 0.0 s, before the present; start it at the .* time, 0.01 s"),
+    ],
+)
+def test_a_motion_begins_now_and_where_the_end_is(wrong, cure):
+    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    sim.advance_steps(20)
+    before = everything(sim)
+    with pytest.raises(ValueError, match=cure):
+        sim.set_motion("start", path(sim, **wrong))
+    assert everything(sim) == before
+    sim.set_motion("start", path(sim))
+    assert sim.advance_steps(20).status.ok
+    assert sim.end_pose("start")[0][0] == pytest.approx(1e-3)
+
+
+def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
+    """As where a step does not divide the times between motions."""
+    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    first = path(sim)
+    sim.set_motion("start", first)
+    sim.advance_steps(201)
+    rows = np.array([first.position_at(0.1), [0.0, 0.2, 0.0], [0.0, 0.0, 0.0]])
+    sim.set_motion("start", EndMotion(0.1, 0.1, rows, STILL, np.zeros((2, 3))))
+    assert sim.end_pose("start")[0] == pytest.approx([0.01, 1e-4, 0.0])
+    sim.advance_steps(1)
+    assert sim.control_points[0, :3] == pytest.approx([0.01, 2e-4, 0.0])
+
+
+def test_a_start_that_moves_held_points_warns(recwarn):
+    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    points = sim.control_points
+    points[3, 2] += 0.01
+    sim.start_from(points)
+    assert not recwarn
+    points[:, 2] += 0.02
+    with pytest.warns(UserWarning, match=r"ends hold were given 0\.02 m \(or rad\) away and stay"):
+        sim.start_from(points)
+    assert sim.control_points[0, 2] == 0.0 and sim.control_points[3, 2] == pytest.approx(0.03)
