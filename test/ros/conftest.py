@@ -27,8 +27,14 @@ _modules = count()
 
 @pytest.fixture(scope="module")
 def domain() -> int:
-    """A ROS domain for this module; test runs beside this one very likely have others."""
-    return 1 + (7 * os.getpid() + next(_modules)) % _DOMAINS
+    """A ROS domain for this module: another one in every process of this test run (pytest-xdist),
+    and very likely in test runs beside it.
+    """
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    run = os.getppid() if workers > 1 else os.getpid()
+    own = worker + workers * next(_modules)
+    return 1 + (7 * run + own) % _DOMAINS
 
 
 @pytest.fixture(scope="module")
