@@ -38,8 +38,9 @@ def numbers(name: str, value: object, shape: tuple[int | None, ...], meaning: st
         array = np.asarray(value)
     except (TypeError, ValueError):  # rows of unequal length
         array = np.asarray(None)
-    fits = len(shape) == array.ndim and all(
-        wanted in (None, size) for wanted, size in zip(shape, array.shape, strict=True)
+    fits = array.shape == shape or (
+        len(shape) == array.ndim
+        and all(wanted in (None, size) for wanted, size in zip(shape, array.shape, strict=True))
     )
     is_number = array.dtype.kind in "iuf"
     if is_number and fits:

@@ -127,23 +127,23 @@ class EndDrive:
         self._write(end, EndMotion.resting(place, turned, t))
         row[0] = 1.0
 
-    def follow(self, end: str, t: float, motion: EndMotion, step: float) -> None:
-        """Follow a motion from time t on; the twist goes on from where it is.
+    def check_motion(self, end: str, t: float, motion: EndMotion, late: float) -> None:
+        """Refuse a motion that does not go on from where an end effector is at time t.
 
         Raises:
-            TypeError, ValueError: no end, or no motion; one that begins elsewhere than the end
-                effector is, or more than a step before t.
+            TypeError, ValueError: no end, or no motion; one that starts more than `late` [s] before
+                t, or elsewhere.
         """
-        row = self.motion[ENDS.index(known_end(end))]
+        known_end(end)
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
-        if motion.start < t - step * (1.0 + 1e-9):
+        if motion.start < t - late - 1e-9:
             raise ValueError(
                 f"motion of {end}: starts at {motion.start!r} s, before the present; start it at "
                 f"the simulator's time, {t!r} s, or later"
             )
-        begin = min(motion.start, t)  # a motion that has yet to start rests where it will
-        position, orientation = self.pose(end, begin)
-        way = math.dist(motion.position[0], position)
+        # One that has yet to start rests where it will.
+        position, orientation = self.pose(end, min(motion.start, t))
+        way = math.dist(motion.position[0].tolist(), position.tolist())
         turn = math.hypot(
             *one_rotation.turn_between(orientation.tolist(), motion.orientation.tolist())
         )
@@ -152,7 +152,11 @@ class EndDrive:
                 f"motion of {end}: starts {way:.3g} m and {turn:.3g} rad away from the end "
                 f"effector; start it at end_pose('{end}'), or put the end there with set_end before"
             )
-        row[TWIST] = end_points(row, begin)[6]
+
+    def follow(self, end: str, t: float, motion: EndMotion) -> None:
+        """Follow a motion from time t on; the twist goes on from where it is."""
+        row = self.motion[ENDS.index(end)]
+        row[TWIST] = end_points(row, min(motion.start, t))[6]
         self._write(end, motion)
         row[0] = 1.0
 

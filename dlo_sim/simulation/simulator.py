@@ -207,7 +207,8 @@ class Simulator(CableView):
         Raises:
             TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
         """
-        self._ends.follow(end, self.time, motion, self.step)
+        self._ends.check_motion(end, self.time, motion, self.step)
+        self._ends.follow(end, self.time, motion)
         self._after_end_moved(end)
 
     def snapshot(self) -> Snapshot:
