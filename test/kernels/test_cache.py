@@ -37,13 +37,13 @@ class Saver(threading.Thread):
     def _stopping(self, function: Callable[..., Any]) -> Callable[..., Any]:
         def stopping(*arguments: object) -> Any:
             self._stopped.release()
-            assert self._go.acquire(timeout=20.0)
+            assert self._go.acquire(timeout=120.0)
             return function(*arguments)
 
         return stopping
 
     def run(self) -> None:
-        assert self._go.acquire(timeout=20.0)
+        assert self._go.acquire(timeout=120.0)
         self._files.save(self._key, self._data)
         self._done = True
         self._stopped.release()
@@ -52,7 +52,7 @@ class Saver(threading.Thread):
         """Go on to the next stop; nothing if it has ended."""
         if not self._done:
             self._go.release()
-            assert self._stopped.acquire(timeout=20.0)
+            assert self._stopped.acquire(timeout=120.0)
 
 
 def test_two_processes_that_save_at_once_each_leave_their_own(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from dlo_sim.kernels import turns
 from dlo_sim.kernels.jit import entry
 from dlo_sim.kernels.turns import Turn
 
+WHOLE = turns.PATIENCE
+
 
 def add_two(x: float) -> float:
     return x + 2.0
@@ -28,7 +30,7 @@ def test_the_second_waits_for_the_first(tmp_path: Path) -> None:
     time.sleep(0.2)
     assert not got
     first.give_back()
-    other.join(timeout=10.0)
+    other.join(timeout=60.0)
     assert got[0].waited
     got[0].give_back()
     assert not lock.exists()
@@ -41,7 +43,7 @@ def test_patience_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(turns, "PATIENCE", 0.1)
     began = time.monotonic()
     Turn(lock)
-    assert 0.1 <= time.monotonic() - began < 5.0
+    assert 0.1 <= time.monotonic() - began < WHOLE
     first.give_back()
 
 
@@ -67,7 +69,7 @@ def test_code_that_came_while_waiting_is_loaded(
     time.sleep(0.2)
     away.rename(code)
     turn.give_back()
-    other.join(timeout=20.0)
+    other.join(timeout=60.0)
     assert late.stats.cache_hits[signature] == 1
     assert not late.stats.cache_misses
     assert not list(tmp_path.rglob("*.lock"))

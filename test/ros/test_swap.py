@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 import pytest
 
@@ -24,16 +23,8 @@ def test_ticks_go_on_while_the_work_is_done():
 
 
 def test_the_first_tick_does_not_wait_for_a_period():
-    begun = time.perf_counter()
-    ticks = []
     released = threading.Event()
-
-    def tick() -> None:
-        ticks.append(time.perf_counter() - begun)
-        released.set()
-
-    in_background(lambda: released.wait(20.0) or pytest.fail("no tick"), tick, lambda: 10.0)
-    assert ticks[0] < 5.0
+    in_background(lambda: released.wait(60.0) or pytest.fail("no tick"), released.set, lambda: 1e9)
 
 
 def test_failure_of_the_work_is_raised_here_and_the_interpreter_is_as_before():
