@@ -36,7 +36,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     python_requires=">=3.11",
     # .ci/run tries the lowest versions. Pythons that numba does not know are refused by numba.
-    install_requires=["numpy>=1.26", "numba>=0.58.1", "rosbags", "ruamel.yaml"],
+    install_requires=["numpy>=1.26", "numba>=0.58.1", "rosbags", "ruamel.yaml", "tqdm"],
     extras_require={
         # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
@@ -52,8 +52,8 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "dlo_sim = dlo_sim.cli.main:main",
-            "node = dlo_sim.ros.main:main",
+            "dlo_sim = dlo_sim.__main__:main",
+            "node = dlo_sim.__main__:node",
         ]
     },
     # `ros2 run` looks for executables in lib/<package>; this takes the place of a setup.cfg.

@@ -1,7 +1,46 @@
-"""`python -m dlo_sim` is the command `dlo_sim`."""
+"""The entry points `dlo_sim`, `node` and `python -m dlo_sim`.
 
+Signals are taken care of before anything else is imported. One that comes earlier finds a bare
+interpreter: SIGTERM ends it at once, and SIGINT with the interpreter's own traceback. A launcher
+can prevent that: `env --block-signal=INT,TERM dlo_sim ...` loses none.
+"""
+
+import signal
 import sys
+from collections.abc import Callable
 
-from dlo_sim.cli.main import main
+_ENDED = 0  # a node is there to be ended by a signal
 
-sys.exit(main())
+
+def main() -> int:
+    """The command `dlo_sim`; returns the exit status."""
+
+    def command() -> int:
+        from dlo_sim.cli.main import main
+
+        return main()
+
+    return _supervised(command, is_node=sys.argv[1:2] == ["node"])
+
+
+def node() -> int:
+    """The executable `node`, which ROS starts; returns the exit status."""
+
+    def run() -> int:
+        from dlo_sim.ros.main import main
+
+        return main()
+
+    return _supervised(run, is_node=True)
+
+
+def _supervised(work: Callable[[], int], is_node: bool) -> int:
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # until supervised
+
+    from dlo_sim.process.stopping import exit_status, supervised
+
+    return supervised(work, (lambda: _ENDED) if is_node else exit_status)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

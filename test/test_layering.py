@@ -11,22 +11,24 @@ ROOT = Path(__file__).resolve().parents[1] / "dlo_sim"
 
 # Room -> the rooms that it may import. Arrows point downwards only.
 ARROWS = {
+    "process": set(),
     "core": set(),
     "scene": set(),
     "kernels": {"core", "scene"},
-    "simulation": {"core", "kernels", "scene"},
-    "batch": {"core", "kernels", "scene", "simulation"},
+    "simulation": {"core", "kernels", "process", "scene"},
+    "batch": {"core", "kernels", "process", "scene", "simulation"},
     "tuning": {"batch", "core", "kernels", "scene", "simulation"},
-    "session": {"core", "scene", "simulation"},
-    "replay": {"core", "scene", "session", "simulation"},
-    "ros": {"core", "scene", "session", "simulation"},
+    "session": {"core", "process", "scene", "simulation"},
+    "replay": {"core", "process", "scene", "session", "simulation"},
+    "ros": {"core", "process", "scene", "session", "simulation"},
     "studies": {"batch", "core", "kernels", "replay", "scene", "simulation", "tuning"},
-    "demo": {"core", "replay", "scene", "session", "simulation"},
+    "demo": {"core", "process", "replay", "scene", "session", "simulation"},
     "cli": {
-        *("batch", "core", "demo", "replay", "ros", "scene", "session", "simulation", "studies"),
-        "tuning",
+        *("batch", "core", "demo", "process", "replay", "ros", "scene", "session", "simulation"),
+        *("studies", "tuning"),
     },
-    "": {"cli", "core", "scene", "simulation"},  # dlo_sim/__init__.py and dlo_sim/__main__.py
+    # dlo_sim/__init__.py and dlo_sim/__main__.py
+    "": {"cli", "core", "process", "ros", "scene", "simulation"},
 }
 ROS_MESSAGES = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces"}
 ROS_MESSAGES |= {"rosgraph_msgs", "std_msgs", "std_srvs", "visualization_msgs"}
@@ -40,6 +42,7 @@ FOREIGN = {
     "numba": {"kernels", "studies/work_precision/peers/chain_peer.py"},
     "distributed": {"batch/workers.py"},
     "scipy": {"studies"},
+    "tqdm": {"cli"},
 }
 
 

@@ -144,7 +144,7 @@ def test_entry_points_exist(installed):
     parser = configparser.ConfigParser()
     parser.read(entry_points)
     scripts = dict(parser["console_scripts"])
-    assert scripts == {"dlo_sim": "dlo_sim.cli.main:main", "node": "dlo_sim.ros.main:main"}
+    assert scripts == {"dlo_sim": "dlo_sim.__main__:main", "node": "dlo_sim.__main__:node"}
     from importlib import import_module
 
     for target in scripts.values():

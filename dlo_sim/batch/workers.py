@@ -13,6 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar
 
+from dlo_sim.process.stopping import owed
 from dlo_sim.simulation.processors import processors
 
 Item = TypeVar("Item")
@@ -97,8 +98,13 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
         return
     # Not fork: threads of this process (numba's, ROS's) would not survive it.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, mp_context=context) as pool:
+    with owed(_end_children), ProcessPoolExecutor(count, mp_context=context) as pool:
         yield Processes(pool, count)
+
+
+def _end_children() -> None:
+    for child in multiprocessing.active_children():
+        child.terminate()
 
 
 def _connected(scheduler: str) -> Any:

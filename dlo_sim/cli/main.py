@@ -1,7 +1,8 @@
 """Entry point of the command `dlo_sim`: arguments in, a subcommand run, refusals as one line.
 
 Exit status: 0 done; 2 refused input (one line on stderr, nothing written); 3 the run diverged or
-missed its accuracy; 130 interrupted. Anything else is a defect and shows its traceback.
+missed its accuracy; 128 + its number for a signal: 130 interrupted, 143 terminated. Anything else
+is a defect and shows its traceback.
 """
 
 import argparse
@@ -12,10 +13,10 @@ from collections.abc import Sequence
 from dlo_sim import __version__
 from dlo_sim.cli import demo, methods, node, parameters, replay, simulate, study, tune
 from dlo_sim.cli.arguments import CommandError, Parser
+from dlo_sim.process.stopping import exit_status
 from dlo_sim.scene.loading import SceneError
 
 REFUSED = 2
-INTERRUPTED = 130
 
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
@@ -33,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return REFUSED
     except KeyboardInterrupt:
         print("dlo_sim: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return exit_status()
     except BrokenPipeError:
         # The reader of our output has gone; keep Python from complaining when it flushes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -3,18 +3,21 @@
 import dataclasses
 import json
 import math
-import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 from dlo_sim.cli.arguments import CommandError
+from dlo_sim.process import stopping
+from dlo_sim.process.partial import Partial
 
-_BAR_WIDTH = 40
-_WIPE = "\033[K"  # from the cursor to the end of the line
+_PREPARING = "{desc}: preparing, {elapsed}"
+_BAR = "{desc} {percentage:3.0f} % |{bar:40}| {elapsed}, {remaining} left"
+_REFRESH = 0.5  # [s]
 
 
 def check_output_file(path: Path) -> None:
@@ -46,22 +49,20 @@ def check_writable(path: Path, folder: Path) -> None:
         ) from None
 
 
-def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays as a compressed npz under exactly this name; never half a file.
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` make a file under another name and put it there; never half a file.
 
     Raises:
         CommandError: if the disk refuses; the file that was there before is kept.
     """
-    import numpy as np
-
-    target = path.resolve()
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
     try:
-        with partial.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)
-        os.replace(partial, target)
+        partial = Partial(path.resolve())
+        try:
+            write(partial.path)
+            partial.put_in_place()
+        finally:
+            partial.discard()
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise CommandError(
             f"--output {path} could not be written ({error.strerror}); free space or choose "
             "another folder"
@@ -113,40 +114,63 @@ def readable(value: Any) -> str:
 
 
 @contextmanager
-def progress_bar(label: str) -> Iterator[Callable[[float], None] | None]:
-    """A bar on stderr while work goes on, or None when stderr is not a terminal.
+def progress_bar(label: str, keeps: bool = False) -> Iterator[Callable[[float], None]]:
+    """A bar with the time left on stderr, where that is a terminal, while work goes on.
 
     Where machine code is missing, one line on stderr says so in either case.
 
+    Args:
+        keeps: the work keeps what it has when it is interrupted, so it ends itself once it moves.
+
     Yields:
-        A function to call with the fraction done, 0 to 1.
+        A function to call with the fraction done, 0 to 1, between two pieces of work. It raises
+        KeyboardInterrupt if the process was asked to end.
     """
-    if sys.stderr.isatty():
-        _draw(f"{label}: preparing ...")  # loading the compiler may take a while
+    from tqdm import tqdm
 
-    from dlo_sim.simulation.machine_code import compiling_told_to
+    bar = tqdm(
+        total=1.0,
+        desc=label,
+        bar_format=_PREPARING,
+        mininterval=_REFRESH,
+        leave=False,
+        disable=None,
+    )
+    moved, ended = Event(), Event()
 
-    if not sys.stderr.isatty():
-        with compiling_told_to(lambda line: print(f"dlo_sim: {line}", file=sys.stderr, flush=True)):
-            yield None
-        return
-    drawn = -1
+    def show_time() -> None:
+        while not ended.wait(_REFRESH):
+            bar.refresh()
 
-    def draw(fraction: float) -> None:
-        nonlocal drawn
-        percent = int(100.0 * min(max(fraction, 0.0), 1.0))
-        if percent != drawn:
-            drawn = percent
-            bar = "#" * (percent * _BAR_WIDTH // 100)
-            _draw(f"\r{label} [{bar:<{_BAR_WIDTH}}] {percent:3d} %")
+    def advance(fraction: float) -> None:
+        if keeps:
+            stopping.ends_itself()
+        stopping.check()
+        if not moved.is_set():  # what loading and compiling took says nothing about the rest
+            moved.set()
+            bar.bar_format, bar.n = _BAR, fraction
+            bar.initial = bar.last_print_n = fraction
+            bar.unpause()
+        bar.update(min(max(fraction, bar.n), 1.0) - bar.n)
+
+    clock = Thread(target=show_time, daemon=True)
+    if not bar.disable:
+        clock.start()
+
+    from dlo_sim.simulation.machine_code import compiling_told_to  # may take a while
 
     try:
-        with compiling_told_to(lambda line: _draw(f"\r{_WIPE}dlo_sim: {line}\n{label} ...")):
-            yield draw
+        with compiling_told_to(tell):
+            yield advance
     finally:
-        _draw(f"\r{_WIPE}")
+        ended.set()
+        if not bar.disable:
+            clock.join()
+        bar.close()
 
 
-def _draw(text: str) -> None:
-    sys.stderr.write(text)
-    sys.stderr.flush()
+def tell(line: str) -> None:
+    """One line on stderr, above the bar if there is one."""
+    from tqdm import tqdm
+
+    tqdm.write(f"dlo_sim: {line}", file=sys.stderr)

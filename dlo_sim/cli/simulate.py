@@ -2,7 +2,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dlo_sim.cli.arguments import (
     CommandError,
@@ -17,15 +17,19 @@ from dlo_sim.cli.output import (
     print_json,
     print_rows,
     progress_bar,
-    write_npz,
+    tell,
+    write_whole,
 )
+from dlo_sim.process.stopping import exit_status
 from dlo_sim.scene.description import Scene
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.recording import Recording
 
 FAILED = 3
+INTERRUPTED = "interrupted"  # the status of a run that was
 _LARGEST_RECORDING = 2 * 1024**3  # bytes
+_ARRAYS = ("time", "control_points", "centerline", "centerline_u", "energy")
 _REPORT = (
     "status",
     "message",
@@ -52,7 +56,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         "simulate",
         help="run a scene without ROS and record it",
         description="Run a scene for a while and report time, steps and energy error. Exit status "
-        "3 when the run failed; what was good is kept.",
+        "3 when the run failed, 130 when Ctrl-C ended it; what was good is kept.",
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
@@ -90,14 +94,16 @@ def run(options: argparse.Namespace) -> int:
     from dlo_sim.simulation.machine_code import compiled_by_two
     from dlo_sim.simulation.recording import record
 
-    with progress_bar("simulate") as progress, compiled_by_two(scene):
-        recording = record(scene, options.duration, options.every, progress=progress)
+    with progress_bar("simulate", keeps=True) as progress, compiled_by_two(scene):
+        recording = record(scene, options.duration, options.every, progress=progress, tell=tell)
     if options.output is not None:
-        write_npz(options.output, _arrays(recording))
+        _write(options.output, recording)
     if options.json:
         print_json({name: getattr(recording, name) for name in _REPORT})
     else:
         _print_report(options.scene, options.output, recording)
+    if recording.status == INTERRUPTED:
+        return exit_status()
     return 0 if recording.ok else FAILED
 
 
@@ -114,9 +120,15 @@ def _check_size(scene: Scene, duration: float, every: float) -> None:
         )
 
 
-def _arrays(recording: "Recording") -> dict[str, Any]:
-    names = ("time", "control_points", "centerline", "centerline_u", "energy")
-    return {name: getattr(recording, name) for name in names}
+def _write(path: Path, recording: "Recording") -> None:
+    """Write the samples as a compressed npz under exactly this name."""
+    import numpy as np
+
+    def write(partial: Path) -> None:
+        with partial.open("wb") as stream:  # a name without .npz would get one
+            np.savez_compressed(stream, **{name: getattr(recording, name) for name in _ARRAYS})
+
+    write_whole(path, write)
 
 
 def _print_report(scene: str, output: Path | None, recording: "Recording") -> None:

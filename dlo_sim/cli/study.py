@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
                 shlex.join(words),
                 workers,
                 options.peers,
-                progress or _silent,
+                progress,
             )
             outcome = STUDIES[options.name].run(request)
     except WorkersError as refusal:
@@ -72,10 +72,6 @@ def run(options: argparse.Namespace) -> int:
     print(f"{outcome.report}")
     print_rows(outcome.verdicts)
     return 0
-
-
-def _silent(fraction: float) -> None:
-    """No progress bar."""
 
 
 def _with_peers() -> list[str]:

@@ -15,7 +15,7 @@ from dlo_sim.cli.arguments import (
     positive_seconds,
     read_scene,
 )
-from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar
+from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar, write_whole
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import find_scene
 
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
 
     try:
         with progress_bar("tune") as progress:
-            tuned = tune(scene, options.tolerance, options.duration, progress or _silent)
+            tuned = tune(scene, options.tolerance, options.duration, progress)
     except NoReference as trouble:
         return _failed(options, str(trouble))
     if tuned.best is None:
@@ -103,10 +103,6 @@ def _metres(text: str) -> float:
     if not (math.isfinite(value) and value > 0.0):
         raise argparse.ArgumentTypeError(f"{text} is not a tolerance; give metres above zero")
     return value
-
-
-def _silent(fraction: float) -> None:
-    """No progress bar."""
 
 
 def _failed(options: argparse.Namespace, message: str) -> int:
@@ -180,17 +176,7 @@ def _write(
 
     assert tuned.best is not None
     text = scene_text(tuned.best.taken.applied(scene), _comments(options, facts))
-    target = options.output.resolve()
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, target)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise CommandError(
-            f"--output {options.output} could not be written ({error.strerror}); free space or "
-            "choose another folder"
-        ) from None
+    write_whole(options.output, lambda path: path.write_text(text, encoding="utf-8"))
 
 
 def _print(options: argparse.Namespace, facts: dict[str, Any]) -> None:

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import heapq
 import os
-import shutil
 import sqlite3
-import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
@@ -26,6 +24,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from rosbags.typesys import Stores, get_typestore
 
+from dlo_sim.process.partial import Partial
 from dlo_sim.replay import storage
 from dlo_sim.replay.metadata import read_metadata
 from dlo_sim.replay.storage import Damage, Record
@@ -35,9 +34,6 @@ Storage = Literal["mcap", "sqlite3"]
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _SUFFIXES = (".mcap", ".db3")
-# The data file's name is part of the bytes (it is in the metadata), so it must not depend on the
-# output path.
-_FILE_NAME = "dlo_sim_0"
 # Later times of recording than this, in 2038, are none: seconds have 32 bits in ROS.
 _END_OF_TIME = (2**31 - 86_400) * 1_000_000_000
 _LONGEST_LINE = 300
@@ -215,14 +211,11 @@ class BagWriter:
         if self.path.exists() or self.path.is_symlink():
             raise BagError(f"output {self.path} exists; remove it or choose another name")
         try:
-            parent = self.path.resolve().parent
-            self._folder = Path(tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=parent))
+            self._place = Partial(self.path)
         except OSError as error:
             raise self._cannot_write(error) from None
         try:
-            self._writer = _Writer(
-                self._folder / _FILE_NAME, version=9, storage_plugin=_PLUGINS[storage]
-            )
+            self._writer = _Writer(self._place.path, version=9, storage_plugin=_PLUGINS[storage])
             self._writer.open()
             typestore = get_typestore(Stores.ROS2_JAZZY)
             self._connections: dict[str, Connection] = {
@@ -230,10 +223,10 @@ class BagWriter:
                 for topic, kind in topics.items()
             }
         except _DISK_ERRORS as error:
-            self._remove()
+            self._place.discard()
             raise self._cannot_write(error) from None
         except BaseException:
-            self._remove()
+            self._place.discard()
             raise
 
     def write(self, topic: str, time_ns: int, data: bytes) -> None:
@@ -260,16 +253,16 @@ class BagWriter:
         except _DISK_ERRORS as error:
             self._fail(error)
         try:
-            (self._folder / _FILE_NAME).rename(self.path)
+            self._place.put_in_place()
         except OSError as error:
             raise self._cannot_write(error) from None
         finally:
-            self._remove()
+            self._place.discard()
 
     def discard(self) -> None:
         """Leave nothing behind."""
         self._abort()
-        self._remove()
+        self._place.discard()
 
     def _fail(self, error: Exception) -> None:
         self.failure = (
@@ -281,9 +274,6 @@ class BagWriter:
     def _abort(self) -> None:
         with suppress(*_DISK_ERRORS):  # what waits to be written goes nowhere
             self._writer.abort()
-
-    def _remove(self) -> None:
-        shutil.rmtree(self._folder, ignore_errors=True)
 
     def _cannot_write(self, error: Exception) -> BagError:
         return BagError(f"output {self.path} cannot be written: {_reason(error)}")

@@ -7,6 +7,7 @@ word; here it is remembered, until the node knows its name.
 """
 
 import argparse
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
 
+from dlo_sim.process.stopping import owed
 from dlo_sim.scene.checking import SceneError, brief
 from dlo_sim.scene.loading import find_scene, is_for_node, nodes_with_parameters
 from dlo_sim.scene.plain_yaml import parse_yaml, read_text
@@ -103,7 +105,8 @@ def read_arguments(arguments: Sequence[str]) -> Iterator[NodeArguments]:
     for scene in options.scene:
         for_ros = [_ROS_ARGUMENTS, _PARAMS_FILE, str(find_scene(scene)), _END, *for_ros]
     given = NodeArguments(allow_unmatched=options.allow_unmatched)
-    with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+    folder = tempfile.mkdtemp(prefix="dlo_sim_")
+    with owed(lambda: shutil.rmtree(folder, ignore_errors=True)):
         previous = ""
         for argument in for_ros:
             prepared = argument

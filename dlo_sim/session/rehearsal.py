@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 
+from dlo_sim.process.stopping import owed
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_values
 from dlo_sim.session.cdr import StampedEncoder
@@ -44,13 +45,14 @@ def rehearse_elsewhere(scene: Scene) -> None:
     Compiling holds the interpreter for up to a tenth of a second at a time; loading does not. A
     process that fails leaves the work to whoever needs the code next.
     """
-    subprocess.run(
+    process = subprocess.Popen(
         [sys.executable, "-m", "dlo_sim.session.rehearsal_process"],
-        input=json.dumps(scene_values(scene)).encode(),
+        stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        check=False,
     )
+    with owed(process.kill), process:
+        process.communicate(json.dumps(scene_values(scene)).encode())
 
 
 def make_ready(build: Callable[[], None], scene: Scene, note: Callable[[str], object]) -> None:

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 from dlo_sim.kernels.cache import LOGGER, NotCompiledError, on_first_miss, only_loading
+from dlo_sim.process.stopping import owed
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 from dlo_sim.simulation.processors import processors
@@ -53,17 +54,17 @@ def compiled_by_two(scene: Scene) -> Iterator[None]:
             with helper.stdin as stream:
                 stream.write(json.dumps(scene_values(scene)).encode())
 
+    def end() -> None:
+        for helper in helpers:
+            helper.terminate()
+            helper.wait()
+
     helpers: list[subprocess.Popen[bytes]] = []
     if processors() < 2:
         yield
         return
-    try:
-        with on_first_miss(begin):
-            yield
-    finally:
-        for helper in helpers:
-            helper.terminate()
-            helper.wait()
+    with owed(end), on_first_miss(begin):
+        yield
 
 
 def compile_loop(scene: Scene) -> None:

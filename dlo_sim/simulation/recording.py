@@ -13,7 +13,8 @@ from dlo_sim.core import bspline
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
-from dlo_sim.simulation.report import Report, newton_note
+from dlo_sim.simulation.outlook import LONG, outlook
+from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.simulator import CHUNK, Simulator
 from dlo_sim.simulation.workspace import new_recorder
 
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # shares of a step or of a sample interval below this are rounding
 _FEWEST_STEPS = 256  # per call of the stepping loop: calling costs some 10 us
 _PIECES = 100  # calls per run, for the progress
+_PIECE_POINTS = 65536  # steps of a call times control points at most, some 0.1 s
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Recording:
         centerline_u: material coordinates [m], shape (n_c,).
         energy: kinetic and potential energy [J], shape (T,): at the end of the step that holds the
             sample, or between two such where samples are closer than steps.
-        status: ok, diverged or not_converged; message: one line, empty if all is well.
+        status: ok, diverged, not_converged or interrupted; message: one line, empty if all is well.
         simulated_s: whole steps that cover the duration [s], or up to the last good state.
         wall_s: time for stepping [s]; compile_s: for building the simulator before it [s].
         steps, step_s, method, force_evaluations: what was done; implicit methods count Newton
@@ -83,17 +85,19 @@ def record(
     duration: float,
     every: float,
     progress: Callable[[float], None] | None = None,
+    tell: Callable[[str], object] | None = None,
 ) -> Recording:
     """Run a scene from its initial shape and sample it.
 
     A sample inside a step is the cubic through positions and velocities at the step's two ends. A
-    run that fails keeps the samples up to its last good state.
+    run that fails or is interrupted keeps the samples up to its last good state.
 
     Args:
         scene: what to simulate; ends with a pose topic rest where the scene puts them.
         duration: simulated time [s], above 0; covered by whole steps.
         every: time between samples [s], above 0.
-        progress: called now and then with the fraction done.
+        progress: called now and then with the fraction done; ends the run by KeyboardInterrupt.
+        tell: gets a line at the start of a long run: how long, and what would take less.
 
     Raises:
         SceneError: the scene cannot be simulated.
@@ -101,7 +105,7 @@ def record(
     began = time.perf_counter()
     simulator = Simulator(scene)
     estimated = scene.accuracy.estimate == "on"
-    return record_simulator(simulator, duration, every, progress, began, estimated)
+    return record_simulator(simulator, duration, every, progress, began, estimated, tell)
 
 
 def record_simulator(
@@ -111,6 +115,7 @@ def record_simulator(
     progress: Callable[[float], None] | None = None,
     began: float | None = None,
     estimated: bool = False,
+    tell: Callable[[str], object] | None = None,
 ) -> Recording:
     """`record` for a simulator at its start.
 
@@ -124,7 +129,7 @@ def record_simulator(
     simulator.make_ready()
     compile_s = time.perf_counter() - began
     recorder = _recorder(simulator, sample_times(duration, every))
-    wall_s, report, pace = _run(estimate or simulator, duration, recorder, progress)
+    wall_s, report, pace = _run(estimate or simulator, duration, recorder, progress, tell)
     count = int(recorder.next[0])
     control_points = simulator.model.to_columns(recorder.positions[:count])
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
@@ -213,6 +218,7 @@ def _run(
     duration: float,
     recorder: layout.Recorder,
     progress: Callable[[float], None] | None,
+    tell: Callable[[str], object] | None,
 ) -> tuple[float, Report, _Pace]:
     """Step over the duration; returns the time it took [s], the last report, and how it went.
 
@@ -221,17 +227,28 @@ def _run(
     estimate = run if isinstance(run, ErrorEstimate) else None
     simulator = run.simulator if isinstance(run, ErrorEstimate) else run
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
-    piece = min(max(total // _PIECES, _FEWEST_STEPS), CHUNK)
-    wall, pace = 0.0, _Pace()
+    most = min(CHUNK, _PIECE_POINTS // simulator.model.n)
+    piece = max(min(total // _PIECES, most), _FEWEST_STEPS)
+    started, wall, pace = time.perf_counter(), 0.0, _Pace()
     while True:
         began = time.perf_counter()
         report = run.advance_steps(min(piece, total - simulator.steps), recorder)
         wall += time.perf_counter() - began
         pace.count(report)
-        if progress is not None:
-            progress(simulator.steps / total)
+        try:
+            if progress is not None:
+                progress(simulator.steps / total)
+        except KeyboardInterrupt:
+            if simulator.steps < total and report.status.ok:
+                message = f"interrupted at {simulator.time:.6g} s of {duration:g} s"
+                report = report._replace(status=Status.INTERRUPTED, message=message)
         if simulator.steps >= total or not report.status.ok:
             return wall - (estimate.seconds if estimate else 0.0), report, pace
+        if tell is not None:
+            left = (time.perf_counter() - started) * (total / simulator.steps - 1.0)
+            if left > LONG:
+                tell(outlook(simulator, total, left))
+            tell = None
 
 
 def energies_at(times: Array, energies: Array, step: float, every: float) -> Array:

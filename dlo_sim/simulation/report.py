@@ -24,6 +24,7 @@ class Status(Enum):
         "Newton's method did not converge even with small steps, or would take too long; use a "
         "smaller integrator.step; the last good state is kept"
     )
+    INTERRUPTED = "ended from outside"
 
     @property
     def ok(self) -> bool:

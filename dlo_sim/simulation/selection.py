@@ -19,6 +19,8 @@ SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 CONSTRAINED_SAFETY = 0.8  # the pull of a fast inextensible cable adds to its frequencies
 EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is preferred
 WORTH_COMPOSING = 0.8  # of the sub-steps of energy_momentum, from which fourth order is chosen
+FAR_LESS = 0.5  # of the work, from which another method is worth a word
+IMPLICIT_EVALUATIONS = 20  # force evaluations that an implicit step takes as long as, at most
 HORIZON = 1.0  # [s] over which a chosen step keeps the accuracy asked for
 LEAST_LOADED_STEP = 1e-3  # [s]
 LEAST_ACCELERATION = 1.0  # [m/s^2] for scenes in which nothing but the grippers acts
@@ -28,13 +30,15 @@ LEAST_ACCELERATION = 1.0  # [m/s^2] for scenes in which nothing but the grippers
 class Choice:
     """Method and step of a run, and one line that says why.
 
-    limit: largest stable step [s] of the linearised scene, inf for an implicit method.
+    limit: largest stable step [s] of the linearised scene, inf for an implicit method; frequency:
+    its largest frequency [rad/s].
     """
 
     method: Method
     step: float
     reason: str
     limit: float
+    frequency: float
 
 
 def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choice:
@@ -63,7 +67,24 @@ def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choi
             f"(largest frequency {frequency:.4g} rad/s); lower it, set it to 0, or use "
             f"energy_momentum"
         )
-    return Choice(method, float(step), reason, float(limit))
+    return Choice(method, float(step), reason, float(limit), frequency)
+
+
+def less_work(scene: Scene, taken: Choice) -> Choice | None:
+    """What would be chosen for a scene that left method and step open, if that is far less work."""
+    try:
+        free = scene.with_values({"integrator.method": "auto", "integrator.step": 0.0})
+        other = choose(free, taken.frequency)
+    except SceneError:
+        return None
+    return other if _work(other) < FAR_LESS * _work(taken) else None
+
+
+def _work(choice: Choice) -> float:
+    """Force evaluations per simulated second [1/s], about."""
+    method = choice.method
+    each = method.force_evaluations or IMPLICIT_EVALUATIONS * len(method.substeps)
+    return each / choice.step
 
 
 def check_named_method(scene: Scene) -> None:

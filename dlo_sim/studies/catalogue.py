@@ -48,6 +48,10 @@ class Request:
     peers: bool = False
     progress: Callable[[float], None] = field(default=lambda fraction: None)
 
+    def part(self, low: float, high: float) -> Callable[[float], None]:
+        """The progress of a part of the study that goes from one fraction of it to another."""
+        return lambda fraction: self.progress(low + (high - low) * fraction)
+
 
 @dataclass(frozen=True)
 class Study:

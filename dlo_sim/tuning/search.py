@@ -63,11 +63,14 @@ class _Search:
     reference: Reference
     allowed: float
     good: list[tuple[Trial, float]]
+    progress: Callable[[float], None]
+    done: float = 0.3  # share of the whole
     tried: int = 0
     least: float = float("inf")
 
     def run(self, setting: Setting) -> tuple[Trial, float]:
         """Try a setting; time it if it is good enough."""
+        self.progress(self.done)
         trial = attempt(self.job, setting, timed=False)
         off = farthest(trial.points, self.reference.points) if trial.ok else float("inf")
         self.tried += trial.steps > 0
@@ -104,11 +107,15 @@ def tune(
     every = duration / min(MOST_TIMES, max(int(np.ceil(duration / 1e-3)), 1))
     job = Job(scene, duration, tuple(np.linspace(0.0, 1.0, PLACES)), every)
     reference = converged(job, tolerance, lambda fraction: progress(0.3 * fraction))
-    search = _Search(job, reference, tolerance - reference.error, [])
-    for k, method in enumerate(TRIED):
-        for points, stretch in product(POINTS, ways_to_stretch(scene, method)):
-            _method(search, Setting(method, 0, 0.0, points, stretch=stretch))
-        progress(0.3 + 0.6 * (k + 1) / len(TRIED))
+    search = _Search(job, reference, tolerance - reference.error, [], progress)
+    kinds = [
+        Setting(method, 0, 0.0, points, stretch=stretch)
+        for method in TRIED
+        for points, stretch in product(POINTS, ways_to_stretch(scene, method))
+    ]
+    for k, kind in enumerate(kinds):
+        _method(search, kind)
+        search.done = 0.3 + 0.6 * (k + 1) / len(kinds)
     finalists = sorted(search.good, key=lambda pair: pair[0].wall)[:FINALISTS]
     finalists = [(timed_again(trial, job), off) for trial, off in finalists]
     best, error = min(finalists, key=lambda pair: pair[0].wall, default=(None, float("inf")))

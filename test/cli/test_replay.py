@@ -2,12 +2,18 @@
 
 import json
 import math
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from dlo_sim.cli.main import main
+from dlo_sim.demo import scenario
 from dlo_sim.replay import replay
+from dlo_sim.replay.bags import BagWriter
 from dlo_sim.replay.comparison import AxisComparison
 
 JSON_KEYS = {"status", "message", "messages_used", "messages_refused", "real_time_factor"}
@@ -104,3 +110,61 @@ def test_output_is_optional_and_the_scene_is_not(replayer, capsys):
     assert "required: --params" in capsys.readouterr().err
     assert main(["replay", "in.bag", "--params", "hanging_cable"]) == 0
     assert replayer.calls[0][2] is None
+
+
+@pytest.fixture
+def replaying(tmp_path):
+    """Starts a real replay that takes long; returns it once it is writing."""
+    bag, scene = tmp_path / "bag", tmp_path / "scene.yaml"
+    scene.write_text(scenario.SCENE)
+    writer = BagWriter(bag, scenario.TOPICS, "mcap")
+    for message in scenario.messages(300.0):
+        writer.write(message.topic, message.time_ns, message.data)
+    writer.finish()
+    (tmp_path / "out").mkdir()
+    command = [sys.executable, "-m", "dlo_sim", "replay", str(bag), "--params", str(scene)]
+    command += ["--output", str(tmp_path / "out" / "predicted")]
+    processes = []
+
+    def start() -> subprocess.Popen:
+        before = parts()
+        processes.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+        end = time.monotonic() + 60.0
+        while parts() <= before and time.monotonic() < end:
+            assert processes[-1].poll() is None
+        assert len(parts()) == 1
+        return processes[-1]
+
+    def parts() -> set:
+        return {path.name for path in (tmp_path / "out").iterdir()}
+
+    yield start, parts
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_replay_that_is_ended_leaves_nothing(replaying, number):
+    start, parts = replaying
+    process = start()
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 128 + number
+    assert [line for line in errors.splitlines() if "compiling" not in line] == [
+        "dlo_sim: interrupted"
+    ]
+    assert parts() == set()
+
+
+def test_the_next_replay_removes_what_a_killed_one_left(replaying):
+    start, parts = replaying
+    process = start()
+    process.kill()
+    process.wait()
+    (left,) = parts()
+    process = start()
+    assert left not in parts()
+    process.terminate()
+    process.communicate(timeout=60.0)
+    assert parts() == set()

@@ -3,6 +3,8 @@
 import json
 import math
 import os
+import re
+import signal
 import subprocess
 import sys
 import types
@@ -63,11 +65,10 @@ def recorder(monkeypatch):
     stand_in.calls = []
     stand_in.result = MadeUp()
 
-    def record(scene, duration, every, progress=None):
-        stand_in.calls.append((scene, duration, every, progress))
-        if progress is not None:
-            for i in range(11):
-                progress(i / 10.0)
+    def record(scene, duration, every, progress, tell):
+        stand_in.calls.append((scene, duration, every))
+        for i in range(11):
+            progress(i / 10.0)
         return stand_in.result
 
     stand_in.record = record
@@ -87,10 +88,10 @@ def refused(capsys, *arguments: str) -> str:
 def test_scene_by_name_with_overrides(recorder):
     overrides = ["--set", "discretization.control_points=13", "--set", "integrator.step=1e-5"]
     assert main(["simulate", "paper_wire", "--duration", "0.5", *overrides]) == 0
-    ((scene, duration, every, progress),) = recorder.calls
+    ((scene, duration, every),) = recorder.calls
     assert scene.discretization.control_points == 13
     assert scene.integrator.step == 1e-5
-    assert (duration, every, progress) == (0.5, 1e-3, None)
+    assert (duration, every) == (0.5, 1e-3)
 
 
 def test_output_holds_the_arrays_under_the_name_given(recorder, tmp_path, capsys):
@@ -208,14 +209,7 @@ def test_disk_that_fills_up_keeps_the_old_file(recorder, capsys, tmp_path, monke
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.npz"]
 
 
-def test_progress_bar_only_on_a_terminal(recorder, capsys, monkeypatch):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
-    shown = capsys.readouterr().err
-    assert shown.startswith("simulate: preparing ...")
-    assert "50 %" in shown and "100 %" in shown
-    assert shown.endswith("\r\033[K"), "the bar is wiped"
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
+def test_no_progress_bar_beside_a_terminal(recorder, capsys):
     assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
     assert capsys.readouterr().err == ""
 
@@ -245,6 +239,32 @@ def test_one_line_when_machine_code_is_missing(recorder, capsys, monkeypatch, te
     assert err == line or terminal
     assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0
     assert "compiling" not in capsys.readouterr().err, "a warm start"
+
+
+def test_what_was_recorded_is_kept_when_interrupted(tmp_path):
+    """Steps of a nanosecond would take an hour: it says so, and Ctrl-C is no loss."""
+    path = tmp_path / "run.npz"
+    options = ["--duration", "0.5", "--every", "1e-6", "--set", "integrator.step=1e-9"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dlo_sim", "simulate", "paper_wire", *options, "--json"]
+        + ["--output", str(path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    lines = iter(process.stderr.readline, "")
+    told = next(line for line in lines if "compiling" not in line)
+    assert re.match("dlo_sim: 500000000 steps of 1 ns, about .* (min|h|days); ", told)
+    assert "energy_momentum would take 200 steps of 2.5 ms (--set integrator.method=auto" in told
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60.0)
+    assert (process.returncode, err) == (130, "")
+    report = json.loads(out)
+    assert report["status"] == "interrupted" and report["message"].startswith("interrupted at")
+    with np.load(path) as run:
+        assert 0 < len(run["time"]) == len(run["energy"]) == len(run["control_points"])
+        assert run["time"][-1] <= report["simulated_s"] < run["time"][-1] + 1e-6
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.slow

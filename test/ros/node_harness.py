@@ -66,7 +66,7 @@ class NodeProcess:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         with log.open("wb") as stream:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "dlo_sim.ros.main", *arguments],
+                [sys.executable, "-m", "dlo_sim", "node", *arguments],
                 env=environment,
                 stdout=stream,
                 stderr=stream,

@@ -220,3 +220,35 @@ def test_iterations_are_counted_per_sub_step_and_of_newton_alone():
     assert newton_note(composed, 1e-3, 10, 10 * 5 * 20) == ""
     assert "21 iterations per sub-step" in newton_note(composed, 1e-3, 10, 10 * 5 * 21)
     assert newton_note(METHODS["rk4"], 1e-3, 10, 1000) == ""
+
+
+def test_an_interrupted_run_keeps_what_it_has():
+    def interrupt(fraction: float) -> None:
+        if fraction >= 0.5:
+            raise KeyboardInterrupt
+
+    run = record(wire(integrator__step=1e-4), 0.2, 1e-2, progress=interrupt)
+    whole = record(wire(integrator__step=1e-4), 0.2, 1e-2)
+    assert (run.status, run.ok) == ("interrupted", False)
+    assert run.message == f"interrupted at {run.simulated_s:.6g} s of 0.2 s"
+    assert 0.1 <= run.simulated_s < 0.2
+    assert len(run.time) == int(run.simulated_s / 1e-2) + 1
+    np.testing.assert_array_equal(run.control_points, whole.control_points[: len(run.time)])
+
+
+def test_a_run_that_is_done_is_not_interrupted():
+    def interrupt(fraction: float) -> None:
+        if fraction >= 1.0:
+            raise KeyboardInterrupt
+
+    assert record(wire(), 0.02, 1e-3, progress=interrupt).status == "ok"
+
+
+def test_only_a_long_run_is_told_beforehand(monkeypatch):
+    told: list[str] = []
+    record(wire(), 0.02, 1e-3, tell=told.append)
+    assert told == []
+    monkeypatch.setattr(recording, "LONG", 0.0)
+    record(wire(integrator__step=1e-5), 0.02, 1e-3, tell=told.append)
+    (line,) = told
+    assert line.startswith("2000 steps of 10 us, about ")

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from cables import simulator
 
-from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
+from dlo_sim.simulation.selection import less_work
+from dlo_sim.simulation.simulator import Simulator
 
 WIRE = {
     "cable.length": 1.0,
@@ -110,3 +112,17 @@ def test_stiffness_damping_against_what_needs_an_explicit_method(method, term):
     with pytest.raises(SceneError, match="velocity_verlet is not valid with damping.stiffness"):
         chosen({"damping.stiffness": 0.01}, method="velocity_verlet", step=1e-6)
     assert chosen(term, {"damping.mass": 0.1}).method == "velocity_verlet"
+
+
+def test_what_would_take_far_less_work_is_known():
+    wire = load_scene(shipped_scene("paper_wire"))
+    slow = wire.with_values({"integrator.method": "forest_ruth", "integrator.step": 1e-8})
+    other = less_work(slow, Simulator(slow).choice)
+    assert other is not None
+    assert (other.method.name, other.step) == ("energy_momentum", 2.5e-3)
+    free = wire.with_values({"integrator.method": "auto", "integrator.step": 0.0})
+    assert less_work(free, Simulator(free).choice) is None
+    # Plasticity leaves no choice of the method, only of the step.
+    plastic = slow.with_values({"terms.plasticity": "on", "plasticity.yield_curvature": 1.0})
+    other = less_work(plastic, Simulator(plastic).choice)
+    assert other is not None and other.method.name == "velocity_verlet"

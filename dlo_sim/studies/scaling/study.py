@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from dlo_sim.scene.loading import shipped_scene
@@ -39,17 +38,12 @@ def run_study(request: Request) -> Outcome:
         `--scheduler` has nothing to give away."""
     )
     # Memory first: what the timed simulators leave to the allocator would blur it.
-    grown = memory.measured(quick, _part_of(request.progress, 0.0, 0.3))
-    runs = steps.timed(quick, _part_of(request.progress, 0.3, 0.8))
-    found = parts.measured(quick, _part_of(request.progress, 0.8, 1.0))
+    grown = memory.measured(quick, request.part(0.0, 0.3))
+    runs = steps.timed(quick, request.part(0.3, 0.8))
+    found = parts.measured(quick, request.part(0.8, 1.0))
     verdicts = steps.describe(report, runs, quick)
     verdicts |= memory.describe(report, grown)
     verdicts |= parts.describe(report, found)
     lines = [f"- {asked}: **{answer}**" for asked, answer in verdicts.items()]
     path = report.write(["\n".join(lines)])
     return Outcome(str(path), report.figures, report.data, report.tables, verdicts)
-
-
-def _part_of(progress: Callable[[float], None], low: float, high: float) -> Callable[[float], None]:
-    """Progress from `low` to `high` of the whole."""
-    return lambda fraction: progress(low + (high - low) * fraction)

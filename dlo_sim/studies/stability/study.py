@@ -52,8 +52,8 @@ def run_study(request: Request) -> Outcome:
     for extreme in EXTREMES:
         extremes.examine(extreme, share=WARM)
         findings.append(extremes.examine(extreme))
+        request.progress(0.1 + 0.1 * len(findings) / len(EXTREMES))
     asked += sections.add_extremes(report, findings, _steel())
-    request.progress(0.2)
     extent = maps.QUICK if request.quick else maps.FULL
     points = maps.points(extent)
     found = _watched(request.workers.map(maps.examine, points), len(points), request, 0.2, 0.65)

@@ -55,10 +55,10 @@ def run_study(request: Request) -> Outcome:
     )
     grid = sweep.QUICK if request.quick else sweep.FULL
     for k, case in enumerate(cases):
-        points = sweep.swept(case, truths[case.name], grid)
+        shares = (0.35 + 0.4 * part / len(cases) for part in (k, k + 1))
+        points = sweep.swept(case, truths[case.name], grid, request.part(*shares))
         peers = others.judged(case, truths[case.name].points)
         sweep.add(report, case, truths[case.name], points, peers)
-        request.progress(0.35 + 0.4 * (k + 1) / len(cases))
     separate.add(report, request, cases, truths)
     request.progress(0.9)
     analytic.add(report, request)

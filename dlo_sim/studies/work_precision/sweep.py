@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -97,15 +98,18 @@ def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Poin
 
 
 def swept(
-    case: Case, truth: Reference, grid: Grid, progress: Callable[[], None] = lambda: None
+    case: Case,
+    truth: Reference,
+    grid: Grid,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> list[Point]:
     """All settings of a grid on a case."""
     points = []
-    for method in grid.methods:
-        for n_u in grid.control_points:
-            for setting in _settings(case, grid, method, n_u):
-                points.append(tried(case, truth, setting, grid.budget))
-        progress()
+    kinds = list(product(grid.methods, grid.control_points))
+    for k, (method, n_u) in enumerate(kinds):
+        for setting in _settings(case, grid, method, n_u):
+            points.append(tried(case, truth, setting, grid.budget))
+        progress((k + 1) / len(kinds))
     return points
 
 

@@ -1,0 +1,178 @@
+"""Signals, with real processes: nothing is raised where they come, and what is owed is done."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.util import find_spec
+
+import pytest
+
+SOON = 60.0  # [s]
+SIGINT, SIGTERM, SIGHUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+BEGIN = """
+import os, signal, sys, threading
+from dlo_sim.process import stopping
+"""
+IN_A_CALLBACK = """
+import ctypes
+seen = []
+
+def compare(one, other):
+    os.kill(os.getpid(), int(sys.argv[1]))
+    while not stopping.requested():
+        pass
+    seen.append(one)  # an exception before here would be lost in the library
+    return 0
+
+def work():
+    kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+    ctypes.CDLL(None).qsort((ctypes.c_int * 2)(2, 1), 2, 4, kind(compare))
+    assert len(seen) == 1
+    stopping.check()
+"""
+NEVER_LOOKS = """
+from pathlib import Path
+stopping.GRACE = 0.1
+
+def work():
+    with stopping.owed(Path(sys.argv[2]).unlink):
+        os.kill(os.getpid(), int(sys.argv[1]))
+        threading.Event().wait()
+"""
+ENDS_ITSELF = """
+stopping.GRACE = 0.0
+
+def work():
+    stopping.ends_itself()
+    os.kill(os.getpid(), int(sys.argv[1]))
+    watcher = next(t for t in threading.enumerate() if t is not threading.current_thread())
+    watcher.join()
+    print("kept")
+    return 7
+"""
+FAILS_ON_THE_WAY = """
+def work():
+    os.kill(os.getpid(), int(sys.argv[1]))
+    while not stopping.requested():
+        pass
+    raise BrokenPipeError("a process that ended before us")
+"""
+HAS_A_CHILD = """
+import subprocess
+LOOK = "import signal; print(*sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())))"
+
+def work():
+    subprocess.run([sys.executable, "-c", LOOK])
+    return 0
+"""
+END = "\nsys.exit(stopping.supervised(work))"
+
+
+def run(
+    code: str, *arguments: object, prepare: Callable[[], object] | None = None
+) -> tuple[int, str, str]:
+    """Exit status, stdout and stderr of a supervised process that does `work`."""
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN + code + END, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=SOON,
+        preexec_fn=prepare,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM, SIGHUP])
+def test_nothing_is_raised_inside_a_callback_of_a_library(number):
+    assert run(IN_A_CALLBACK, int(number)) == (128 + number, "", "dlo_sim: interrupted\n")
+
+
+def test_work_that_never_looks_is_ended_and_what_is_owed_is_done(tmp_path):
+    owed = tmp_path / "half"
+    owed.write_text("an output")
+    assert run(NEVER_LOOKS, int(SIGTERM), owed) == (143, "", "dlo_sim: interrupted\n")
+    assert not owed.exists()
+
+
+def test_work_that_ends_itself_gets_the_time_that_it_takes():
+    assert run(ENDS_ITSELF, int(SIGINT)) == (7, "kept\n", "")
+
+
+def test_what_fails_because_of_the_signal_is_no_defect():
+    assert run(FAILS_ON_THE_WAY, int(SIGTERM)) == (143, "", "dlo_sim: interrupted\n")
+
+
+def test_children_are_not_interrupted_by_the_terminal_but_can_be_ended():
+    status, blocked, _ = run(HAS_A_CHILD)
+    assert (status, blocked.split()) == (0, ["1", "2"])
+
+
+def test_what_nohup_ignores_stays_ignored():
+    def nohup() -> None:
+        signal.signal(SIGHUP, signal.SIG_IGN)
+
+    code = "def work():\n    os.kill(os.getpid(), signal.SIGHUP)\n    return stopping.requested()\n"
+    assert run(code, prepare=nohup) == (0, "", "")
+
+
+# -- the commands themselves ------------------------------------------------------------------
+
+
+SIMULATE = "simulate paper_wire --duration 60"
+NODE = "node --ros-args -p cable.length:=1.0"
+needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="needs rclpy")
+COMMANDS = [SIMULATE, pytest.param(NODE, marks=needs_ros)]
+
+
+def ended(command: str, moment: float, number: int) -> tuple[int, str]:
+    """Exit status and stderr of `dlo_sim` that gets a signal at a moment [s], or before it began
+    (0).
+    """
+
+    def pending() -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, (SIGINT, SIGTERM))
+        os.kill(os.getpid(), number)
+
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dlo_sim", *command.split()],
+        env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=pending if moment == 0.0 else None,
+    )
+    try:
+        _, errors = process.communicate(timeout=moment or SOON)
+    except subprocess.TimeoutExpired:
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=SOON)
+    return process.returncode, errors
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_signal_that_came_before_the_process_began_is_not_lost(command, number):
+    status, errors = ended(command, 0.0, number)
+    assert status == (0 if command == NODE else 128 + number)
+    assert "Traceback" not in errors
+
+
+# DLO_SIM_SIGNALS=100 sends so many to each command.
+MOMENTS = int(os.environ.get("DLO_SIM_SIGNALS", "2"))
+
+
+@pytest.mark.parametrize("seed", range(MOMENTS))
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_signal_at_any_moment(command, seed):
+    chance = random.Random(f"{command} {seed}")
+    moment, number = chance.uniform(0.5, 4.0), chance.choice([SIGINT, SIGTERM])
+    status, errors = ended(command, moment, number)
+    said = f"{number} after {moment:.3f} s: {errors}"
+    assert status in ({0} if command == NODE else {0, 128 + number}), said
+    assert not re.search("Traceback|Fatal|exception", errors), said
