@@ -126,6 +126,7 @@ PLACES: dict[str, tuple[float, int, str]] = {
     "scene": (0.0, 5, "parameters, checks, file"),
     "kernels": (1.0, 5, "compiled forces and steps"),
     "core": (2.0, 5, "splines, methods, rotations"),
+    "process": (3.0, 5, "signals, whole files"),
 }
 COLORS = {0: "#dbe7f5", 1: "#dbe7f5", 2: "#dbe7f5", 3: "#dff0d8", 4: "#fbe6cf", 5: "#fbe6cf"}
 WIDTH, HEIGHT, GAP_X, GAP_Y, EDGE = 230, 52, 40, 46, 14

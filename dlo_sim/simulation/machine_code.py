@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 from dlo_sim.kernels.cache import LOGGER, NotCompiledError, on_first_miss, only_loading
-from dlo_sim.process.stopping import owed
+from dlo_sim.process import stopping
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 from dlo_sim.simulation.processors import processors
@@ -42,6 +42,7 @@ def compiled_by_two(scene: Scene) -> Iterator[None]:
     """
 
     def begin() -> None:
+        stopping.check()  # nobody would end another process any more
         helper = subprocess.Popen(
             [sys.executable, "-m", "dlo_sim.simulation.machine_code"],
             stdin=subprocess.PIPE,
@@ -63,7 +64,7 @@ def compiled_by_two(scene: Scene) -> Iterator[None]:
     if processors() < 2:
         yield
         return
-    with owed(end), on_first_miss(begin):
+    with stopping.owed(end), on_first_miss(begin):
         yield
 
 
