@@ -209,8 +209,7 @@ class _Replay:
         summary = self.summary
         records = {r.topic: r for r in self._session.journal.topics.values() if r.refusals}
         summary.refused_by_topic = {
-            topic: dict(sorted(record.refused.items()))
-            for topic, record in sorted(records.items())
+            topic: dict(sorted(record.refused.items())) for topic, record in sorted(records.items())
         }
         lacking = [
             f"{r.topic}: {r.refusals} of {r.refusals + r.accepted} messages refused, "
