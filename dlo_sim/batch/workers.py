@@ -98,11 +98,13 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
         return
     # Not fork: threads of this process (numba's, ROS's) would not survive it.
     context = multiprocessing.get_context("spawn")
-    with owed(_end_children), ProcessPoolExecutor(count, mp_context=context) as pool:
+    with ProcessPoolExecutor(count, mp_context=context) as pool, owed(lambda: _end(pool)):
         yield Processes(pool, count)
 
 
-def _end_children() -> None:
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool, whatever they are doing; all that is wanted has come back."""
+    pool.shutdown(wait=False, cancel_futures=True)
     for child in multiprocessing.active_children():
         child.terminate()
 
