@@ -184,8 +184,11 @@ def jump_ends(state, terms, work, t):
 def decay_flow(state, mass, decay, n, dt):
     """Exact flow of the external damping over dt."""
     if decay is not None:
+        rate, factor = 0.0, 1.0
         for d in range(state.w.shape[0]):
-            factor = np.exp(-decay[d] * dt)
+            if decay[d] != rate:  # an exponential takes as long as the rest of a row
+                rate = decay[d]
+                factor = np.exp(-rate * dt)
             lost = 0.5 * quadratic_form(mass.band[d], n, state.w[d]) * (1.0 - factor * factor)
             for i in range(n):
                 state.w[d, i] *= factor
