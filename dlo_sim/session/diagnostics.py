@@ -23,8 +23,8 @@ REASONS: dict[str, str] = {
     "too_large": "a force, torque or position beyond inputs.max_force, inputs.max_torque, 1e6 m",
     "bad_quaternion": "an orientation whose norm is not 1",
     "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",
-    "too_old": "a stamp more than 1 s behind",
-    "in_future": "a stamp more than 0.5 s ahead",
+    "too_old": "a stamp more than 1 s behind the last one used, or behind the clock before any",
+    "in_future": "a stamp more than 0.5 s ahead that what came after it did not confirm",
     "out_of_order": "a stamp that is not newer than the last one of its topic",
     "too_fast": "a pose that would need more than inputs.max_speed",
 }
@@ -32,7 +32,7 @@ REASONS: dict[str, str] = {
 
 EVENTS: dict[str, str] = {
     "other_epoch": "stamps come from another epoch than the clock; their own time base is used",
-    "time_jump": "clock or stamps jumped back; the simulation was reset",
+    "time_jump": "clock or stamps jumped; the simulation was reset",
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
     "late": "a message came after the simulation had passed its time; it counts from now on",

@@ -10,6 +10,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from geometry_msgs.msg import PoseArray
 from node_harness import CABLE, START, NodeProcess, Peer
+from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
@@ -40,11 +41,22 @@ def test_a_pause_holds_the_state_and_a_step_moves_it(peer: Peer) -> None:
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
     peer.until(lambda: len(received) > 5, "control points")
     pause(peer, True)
+    peer.status("dlo_sim: session", lambda values, status: values["status"] == "paused", "a pause")
     received.clear()
-    peer.until(lambda: len(received) > 5, "control points of the pause")
-    held = received[-1]
-    assert {stamp(m) for m in received[1:]} == {stamp(held)}
-    assert received[1].poses == held.poses
+    lines = peer.collect(Marker, "/dlo_sim/centerline")
+    peer.until(lambda: len(lines) > 5, "markers, which are renewed")
+    assert received == []  # nothing is new
+    late = peer.collect(PoseArray, "/dlo_sim/control_points")
+    peer.until(lambda: late and received, "the held state for a new reader")
+    held = late[-1]
+    assert {stamp(m) for m in [*late, *received, *lines]} == {stamp(held)}
+    assert len(received) == 1
+
+    sensor: list[PoseArray] = []
+    peer.node.create_subscription(
+        PoseArray, "/dlo_sim/control_points", sensor.append, qos_profile_sensor_data
+    )
+    peer.until(lambda: sensor, "the held state for a best-effort reader")
 
     response = trigger(peer, "step")
     assert response.success, response.message
