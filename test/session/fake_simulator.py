@@ -9,6 +9,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
@@ -81,6 +82,10 @@ class FakeSimulator:
             self.loads[name] = np.array(force, dtype=float)
 
     def set_motion(self, end, motion):
+        position, orientation = self.end_pose(end)
+        assert motion.start == pytest.approx(self.time, abs=1e-9), "a simulator refuses the past"
+        assert motion.position[0] == pytest.approx(position, abs=1e-6), "and jumps"
+        assert abs(motion.orientation @ orientation) == pytest.approx(1.0, abs=1e-12)
         self.calls.append(("motion", self.steps, end, motion))
         self.motions[end] = motion
 
