@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
 from ruamel.yaml import YAML
 
-START = 240.0  # [s]; a first start compiles
+START = 600.0  # [s]; a first start compiles, a minute or two of processor time
 SOON = 60.0  # [s]; it takes milliseconds where nothing else runs
 
 # A soft cable that steps fast and compiles what most scenes need: clamped at the start, free end,
