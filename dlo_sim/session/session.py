@@ -30,9 +30,14 @@ from dlo_sim.session.time_base import SECOND, TimeBase, Verdict
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
 
-# Beyond pose_timeout and inputs.catch_up, a simulation this far behind skips time instead of
-# falling back for ever [s].
+# Beyond pose_timeout and inputs.catch_up, a simulation this far behind that does not catch up skips
+# time instead of falling back for ever [s].
 MOST_LAG = 1.0
+# A process that stood still catches up with at most so much [s]; what is further back is skipped.
+MOST_CATCH_UP = 3.0
+# A tick that comes late has not listened meanwhile. No more of that time than this, or two timer
+# periods, counts as a silence: messages that waited are handed over between the next ticks [s].
+_MOST_LISTENED = 0.1
 
 
 class Session:
@@ -82,6 +87,7 @@ class Session:
         self._failure = ""
         self._waiting: tuple[str, ...] = ()
         self._lag_ns = 0
+        self._listened_ns: int | None = None  # up to where a silence would have been noticed
         self._marker_count: int | None = None
         self._given_out: tuple[Any, int] | None = None
         self._markers_due = False
@@ -145,7 +151,9 @@ class Session:
         if self._resuming:
             self._resuming = False
             self._drive.skip_to(wanted_ns)
-        steps = self._advance(wanted_ns, self._most_steps, wanted_ns)
+        listened_ns = wanted_ns if self._listened_ns is None else self._listened_ns
+        self._listened_ns = min(wanted_ns, listened_ns + self._most_listened_ns)
+        steps = self._advance(wanted_ns, self._most_steps, self._listened_ns)
         lag_before, self._lag_ns = self._lag_ns, max(0, wanted_ns - self._drive.now_ns)
         if not self._waiting and not self._failure:
             self._ease(wanted_ns, lag_before)
@@ -279,6 +287,8 @@ class Session:
         """Hand messages to the drive; the offset may have changed by them."""
         offset = self._time.offset_ns
         verdicts = {accepted.verdict for accepted in found}
+        if offset != offset_before:
+            self._listened_ns = None
         if offset != offset_before and Verdict.START_OVER not in verdicts:
             self._drive.shift_time(offset_before - offset, inputs=Verdict.DECIDE in verdicts)
         for accepted in found:
@@ -335,7 +345,8 @@ class Session:
                 "the prediction fell behind and goes on without its error estimate; keep it with "
                 "accuracy.estimate: on",
             )
-        if self._lag_ns > self._most_lag_ns:
+        too_slow = self._lag_ns >= lag_before > self._most_lag_ns
+        if too_slow or self._lag_ns > self._most_lag_ns + MOST_CATCH_UP * SECOND:
             skipped = self._drive.skip_to(wanted_ns)
             self.journal.skipped_ns += skipped
             self.journal.event(
@@ -353,6 +364,7 @@ class Session:
         self._failure = ""
         self._waiting = ()
         self._lag_ns = 0
+        self._listened_ns = None
         self._resuming = False
         self.journal.event(event, detail)
 
@@ -377,6 +389,7 @@ class Session:
         self._latency_ns = round(inputs.latency * SECOND)
         self._grid = OutputGrid(self.scene.rate)
         self._most_steps = max(1, round(max(inputs.catch_up, 1.0 / self.scene.rate) / step))
+        self._most_listened_ns = round(max(_MOST_LISTENED, 2.0 / self.scene.rate) * SECOND)
         self._most_lag_ns = round((max([MOST_LAG, *timeouts]) + inputs.catch_up) * SECOND)
 
     def _new_outputs(self) -> Outputs:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dlo_sim.ros.arguments import arguments_for_rcl
+from dlo_sim.ros.arguments import read_arguments
 from dlo_sim.scene.checking import SceneError
 from dlo_sim.scene.loading import load_scene, parse_assignment
 from dlo_sim.scene.parameters import scene_parameters
@@ -28,7 +28,7 @@ HOSTILE = {
 
 
 def read_by_the_node(path: Path) -> None:
-    with arguments_for_rcl(["--ros-args", "--params-file", str(path)]):
+    with read_arguments(["--ros-args", "--params-file", str(path)]):
         pass
 
 
@@ -89,7 +89,7 @@ def test_values_on_the_command_line_have_the_same_bounds():
         with pytest.raises(SceneError):
             parse_assignment(f"gravity={value}")
         given = ["--ros-args", "-p", f"gravity:={value}"]
-        with pytest.raises(SceneError), arguments_for_rcl(given):
+        with pytest.raises(SceneError), read_arguments(given):
             pass
 
 

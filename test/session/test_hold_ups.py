@@ -37,3 +37,13 @@ def test_any_other(seed):
     world = World(random_case(seed))
     world.play()
     assert world.problems() == [], world.case
+
+
+@pytest.mark.parametrize("tick_first", [True, False])
+def test_what_has_waited_is_simulated_and_not_skipped(tick_first):
+    """The queues hold 2 s of poses: after 1.5 s nothing is missing, so nothing is left out."""
+    world = World(Case("node", 1.0, 1.5, tick_first=tick_first, seed=3))
+    world.play()
+    journal = world.session.journal
+    assert journal.skipped_ns == 0 and not journal.events
+    assert world.problems() == []
