@@ -47,14 +47,13 @@ def read_prediction(bag: Path, length: float, origin_ns: int) -> Prediction:
     points: list[Array] = []
     forces: list[tuple[float, ...]] = []
     poses, reaction = resolved(CONTROL_POINTS), resolved(_REACTION)
-    with Bag(bag) as source:
-        for message in source.messages({poses: cdr.POSE_ARRAY, reaction: cdr.WRENCH_STAMPED}):
-            if message.topic == poses:
-                decoded = cdr.decode_pose_array(message.data)
-                stamps.append(decoded.stamp_ns)
-                points.append(decoded.poses[:, :3])
-            else:
-                forces.append(cdr.decode(cdr.WRENCH_STAMPED, message.data).values[:3])
+    for message in Bag(bag).messages({poses: cdr.POSE_ARRAY, reaction: cdr.WRENCH_STAMPED}):
+        if message.topic == poses:
+            decoded = cdr.decode_pose_array(message.data)
+            stamps.append(decoded.stamp_ns)
+            points.append(decoded.poses[:, :3])
+        else:
+            forces.append(cdr.decode(cdr.WRENCH_STAMPED, message.data).values[:3])
     # While a tick waits for a pose the same state is published again.
     _, new = np.unique(stamps, return_index=True)
     control_points = np.array(points)[new]

@@ -11,11 +11,10 @@ from __future__ import annotations
 import heapq
 import os
 import sqlite3
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from types import TracebackType
 from typing import Literal
 
 from rosbags.interfaces import Connection
@@ -27,7 +26,7 @@ from rosbags.typesys import Stores, get_typestore
 from dlo_sim.process.partial import Partial
 from dlo_sim.replay import storage
 from dlo_sim.replay.metadata import read_metadata
-from dlo_sim.replay.storage import Damage, Record
+from dlo_sim.replay.storage import DamagedFile, Record
 from dlo_sim.scene.checking import one_line
 
 Storage = Literal["mcap", "sqlite3"]
@@ -40,6 +39,10 @@ _LONGEST_LINE = 300
 _MOST_TOPICS = 20  # in a message
 _PER_COMMIT = 200  # messages
 _DISK_ERRORS = (OSError, sqlite3.Error)
+# Messages written in another order than recorded are sorted within so many nanoseconds: recorders
+# write what comes from several threads, and keep what they sort.
+_MOST_LATE = 10_000_000_000
+_PROGRESS_MESSAGES = 1000
 
 
 class BagError(Exception):
@@ -54,6 +57,7 @@ class Bag:
 
     Args:
         path: a rosbag2 directory, or one `.mcap` or `.db3` file.
+        progress: called now and then with the fraction read, if the metadata promise a number.
 
     Attributes:
         storage: `mcap` or `sqlite3`.
@@ -67,7 +71,9 @@ class Bag:
         BagError: there is no bag, or nothing of it can be read.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None
+    ) -> None:
         self.path = Path(path)
         self.damage = ""
         self.promised: int | None = None
@@ -78,14 +84,14 @@ class Bag:
         self.storage: Storage = "mcap" if self._files[0].suffix == ".mcap" else "sqlite3"
         if self.path.is_dir():
             self._read_metadata()
-        self._survey()
+        self._survey(progress)
         if self.damage and not self.count:
             raise BagError(f"bag {self.path} cannot be read: {self.damage}")
 
     def _read_metadata(self) -> None:
         try:
             metadata = read_metadata(self.path)
-        except Damage as error:
+        except DamagedFile as error:
             self._note(str(error))
         else:
             self.promised = metadata.message_count
@@ -96,33 +102,44 @@ class Bag:
             listed = [file for file in self._files if file.name in metadata.files]
             self._files = listed or self._files
 
-    def _survey(self) -> None:
+    def _survey(self, progress: Callable[[float], None] | None) -> None:
         """Fill in what the messages say, without keeping them."""
         self.topics: dict[str, tuple[str, ...]] = {}
-        self.count = self._late = 0
+        self.count = late = 0
         first = latest = 0
         for record in self._records(None):
             first = min(first, record.time_ns) if self.count else record.time_ns
             latest = max(latest, record.time_ns)
-            self._late = max(self._late, latest - record.time_ns)
+            late = max(late, latest - record.time_ns)
             self.count += 1
+            if progress and self.promised and self.count % _PROGRESS_MESSAGES == 0:
+                progress(min(1.0, self.count / max(1, self.promised)))
             types = self.topics.get(record.topic, ())
             if record.type not in types:
                 self.topics[record.topic] = (*types, record.type)
         self.span_ns = (first, latest)
+        self._late = min(late, _MOST_LATE)
+        if late > _MOST_LATE:
+            self._note(
+                f"messages are up to {late * 1e-9:.1f} s out of order, "
+                f"{_MOST_LATE * 1e-9:.0f} s can be sorted"
+            )
         if self.promised is not None and self.promised != self.count:
-            self._note("metadata.yaml counts otherwise")
+            self._note(f"metadata.yaml promises {self.promised} messages, {self.count} were found")
 
     def messages(self, wanted: Mapping[str, str]) -> Iterator[Record]:
         """Messages of these topics (topic -> type) in the order of recording, those of one time in
         the order of writing.
 
-        They are kept back only as long as one behind them may be older.
+        They are kept back only as long as one behind them may be older, 10 s at most; one that is
+        written later than that comes out of order (`damage` says so).
         """
         waiting: list[tuple[int, int, Record]] = []
+        latest = 0
         for number, record in enumerate(self._records(wanted.items())):
+            latest = max(latest, record.time_ns)
             heapq.heappush(waiting, (record.time_ns, number, record))
-            while waiting and waiting[0][0] <= record.time_ns - self._late:
+            while waiting and waiting[0][0] <= latest - self._late:
                 yield heapq.heappop(waiting)[2]
         while waiting:
             yield heapq.heappop(waiting)[2]
@@ -154,20 +171,13 @@ class Bag:
         """Keep the first thing that is wrong."""
         self.damage = self.damage or one_line(problem)[:_LONGEST_LINE]
 
-    def __enter__(self) -> Bag:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing is kept open."""
-
 
 class _CommittingWriter(Sqlite3Writer):
-    """Commits now and then: a transaction that ends on a full disk is lost as a whole."""
+    """Commits now and then: a transaction that ends on a full disk is lost as a whole.
+
+    It relies on the attributes `conn` here and `STORAGE_PLUGINS` below, which the library does not
+    document: writing schema, definitions and metadata ourselves would take a hundred lines.
+    """
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
@@ -197,7 +207,7 @@ class BagWriter:
         storage: `mcap` or `sqlite3`.
 
     Attributes:
-        failure: why the bag is not whole (the disk is full), one line; "" = nothing is wrong.
+        failure: why the bag is incomplete (the disk is full), one line; "" = nothing is wrong.
 
     Raises:
         BagError: the place is taken or cannot be written.
@@ -266,8 +276,8 @@ class BagWriter:
 
     def _fail(self, error: Exception) -> None:
         self.failure = (
-            f"output {self.path} is not whole ({_reason(error)}): make room; what was written is "
-            "kept, without an index ('ros2 bag reindex')"
+            f"output {self.path} is incomplete ({_reason(error)}); free space and run again. The "
+            "messages written so far are kept without metadata ('ros2 bag reindex')"
         )
         self._abort()
 
@@ -292,10 +302,10 @@ def _data_files(path: Path) -> list[Path]:
     if path.is_file() and path.suffix in _SUFFIXES:
         return [path]
     if not path.is_dir():
-        raise BagError(f"{path} is no bag: needs a rosbag2 directory, a .mcap or a .db3 file")
+        raise BagError(f"{path} is not a bag: needs a rosbag2 directory, a .mcap or a .db3 file")
     files = [file for file in path.iterdir() if file.suffix in _SUFFIXES and file.is_file()]
     if not files:
-        raise BagError(f"{path} is no bag: no .mcap or .db3 file in it")
+        raise BagError(f"{path} is not a bag: no .mcap or .db3 file in it")
     return sorted(files, key=lambda file: (len(file.name), file.name))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dlo_sim.replay.storage import Damage
+from dlo_sim.replay.storage import DamagedFile
 from dlo_sim.scene.checking import SceneError, brief
 from dlo_sim.scene.plain_yaml import parse_yaml, read_text
 
@@ -39,26 +39,26 @@ def read_metadata(folder: Path) -> Metadata:
     """The metadata of a bag.
 
     Raises:
-        Damage: they are missing or not what they should be; names the key and the value.
+        DamagedFile: they are missing or not what they should be; names the key and the value.
     """
     try:
         document = parse_yaml(read_text(folder / _NAME), most_values=_MOST_VALUES)
     except SceneError as error:
-        raise Damage(f"{_NAME} {str(error).partition(';')[0]}") from None
+        raise DamagedFile(f"{_NAME} {str(error).partition(';')[0]}") from None
     found: Any = document.get("rosbag2_bagfile_information") if _is_map(document) else None
     if not _is_map(found):
-        raise Damage(f"{_NAME} holds no rosbag2_bagfile_information")
+        raise DamagedFile(f"{_NAME} holds no rosbag2_bagfile_information")
     values = {key: _value(found, key) for key in _KEYS}
     for key, value in values.items():
         if not isinstance(value, _KEYS[key]) or isinstance(value, bool):
-            raise Damage(f"{_NAME}: {key}: {brief(value)} is not {_TYPES[_KEYS[key]]}")
+            raise DamagedFile(f"{_NAME}: {key}: {brief(value)} is not {_TYPES[_KEYS[key]]}")
     if values["version"] > _NEWEST:
-        raise Damage(f"{_NAME}: version: {values['version']} is newer than {_NEWEST}")
+        raise DamagedFile(f"{_NAME}: version: {values['version']} is newer than {_NEWEST}")
     mode = str(found.get("compression_mode") or "none").lower()
     if mode not in ("none", "message") or (
         mode == "message" and found.get("compression_format") != "zstd"
     ):
-        raise Damage(f"{_NAME}: compression_mode: {brief(mode)} is not supported")
+        raise DamagedFile(f"{_NAME}: compression_mode: {brief(mode)} is not supported")
     files = tuple(Path(str(name)).name for name in values["relative_file_paths"])
     return Metadata(values["message_count"], files, mode == "message")
 

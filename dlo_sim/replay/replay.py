@@ -36,6 +36,8 @@ _DIAGNOSTICS_PERIOD = 1 * SECOND
 # A longer gap in the recording is not simulated through: the session starts over after it.
 LONGEST_GAP = 600 * SECOND
 _PROGRESS_TICKS = 100
+# Part of the progress that opening the bag counts for.
+_OPENING = 0.1
 # A larger part of a topic's messages refused is said, and the replay is not `done`.
 MOST_REFUSED = 0.05
 
@@ -71,26 +73,26 @@ def replay_bag(
     """
     compare = dict(compare or {})
     try:
-        with Bag(bag) as source:
-            wanted = _wanted_topics(source, scene, compare)
-            writer = (
-                None if output is None else BagWriter(output, _output_topics(scene), source.storage)
-            )
-            try:
-                run = _Replay(source, scene, writer, compare, progress, simulator_factory)
-                run.execute(wanted)
-                summary = run.summary
-                if not summary.simulated_s:
-                    raise ReplayError(run.why_nothing())
-                if writer is not None:
-                    writer.finish()
-                    if writer.failure:
-                        summary.status, summary.message = "unwritten", writer.failure
-                        summary.messages_written = _readable(writer.path)
-            except BaseException:
-                if writer is not None:
-                    writer.discard()
-                raise
+        source = Bag(bag, progress and (lambda share: progress(_OPENING * share)))
+        wanted = _wanted_topics(source, scene, compare)
+        writer = (
+            None if output is None else BagWriter(output, _output_topics(scene), source.storage)
+        )
+        try:
+            run = _Replay(source, scene, writer, compare, progress, simulator_factory)
+            run.execute(wanted)
+            summary = run.summary
+            if not summary.simulated_s:
+                raise ReplayError(run.why_nothing())
+            if writer is not None:
+                writer.finish()
+                if writer.failure:
+                    summary.status, summary.message = "output_incomplete", writer.failure
+                    summary.messages_written = _readable(writer.path)
+        except BaseException:
+            if writer is not None:
+                writer.discard()
+            raise
     except BagError as error:
         raise ReplayError(str(error)) from None
     summary.output = "" if output is None else str(output)
@@ -98,7 +100,7 @@ def replay_bag(
 
 
 def _readable(bag: Path) -> int:
-    """Number of messages in a bag that is not whole."""
+    """Number of messages in an incomplete bag."""
     try:
         return Bag(bag).count
     except BagError:
@@ -236,14 +238,15 @@ class _Replay:
         tail = round(self._scene.inputs.latency * SECOND) + round(period)
         while message is not None or now <= latest + tail:
             while message is not None and message.time_ns <= now:
-                latest = message.time_ns
-                self._take(message)
+                latest = max(latest, message.time_ns)
+                self._take(message, latest)
                 message = next(messages, None)
             self._tick(now)
             if summary.status == "diverged":
                 return
             if self._progress is not None and summary.ticks % _PROGRESS_TICKS == 0:
-                self._progress(min(1.0, (now - first) / max(1, last - first)))
+                done = min(1.0, (now - first) / max(1, last - first))
+                self._progress(_OPENING + (1.0 - _OPENING) * done)
             count += 1
             now = origin + round(count * period)
             if message is not None and message.time_ns - now > LONGEST_GAP:
@@ -257,9 +260,10 @@ class _Replay:
         if self._progress is not None:
             self._progress(1.0)
 
-    def _take(self, message: Record) -> None:
+    def _take(self, message: Record, arrival_ns: int) -> None:
+        """Hand over a message; one out of the order of recording arrives when it was written."""
         if message.topic in self._inputs:
-            self._session.receive(message.topic, message.data, message.time_ns)
+            self._session.receive(message.topic, message.data, arrival_ns)
         recording = self._recordings.get(message.topic)
         if recording is not None:
             try:

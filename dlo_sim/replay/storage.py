@@ -40,7 +40,7 @@ _LEAST_WORK, _MOST_RATIO = 1 << 28, 1000
 _SQLITE_STEPS = 1_000_000  # of its machine, and one more per byte of the file; a row needs 10 to 20
 
 
-class Damage(Exception):
+class DamagedFile(Exception):
     """A file cannot be read any further; one line says why."""
 
 
@@ -71,7 +71,7 @@ def records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
         else:
             with path.open("rb") as file:
                 yield from _Mcap(file, wanted, note).records()
-    except Damage as damage:
+    except DamagedFile as damage:
         note(f"{path.name} {damage}")
     except OSError as error:
         note(f"{path.name} cannot be read: {error.strerror}")
@@ -81,10 +81,10 @@ def unpacked(compression: str, file: BinaryIO) -> BinaryIO:
     """A packed file as it was, unpacked as it is read.
 
     Raises:
-        Damage: nothing here unpacks this.
+        DamagedFile: nothing here unpacks this.
     """
     if compression not in _UNPACKERS:
-        raise Damage(f"is packed as {compression[:20]!r}, which is unknown")
+        raise DamagedFile(f"uses unsupported compression {compression[:20]!r}")
     return cast(BinaryIO, import_module(_UNPACKERS[compression]).open(file))
 
 
@@ -105,9 +105,9 @@ class _Bytes:
         try:
             data = self._file.read(size)
         except Exception as error:  # each decompressor has its own errors
-            raise Damage(f"cannot be unpacked: {error}") from None
+            raise DamagedFile(f"cannot be unpacked: {error}") from None
         if len(data) != size:
-            raise Damage("is cut off")
+            raise DamagedFile("is cut off")
         if self._checked:
             self.checksum = zlib.crc32(data, self.checksum)
         return data
@@ -126,12 +126,12 @@ class _Bytes:
         (size,) = struct.unpack("<I", self.take(4))
         data = self.take(min(size, _LONGEST_NAME + 1))
         if size > _LONGEST_NAME or not data.isascii():
-            raise Damage("is damaged: a name is no name")
+            raise DamagedFile("is damaged: invalid string")
         return data.decode()
 
     def _leave(self, size: int) -> None:
         if size > self.left:
-            raise Damage("is cut off or damaged: a record is longer than what is left")
+            raise DamagedFile("is cut off or damaged: a record is longer than what is left")
         self.left -= size
 
 
@@ -148,7 +148,7 @@ class _Mcap:
     def records(self) -> Iterator[Record]:
         """Messages of the data section; the summary behind it is only passed over."""
         if self._file.read(len(_MAGIC)) != _MAGIC:
-            raise Damage("is no MCAP file")
+            raise DamagedFile("is not an MCAP file")
         at, in_data = len(_MAGIC), True
         while True:
             self._file.seek(at)
@@ -159,22 +159,22 @@ class _Mcap:
             if kind == _CHUNK and in_data:
                 try:
                     yield from self._chunk(data)
-                except Damage as damage:  # the next one may be whole
+                except DamagedFile as damage:  # the next one may be whole
                     self._note(f"chunk before byte {at} {damage}")
             elif in_data and (record := self._record(kind, size, data)):
                 yield record
             if kind == _FOOTER and at + len(_MAGIC) == self._size:
                 return
             if at > self._size or kind == _FOOTER:
-                raise Damage("is cut off or damaged: it does not end with its footer")
+                raise DamagedFile("is cut off or damaged: it does not end with its footer")
 
     def _head(self, data: _Bytes) -> tuple[int, int]:
         kind, size = _HEAD.unpack(data.take(_HEAD.size))
         if kind == 0:
-            raise Damage("is damaged: there is a record of no kind")
+            raise DamagedFile("is damaged: record with opcode 0")
         self._work -= _PER_RECORD + min(size, data.left)
         if self._work < 0:
-            raise Damage("unpacks to far more than a recording of its size can hold")
+            raise DamagedFile("unpacks to far more than a recording of its size can hold")
         return kind, size
 
     def _chunk(self, data: _Bytes) -> Iterator[Record]:
@@ -192,7 +192,7 @@ class _Mcap:
             if record:
                 yield record
         if checksum and inside.checksum != checksum:
-            raise Damage("does not have its checksum, so some message in it is not as recorded")
+            raise DamagedFile("does not have its checksum: some message in it is not as recorded")
 
     def _record(self, kind: int, size: int, data: _Bytes) -> Record | None:
         """Take in one record of so many bytes; what comes out is a message."""
@@ -201,7 +201,7 @@ class _Mcap:
             channel, _, time_ns, _ = struct.unpack("<HIQQ", data.take(22))
             known = self._channels.get(channel)
             if known is None:
-                self._note(f"messages of channel {channel}, which is not there, are left out")
+                self._note(f"skipped messages of undeclared channel {channel}")
             elif self._wanted is None:
                 message = Record(*known, time_ns, b"")
             elif known in self._wanted:
@@ -216,7 +216,7 @@ class _Mcap:
             self._note("a chunk within a chunk is left out")
         rest = size - (before - data.left)
         if rest < 0:
-            raise Damage("is damaged: a record is shorter than what it holds")
+            raise DamagedFile("is damaged: a record is shorter than what it holds")
         data.skip(rest)
         return message
 
@@ -232,7 +232,7 @@ def _sqlite3_records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]
     page = int.from_bytes(head[16:18], "big")
     page = 65536 if page == 1 else page
     if not head.startswith(b"SQLite format 3\x00") or len(head) < 32 or not page or size < page:
-        raise Damage("is no sqlite3 file")
+        raise DamagedFile("is not an sqlite3 file")
     if size % page == 0:
         yield from _rows(path, size, wanted, note)
     else:
@@ -241,7 +241,7 @@ def _sqlite3_records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]
             os.truncate(whole, size - size % page)
             yield from _rows(whole, size, wanted, note)
     if size < page * int.from_bytes(head[28:32], "big"):
-        raise Damage("is cut off")
+        raise DamagedFile("is cut off")
 
 
 def _rows(path: Path, size: int, wanted: Wanted, note: Note) -> Iterator[Record]:
@@ -257,7 +257,7 @@ def _rows(path: Path, size: int, wanted: Wanted, note: Note) -> Iterator[Record]
         connection.execute("PRAGMA trusted_schema=OFF")
         tables = "SELECT name FROM sqlite_master WHERE type = 'table'"
         if not {("topics",), ("messages",)} <= set(connection.execute(tables)):
-            raise Damage("has no table of topics and messages")
+            raise DamagedFile("has no table of topics and messages")
         topics = {
             number: (name, kind)
             for number, name, kind in connection.execute("SELECT id, name, type FROM topics")
@@ -271,6 +271,6 @@ def _rows(path: Path, size: int, wanted: Wanted, note: Note) -> Iterator[Record]
             elif wanted is None or topics[number] in wanted:
                 yield Record(*topics[number], time_ns, data or b"")  # no bytes come as None
     except sqlite3.Error as error:
-        raise Damage(f"is damaged: {error}") from None
+        raise DamagedFile(f"is damaged: {error}") from None
     finally:
         connection.close()

@@ -19,7 +19,8 @@ class ReplaySummary:
     Attributes:
         status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
             the simulator gave up; `refused`: more than 5 % of the messages of a topic could not be
-            used; `unwritten`: the disk was full, the output holds what was written until then.
+            used; `output_incomplete`: the disk was full, the output holds what was written until
+            then.
         message: one line that explains any status but `done`, else "".
         output: the bag written.
         messages_used, messages_refused: input messages; refused_by_reason: the latter by reason;

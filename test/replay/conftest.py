@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ import pytest
 from dlo_sim.replay.bags import BagWriter
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
+
+sys.path.append(str(Path(__file__).parents[1]))
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -84,3 +87,9 @@ def recorded():
 def long_recording():
     """Enough messages for many pages of a database."""
     return messages(8.0)
+
+
+@pytest.fixture
+def recording_of():
+    """recording_of(seconds) -> messages."""
+    return messages

@@ -21,8 +21,8 @@ def cut(file, share):
 
 
 def read(path, wanted=TOPICS):
-    with Bag(path) as bag:
-        return bag, [(m.topic, m.time_ns, m.data) for m in bag.messages(wanted)]
+    bag = Bag(path)
+    return bag, [(m.topic, m.time_ns, m.data) for m in bag.messages(wanted)]
 
 
 @pytest.mark.parametrize("storage", STORAGES)
@@ -104,6 +104,38 @@ def test_damage_in_the_middle_is_noticed_while_reading(make_bag, recorded):
     assert 0 < len(found) < len(recorded)
 
 
+SECOND = 1_000_000_000
+
+
+def at(*seconds):
+    return [("/wrench", 1000 * SECOND + round(second * SECOND), b"load") for second in seconds]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_messages_written_a_little_late_are_sorted(make_bag, storage):
+    bag, found = read(make_bag(at(*range(30), 20.5, *range(30, 40)), storage=storage))
+    assert found == sorted(at(*range(40), 20.5))
+    assert bag.damage == ""
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("lost", [at(-900), at(2.5), at(3600)])
+def test_a_message_of_another_time_does_not_keep_all_others_waiting(make_bag, storage, lost):
+    """All would have to be in memory before the first is known to be the first."""
+    bag, found = read(make_bag([*at(*range(30)), *lost, *at(*range(30, 40))], storage=storage))
+    assert [m for m in found if m not in lost] == at(*range(40))
+    assert len(found) == 41
+    assert found.index(lost[0]) == (40 if lost == at(3600) else 20)
+    assert "s out of order, 10 s can be sorted" in bag.damage
+
+
+def test_opening_says_how_far_it_is(make_bag):
+    path = make_bag(at(*np.arange(3500) * 0.01))
+    fractions = []
+    Bag(path, fractions.append)
+    assert fractions == pytest.approx([1000 / 3500, 2000 / 3500, 3000 / 3500])
+
+
 def test_compressed_chunks_are_salvaged(tmp_path):
     random = np.random.default_rng(1)  # many blocks of the compressor in one chunk
     recorded = [("/wrench", 1000 + k, random.bytes(100)) for k in range(6000)]
@@ -140,7 +172,7 @@ def test_paths_that_are_no_bags(tmp_path):
     with pytest.raises(BagError, match="no .mcap or .db3 file in it"):
         Bag(tmp_path)
     (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(BagError, match="is no bag"):
+    with pytest.raises(BagError, match="is not a bag"):
         Bag(tmp_path / "notes.txt")
 
 

@@ -2,8 +2,10 @@
 
 import json
 import resource
+import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -13,11 +15,17 @@ from dlo_sim.session import cdr
 from dlo_sim.tuning.scene_file import scene_text
 
 STORAGES = ["mcap", "sqlite3"]
+REASONS = {
+    ("file", "mcap"): "File too large",
+    ("file", "sqlite3"): "disk I/O error",
+    ("disk", "mcap"): "No space left on device",
+    ("disk", "sqlite3"): "database or disk is full",
+}
 
 
 @contextmanager
 def room_for(size: int) -> Iterator[None]:
-    """Files may not grow beyond so many bytes; to programs it looks like a full disk."""
+    """Files may not grow beyond so many bytes: writing fails, as EFBIG where a disk says ENOSPC."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
@@ -26,29 +34,45 @@ def room_for(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@contextmanager
+def mounted(folder: Path, size: int) -> Iterator[None]:
+    """A disk of so many bytes, which fills up."""
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("needs root, to mount a small disk")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("full", ["file", "disk"])
 @pytest.mark.parametrize("storage", STORAGES)
-def test_what_was_written_is_kept(make_bag, long_recording, scene, tmp_path, capsys, storage):
+def test_what_was_written_is_kept(make_bag, long_recording, scene, tmp_path, capsys, storage, full):
     bag = make_bag(long_recording, storage=storage)
     file = tmp_path / "scene.yaml"
     file.write_text(scene_text(scene, []))
     arguments = ["replay", str(bag), "--params", str(file), "--output"]
     assert main([*arguments, str(tmp_path / "whole")]) == 0
     capsys.readouterr()
-    with room_for(600_000):
-        status = main([*arguments, str(tmp_path / "out"), "--json"])
-    assert status == 3
-    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert summary["status"] == "unwritten"
-    assert "out is not whole" in summary["message"] and "\n" not in summary["message"]
-    with Bag(tmp_path / "out") as kept_bag:
-        assert summary["messages_written"] == kept_bag.count
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "recorded", "scene.yaml", "whole"]
+    folder = tmp_path / "folder"
+    folder.mkdir()
 
     def states(path):
-        with Bag(path) as found:
-            return [m[2:] for m in found.messages({"/dlo_sim/control_points": cdr.POSE_ARRAY})]
+        return [m[2:] for m in Bag(path).messages({"/dlo_sim/control_points": cdr.POSE_ARRAY})]
 
-    kept, whole = states(tmp_path / "out"), states(tmp_path / "whole")
+    with room_for(600_000) if full == "file" else mounted(folder, 600_000):
+        status = main([*arguments, str(folder / "out"), "--json"])
+        assert [p.name for p in folder.iterdir()] == ["out"]
+        count, kept = Bag(folder / "out").count, states(folder / "out")
+    assert status == 3
+    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert summary["status"] == "output_incomplete"
+    reason = REASONS[full, storage]
+    assert f"out is incomplete ({reason}); free space and run again" in summary["message"]
+    assert "\n" not in summary["message"]
+    assert summary["messages_written"] == count
+    whole = states(tmp_path / "whole")
     assert 200 < len(kept) < len(whole)
     assert kept == whole[: len(kept)]
 

@@ -134,15 +134,13 @@ def test_wrench_driven(tmp_path):
     assert summary.ok
     assert summary.messages_used == 225
     reactions, tips = [], []
-    with Bag(tmp_path / "out") as bag:
-        topics = {
-            t: bag.topics[t][0] for t in ("/dlo_sim/start/reaction", "/dlo_sim/control_points")
-        }
-        for message in bag.messages(topics):
-            if message.type == cdr.POSE_ARRAY:
-                tips.append(cdr.decode_pose_array(message.data).poses[-1, :3])
-            else:
-                reactions.append(cdr.decode(message.type, message.data).values)
+    bag = Bag(tmp_path / "out")
+    topics = {t: bag.topics[t][0] for t in ("/dlo_sim/start/reaction", "/dlo_sim/control_points")}
+    for message in bag.messages(topics):
+        if message.type == cdr.POSE_ARRAY:
+            tips.append(cdr.decode_pose_array(message.data).poses[-1, :3])
+        else:
+            reactions.append(cdr.decode(message.type, message.data).values)
     reactions, tips = np.array(reactions), np.array(tips)
     assert len(reactions) > 1400
     assert np.isfinite(tips).all()
@@ -172,8 +170,8 @@ def test_wrench_driven_sign(tmp_path):
         )
         out = tmp_path / f"out{sign:+.0f}"
         assert replay_bag(DATA / "bags" / name, scene, out).ok
-        with Bag(out) as bag:
-            *_, last = bag.messages({"/dlo_sim/control_points": cdr.POSE_ARRAY})
+        bag = Bag(out)
+        *_, last = bag.messages({"/dlo_sim/control_points": cdr.POSE_ARRAY})
         heights.append(cdr.decode_pose_array(last.data).poses[-1, 2])
     assert heights[0] < 0.1
     assert heights[1] > 0.5

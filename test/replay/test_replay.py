@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from fake_simulator import FakeSimulator
 
 from dlo_sim.replay.bags import Bag
 from dlo_sim.replay.replay import ReplayError, replay_bag, summary_values
@@ -24,10 +25,10 @@ OUTPUTS = {
 def contents(path):
     """Topic -> list of (time, bytes)."""
     found = {}
-    with Bag(path) as bag:
-        assert not bag.damage
-        for message in bag.messages({t: k[0] for t, k in bag.topics.items()}):
-            found.setdefault(message.topic, []).append((message.time_ns, message.data))
+    bag = Bag(path)
+    assert not bag.damage
+    for message in bag.messages({t: k[0] for t, k in bag.topics.items()}):
+        found.setdefault(message.topic, []).append((message.time_ns, message.data))
     return found
 
 
@@ -47,9 +48,9 @@ class TestDone:
         summary = replay_bag(path, scene, tmp_path / "out")
         assert summary.status == "done" and summary.ok and not summary.message
         assert summary.messages_used == 196 and summary.messages_refused == 0
-        with Bag(tmp_path / "out") as bag:
-            assert bag.storage == storage
-            assert bag.topics == {topic: (kind,) for topic, kind in OUTPUTS.items()}
+        bag = Bag(tmp_path / "out")
+        assert bag.storage == storage
+        assert bag.topics == {topic: (kind,) for topic, kind in OUTPUTS.items()}
         found = contents(tmp_path / "out")
         assert sum(map(len, found.values())) == summary.messages_written
         times = [t for t, _ in found["/dlo_sim/control_points"]]
@@ -385,3 +386,24 @@ def test_a_bag_recorded_while_an_old_one_was_played(make_bag, recorded, scene, t
     for a, b in zip(first, second, strict=True):
         assert b.stamp_ns - a.stamp_ns == shift
         assert np.array_equal(a.poses, b.poses)
+
+
+@pytest.mark.parametrize("at", [2000, 5000])
+def test_a_message_written_long_after_its_time_is_refused_alone(make_bag, recording_of, scene, at):
+    """It arrives when it was written: its old time says nothing about the clocks of the others."""
+    found = recording_of(20.0)
+    found.insert(at, ("/gripper_pose", T0 - 300 * SECOND, found[0][2]))
+    summary = replay_bag(make_bag(found), scene, None, simulator_factory=FakeSimulator)
+    assert summary.status == "truncated" and "s out of order" in summary.message
+    assert summary.refused_by_topic == {"/gripper_pose": {"too_old": 1}}
+    assert summary.messages_used == len(found) - 1 and summary.events == {}
+    assert summary.simulated_s == pytest.approx(20.0, abs=0.05)
+
+
+def test_progress_rises_from_the_opening_to_the_end(make_bag, long_recording, scene):
+    fractions = []
+    path = make_bag(long_recording)
+    replay_bag(path, scene, None, progress=fractions.append, simulator_factory=FakeSimulator)
+    opening = [fraction for fraction in fractions if fraction < 0.1]
+    assert len(opening) == 1 and len(fractions) > 10 and fractions[-1] == 1.0
+    assert fractions == sorted(fractions)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-sys.path.append(str(Path(__file__).parent))  # tests are imported without a package
+# Tests are imported without a package.
+sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
 from session_bench import FREE, GRIPPER, LOADED, Bench
 
