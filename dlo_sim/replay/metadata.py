@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dlo_sim.replay.storage import DamagedFile
-from dlo_sim.scene.checking import SceneError, brief
-from dlo_sim.scene.plain_yaml import parse_yaml, read_text
+from dlo_sim.scene.checking import brief
+from dlo_sim.scene.plain_yaml import FileRefused, parse_yaml, read_text
 
 _NAME = "metadata.yaml"
 _NEWEST = 9
@@ -43,8 +43,8 @@ def read_metadata(folder: Path) -> Metadata:
     """
     try:
         document = parse_yaml(read_text(folder / _NAME), most_values=_MOST_VALUES)
-    except SceneError as error:
-        raise DamagedFile(f"{_NAME} {str(error).partition(';')[0]}") from None
+    except FileRefused as error:
+        raise DamagedFile(f"{_NAME} {error.problem}") from None
     found: Any = document.get("rosbag2_bagfile_information") if _is_map(document) else None
     if not _is_map(found):
         raise DamagedFile(f"{_NAME} holds no rosbag2_bagfile_information")

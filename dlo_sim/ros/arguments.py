@@ -19,7 +19,8 @@ from ruamel.yaml import YAML
 
 from dlo_sim.process.stopping import owed
 from dlo_sim.scene.checking import SceneError, brief
-from dlo_sim.scene.loading import find_scene, is_for_node, nodes_with_parameters
+from dlo_sim.scene.loading import find_scene
+from dlo_sim.scene.node_blocks import is_for_node, nodes_with_parameters
 from dlo_sim.scene.plain_yaml import parse_yaml, read_text
 
 _PARAMS_FILE = "--params-file"

@@ -21,7 +21,8 @@ from dlo_sim.ros.status import node_status
 from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import NODE_NAME, SceneError
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.node_blocks import NODE_NAME
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.intake import input_topics

@@ -8,7 +8,7 @@ import dataclasses
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,23 +37,20 @@ from dlo_sim.scene.description import (
     Terms,
     Torsion,
 )
+from dlo_sim.scene.node_blocks import flat_keys, has_nodes, node_values
 from dlo_sim.scene.parameter import Parameter, Value
 from dlo_sim.scene.parameters import scene_parameters
 
 __all__ = [
     "SceneError",
     "find_scene",
-    "is_for_node",
     "load_scene",
-    "nodes_with_parameters",
     "parse_assignment",
     "scene_from_values",
     "scene_values",
     "shipped_scene",
     "shipped_scenes",
 ]
-
-NODE_NAME = "dlo_sim"
 
 _GROUPS: dict[str, type] = {
     "cable": Cable,
@@ -70,7 +67,6 @@ _GROUPS: dict[str, type] = {
     "outputs": Outputs,
     "accuracy": Accuracy,
 }
-_DEEPEST = 12
 # Parameters that every ROS node has; a scene file may set them, the scene does not need them.
 _ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
 
@@ -94,11 +90,11 @@ def load_scene(
     """
     wanted = _mapping("overrides", {} if overrides is None else overrides)
     if isinstance(source, Mapping):
-        values = _node_values(source) if _has_nodes(source) else _flat(source)
+        values = node_values(source) if has_nodes(source) else flat_keys(source)
         return scene_from_values(_overridden(values, wanted))
     path = find_scene(source)
     try:
-        return scene_from_values(_overridden(_node_values(_read_yaml(path)), wanted))
+        return scene_from_values(_overridden(node_values(_read_yaml(path)), wanted))
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
 
@@ -117,7 +113,7 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
     checked: dict[str, Value] = {key: row.default for key, row in known.items()}
     for key, value in values.items():
         if not isinstance(key, str):
-            raise SceneError(f"{brief(key)}: a key must be a text; give one like 'cable.length'")
+            raise SceneError(f"{brief(key)}: a key must be a string; give one like 'cable.length'")
         if key in known:
             checked[key] = check_value(known[key], value)
         elif not _ROS_KEYS.fullmatch(key):
@@ -202,27 +198,6 @@ def find_scene(text: str | os.PathLike[str]) -> Path:
     return shipped_scene(name) if bare and not os.path.isfile(path) else path
 
 
-def nodes_with_parameters(document: object) -> list[str]:
-    """The nodes that a parsed parameter file holds parameters for: full names, or wildcards.
-
-    Raises:
-        SceneError: the file holds something else than nodes.
-    """
-    blocks = () if document is None else _node_blocks(document, ())
-    return list(dict.fromkeys(node for node, block in blocks if block))
-
-
-def is_for_node(block: str, node: str) -> bool:
-    """Whether ROS gives the parameters under this name in a file to the node of this full name.
-
-    `*` is one part of the name and `/**` any number of parts, also none.
-    """
-    rules = {"/**": "(/.*)?", "*": "[^/]+"}
-    parts = re.split(r"(/\*\*|\*)", block)
-    pattern = "".join(rules.get(part, re.escape(part)) for part in parts)
-    return re.fullmatch(pattern, node) is not None
-
-
 def _config_folder() -> Path | None:
     """Where the scenes are: beside the checkout, else in share/ of the prefix we live in."""
     package = Path(__file__).resolve().parents[1]
@@ -244,77 +219,6 @@ def _read_yaml(source: Path) -> object:
     if not text.strip():
         raise SceneError("is empty; start from a shipped scene such as paper_wire")
     return parse_yaml(text)
-
-
-# ------------------------------------------------------------------------- ROS parameter layout
-
-
-def _node_values(document: object) -> dict[str, object]:
-    """The values for this node: wildcard blocks first, then the block of its name."""
-    blocks = list(_node_blocks(document, ()))
-    if not blocks:
-        raise SceneError(
-            "has no 'ros__parameters'; put the keys under '/**:' and 'ros__parameters:'"
-        )
-    named = [node for node, _ in blocks if "*" not in node]
-    mine = [node for node in named if node.rsplit("/", 1)[-1] == NODE_NAME] or named
-    if len(mine) > 1:
-        raise SceneError(f"holds several nodes ({', '.join(mine)}); keep one, or use '/**'")
-    name = mine[0] if mine else f"/{NODE_NAME}"
-    matching = [b for b in blocks if is_for_node(b[0], name)]
-    if not matching:
-        raise SceneError(f"holds nothing for the node {NODE_NAME}; use '/**:' for any node")
-    values: dict[str, object] = {}
-    for _, block in sorted(matching, key=lambda item: item[0] == name):
-        values.update(_flat(block))
-    return values
-
-
-def _has_nodes(document: Mapping[str, object], depth: int = 0) -> bool:
-    """Whether keys stand below the names of nodes, as in a file."""
-    return depth <= _DEEPEST and any(
-        key == "ros__parameters" or (isinstance(value, Mapping) and _has_nodes(value, depth + 1))
-        for key, value in document.items()
-    )
-
-
-def _node_blocks(document: object, path: tuple[str, ...]) -> Iterator[tuple[str, object]]:
-    """Every `ros__parameters` block with the full name of its node; namespaces may nest."""
-    if not isinstance(document, Mapping):
-        where = f"'{'/'.join(path)}' " if path else ""
-        raise SceneError(
-            f"{where}holds {brief(document)} instead of nodes; put the keys under '/**:' and "
-            "'ros__parameters:'"
-        )
-    if len(path) > _DEEPEST:
-        raise SceneError("nests too deeply; put the keys under '/**:' and 'ros__parameters:'")
-    for key, value in document.items():
-        if key == "ros__parameters":
-            yield "/" + "/".join(path), value
-        else:
-            yield from _node_blocks(value, (*path, str(key).strip("/")))
-
-
-def _flat(block: object, prefix: str = "", depth: int = 0) -> dict[str, object]:
-    """Nested and dotted keys as one flat mapping.
-
-    Raises:
-        SceneError: a key given both ways, not a text, or no mapping at all.
-    """
-    if not isinstance(block, Mapping) or depth > _DEEPEST:
-        key = prefix.rstrip(".") or "ros__parameters"
-        raise SceneError(f"{key}: {brief(block)} is not a mapping of keys; write key: value lines")
-    flat: dict[str, object] = {}
-    for key, value in block.items():
-        if not isinstance(key, str):
-            raise SceneError(f"{prefix}{brief(key)}: a key must be a text; correct or quote it")
-        name = prefix + key
-        parts = _flat(value, f"{name}.", depth + 1) if isinstance(value, Mapping) else {name: value}
-        for part in parts:
-            if part in flat:
-                raise SceneError(f"{part}: {brief(parts[part])} is given twice; keep one of them")
-        flat.update(parts)
-    return flat
 
 
 # ----------------------------------------------------------------------------- values and scenes

@@ -8,46 +8,59 @@ stands for more values than fit into memory.
 import os
 import re
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 from ruamel.yaml import YAML
-from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import MarkedYAMLError
-from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.events import (
+    AliasEvent,
+    CollectionEndEvent,
+    CollectionStartEvent,
+    NodeEvent,
+)
 
 from dlo_sim.scene.checking import SceneError
 
 _LARGEST_FILE = 1_000_000  # bytes; a scene is a page, so a larger file is something else
-MOST_VALUES = 20_000  # keys count too; about 1 s to read
+MOST_VALUES = 20_000  # keys count too; about 2 s to read
 _DEEPEST = 32
+
+
+class FileRefused(SceneError):
+    """A file that cannot be used: what is wrong, without the cure in `problem`."""
+
+    def __init__(self, problem: str, cure: str) -> None:
+        super().__init__(f"{problem}; {cure}")
+        self.problem = problem
 
 
 def read_text(source: Path) -> str:
     """The text of a file.
 
     Raises:
-        SceneError: missing, not a regular file (a pipe would be waited for), too large, not UTF-8.
+        FileRefused: missing, not a regular file (a pipe would be waited for), too large, not UTF-8.
     """
     try:
         mode = source.stat().st_mode
         if stat.S_ISDIR(mode):
-            raise SceneError("is a folder; give a scene file")
+            raise FileRefused("is a folder", "give a scene file")
         if not stat.S_ISREG(mode):
-            raise SceneError("is not a regular file; give a scene file")
+            raise FileRefused("is not a regular file", "give a scene file")
         # Should it have become a pipe meanwhile, nobody waits for it.
         with open(os.open(source, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
             data = file.read(_LARGEST_FILE + 1)
         if len(data) > _LARGEST_FILE:
-            raise SceneError(f"holds more than {_LARGEST_FILE} bytes; give a scene file")
+            raise FileRefused(f"holds more than {_LARGEST_FILE} bytes", "give a scene file")
         return data.decode("utf-8")
     except FileNotFoundError:
-        raise SceneError("does not exist; give a scene file or a shipped scene's name") from None
+        raise FileRefused("does not exist", "give a scene file or a shipped scene's name") from None
     except UnicodeDecodeError:
-        raise SceneError("is not a text file; give a scene file in YAML") from None
+        raise FileRefused("is not a text file", "give a scene file in YAML") from None
     except OSError as error:
-        raise SceneError(f"cannot be read ({error.strerror}); check the path") from None
+        raise FileRefused(f"cannot be read ({error.strerror})", "check the path") from None
 
 
 def parse_yaml(
@@ -61,47 +74,41 @@ def parse_yaml(
         most_values: keys and values that it may hold.
 
     Raises:
-        SceneError: what is wrong, and where.
+        FileRefused: what is wrong, and where.
     """
     yaml = YAML(typ=kind, pure=True)
-    yaml.Composer = _BoundedComposer
-    yaml.composer.most_values = most_values
+    yaml.composer.warn_double_anchors = False  # anchors mean nothing without aliases
     try:
+        _check_bounds(YAML(typ="safe", pure=True).parse(text), most_values)
         return yaml.load(text)
     except DuplicateKeyError as error:
         where = f"line {error.problem_mark.line + 1}" if error.problem_mark else "the file"
         found = re.search(r'duplicate key "?(.*?)"? with', str(error.problem))
         key = f" {found.group(1)}" if found else ""
-        raise SceneError(f"{where}: key{key} is there twice; keep one of them") from None
+        raise FileRefused(f"{where}: key{key} is there twice", "keep one of them") from None
     except MarkedYAMLError as error:
         where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise SceneError(f"is not valid YAML{where}: {error.problem}; correct the line") from None
+        problem = f"is not valid YAML{where}: {error.problem}"
+        raise FileRefused(problem, "correct the line") from None
     except Exception as error:  # the library raises whatever a hostile text provokes
-        raise SceneError(f"is not valid YAML: {error}; correct it") from None
+        raise FileRefused(f"is not valid YAML: {error}", "correct it") from None
 
 
-class _BoundedComposer(Composer):
-    """Refuses aliases, deep nesting and too many values while the document is being built."""
-
-    def __init__(self, loader: Any = None) -> None:
-        super().__init__(loader)
-        self.warn_double_anchors = False  # anchors mean nothing without aliases
-        self._level = self._values = 0
-        self.most_values = MOST_VALUES
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        event = self.parser.peek_event()
+def _check_bounds(events: Iterator[Any], most_values: int) -> None:
+    """Refuse aliases, deep nesting and too many values, before anything is built of them."""
+    level = values = 0
+    for event in events:
+        level -= isinstance(event, CollectionEndEvent)
+        if not isinstance(event, NodeEvent):
+            continue
+        values += 1
         problem = ""
         if isinstance(event, AliasEvent):
             problem = f"alias '*{event.anchor}' is not supported, write the value out"
-        elif self._level == _DEEPEST:
+        elif level == _DEEPEST:
             problem = f"nests deeper than {_DEEPEST} levels"
-        elif self._values == self.most_values:
-            problem = f"holds more than {self.most_values} keys and values"
+        elif values > most_values:
+            problem = f"holds more than {most_values} keys and values"
         if problem:
-            raise ComposerError(None, None, problem, event.start_mark)
-        self._level += 1
-        self._values += 1
-        node = super().compose_node(parent, index)
-        self._level -= 1
-        return node
+            raise MarkedYAMLError(None, None, problem, event.start_mark)
+        level += isinstance(event, CollectionStartEvent)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from dlo_sim.scene.loading import NODE_NAME, SceneError
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.node_blocks import NODE_NAME
 
 
 def resolved(topic: str) -> str:

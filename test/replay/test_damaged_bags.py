@@ -92,7 +92,7 @@ METADATA = {
     "compression_mode: 'file' is not supported": lambda data: data.replace(
         b"compression_mode: ''", b"compression_mode: file"
     ),
-    "alias '*a' is not supported": lambda data: b"a: &a 1\nb: *a\n" + data,
+    "alias '*a;b' is not supported": lambda data: b"a: &a;b 1\nb: *a;b\n" + data,
     "holds no rosbag2_bagfile_information": lambda data: b"[]",
     "other.mcap is missing": lambda data: data.replace(b"dlo_sim_0.mcap", b"other.mcap"),
     "metadata.yaml promises 197 messages, 196 were found": lambda data: data.replace(
