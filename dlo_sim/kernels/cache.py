@@ -1,7 +1,7 @@
 """Where machine code is kept, who is trusted with it, and what happens when some is missing there.
 
 Loading machine code means running it, so it is only loaded from where nobody but this user and root
-could have put it (`distrust`).
+could have put it (`trust_problem`).
 """
 
 from __future__ import annotations
@@ -53,16 +53,18 @@ def cache_directory() -> Path:
     return base_directory() / digest.hexdigest()[:16]
 
 
-def distrust(path: Path) -> str:
-    """Why somebody else could have put machine code there; an empty string if nobody could.
+def trust_problem(path: Path) -> str:
+    """Why another user could have put machine code there; an empty string if none could.
 
     The path, which holds no symbolic links, and every directory above it must belong to root or to
-    this user, and nobody else may write to them. Hence a directory that root made is good, such as
-    that of an image, and one of another user is not. What this leaves to others:
-    - what holds directories may be open to all if it is sticky, as /tmp is: there, nobody can
-      replace what belongs to another user;
-    - a group may write where it is the owner's own (`_private`), as many systems set it up.
-    An access list that lets others write shows in the mode as a group that may.
+    this user, and no other user may write to them. Hence a directory that root made is trusted,
+    such as that of an image, and one of another user is not. Two exceptions:
+    - a directory above may be writable by everyone if it is sticky, as /tmp is: nobody can replace
+      another user's entries there;
+    - a group may write if it is the owner's private group (`_private`), a common default.
+
+    Access lists are not read. An entry that lets another user write appears in the mode as write
+    permission of the group, so it goes unnoticed where the group is the owner's private one.
     """
     if not hasattr(os, "geteuid"):  # a system without modes: home directories are protected
         return ""
@@ -71,7 +73,7 @@ def distrust(path: Path) -> str:
         try:
             status = place.lstat()
         except OSError as error:
-            return f"{place} cannot be looked at ({error.strerror})"
+            return f"{place} cannot be inspected ({error.strerror})"
         mode = status.st_mode
         if status.st_uid not in (0, os.geteuid()):
             return f"{place} belongs to another user (uid {status.st_uid})"
@@ -85,7 +87,8 @@ def distrust(path: Path) -> str:
 
 @functools.cache
 def _private(user: int, group: int) -> bool:
-    """Whether a group is a user's own: of the same name, and nobody else is listed in it."""
+    """Whether a group is a user's private one: it has the user's name, and the system lists no
+    other user in it, nor one whose primary group it is."""
     import grp
     import pwd
 
@@ -93,7 +96,8 @@ def _private(user: int, group: int) -> bool:
         name, found = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
     except KeyError:
         return False
-    return found.gr_name == name and set(found.gr_mem) <= {name}
+    primary = {entry.pw_name for entry in pwd.getpwall() if entry.pw_gid == group}
+    return found.gr_name == name and primary.union(found.gr_mem) <= {name}
 
 
 @contextlib.contextmanager

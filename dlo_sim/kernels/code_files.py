@@ -7,8 +7,8 @@ was compiled for, and the file says so itself. Files appear whole, so that nothi
 which home directories on a network do not always have; where there are locks, one process compiles
 and the others wait for its code.
 
-A file is only opened as machine code if nobody else could have written it (`cache.distrust`) and it
-is what was saved, to the bit: it begins with a digest of the rest.
+A file is only opened as machine code if nobody else could have written it (`cache.trust_problem`)
+and it is what was saved, to the bit: it begins with a digest of the rest.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numba.core.caching import (
     IndexDataCacheFile,
 )
 
-from dlo_sim.kernels.cache import base_directory, distrust, miss
+from dlo_sim.kernels.cache import base_directory, miss, trust_problem
 from dlo_sim.kernels.turns import Turn
 
 try:
@@ -59,7 +59,7 @@ class CodeFiles(IndexDataCacheFile):
         except OSError:
             return None
         content = saved[_DIGEST:]
-        if distrust(path) or hashlib.sha256(content).digest() != saved[:_DIGEST]:
+        if trust_problem(path) or hashlib.sha256(content).digest() != saved[:_DIGEST]:
             return None
         try:
             stamp, found, data = pickle.loads(content)
@@ -100,7 +100,7 @@ class _Directory(UserProvidedCacheLocator):
         except OSError as error:
             self.obstacle = f"{base_directory()} cannot be written ({error.strerror})"
         else:
-            self.obstacle = distrust(path)
+            self.obstacle = trust_problem(path)
 
 
 class _UserDirectory(CompileResultCacheImpl):

@@ -23,12 +23,12 @@ from dlo_sim.kernels.layout import EXCHANGED, FLOOR, HISTORY, MAX_CORRECTIONS
 from dlo_sim.kernels.matrix import eliminate, hold_prescribed
 from dlo_sim.kernels.newton import (
     correct,
+    damping_velocity_offset,
     largest,
     predict,
     residual_along,
     restore_prescribed,
     retreat,
-    seen_apart,
     shortened,
     turned_over,
 )
@@ -115,7 +115,9 @@ def implicit_step(
         clear(driven)
         time = t0 + theta * tau
         add_drive_velocity(terms.drive, terms.mass.free, time, n, terms.axes, driven)
-        seen_apart(x, solver.start_w, acceleration, driven, n, dim, tau, rate, g, solver.coast)
+        damping_velocity_offset(
+            x, solver.start_w, acceleration, driven, n, dim, tau, rate, g, solver.coast
+        )
     else:
         clear(solver.coast)
     # The change over the step is kept apart from here on: a short step of a long cable moves it by

@@ -14,7 +14,8 @@
   on (`cache`, `code_files`);
 - pipeline_class: numba's compiler without what only others need (`compiler`, `lowering`,
   `resolution`). A hanging cable takes 16 s instead of 24 s to compile, and the machine code is as
-  fast. It knows numba's insides; where they are others, numba compiles alone.
+  fast. It relies on numba's internals; with a release where these differ, numba's own compiler is
+  used, with a warning.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from numba.core.options import TargetOptions
 
 from dlo_sim.kernels.cache import LOGGER, cache_directory
 
+_log = logging.getLogger(LOGGER)
 F = TypeVar("F", bound=Callable[..., Any])
 
 _OPTIONS: dict[str, Any] = {
@@ -75,8 +77,9 @@ class _Pipeline(Compiler):
         compiled = Compiler(*self._arguments).compile_extra(func)
         if failure is not None and _Pipeline._works:  # else it was the kernel that is wrong
             _Pipeline._works = False
-            logging.getLogger(LOGGER).warning(
-                "compiling takes several times as long with numba %s (its insides are others: %s)",
+            _log.warning(
+                "the fast compile pipeline does not support numba %s (%s), so compiling takes "
+                "several times as long; install numba 0.62 to 0.68",
                 numba.__version__,
                 type(failure).__name__,
             )
@@ -89,8 +92,14 @@ class _PartPipeline(_Pipeline):
 
 try:
     from dlo_sim.kernels.code_files import KeptCode
-except (ImportError, AttributeError):  # a numba with other insides: compiled every time
+except (ImportError, AttributeError) as error:  # a numba release with other internals
     KeptCode = None  # type: ignore[assignment, misc]
+    _log.warning(
+        "numba %s cannot keep machine code on disk (%s), so it is compiled at every start; "
+        "install numba 0.62 to 0.68",
+        numba.__version__,
+        type(error).__name__,
+    )
 
 
 @contextlib.contextmanager

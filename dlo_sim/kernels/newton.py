@@ -80,7 +80,7 @@ def restore_prescribed(x, start, free, n, dim):
 
 
 @kernel
-def seen_apart(x, w, acceleration, driven, n, dim, tau, rate, g, coast):
+def damping_velocity_offset(x, w, acceleration, driven, n, dim, tau, rate, g, coast):
     """Into `coast`: tau times the velocity that damping sees, without `rate` times the change over
     the step, by Newmark's formulas
         tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0

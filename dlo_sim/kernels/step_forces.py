@@ -129,8 +129,8 @@ def step_force(
     """All forces of the step between solver.start and x into work.force; energy lost to damping.
 
     The change between the two is in work.before. Damping sees the velocity at theta; tau times it
-    is kept in solver.moved. It is rate (q1 - q0) + solver.coast (`newton.seen_apart`), which is
-    q1 - q0 for the midpoint family.
+    is kept in solver.moved. It is rate (q1 - q0) + solver.coast
+    (`newton.damping_velocity_offset`), which is q1 - q0 for the midpoint family.
     """
     n = terms.lattice.n
     clear(work.force)

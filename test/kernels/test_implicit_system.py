@@ -60,8 +60,8 @@ class Step:
         bench.work.before[:] = bench.pack(points) - bench.solver.start
         bench.solver.start_w[:] = bench.pack(self.rates)
         midpoint = self.theta == 0.5
-        seen_apart = 0.0 if midpoint else (1.0 - self.rate) * TAU + 0.1 * TAU**2
-        bench.solver.coast[:] = bench.pack(seen_apart * self.rates)
+        offset = 0.0 if midpoint else (1.0 - self.rate) * TAU + 0.1 * TAU**2
+        bench.solver.coast[:] = bench.pack(offset * self.rates)
         self.lost = step_system(
             bench.pack(points),
             bench.pack(0.0 * self.rates if midpoint else self.rates),

@@ -6,6 +6,7 @@ import hashlib
 import logging
 import os
 import pickle
+import pwd
 import random
 from collections.abc import Iterator
 from pathlib import Path
@@ -152,9 +153,19 @@ def test_directories_above_may_be_open_if_they_are_sticky(kept: Path) -> None:
 
 
 @as_root
-def test_a_group_of_ones_own_may_write(kept: Path) -> None:
+def test_only_a_group_that_is_private_may_write(
+    kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     kept.parents[2].chmod(0o775)  # of root, and of the group root
+    users = [pwd.getpwuid(0)]
+    monkeypatch.setattr(pwd, "getpwall", lambda: users)
+    cache._private.cache_clear()
     assert is_loaded()
+    users.append(pwd.struct_passwd(("operator", "x", ANOTHER, 0, "", "/", "/bin/sh")))
+    assert is_loaded(), "users are listed once per process"
+    cache._private.cache_clear()
+    assert not is_loaded(), "the group is another user's primary one"
+    cache._private.cache_clear()
 
 
 @as_root
@@ -162,9 +173,9 @@ def test_what_root_put_into_an_image_is_good_for_every_user(
     kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: ANOTHER)
-    assert cache.distrust(kept) == ""
+    assert cache.trust_problem(kept) == ""
     os.chown(kept, ANOTHER + 1, ANOTHER)
-    assert cache.distrust(kept) == f"{kept} belongs to another user (uid {ANOTHER + 1})"
+    assert cache.trust_problem(kept) == f"{kept} belongs to another user (uid {ANOTHER + 1})"
 
 
 @pytest.fixture
