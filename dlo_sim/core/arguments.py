@@ -1,7 +1,7 @@
-"""What a caller gives: numbers, arrays and names, taken as they are meant or refused in one line.
+"""Checks of the public interface's arguments: numbers, arrays, names.
 
-A refusal names the argument, what it needs and what was given. Text, bytes, None and booleans are
-no numbers here, although NumPy makes some of them floats.
+A refusal is one line that names the argument, what it needs and what was given. Strings, bytes,
+None and booleans are not numbers here, although NumPy converts some of them to floats.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def number(name: str, value: object, meaning: str = "") -> float:
     """One finite number.
 
     Raises:
-        TypeError: no number. ValueError: not finite, or more than one.
+        TypeError: not a number. ValueError: not finite, or more than one.
     """
     if type(value) is float and math.isfinite(value):  # asked for at every step
         return value
@@ -75,7 +75,7 @@ def count(name: str, value: object) -> int:
     """A whole number of 0 or more, also as a float.
 
     Raises:
-        TypeError: no number. ValueError: not whole, negative, or beyond 2^53.
+        TypeError: not a number. ValueError: not whole, negative, or beyond 2^53.
     """
     if type(value) is not int or abs(value) > _LARGEST_COUNT:
         value = number(name, value, "a whole number of 0 or more")
@@ -88,7 +88,7 @@ def one_of(name: str, value: object, known: Iterable[str]) -> str:
     """One of the known names.
 
     Raises:
-        TypeError: no text. ValueError: another one.
+        TypeError: not a string. ValueError: another one.
     """
     if isinstance(value, str) and value in known:
         return value

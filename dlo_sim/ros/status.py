@@ -64,20 +64,20 @@ class InputSources:
         topic: its name on the wire.
         type: what the input takes, for example geometry_msgs/msg/PoseStamped.
         count: publishers of that type.
-        strangers: node and type of each publisher of another type; ROS connects none of them.
+        mismatched: node and type of each publisher of another type; ROS connects none of them.
     """
 
     topic: str
     type: str
     count: int = 0
-    strangers: list[tuple[str, str]] = field(default_factory=list)
+    mismatched: list[tuple[str, str]] = field(default_factory=list)
 
     @property
     def problems(self) -> list[str]:
         """What is wrong, one line each."""
         lines = [
             f"{node} publishes {other} on {self.topic}, the input takes {self.type}; publish that"
-            for node, other in self.strangers
+            for node, other in self.mismatched
         ]
         if self.count > 1:
             lines.append(f"{self.count} publishers on {self.topic}; keep one: they mix")

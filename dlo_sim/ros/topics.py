@@ -172,5 +172,5 @@ class Inputs:
                 found.count += 1
             else:
                 node = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
-                found.strangers.append((node, publisher.topic_type))
+                found.mismatched.append((node, publisher.topic_type))
         return found

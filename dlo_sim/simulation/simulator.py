@@ -7,7 +7,6 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -245,8 +244,8 @@ class Simulator(CableView):
 
     def start_from(self, points: ArrayLike, rates: ArrayLike | None = None) -> None:
         """Make this the first state: control points (x, y, z, theta), shape (n_u, 4), and their
-        velocities (default: at rest). What the ends hold stays where they hold it; a UserWarning
-        tells if that is elsewhere.
+        velocities (default: at rest). Points held by the ends are moved back to the held poses,
+        with a UserWarning if they differ.
 
         Raises:
             TypeError: not numbers. ValueError: another shape, not finite, out of the coordinates of
@@ -269,8 +268,9 @@ class Simulator(CableView):
         self._initial = self.snapshot()
         if moved > 1e-9 * self.scene.cable.length:
             warnings.warn(
-                f"control points: those that the ends hold were given {moved:.3g} m (or rad) away "
-                "and stay where they are held; give them as control_points does, or another scene",
+                "control points: those held by the ends differ from the held poses by "
+                f"{moved:.3g} m (or rad) and were moved back; start from `control_points`, or move "
+                "the ends with set_end first",
                 stacklevel=2,
             )
 
@@ -329,18 +329,8 @@ class Simulator(CableView):
         )
 
     def _mutable(self) -> tuple[Array, ...]:
-        terms = self._model.terms
-        arrays: list[Any] = workspace.memory(self._state, self._work)
-        if terms.loads is not None:
-            arrays += [terms.loads.force, terms.loads.torque, terms.loads.frequency]
-        if terms.springs is not None:
-            arrays.append(terms.springs.anchor)
-        if terms.rest is not None:
-            arrays.append(terms.rest.axis)
-        if terms.plastic is not None:
-            arrays += [terms.plastic.curvature, terms.plastic.tangent]
-        arrays.append(self._ends.motion)
-        return tuple(arrays)
+        kept = workspace.memory(self._model.terms, self._state, self._work)
+        return (*kept, self._ends.motion)
 
     def _share_drive(self) -> None:
         """Let the kernels read the ends' motion where the step contains a drive."""

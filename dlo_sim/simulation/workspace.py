@@ -23,13 +23,22 @@ def new_state(model: Model) -> layout.State:
     return layout.State(*_together(shape, shape, (3, *shape), shape, (layout.LEDGER_SIZE,)))
 
 
-def memory(state: layout.State, work: layout.Work) -> list[Array]:
-    """What a state consists of: the blocks that hold all of State, and what Work carries over from
-    step to step.
+def memory(terms: layout.Terms, state: layout.State, work: layout.Work) -> list[Array]:
+    """What a state consists of: the blocks that hold all of State, what Work carries over from step
+    to step, and what changes in the terms.
     """
     kept, carried = state.position.base, work.load.base
     assert kept is not None and carried is not None, "both are parts of a block (`_together`)"
-    return [kept, carried]
+    arrays = [kept, carried]
+    if terms.loads is not None:
+        arrays += [terms.loads.force, terms.loads.torque, terms.loads.frequency]
+    if terms.springs is not None:
+        arrays.append(terms.springs.anchor)
+    if terms.rest is not None:
+        arrays.append(terms.rest.axis)
+    if terms.plastic is not None:
+        arrays += [terms.plastic.curvature, terms.plastic.tangent]
+    return arrays
 
 
 def new_work(model: Model) -> layout.Work:

@@ -191,6 +191,6 @@ def test_a_start_that_moves_held_points_warns(recwarn):
     sim.start_from(points)
     assert not recwarn
     points[:, 2] += 0.02
-    with pytest.warns(UserWarning, match=r"ends hold were given 0\.02 m \(or rad\) away and stay"):
+    with pytest.warns(UserWarning, match=r"held poses by 0\.02 m \(or rad\) and were moved back"):
         sim.start_from(points)
     assert sim.control_points[0, 2] == 0.0 and sim.control_points[3, 2] == pytest.approx(0.03)
