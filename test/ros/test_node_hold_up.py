@@ -48,7 +48,7 @@ def test_all_that_waited_is_used(
         return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
     peer.until(lambda: stamp(received[-1]) > over + 1.0, "control points after the hold-up")
-    values = peer.status("dlo_sim: session", lambda values, status: True, "the session")
+    values = peer.status("/dlo_sim: session", lambda values, status: True, "the session")
     timer.cancel()
     assert values["messages refused"] == "0"
     assert "event time_jump" not in values

@@ -41,7 +41,7 @@ def test_a_pause_holds_the_state_and_a_step_moves_it(peer: Peer) -> None:
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
     peer.until(lambda: len(received) > 5, "control points")
     pause(peer, True)
-    peer.status("dlo_sim: session", lambda values, status: values["status"] == "paused", "a pause")
+    peer.status("/dlo_sim: session", lambda values, status: values["status"] == "paused", "a pause")
     received.clear()
     lines = peer.collect(Marker, "/dlo_sim/centerline")
     peer.until(lambda: len(lines) > 5, "markers, which are renewed")
