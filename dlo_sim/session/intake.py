@@ -177,7 +177,7 @@ class Intake:
         """Messages that have waited and are used at this time of the clock [ns]."""
         found: list[Accepted] = []
         for topic in self._topics.values():
-            if topic.source.early:
+            if topic.source.pending:
                 found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
         return found
 
@@ -194,6 +194,8 @@ class Intake:
                 found.append(self._use(topic, decision))
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
+                if decision.verdict is Verdict.DECIDE:  # its place does not depend on its content
+                    found.append(Accepted({}, {}, decision.verdict))
         return found
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:

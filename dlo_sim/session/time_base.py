@@ -31,6 +31,13 @@ AGREEMENT = 3
 # waited for while messages were handled does not count as patience.
 _LONGEST_WAIT = SECOND // 10
 
+# The lag of messages behind a clock that was set stays; if it shrinks by more than this, it is that
+# of a queue which empties.
+_SHRUNK = SECOND // 20
+
+# While the clock stands still no patience is spent; no more than so many of a topic wait for it.
+MOST_PENDING = 1000
+
 _CURE = "synchronise the clocks or set inputs.time: arrival"
 
 
@@ -59,13 +66,20 @@ class Decision(NamedTuple):
     refusal: Refused | None = None
 
 
-class _Early(NamedTuple):
+class _Pending(NamedTuple):
     """A message that waits: its stamp and arrival [ns], the patience spent when it came."""
 
     stamp_ns: int
     arrival_ns: int
     since_ns: int
     content: Any
+
+
+class _Late(NamedTuple):
+    """The lag [ns] with which all messages come, the patience spent when it began."""
+
+    since_ns: int
+    lag_ns: int
 
 
 @dataclass
@@ -75,13 +89,13 @@ class Source:
     Attributes:
         last_ns: stamp of the last message used, in the time base [ns], None = none; whoever uses a
             message sets it.
-        early: messages that wait, in the order of their stamps.
+        pending: messages that wait, in the order of their stamps.
         strays: stamps and arrivals [ns] of the last messages in a row that jump back.
         uses: messages used of all sources when the strays began.
     """
 
     last_ns: int | None = None
-    early: deque[_Early] = field(default_factory=deque)
+    pending: deque[_Pending] = field(default_factory=deque)
     strays: list[tuple[int, int]] = field(default_factory=list)
     uses: int = 0
 
@@ -106,9 +120,11 @@ class TimeBase:
     | | else: another epoch (an old recording), or held up, or nonsense | o = d |
     | after last | -0.5 s <= d - o <= 1 s: it fits | used; if o was not 0, o = min(o, d) |
     | | later: a hold-up, a slow network, a queue that ran over | used all the same |
+    | | later, less and less (50 ms): a queue that empties | used all the same |
     | | later, as all has been for 0.4 s: a clock was set forward | o = d, start over |
     | | earlier, /clock follows: the clock had stood still in a hold-up | waits, used |
     | | earlier, a later message refutes it: a nonsense stamp | waits, `in_future` |
+    | | earlier, more than 1000 wait: the clock stands still | the oldest `in_future` |
     | | earlier for 0.4 s, other messages fit: one source's clock is wrong | `in_future` |
     | | earlier for 0.4 s, nothing fits, 3 wait: a clock was set, o was wrong | o = d, start over |
     | none of the topic used | later: one source's clock is wrong, or held up | `too_old` |
@@ -147,7 +163,7 @@ class TimeBase:
         """Forget all messages that were used; the next stamped one decides the offset."""
         self._decided = self.mode != "auto"
         self._fit_ns = self._spent_ns - PATIENCE
-        self._late_ns: int | None = None
+        self._late: _Late | None = None
         for source in self._sources:
             source.clear()
 
@@ -202,39 +218,41 @@ class TimeBase:
             return
         yield from self.refute(source, stamp_ns)
         if verdict is Verdict.WAIT:
-            source.early.append(_Early(stamp_ns, arrival_ns, self._spent_ns, content))
+            source.pending.append(_Pending(stamp_ns, arrival_ns, self._spent_ns, content))
+            if len(source.pending) > MOST_PENDING:
+                yield self._refused(source.pending.popleft())
         else:
             self._uses += 1
             yield Decision(content, stamp_ns, verdict)
 
     def refute(self, source: Source, stamp_ns: int = 0) -> Iterator[Decision]:
         """Refuse the messages of a topic that wait with this stamp or a later one."""
-        while source.early and source.early[-1].stamp_ns >= stamp_ns:
-            early = source.early.pop()
-            ahead = early.stamp_ns - self.from_clock(early.arrival_ns)
-            yield Decision(early.content, early.stamp_ns, Verdict.REFUSE, _in_future(ahead))
+        while source.pending and source.pending[-1].stamp_ns >= stamp_ns:
+            yield self._refused(source.pending.pop())
 
     def due(self, source: Source, clock_ns: int) -> Iterator[Decision]:
         """Decide about messages of a topic that have waited long enough; as `sort`."""
-        while source.early:
-            early = source.early[0]
+        while source.pending:
+            first = source.pending[0]
             verdict, refusal = Verdict.USE, None
-            ahead = early.stamp_ns - self.from_clock(clock_ns)
+            ahead = first.stamp_ns - self.from_clock(clock_ns)
             if ahead > MOST_AHEAD:
-                if self._spent_ns - early.since_ns < PATIENCE:
+                if self._spent_ns - first.since_ns < PATIENCE:
                     return
                 if self.mode != "auto" or self._spent_ns - self._fit_ns < PATIENCE // 2:
                     verdict, refusal = Verdict.REFUSE, _in_future(ahead)
-                elif len(source.early) < AGREEMENT:
+                elif len(source.pending) < AGREEMENT:
                     return
                 else:
-                    newest = source.early[-1]
-                    self._set_offset(newest.arrival_ns - newest.stamp_ns)
-                    self._note_fit()
-                    verdict = Verdict.START_OVER
-            source.early.popleft()
+                    newest = source.pending[-1]
+                    verdict = self._begin_again(newest.arrival_ns - newest.stamp_ns)
+            source.pending.popleft()
             self._uses += refusal is None
-            yield Decision(early.content, early.stamp_ns, verdict, refusal)
+            yield Decision(first.content, first.stamp_ns, verdict, refusal)
+
+    def _refused(self, pending: _Pending) -> Decision:
+        refusal = _in_future(pending.stamp_ns - self.from_clock(pending.arrival_ns))
+        return Decision(pending.content, pending.stamp_ns, Verdict.REFUSE, refusal)
 
     def _by_arrival(self, source: Source, stamp_ns: int, content: Any) -> Decision:
         last = source.last_ns
@@ -248,12 +266,16 @@ class TimeBase:
         Raises:
             Refused: it is not used.
         """
-        decides = not self._decided
-        if decides:
+        # What was dated by the clock until the offset is decided gets other names by it.
+        renaming = 0 if self._decided else self.offset_ns - _offset(clock_ns - stamp_ns)
+        if source.last_ns is not None and stamp_ns <= source.last_ns + renaming:
+            back_ns = source.last_ns + renaming - stamp_ns
+            return self._place_past(source, back_ns, stamp_ns, clock_ns)
+        if not self._decided:
             self._decide(clock_ns - stamp_ns)
-        if source.last_ns is not None and stamp_ns <= source.last_ns:
-            return self._place_past(source, source.last_ns - stamp_ns, stamp_ns, clock_ns)
-        if decides:
+            for other in self._sources:
+                if other.last_ns is not None:
+                    other.last_ns += renaming
             return Verdict.DECIDE
         source.strays.clear()
         ahead = stamp_ns - self.from_clock(clock_ns)
@@ -262,19 +284,18 @@ class TimeBase:
         if ahead < -MOST_BEHIND:
             return self._place_late(source, stamp_ns, clock_ns)
         if self.offset_ns and ahead > 0:
-            self._set_offset(clock_ns - stamp_ns)
+            self.offset_ns = _offset(clock_ns - stamp_ns)
         self._note_fit()
         return Verdict.USE
 
     def _place_late(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict:
-        if self._late_ns is None:
-            self._late_ns = self._spent_ns
-        if self.mode == "auto" and self._spent_ns - self._late_ns >= PATIENCE:
-            self._set_offset(clock_ns - stamp_ns)
-            self._note_fit()
-            return Verdict.START_OVER
+        lag_ns = self.from_clock(clock_ns) - stamp_ns
+        if self._late is None or lag_ns < self._late.lag_ns - _SHRUNK:
+            self._late = _Late(self._spent_ns, lag_ns)
+        if self.mode == "auto" and self._spent_ns - self._late.since_ns >= PATIENCE:
+            return self._begin_again(clock_ns - stamp_ns)
         if source.last_ns is None:
-            raise _too_old(self.from_clock(clock_ns) - stamp_ns)
+            raise _too_old(lag_ns)
         return Verdict.USE
 
     def _place_past(self, source: Source, back_ns: int, stamp_ns: int, clock_ns: int) -> Verdict:
@@ -292,28 +313,26 @@ class TimeBase:
         fixed = self.mode != "auto" and not _fits(clock_ns - stamp_ns)
         if len(source.strays) < AGREEMENT or fixed:
             raise _too_old(back_ns)
+        return self._begin_again(clock_ns - stamp_ns)
+
+    def _begin_again(self, difference_ns: int) -> Verdict:
+        """Forget all messages that were used, of every topic, and fix another offset."""
         self.start_over()
-        self._decided = True
-        self._set_offset(clock_ns - stamp_ns)
-        self._note_fit()
+        self._decide(difference_ns)
         return Verdict.START_OVER
 
     def _decide(self, difference_ns: int) -> None:
-        """Fix the offset; what was dated by the clock until now gets other names."""
         self._decided = True
-        before = self.offset_ns
-        self._set_offset(difference_ns)
+        self.offset_ns = _offset(difference_ns)
         self._note_fit()
-        for source in self._sources:
-            if source.last_ns is not None:
-                source.last_ns += before - self.offset_ns
-
-    def _set_offset(self, difference_ns: int) -> None:
-        self.offset_ns = 0 if _fits(difference_ns) else difference_ns
 
     def _note_fit(self) -> None:
         self._fit_ns = self._spent_ns
-        self._late_ns = None
+        self._late = None
+
+
+def _offset(difference_ns: int) -> int:
+    return 0 if _fits(difference_ns) else difference_ns
 
 
 def _fits(behind_ns: int) -> bool:

@@ -463,3 +463,20 @@ class TestSmoothing:
             smooth.session.tick(stamp)
         assert smooth.simulator.control_points[0, 0] == pytest.approx(0.3)
         assert smooth.events == {"silent": 1, "load_removed": 1, "rejoined": 1}
+
+
+def test_a_refused_message_that_decides_the_offset_renames_what_came_before(loaded):
+    """Unstamped poses, then a stamped one of another epoch, out of reach."""
+    clock = 10**6 * SECOND + T0
+    for k in range(10):
+        loaded.pose(0, (0, 0, 0), arrival=clock + k * 20 * MS)
+    loaded.run(clock, clock + 200 * MS)
+    loaded.pose(T0 + 200 * MS, (50, 0, 0), arrival=clock + 200 * MS)
+    assert loaded.refused("/gripper_pose") == {"too_fast": 1}
+    assert loaded.session.offset_ns == 10**6 * SECOND
+    for k in range(11, 50):
+        loaded.pose(T0 + k * 20 * MS, (0, 0, 0), arrival=clock + k * 20 * MS)
+        loaded.session.tick(clock + k * 20 * MS)
+    assert loaded.refused("/gripper_pose") == {"too_fast": 1}
+    assert loaded.session.stamp_ns == clock + (49 * 20 - 60) * MS
+    assert loaded.events == {"other_epoch": 1}

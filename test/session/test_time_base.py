@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from dlo_sim.session.time_base import SECOND, TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_PENDING, SECOND, TimeBase, Verdict
 
 MS = SECOND // 1000
 T0 = 1000 * SECOND
@@ -179,6 +179,54 @@ def test_the_clock_that_delivers_is_set_forward(jump):
     assert outcomes.count(OVER) == 1
     assert set(outcomes) == {USE, OVER}
     assert stream.base.offset_ns == jump * SECOND
+
+
+def test_a_clock_set_forward_refuses_nothing_that_is_dated_by_arrival():
+    """Until the jump is known, unstamped messages count at the clock: in the old offset, an hour
+    ahead.
+    """
+    stream = Stream(sources=2)
+    outcomes = {0: [], 1: []}
+    for k in range(300):
+        stamp = T0 + k * 20 * MS
+        clock = stamp + (3600 * SECOND if k >= 100 else 0)
+        outcomes[0] += stream.send(stamp, clock)
+        outcomes[1] += stream.send(0, clock + MS, source=1)
+    assert outcomes[0].count(OVER) == 1
+    assert outcomes[1] == [USE] * 300
+
+
+@pytest.mark.parametrize("speed", [1.5, 5.0])
+def test_a_queue_that_empties_is_no_clock_that_was_set(speed):
+    """5 s of messages come faster than they were sent until none is left."""
+    stream = Stream()
+    stream.run(T0, 2.0)
+    begin = T0 + 2 * SECOND
+    for stamp in range(begin, begin + 20 * SECOND, 20 * MS):
+        arrival = max(stamp, begin + 5 * SECOND + round((stamp - begin) / speed))
+        assert stream.send(stamp, arrival) == [USE]
+    assert stream.base.offset_ns == 0
+
+
+def test_while_the_clock_stands_still_few_wait():
+    stream = Stream()
+    stream.run(T0, 1.0)
+    now = T0 + SECOND
+    for k in range(5000):
+        stream.send(now + SECOND + k * MS, now)
+    assert len(stream.sources[0].pending) == MOST_PENDING
+    assert stream.refused == {"in_future": 5000 - MOST_PENDING}
+    assert stream.tick(now + 6 * SECOND) == [USE] * MOST_PENDING
+
+
+def test_a_message_that_is_refused_decides_nothing():
+    """An unstamped and a stamped one of one topic at the same instant."""
+    stream = Stream()
+    assert stream.send(0, CLOCK) == [USE]
+    assert stream.send(T0, CLOCK) == ["out_of_order"]
+    assert stream.base.offset_ns == 0
+    assert stream.send(T0 + MS, CLOCK + MS) == [DECIDE]
+    assert stream.base.offset_ns == CLOCK - T0
 
 
 def test_the_clock_that_delivers_is_set_back():
