@@ -28,6 +28,7 @@ class FakeSimulator:
         self.left_out = {"twist": "fake"}
         self.warnings = ()
         self.fail_at: int | None = None
+        self.note = ""
         self.calls: list[tuple] = []
         self.end_poses = dict(end_poses or {})
         n = scene.discretization.control_points
@@ -94,13 +95,15 @@ class FakeSimulator:
         for _ in range(n):
             if self.fail_at is not None and self.steps >= self.fail_at:
                 status = SimpleNamespace(ok=False)
-                return SimpleNamespace(status=status, message="diverged: fake", steps=done)
+                return SimpleNamespace(status=status, message="diverged: fake", steps=done, note="")
             force = sum(self.loads.values(), np.zeros(3)) + np.array(self.scene.gravity)
             self.speed = self.speed + self.step * force
             self.tip = self.tip + self.step * self.speed
             self.steps += 1
             done += 1
-        return SimpleNamespace(status=SimpleNamespace(ok=True), message="", steps=done)
+        return SimpleNamespace(
+            status=SimpleNamespace(ok=True), message="", steps=done, note=self.note
+        )
 
     def reset(self):
         self.calls.append(("reset", self.steps))

@@ -221,7 +221,7 @@ class _Replay:
         ]
         if lacking:
             summary.status = "refused" if summary.status == "done" else summary.status
-            summary.message = "; ".join([summary.message] * bool(summary.message) + lacking)
+            summary.message = "; ".join(filter(None, [summary.message, *lacking]))
 
     def _run(self, messages: Iterator[Record]) -> None:
         """Hand over what has arrived, tick, write; until the bag is exhausted and its last stamp

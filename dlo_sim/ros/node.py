@@ -169,8 +169,7 @@ class CableNode(GuardedNode):
             self._hand_over_early(now)
         report = self._session.tick(now)
         stepped = time.perf_counter_ns()
-        wanted = self._outputs.wanted(now, self._session.fresh)
-        self._outputs.publish(self._session.messages(wanted))
+        self._outputs.publish(self._session.messages(*self._outputs.readers()))
         end = time.perf_counter_ns()
         self._times.record(now, begin, stepped, end, report.advanced_steps, self._period_ns)
         if report.stop:

@@ -15,10 +15,9 @@ from visualization_msgs.msg import Marker
 from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import encode_marker_delete_all
+from dlo_sim.session.outputs import CONTROL_POINTS, MARKERS
 from dlo_sim.session.session import InputTopic, OutgoingMessage
 
-CONTROL_POINTS = "~/control_points"
-MARKERS = ("~/centerline", "~/control_polygon")
 _REACTIONS = {"start": "~/start/reaction", "end": "~/end/reaction"}
 
 INPUT_TYPES = {"pose": PoseStamped, "wrench": WrenchStamped, "force": Vector3Stamped}
@@ -44,7 +43,6 @@ class Outputs:
         self._node = node
         self._publishers: dict[str, Publisher] = {}
         self._readers: dict[str, int] = {}
-        self._marker_due_ns = 0
         self._add(CONTROL_POINTS, PoseArray)
         for topic in MARKERS:
             self._add(topic, Marker)
@@ -54,7 +52,6 @@ class Outputs:
     def follow(self, scene: Scene) -> None:
         """Have a reaction topic for each end that is held, and for no other."""
         self._frame_id = scene.frame_id
-        self._marker_period_ns = round(1e9 / scene.outputs.marker_rate)
         for end, topic in _REACTIONS.items():
             if scene.ends[end].held and topic not in self._publishers:
                 self._add(topic, WrenchStamped)
@@ -68,18 +65,19 @@ class Outputs:
         publishers = [*self._publishers.values(), self._diagnostics]
         return [publisher.topic_name for publisher in publishers]
 
-    def wanted(self, now_ns: int, fresh: bool) -> set[str]:
-        """The topics for which a message is worth its work now: a fresh state for those who read, a
-        known one for those who have begun to; markers, which expire, at their own rate.
+    def readers(self) -> tuple[set[str], set[str]]:
+        """The topics that somebody reads, and those for which somebody has come since the last
+        call.
         """
-        marker_due = self._marker_due(now_ns)
-        wanted = set()
+        read, joined = set(), set()
         for topic, publisher in self._publishers.items():
             before = self._readers.get(topic, 0)
-            readers = self._readers[topic] = publisher.get_subscription_count()
-            if readers and (marker_due if topic in MARKERS else fresh or readers > before):
-                wanted.add(topic)
-        return wanted
+            count = self._readers[topic] = publisher.get_subscription_count()
+            if count:
+                read.add(topic)
+            if count > before:
+                joined.add(topic)
+        return read, joined
 
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:
         """Publish messages of the session."""
@@ -106,16 +104,6 @@ class Outputs:
 
     def _add(self, topic: str, message_type: type) -> None:
         self._publishers[topic] = self._node.create_publisher(message_type, topic, OUTPUT_QOS)
-
-    def _marker_due(self, now_ns: int) -> bool:
-        wait = self._marker_due_ns - now_ns
-        if 0 < wait <= self._marker_period_ns:
-            return False
-        # A longer wait means that the clock was set back; a lapse starts a new rhythm, not a burst.
-        on_rhythm = 0 >= wait > -self._marker_period_ns
-        begin_ns = self._marker_due_ns if on_rhythm else now_ns
-        self._marker_due_ns = begin_ns + self._marker_period_ns
-        return True
 
 
 class Inputs:

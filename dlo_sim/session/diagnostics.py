@@ -42,6 +42,7 @@ EVENTS: dict[str, str] = {
     "failed": "the simulator gave up; the last good state is held",
     "not_published": "an output was not finite and was not published",
     "inaccurate": "the estimated error exceeds accuracy.target",
+    "slow_newton": "Newton's method took far more iterations in a tick than usual",
     "estimate_spared": "it fell behind and goes on without its error estimate",
 }
 """Everything else that is counted."""

@@ -24,13 +24,14 @@ SimulatorFactory = Callable[..., Any]
 
 
 class Advance(NamedTuple):
-    """What an advance did: steps taken, ends that wait for a pose, why the simulator gave up ("" =
-    it did not).
+    """What an advance did: steps taken, ends that wait for a pose, why the simulator gave up or was
+    slow ("" = it did not, was not).
     """
 
     steps: int
-    waiting: tuple[str, ...]
-    failure: str
+    waiting: tuple[str, ...] = ()
+    failure: str = ""
+    slow: str = ""
 
 
 class Prepared(NamedTuple):
@@ -157,19 +158,21 @@ class Drive:
         silence_ns = wanted_ns if silence_ns is None else silence_ns
         begin = self.index
         target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
+        slow = ""
         while self.index < target:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
-                return Advance(self.index - begin, waiting, "")
+                return Advance(self.index - begin, waiting, slow=slow)
             stop = self._apply_loads(grid, target)
             report = self._driven.advance_steps(stop - self.index)
             self.index += report.steps
+            slow = report.note or slow
             if not report.status.ok:
-                return Advance(self.index - begin, (), report.message)
+                return Advance(self.index - begin, failure=report.message, slow=slow)
         # A state at a knot belongs to the motion that begins there (its velocity is the same, its
         # acceleration is not), so whoever looks at it now must find that motion if it is known.
         self._renew_motions(grid, silence_ns)
-        return Advance(self.index - begin, (), "")
+        return Advance(self.index - begin, slow=slow)
 
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
         """Give every end whose motion is over the next one; returns the ends that have none yet."""
@@ -225,14 +228,19 @@ class Drive:
         self.estimate, self._too_slow = None, True
         return True
 
-    def shift_time(self, delta_ns: int, inputs: bool) -> None:
-        """Relabel by delta [ns] every time that was read off the clock: that of the inputs if they
-        were dated by it until now, and that of a simulation that waits for no pose.
+    def rename_free_run(self, delta_ns: int) -> None:
+        """Relabel by delta [ns] a simulation that waits for no pose: its time is read off the
+        clock.
         """
-        if self.grid is not None and (inputs or not self.paths):
+        if self.grid is not None and not self.paths:
             self.grid.origin_ns += delta_ns
-        if not inputs:
-            return
+
+    def rename_inputs(self, delta_ns: int) -> None:
+        """Relabel by delta [ns] inputs that were dated by the clock until now, and the simulation
+        that follows them.
+        """
+        if self.grid is not None:
+            self.grid.origin_ns += delta_ns
         for path in self.paths.values():
             path.shift_time(delta_ns)
         for schedule in self.schedules.values():

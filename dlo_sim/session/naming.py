@@ -44,4 +44,4 @@ class Naming(NamedTuple):
                 )
 
 
-AS_IN_THE_SCENE = Naming()
+DEFAULT_NAMING = Naming()

@@ -32,6 +32,7 @@ CONTROL_POINTS = "~/control_points"
 CENTERLINE = "~/centerline"
 CONTROL_POLYGON = "~/control_polygon"
 DIAGNOSTICS = "/diagnostics"
+MARKERS = (CENTERLINE, CONTROL_POLYGON)
 
 _CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
@@ -120,20 +121,17 @@ class Outputs:
         )
 
     def messages(
-        self, simulator: Observable, stamp_ns: int, wanted: Collection[str] | None, markers: bool
+        self, simulator: Observable, stamp_ns: int, wanted: Collection[str]
     ) -> list[OutgoingMessage]:
         """The messages of this state.
 
         Args:
             stamp_ns: time of the state on the clock [ns].
-            wanted: topics that somebody listens to, None = all; nothing is computed for the others.
-            markers: whether the markers are due.
+            wanted: topics; nothing is computed for the others.
         """
         found: list[OutgoingMessage] = []
         for topic, message_type, encode in self._topics:
-            if wanted is not None and topic not in wanted:
-                continue
-            if message_type == cdr.MARKER and not markers:
+            if topic not in wanted:
                 continue
             data = encode(simulator, stamp_ns)
             if data is None:

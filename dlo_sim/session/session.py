@@ -22,22 +22,13 @@ from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.diagnostics import Journal, session_status, topic_status
 from dlo_sim.session.drive import Drive, Prepared, SimulatorFactory
 from dlo_sim.session.intake import Accepted, InputTopic, Intake, input_topics
-from dlo_sim.session.naming import AS_IN_THE_SCENE, Naming
-from dlo_sim.session.outputs import EVERY_OUTPUT, OutgoingMessage, Outputs
+from dlo_sim.session.naming import DEFAULT_NAMING, Naming
+from dlo_sim.session.outputs import EVERY_OUTPUT, MARKERS, OutgoingMessage, Outputs
+from dlo_sim.session.pacing import Pacing
 from dlo_sim.session.status import SessionStatus, TickReport
-from dlo_sim.session.step_grid import OutputGrid
-from dlo_sim.session.time_base import SECOND, TimeBase, Verdict
+from dlo_sim.session.time_base import TimeBase, Verdict
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
-
-# Beyond pose_timeout and inputs.catch_up, a simulation this far behind that does not catch up skips
-# time instead of falling back for ever [s].
-MOST_LAG = 1.0
-# A process that stood still catches up with at most so much [s]; what is further back is skipped.
-MOST_CATCH_UP = 3.0
-# A tick that comes late has not listened meanwhile. No more of that time than this, or two timer
-# periods, counts as a silence: messages that waited are handed over between the next ticks [s].
-_MOST_LISTENED = 0.1
 
 
 class Session:
@@ -64,7 +55,7 @@ class Session:
         scene: Scene,
         simulator_factory: SimulatorFactory | None = None,
         *,
-        naming: Naming = AS_IN_THE_SCENE,
+        naming: Naming = DEFAULT_NAMING,
         live: bool = False,
     ) -> None:
         if simulator_factory is None:
@@ -82,16 +73,14 @@ class Session:
         self._drive = Drive(scene, simulator_factory, self.journal.event, live)
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
+        self._pacing = Pacing(scene, self._drive.simulator.step, self.journal)
         self._paused = False
         self._resuming = False
         self._failure = ""
         self._waiting: tuple[str, ...] = ()
-        self._lag_ns = 0
-        self._listened_ns: int | None = None  # up to where a silence would have been noticed
         self._marker_count: int | None = None
         self._given_out: tuple[Any, int] | None = None
         self._markers_due = False
-        self._limits()
 
     @property
     def simulator(self) -> Any:
@@ -143,7 +132,7 @@ class Session:
         self._use(self._intake.due(now_ns), before)
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         self._markers_due, self._marker_count = count != self._marker_count, count
-        wanted_ns = self._grid.aim(self._time.from_clock(now_ns) - self._latency_ns)
+        wanted_ns = self._pacing.aim(self._time.from_clock(now_ns))
         if self._paused or self._failure:
             return self._report(0)
         if not self.started and not self._begin(wanted_ns):
@@ -151,32 +140,33 @@ class Session:
         if self._resuming:
             self._resuming = False
             self._drive.skip_to(wanted_ns)
-        listened_ns = wanted_ns if self._listened_ns is None else self._listened_ns
-        self._listened_ns = min(wanted_ns, listened_ns + self._most_listened_ns)
-        steps = self._advance(wanted_ns, self._most_steps, self._listened_ns)
-        lag_before, self._lag_ns = self._lag_ns, max(0, wanted_ns - self._drive.now_ns)
-        if not self._waiting and not self._failure:
-            self._ease(wanted_ns, lag_before)
+        pacing = self._pacing
+        steps = self._advance(wanted_ns, pacing.most_steps, pacing.listen(wanted_ns))
+        pacing.reached(wanted_ns, self._drive, bool(self._waiting or self._failure))
         return self._report(steps)
 
-    @property
-    def fresh(self) -> bool:
-        """Whether `messages` has not seen the present state yet."""
-        return self.started and self._given_out != (self._drive.simulator, self._drive.now_ns)
+    def messages(
+        self, wanted: Collection[str] | None = None, again: Collection[str] = ()
+    ) -> list[OutgoingMessage]:
+        """What is due of the present state, serialised; empty until the cable is placed.
 
-    def messages(self, wanted: Collection[str] | None = None) -> list[OutgoingMessage]:
-        """The present state as serialised messages; empty until the cable is placed.
+        A state is given out once; the markers, which expire, at outputs.marker_rate whether it is
+        new or not. Diagnostics are made by `diagnostics`.
 
         Args:
-            wanted: topics to build, whether the state is fresh or not; None = what is due after
-                this tick: everything if the state is fresh, the markers at outputs.marker_rate.
-                Diagnostics are made by `diagnostics`.
+            wanted: topics to build, None = all.
+            again: topics to build in any case, for readers that have come since.
         """
-        if not self.started or (wanted is None and not self.fresh):
+        if not self.started:
             return []
-        self._given_out = self._drive.simulator, self._drive.now_ns
-        markers = self._markers_due or wanted is not None
-        found = self._outputs.messages(self._drive.simulator, self.stamp_ns, wanted, markers)
+        state = self._drive.simulator, self._drive.now_ns
+        fresh, self._given_out = state != self._given_out, state
+        markers, self._markers_due = self._markers_due, False
+        due = set(again)
+        for topic in EVERY_OUTPUT if wanted is None else wanted:
+            if markers if topic in MARKERS else fresh:
+                due.add(topic)
+        found = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
         if self._outputs.not_finite:
             self._outputs.not_finite = 0
             self.journal.event("not_published", "an output was not finite and was not published")
@@ -198,7 +188,7 @@ class Session:
             self._accuracy,
             failed=bool(self._failure),
             waiting=not self.started,
-            lag=self._lag_ns * 1e-9,
+            lag=self._pacing.lag_ns * 1e-9,
             most_lag=self.scene.inputs.catch_up,
             offset=self._time.offset_ns * 1e-9,
             extra=extra or {},
@@ -270,7 +260,7 @@ class Session:
         self.scene = scene
         self._intake.configure(scene)
         self._accuracy.configure(scene)
-        self._limits()
+        self._pacing.configure(self.scene, self._drive.simulator.step)
         self._outputs = self._new_outputs()
         if time_mode_changed:
             self._time.set_mode(scene.inputs.time)
@@ -288,9 +278,11 @@ class Session:
         offset = self._time.offset_ns
         verdicts = {accepted.verdict for accepted in found}
         if offset != offset_before:
-            self._listened_ns = None
-        if offset != offset_before and Verdict.START_OVER not in verdicts:
-            self._drive.shift_time(offset_before - offset, inputs=Verdict.DECIDE in verdicts)
+            self._pacing.listen_anew()
+            if Verdict.DECIDE in verdicts:
+                self._drive.rename_inputs(offset_before - offset)
+            elif Verdict.START_OVER not in verdicts:
+                self._drive.rename_free_run(offset_before - offset)
         for accepted in found:
             if accepted.verdict is Verdict.START_OVER:
                 self._restart("time_jump", "stamps or clock jumped; simulation reset")
@@ -323,36 +315,19 @@ class Session:
             self._fail(f"the cable cannot be placed: {error}")
             return False
         self._outputs = self._new_outputs()
-        self._limits()
+        self._pacing.configure(self.scene, self._drive.simulator.step)
         return True
 
     def _advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> int:
-        steps, self._waiting, failure = self._drive.advance(wanted_ns, most_steps, silence_ns)
+        done = self._drive.advance(wanted_ns, most_steps, silence_ns)
+        steps, self._waiting, failure, slow = done
+        if slow:
+            self.journal.event("slow_newton", slow)
         self._accuracy.look(self._drive.estimate)
         if failure:
             at = self._drive.now_ns * 1e-9
             self._fail(f"{failure} (at {self._drive.simulator.time:.6f} s, stamp {at:.6f} s)")
         return steps
-
-    def _ease(self, wanted_ns: int, lag_before: int) -> None:
-        """Keep a simulation that is too slow from falling behind for ever: first without the error
-        estimate, then by leaving out time.
-        """
-        falling = self._lag_ns >= lag_before > self._most_lag_ns // 2
-        if falling and self._drive.spare_estimate():
-            self.journal.event(
-                "estimate_spared",
-                "the prediction fell behind and goes on without its error estimate; keep it with "
-                "accuracy.estimate: on",
-            )
-        too_slow = self._lag_ns >= lag_before > self._most_lag_ns
-        if too_slow or self._lag_ns > self._most_lag_ns + MOST_CATCH_UP * SECOND:
-            skipped = self._drive.skip_to(wanted_ns)
-            self.journal.skipped_ns += skipped
-            self.journal.event(
-                "time_skipped",
-                f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped",
-            )
 
     def _fail(self, message: str) -> None:
         self._failure = message
@@ -363,8 +338,7 @@ class Session:
         self._accuracy.forget()
         self._failure = ""
         self._waiting = ()
-        self._lag_ns = 0
-        self._listened_ns = None
+        self._pacing.clear()
         self._resuming = False
         self.journal.event(event, detail)
 
@@ -380,17 +354,7 @@ class Session:
 
     def _report(self, steps: int) -> TickReport:
         stop = bool(self._failure) and self.scene.integrator.on_failure == "stop"
-        return TickReport(steps, self._lag_ns, self.status, self._message(), stop)
-
-    def _limits(self) -> None:
-        """Whole numbers that a tick needs."""
-        inputs, step = self.scene.inputs, self._drive.simulator.step
-        timeouts = [end.pose_timeout for end in self.scene.ends.values() if end.driven]
-        self._latency_ns = round(inputs.latency * SECOND)
-        self._grid = OutputGrid(self.scene.rate)
-        self._most_steps = max(1, round(max(inputs.catch_up, 1.0 / self.scene.rate) / step))
-        self._most_listened_ns = round(max(_MOST_LISTENED, 2.0 / self.scene.rate) * SECOND)
-        self._most_lag_ns = round((max([MOST_LAG, *timeouts]) + inputs.catch_up) * SECOND)
+        return TickReport(steps, self._pacing.lag_ns, self.status, self._message(), stop)
 
     def _new_outputs(self) -> Outputs:
         return Outputs(self.scene, len(self._drive.simulator.greville))

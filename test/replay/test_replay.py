@@ -119,6 +119,8 @@ def test_summary_and_comparison_without_an_output(make_bag, scene, tmp_path):
     assert summary.comparison["start"][0].samples > 100
     assert summary.messages_written == 0
     assert [p.name for p in tmp_path.iterdir()] == ["recorded"]
+    written = replay_bag(path, scene, tmp_path / "out", compare={"start": "/wrench"})
+    assert summary.comparison == written.comparison
     values = summary_values(summary)
     assert (
         values["comparison"]["start"][0]["correlation"] is None
@@ -312,19 +314,14 @@ class TestCutInHalf:
 
 def test_a_diverged_run_is_kept_with_its_reason(make_bag, scene, tmp_path):
     """The simulator is made to fail; the states up to there are in the bag."""
+    from dlo_sim.simulation.report import Status
     from dlo_sim.simulation.simulator import Simulator
 
     class Failing(Simulator):
         def advance_steps(self, steps, *rest):
             report = super().advance_steps(steps, *rest)
             if self.time > 0.5:
-                from types import SimpleNamespace
-
-                return SimpleNamespace(
-                    status=SimpleNamespace(ok=False),
-                    message="diverged: made to",
-                    steps=report.steps,
-                )
+                return report._replace(status=Status.DIVERGED, message="diverged: made to")
             return report
 
     summary = replay_bag(make_bag(), scene, tmp_path / "out", simulator_factory=Failing)

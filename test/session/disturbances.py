@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from fake_simulator import FakeSimulator
-from session_bench import GRIPPER, MS, SECOND
+from session_bench import LOADED, MS, SECOND
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
@@ -25,14 +25,18 @@ PERIOD = 20 * MS
 TICK = 5 * MS
 QUEUE = 100
 HOUR = 3600 * SECOND
+FIRST = 0.05  # every topic has had a message [s]
+SPEED = 5  # of a queue that empties, in real time
 TWO = {
-    **GRIPPER,
+    **LOADED,
     "end.pose_topic": "/other_pose",
     "end.fixed": [True] * 3,
     "end.position": [0.9, 0.0, 0.0],
 }
 TOPICS = {"/gripper_pose": "start", "/other_pose": "end"}
 ENCODER = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+WRENCH = "/wrench"
+WRENCH_ENCODER = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
 
 
 def place(topic: str, true_ns: int) -> np.ndarray:
@@ -49,14 +53,17 @@ class Case:
     Attributes:
         at, length: when it begins; the length of a hold-up.
         kind: `node`: the process stands still; `topic`: nothing comes on one topic; `both`: on
-            neither; `clocks`, `node_clock`, `source_clocks`: set by `jump`; `loop`: the bag begins
-            anew; `nonsense`: one stamp is wrong by `jump`.
+            all; `drain`: the same, and what waited comes at SPEED times real time; `clocks`,
+            `node_clock`, `source_clocks`: set by `jump`; `loop`: the bag begins anew; `nonsense`:
+            one stamp is wrong by `jump`.
         sim_time: the clock is /clock, 100 a second, and stands still with the process.
         difference: clock of the second source minus that of the first.
         epoch: clock minus stamps (an old recording).
         tick_first: whether a tick or the messages come first after a hold-up.
         clock_first: whether /clock is heard before the messages that waited.
         jitter: largest delay of the transport.
+        mode: inputs.time.
+        unstamped: whether the wrenches carry no stamp.
     """
 
     kind: str
@@ -69,12 +76,20 @@ class Case:
     tick_first: bool = False
     clock_first: bool = True
     jitter: float = 0.008
+    mode: str = "auto"
+    unstamped: bool = False
     seed: int = 0
 
     @property
     def over(self) -> float:
         """When the disturbance is over."""
-        return self.at + self.length
+        drained = self.length / (SPEED - 1) if self.kind == "drain" else 0.0
+        return self.at + self.length + drained
+
+    @property
+    def hold_up(self) -> bool:
+        """Whether messages are only late."""
+        return self.kind in ("node", "topic", "both", "drain")
 
     @property
     def settled(self) -> float:
@@ -92,13 +107,15 @@ def random_case(seed: int) -> Case:
         return values[rng.integers(len(values))]
 
     kinds = ("node", "node", "topic", "both", "clocks", "node_clock", "source_clocks", "loop")
-    kind = one_of(*kinds, "nonsense")
+    kind = one_of(*kinds, "nonsense", "drain", "drain")
     far = 4e8 if kind == "nonsense" else 10.0
     sim_time = bool(rng.integers(2)) and "clock" not in kind
     return Case(
         kind,
         at=float(rng.uniform(1.5 if kind == "loop" else 0.0, 4.0)),
-        length=float(0.2 * 300 ** rng.uniform()) if kind in ("node", "topic", "both") else 0.0,
+        length=float(0.2 * 300 ** rng.uniform())
+        if kind in ("node", "topic", "both", "drain")
+        else 0.0,
         jump=one_of(-1, 1) * one_of(3600.0, 3600.0, 0.3, 0.7, 1.5, far),
         sim_time=sim_time,
         difference=one_of(0.0, 0.0, 0.3, -0.3),
@@ -106,6 +123,7 @@ def random_case(seed: int) -> Case:
         tick_first=bool(rng.integers(2)),
         clock_first=bool(rng.integers(2)),
         jitter=one_of(0.0, 0.008, 0.03),
+        unstamped=bool(rng.integers(2)),
         seed=seed,
     )
 
@@ -116,9 +134,12 @@ class World:
     def __init__(self, case: Case, **changes) -> None:
         self.case = case
         self.rng = np.random.default_rng(case.seed)
-        self.session = Session(scene_from_values({**TWO, **changes}), FakeSimulator)
+        self.session = Session(
+            scene_from_values({**TWO, "inputs.time": case.mode, **changes}), FakeSimulator
+        )
         self.wrongly_refused: list[str] = []
-        self.refused: Counter[str] = Counter()
+        self.doubles = 0  # unstamped messages that came at one instant
+        self.refusals: list[int] = []  # in all, at each tick after it should be over
         self.stamps: list[int] = []
         self._watch_decisions()
         self.end_ns = round((case.over + 4.0) * SECOND)
@@ -131,8 +152,7 @@ class World:
             def call(source, *rest):
                 for decision in method(source, *rest):
                     if decision.verdict is Verdict.REFUSE:
-                        reason = decision.refusal.reason
-                        self.refused[reason] += 1
+                        self.doubles += decision.stamp_ns == source.last_ns
                         if source.last_ns is not None and decision.stamp_ns > source.last_ns:
                             self.wrongly_refused.append(str(decision.refusal))
                     yield decision
@@ -164,19 +184,23 @@ class World:
         """(true time of delivery, true time of the stamp, topic), in order; None lost."""
         case, found = self.case, []
         at, over = round(case.at * SECOND), round(case.over * SECOND)
-        for k, topic in enumerate(TOPICS):
+        begin = round((case.at + case.length) * SECOND)
+        for k, topic in enumerate([*TOPICS, WRENCH]):
             held: list[tuple[int, int, str]] = []
             arrival = 0
             for sent in range(7 * MS * k, self.end_ns, PERIOD):
                 delay = int(self.rng.uniform(0, case.jitter * SECOND + 1))
                 arrival = max(arrival, sent + delay)
+                came = arrival
+                if case.kind == "drain" and arrival >= at:
+                    came = max(arrival, begin + (arrival - at) // SPEED)
                 stopped = case.kind in ("node", "both") or (case.kind == "topic" and k == 1)
                 if stopped and at <= arrival < over:
                     held.append((over, sent, topic))
                 else:
                     found += held[-QUEUE:] if held and arrival >= over else []
                     held = held if arrival < over else []
-                    found.append((arrival, sent, topic))
+                    found.append((came, sent, topic))
         by_topic = self.rng.integers(2)
         return sorted(found, key=lambda d: (d[0], d[2] if by_topic else "", d[1], d[2]))
 
@@ -209,6 +233,8 @@ class World:
                 if self._nonsense and sent >= case.at * SECOND:
                     self._nonsense, stamp = False, stamp + round(case.jump * SECOND)
             raw = ENCODER.encode(stamp, (*place(topic, sent), 0, 0, 0, 1))
+            if topic == WRENCH:
+                raw = WRENCH_ENCODER.encode(0 if case.unstamped else stamp, (0.1, 0, 0, 0, 0, 0))
             self.session.receive(topic, raw, self.clock(arrival) if stale_ns is None else stale_ns)
 
     def tick(self, true_ns: int, clock_ns: int) -> None:
@@ -222,8 +248,10 @@ class World:
                 passed = report.advanced_steps * session.simulator.step
                 self.top_speed = max(self.top_speed, way / passed)
             self._ends = ends
-        if session.started and true_ns > (self.case.over + self.case.settled) * SECOND:
-            self.check(true_ns, clock_ns)
+        if true_ns > (self.case.over + self.case.settled) * SECOND:
+            self.refusals.append(session.journal.refused.total() - self.doubles)
+            if session.started:
+                self.check(true_ns, clock_ns)
 
     _ends = None
     top_speed = 0.0
@@ -249,12 +277,19 @@ class World:
     def problems(self) -> list[str]:
         """What is wrong after the play, none if it passed."""
         found = []
-        hold_up = self.case.kind in ("node", "topic", "both")
+        hold_up = self.case.hold_up
         if len(self.wrongly_refused) > (self.case.kind == "nonsense"):
             found.append(f"{len(self.wrongly_refused)} refused, last {self.wrongly_refused[-1]}")
-        refused = self.session.journal.refused
-        if hold_up and refused.total() and self.session.started and self.case.at > 0.1:
+        refused = self.session.journal.refused.copy()
+        refused["out_of_order"] -= self.doubles
+        # A topic held up before its first message cannot be told from one whose clock is wrong.
+        excused = {"too_old"} if self.case.at <= FIRST else set()
+        if hold_up and (+refused).keys() - excused:
             found.append(f"refused {dict(refused)}")
+        if self.refusals[-1] > self.refusals[0]:
+            found.append(f"refused {dict(refused)}, when it was over")
+        if hold_up and self.session.journal.events["time_jump"]:
+            found.append("taken for a jump")
         if self.checks < 100:
             found.append(f"running in {self.checks} ticks only")
         if hold_up and self.top_speed > 3.0:

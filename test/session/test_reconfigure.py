@@ -74,5 +74,5 @@ class TestReconfigure:
     def test_before_the_first_pose(self, loaded):
         loaded.session.reconfigure(loaded.scene.with_values({"discretization.control_points": 9}))
         play(loaded, 0.5)
-        (points,) = loaded.session.messages([CONTROL_POINTS])
+        (points,) = loaded.session.messages((), [CONTROL_POINTS])
         assert len(cdr.decode_pose_array(points.data).poses) == 9

@@ -30,8 +30,8 @@ def test_every_input_is_taken_and_every_output_made(monkeypatch, loaded, latency
             super().__init__(scene, FakeSimulator)
             made.append(self)
 
-        def messages(self, wanted=None):
-            found = super().messages(wanted)
+        def messages(self):
+            found = super().messages()
             topics.update(message.topic for message in found)
             return found
 

@@ -1,0 +1,124 @@
+"""What a session puts out: stamps on the grid, fresh states once, markers at their own rate."""
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from session_bench import FREE, MS, SECOND, T0, motion, play
+
+from dlo_sim.session import cdr
+from dlo_sim.session.outputs import MARKERS, output_topics
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+class TestGrid:
+    """Which states are published does not depend on when the timer happened to start."""
+
+    @staticmethod
+    def stamps(bench, phase, jitter=0, seed=0, **changes):
+        """Stamps of a session whose timer started `phase` ns later, its ticks jittering."""
+        rng = np.random.default_rng(seed)
+        free = bench(FREE, **changes)
+        period = round(SECOND / free.scene.rate)
+        found = []
+        for due in range(T0 + phase, T0 + phase + 4 * SECOND, period):
+            free.session.tick(due + int(rng.uniform(-jitter, jitter)))
+            found += [m.stamp_ns for m in free.session.messages() if "points" in m.topic]
+        return found
+
+    @pytest.mark.parametrize("step", [1e-3, 5e-4, 1 / 3000])
+    @pytest.mark.parametrize("rate", [200.0, 30.0, 333.0])
+    def test_any_phase_gives_the_same_stamps(self, bench, rate, step):
+        changes = {"rate": rate, "integrator.step": step}
+        first = self.stamps(bench, 0, **changes)
+        assert len(first) > 3.9 * rate
+        for phase in (1, 123_456, 1_999_999, 2_500_000):
+            other = self.stamps(bench, phase, **changes)
+            assert set(first[2:-2]) <= set(other)
+
+    @pytest.mark.parametrize("phase", [0, 1_000_000, 2_500_000, 4_950_000])
+    def test_jitter_loses_no_stamp(self, bench, phase):
+        first = self.stamps(bench, 0)
+        other = self.stamps(bench, phase, jitter=400_000, seed=phase)
+        assert set(first[2:-2]) <= set(other)
+        assert set(np.diff(other[2:])) == {5 * MS}
+
+
+class TestMessages:
+    def test_wanted_topics_only(self, loaded):
+        play(loaded, 1.0)
+        found = loaded.session.messages((), ["~/centerline", "/diagnostics"])
+        assert [m.topic for m in found] == ["~/centerline"]
+        found = loaded.session.messages((), ["~/control_points"])
+        assert [m.topic for m in found] == ["~/control_points"]
+
+    def test_markers_at_their_own_rate(self, loaded):
+        play(loaded, 1.0)
+        counts = {}
+        for now in range(T0 + SECOND, T0 + 2 * SECOND, 5 * MS):
+            if now % (20 * MS) == 0:
+                loaded.pose(now, motion(now))
+            loaded.session.tick(now)
+            for message in loaded.session.messages():
+                counts[message.topic] = counts.get(message.topic, 0) + 1
+        assert counts["~/control_points"] == counts["~/start/reaction"] == 200
+        assert counts["~/centerline"] == counts["~/control_polygon"] == 30
+
+    def test_markers_which_expire_are_renewed(self, loaded):
+        play(loaded, 1.0)
+        loaded.session.pause(True)
+        found = []
+        for now in range(T0 + SECOND, T0 + 2 * SECOND, 5 * MS):
+            loaded.session.tick(now)
+            found += [m.topic for m in loaded.session.messages(["~/centerline"])]
+        assert found == ["~/centerline"] * 30
+
+    def test_a_tick_without_a_step_has_nothing_new(self, loaded):
+        play(loaded, 1.0)
+        loaded.session.pause(True)
+        now = T0 + SECOND
+        for k in range(200):
+            loaded.session.tick(now + k * 5 * MS)
+            due = [m for m in loaded.session.messages() if m.topic not in MARKERS]
+            assert due == []
+            assert len(loaded.session.messages([], ["~/control_points"])) == 1  # for who comes now
+        loaded.session.step_once()
+        assert len(loaded.session.messages()) == 4
+        assert loaded.session.messages() == []
+
+    def test_no_stamp_comes_twice(self, loaded):
+        """Poses are missing now and then, and ticks come twice in a timer period."""
+        stamps = []
+        for now in range(T0, T0 + 4 * SECOND, 2 * MS):
+            if now % (20 * MS) == 0 and now // SECOND % 2 == 0:
+                loaded.pose(now, motion(now))
+            loaded.session.tick(now)
+            stamps += [m.stamp_ns for m in loaded.session.messages() if "points" in m.topic]
+        assert len(stamps) > 350
+        assert len(set(stamps)) == len(stamps)
+
+    def test_contents(self, loaded):
+        play(loaded, 1.0)
+        loaded.session.pause(True)
+        loaded.session.step_once()
+        by_topic = {m.topic: m for m in loaded.session.messages(None)}
+        by_topic |= {m.topic: m for m in loaded.session.messages([], ["~/centerline"])}
+        points = STORE.deserialize_cdr(by_topic["~/control_points"].data, cdr.POSE_ARRAY)
+        assert points.header.frame_id == "world"
+        stamp = points.header.stamp.sec * SECOND + points.header.stamp.nanosec
+        assert stamp == loaded.session.stamp_ns
+        first = loaded.simulator.control_points[0]
+        assert points.poses[0].position.x == first[0]
+        line = STORE.deserialize_cdr(by_topic["~/centerline"].data, cdr.MARKER)
+        assert len(line.points) == 50
+        assert line.scale.x == 0.005
+        assert line.lifetime.sec + line.lifetime.nanosec * 1e-9 == pytest.approx(5 / 30)
+        force = loaded.simulator.reaction_wrench("start")[:3]
+        wrench = STORE.deserialize_cdr(by_topic["~/start/reaction"].data, cdr.WRENCH_STAMPED)
+        assert (wrench.wrench.force.x, wrench.wrench.force.y) == (force[0], force[1])
+
+    def test_no_reaction_of_a_free_end(self, loaded):
+        play(loaded, 1.0)
+        found = loaded.session.messages(again=output_topics(loaded.scene))
+        assert "~/start/reaction" in {m.topic for m in found}
+        assert "~/end/reaction" not in {m.topic for m in found}
