@@ -11,9 +11,10 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from typing import Any, Protocol, TypeVar
 
-from dlo_sim.process.stopping import owed
+from dlo_sim.process.stopping import cleanup
 from dlo_sim.simulation.processors import processors
 
 Item = TypeVar("Item")
@@ -98,14 +99,18 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
         return
     # Not fork: threads of this process (numba's, ROS's) would not survive it.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, mp_context=context) as pool, owed(lambda: _end(pool)):
+    others = {*multiprocessing.active_children()}
+    pool = ProcessPoolExecutor(count, mp_context=context)
+    with cleanup(lambda: _end(pool, others)):
         yield Processes(pool, count)
+        pool.shutdown()
+        others |= {*multiprocessing.active_children()}  # the pool's have ended
 
 
-def _end(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool, whatever they are doing; all that is wanted has come back."""
+def _end(pool: ProcessPoolExecutor, others: set[BaseProcess]) -> None:
+    """End the processes of a pool, whatever they do: all children of this one but `others`."""
     pool.shutdown(wait=False, cancel_futures=True)
-    for child in multiprocessing.active_children():
+    for child in {*multiprocessing.active_children()} - others:
         child.terminate()
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from dlo_sim.cli.arguments import CommandError
 from dlo_sim.process import stopping
-from dlo_sim.process.partial import Partial
+from dlo_sim.process.atomic_output import AtomicOutput
 
 _PREPARING = "{desc}: preparing, {elapsed}"
 _BAR = "{desc} {percentage:3.0f} % |{bar:40}| {elapsed}, {remaining} left"
@@ -56,10 +56,10 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         CommandError: if the disk refuses; the file that was there before is kept.
     """
     try:
-        partial = Partial(path.resolve())
+        partial = AtomicOutput(path.resolve())
         try:
             write(partial.path)
-            partial.put_in_place()
+            partial.commit()
         finally:
             partial.discard()
     except OSError as error:
@@ -144,7 +144,7 @@ def progress_bar(label: str, keeps: bool = False) -> Iterator[Callable[[float], 
 
     def advance(fraction: float) -> None:
         if keeps:
-            stopping.ends_itself()
+            stopping.disable_forced_exit()
         stopping.check()
         if not moved.is_set():  # what loading and compiling took says nothing about the rest
             moved.set()

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_sim.demo import scenario
 from dlo_sim.demo.prediction import Prediction, read_prediction
-from dlo_sim.process.partial import remove_remnants
+from dlo_sim.process.atomic_output import remove_leftovers
 from dlo_sim.replay.bags import BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, ReplaySummary, replay_bag
 from dlo_sim.scene.loading import load_scene
@@ -99,7 +99,7 @@ def _make_room(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in (PREDICTED, INPUT):
-            remove_remnants(folder / name)
+            remove_leftovers(folder / name)
         found = {path.name for path in folder.iterdir()}
         if found - mine or (found and not _written_by_demo(folder / SCENE)):
             raise DemoError(

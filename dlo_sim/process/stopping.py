@@ -1,12 +1,13 @@
-"""SIGINT, SIGTERM and SIGHUP: noted when they come, heeded between two pieces of work.
+"""SIGINT, SIGTERM and SIGHUP: recorded when they arrive, handled between pieces of work.
 
 Nothing is ever raised by a signal handler: an exception inside a callback that a library calls from
 C, as compilers do, is lost or ends in a crash. Instead
 - the interpreter's own handler writes the signal's number to a pipe, whatever the process is doing;
-- a thread reads it there and notes it;
-- the work looks at the note between two pieces (`check`, `requested`) and ends itself;
-- work that does not look in time, such as compiling, is ended from that thread, after what is owed
-  to others has been done (`owed`): temporary files removed, other processes ended.
+- a thread reads it there and records it;
+- the work looks at the record between two pieces (`check`, `requested`) and ends itself;
+- work that does not look in time, such as compiling, is ended from that thread after its cleanup
+  (`cleanup`): temporary files removed, other processes ended. Work that is known to end itself
+  (`disable_forced_exit`) is ended so by a second signal alone.
 
 Child processes do not see the SIGINT and SIGHUP that a terminal sends to all: this process ends
 them.
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import sys
 import threading
@@ -23,12 +25,12 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-GRACE = 2.0  # [s] for the work to look at the note, before it is ended from outside
-_AFTERWARDS = 0.2  # [s] for the work to end itself after all, when something owed has been done
+GRACE = 2.0  # [s] for the work to look at the record, before it is ended from outside
+_AFTERWARDS = 0.2  # [s] for the work to end itself after all, when some cleanup has been done
 
 _requested = 0
-_ends_itself = False
-_owed: dict[object, Callable[[], object]] = {}
+_forced_exit_disabled = False
+_cleanups: dict[object, Callable[[], object]] = {}
 
 
 def request(number: int) -> None:
@@ -57,21 +59,23 @@ def exit_status() -> int:
     return 128 + (_requested or signal.SIGINT)
 
 
-def ends_itself() -> None:
-    """From now on the work looks often enough, and what it keeps takes the time that it takes."""
-    global _ends_itself
-    _ends_itself = True
+def disable_forced_exit() -> None:
+    """From now on the work looks often enough, and what it keeps takes the time that it takes: only
+    a second signal, more than GRACE after the first, ends it from outside.
+    """
+    global _forced_exit_disabled
+    _forced_exit_disabled = True
 
 
 @contextlib.contextmanager
-def owed(action: Callable[[], object]) -> Iterator[None]:
+def cleanup(action: Callable[[], object]) -> Iterator[None]:
     """Do something at the end of the block, also when the process is ended inside it."""
     key = object()
-    _owed[key] = action
+    _cleanups[key] = action
     try:
         yield
     finally:
-        if _owed.pop(key, None) is not None:
+        if _cleanups.pop(key, None) is not None:
             action()
 
 
@@ -113,17 +117,28 @@ def _handler(number: int, frame: FrameType | None) -> None:
 
 
 def _watch(reading: int, finished: threading.Event, status: Callable[[], int]) -> None:
-    """Note a signal, and end a process whose work does not."""
-    request(os.read(reading, 1)[0])
-    if finished.wait(GRACE) or _ends_itself:
+    """Record a signal, and end a process whose work does not."""
+    request(_next_signal(reading))
+    if not finished.wait(GRACE) and _forced_exit_disabled:
+        if select.select([reading], (), (), 0.0)[0]:
+            os.read(reading, 1 << 16)  # launchers send the same one twice
+        _next_signal(reading)
+    if finished.is_set():
         return
-    while _owed:
+    while _cleanups:
         with contextlib.suppress(Exception):  # the other thread may be faster
-            _owed.popitem()[1]()
+            _cleanups.popitem()[1]()
         if finished.wait(_AFTERWARDS):  # what it waited for was, say, a process that has ended now
             return
     _say_interrupted()
     os._exit(status())
+
+
+def _next_signal(reading: int) -> int:
+    """Wait for the next of our signals; libraries may handle others, whose numbers come too."""
+    while (number := os.read(reading, 1)[0]) not in SIGNALS:
+        pass
+    return number
 
 
 def _say_interrupted() -> None:

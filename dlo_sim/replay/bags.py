@@ -23,7 +23,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from rosbags.typesys import Stores, get_typestore
 
-from dlo_sim.process.partial import Partial
+from dlo_sim.process.atomic_output import AtomicOutput
 from dlo_sim.replay import storage
 from dlo_sim.replay.metadata import read_metadata
 from dlo_sim.replay.storage import DamagedFile, Record
@@ -221,7 +221,7 @@ class BagWriter:
         if self.path.exists() or self.path.is_symlink():
             raise BagError(f"output {self.path} exists; remove it or choose another name")
         try:
-            self._place = Partial(self.path)
+            self._place = AtomicOutput(self.path)
         except OSError as error:
             raise self._cannot_write(error) from None
         try:
@@ -263,7 +263,7 @@ class BagWriter:
         except _DISK_ERRORS as error:
             self._fail(error)
         try:
-            self._place.put_in_place()
+            self._place.commit()
         except OSError as error:
             raise self._cannot_write(error) from None
         finally:

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
 
-from dlo_sim.process.stopping import owed
+from dlo_sim.process.stopping import cleanup
 from dlo_sim.scene.checking import SceneError, brief
 from dlo_sim.scene.loading import find_scene
 from dlo_sim.scene.node_blocks import is_for_node, nodes_with_parameters
@@ -107,7 +107,7 @@ def read_arguments(arguments: Sequence[str]) -> Iterator[NodeArguments]:
         for_ros = [_ROS_ARGUMENTS, _PARAMS_FILE, str(find_scene(scene)), _END, *for_ros]
     given = NodeArguments(allow_unmatched=options.allow_unmatched)
     folder = tempfile.mkdtemp(prefix="dlo_sim_")
-    with owed(lambda: shutil.rmtree(folder, ignore_errors=True)):
+    with cleanup(lambda: shutil.rmtree(folder, ignore_errors=True)):
         previous = ""
         for argument in for_ros:
             prepared = argument

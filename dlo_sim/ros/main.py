@@ -82,7 +82,7 @@ def _spin(node: "CableNode") -> int:
         settle()
         while not stopping.requested() and node.failure is None:
             executor.spin_once(timeout_sec=_LONGEST_SPIN)
-        stopping.ends_itself()
+        stopping.disable_forced_exit()
     finally:
         node.say_goodbye()
         executor.shutdown()

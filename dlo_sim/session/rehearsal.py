@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 
-from dlo_sim.process.stopping import owed
+from dlo_sim.process.stopping import cleanup
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_values
 from dlo_sim.session.cdr import StampedEncoder
@@ -51,7 +51,7 @@ def rehearse_elsewhere(scene: Scene) -> None:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    with owed(process.kill), process:
+    with cleanup(process.kill), process:
         process.communicate(json.dumps(scene_values(scene)).encode())
 
 

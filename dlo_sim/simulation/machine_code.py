@@ -64,7 +64,7 @@ def compiled_by_two(scene: Scene) -> Iterator[None]:
     if processors() < 2:
         yield
         return
-    with stopping.owed(end), on_first_miss(begin):
+    with stopping.cleanup(end), on_first_miss(begin):
         yield
 
 

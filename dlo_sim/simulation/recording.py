@@ -13,8 +13,8 @@ from dlo_sim.core import bspline
 from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
-from dlo_sim.simulation.outlook import LONG, outlook
 from dlo_sim.simulation.report import Report, Status, newton_note
+from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
 from dlo_sim.simulation.simulator import CHUNK, Simulator
 from dlo_sim.simulation.workspace import new_recorder
 
@@ -190,7 +190,7 @@ def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:
 
 
 @dataclass
-class _Pace:
+class _IterationCounts:
     """Force evaluations of a run, and those of its unusually slow pieces with their steps."""
 
     evaluations: int = 0
@@ -219,7 +219,7 @@ def _run(
     recorder: layout.Recorder,
     progress: Callable[[float], None] | None,
     tell: Callable[[str], object] | None,
-) -> tuple[float, Report, _Pace]:
+) -> tuple[float, Report, _IterationCounts]:
     """Step over the duration; returns the time it took [s], the last report, and how it went.
 
     Time spent on an error estimate does not count.
@@ -229,7 +229,7 @@ def _run(
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
     most = min(CHUNK, _PIECE_POINTS // simulator.model.n)
     piece = max(min(total // _PIECES, most), _FEWEST_STEPS)
-    started, wall, pace = time.perf_counter(), 0.0, _Pace()
+    started, wall, pace = time.perf_counter(), 0.0, _IterationCounts()
     while True:
         began = time.perf_counter()
         report = run.advance_steps(min(piece, total - simulator.steps), recorder)
@@ -247,7 +247,7 @@ def _run(
         if tell is not None:
             left = (time.perf_counter() - started) * (total / simulator.steps - 1.0)
             if left > LONG:
-                tell(outlook(simulator, total, left))
+                tell(run_time_estimate(simulator, total, left))
             tell = None
 
 

@@ -1,6 +1,9 @@
 """The same numbers from this process, from processes of this machine and from a Dask cluster."""
 
+import contextlib
+import multiprocessing
 import socket
+import time
 
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ from batch_scenes import STEP, wire
 from dlo_sim.batch import simulate_batch, workers
 from dlo_sim.batch.workers import WorkersError, open_workers
 
+SOON = 60.0  # [s]
 SCENES = [wire(k) for k in range(9)]
 SCENES.append(wire(0, **{"integrator.method": "energy_momentum", "integrator.step": 2e-3}))
 
@@ -32,6 +36,31 @@ def test_processes_give_the_same_numbers(here):
     with open_workers(processes=2) as crew:
         assert crew.count == 2
         assert same(simulate_batch(SCENES, 100 * STEP, every=10 * STEP, workers=crew), here)
+
+
+@pytest.mark.parametrize("broken_off", [False, True])
+def test_other_children_of_the_caller_live_on(broken_off):
+    spawn = multiprocessing.get_context("spawn")
+    others = [spawn.Process(target=time.sleep, args=(SOON,)) for _ in range(2)]
+    others[0].start()
+    try:
+        with contextlib.suppress(KeyboardInterrupt), open_workers(processes=2) as crew:
+            assert list(crew.map(abs, [-1, -2])) == [1, 2]
+            own = {*multiprocessing.active_children()} - {*others}
+            if broken_off:
+                crew.map(time.sleep, [SOON] * 3)
+                raise KeyboardInterrupt
+            others[1].start()
+        for child in own:
+            child.join(0.5 * SOON)
+        assert len(own) == 2 and not any(child.is_alive() for child in own)
+        for child in others[: 1 if broken_off else 2]:
+            child.join(0.0)
+            assert child.exitcode is None
+    finally:
+        for child in {*others} & {*multiprocessing.active_children()}:
+            child.kill()
+            child.join()
 
 
 def test_a_cluster_gives_the_same_numbers(here):

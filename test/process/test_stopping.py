@@ -1,4 +1,4 @@
-"""Signals, with real processes: nothing is raised where they come, and what is owed is done."""
+"""Signals, with real processes: nothing is raised where they come, and cleanup is done."""
 
 from __future__ import annotations
 
@@ -41,20 +41,44 @@ from pathlib import Path
 stopping.GRACE = 0.1
 
 def work():
-    with stopping.owed(Path(sys.argv[2]).unlink):
+    with stopping.cleanup(Path(sys.argv[2]).unlink):
         os.kill(os.getpid(), int(sys.argv[1]))
         threading.Event().wait()
 """
 ENDS_ITSELF = """
-stopping.GRACE = 0.0
+import time
+stopping.GRACE = 0.01
 
 def work():
-    stopping.ends_itself()
+    stopping.disable_forced_exit()
     os.kill(os.getpid(), int(sys.argv[1]))
-    watcher = next(t for t in threading.enumerate() if t is not threading.current_thread())
-    watcher.join()
+    os.kill(os.getpid(), int(sys.argv[1]))  # as `timeout` does
+    end = time.monotonic() + 50.0 * stopping.GRACE
+    while time.monotonic() < end:
+        pass
+    assert stopping.requested()
     print("kept")
     return 7
+"""
+IS_ASKED_AGAIN = """
+from pathlib import Path
+stopping.GRACE = 0.01
+
+def work():
+    stopping.disable_forced_exit()
+    with stopping.cleanup(Path(sys.argv[2]).unlink):
+        os.kill(os.getpid(), int(sys.argv[1]))
+        while True:
+            os.kill(os.getpid(), int(sys.argv[1]))
+"""
+HANDLES_ANOTHER_SIGNAL = """
+def work():
+    signal.signal(signal.SIGUSR1, lambda number, frame: None)
+    os.kill(os.getpid(), signal.SIGUSR1)
+    os.kill(os.getpid(), int(sys.argv[1]))
+    while not stopping.requested():
+        pass
+    return stopping.requested()
 """
 FAILS_ON_THE_WAY = """
 def work():
@@ -93,15 +117,26 @@ def test_nothing_is_raised_inside_a_callback_of_a_library(number):
     assert run(IN_A_CALLBACK, int(number)) == (128 + number, "", "dlo_sim: interrupted\n")
 
 
-def test_work_that_never_looks_is_ended_and_what_is_owed_is_done(tmp_path):
-    owed = tmp_path / "half"
-    owed.write_text("an output")
-    assert run(NEVER_LOOKS, int(SIGTERM), owed) == (143, "", "dlo_sim: interrupted\n")
-    assert not owed.exists()
+def test_work_that_never_looks_is_ended_after_its_cleanup(tmp_path):
+    half = tmp_path / "half"
+    half.write_text("an output")
+    assert run(NEVER_LOOKS, int(SIGTERM), half) == (143, "", "dlo_sim: interrupted\n")
+    assert not half.exists()
 
 
-def test_work_that_ends_itself_gets_the_time_that_it_takes():
+def test_work_that_disable_forced_exit_gets_the_time_that_it_takes():
     assert run(ENDS_ITSELF, int(SIGINT)) == (7, "kept\n", "")
+
+
+def test_a_second_signal_ends_what_would_end_itself(tmp_path):
+    half = tmp_path / "half"
+    half.write_text("an output")
+    assert run(IS_ASKED_AGAIN, int(SIGINT), half) == (130, "", "dlo_sim: interrupted\n")
+    assert not half.exists()
+
+
+def test_signals_that_a_library_handles_are_none_of_ours():
+    assert run(HANDLES_ANOTHER_SIGNAL, int(SIGTERM)) == (SIGTERM, "", "")
 
 
 def test_what_fails_because_of_the_signal_is_no_defect():

@@ -11,7 +11,7 @@ _UNITS = (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
 _SMALL = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 
 
-def outlook(simulator: Simulator, steps: int, seconds: float) -> str:
+def run_time_estimate(simulator: Simulator, steps: int, seconds: float) -> str:
     """One line: how many steps there are, about how long they take, and with what it were less.
 
     Args:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from dlo_sim.process.partial import Partial, remove_remnants
+from dlo_sim.process.atomic_output import AtomicOutput, remove_leftovers
 
 WRITER = """
 import sys
 from pathlib import Path
-from dlo_sim.process.partial import Partial
-partial = Partial(Path(sys.argv[1]))
+from dlo_sim.process.atomic_output import AtomicOutput
+partial = AtomicOutput(Path(sys.argv[1]))
 partial.path.write_text("half")
 print("writing", flush=True)
 sys.stdin.read()
@@ -49,25 +49,25 @@ def writer() -> Iterator[Callable[[Path], subprocess.Popen[str]]]:
 def test_a_file_appears_whole_and_replaces_the_one_before(tmp_path):
     target = tmp_path / "run.npz"
     target.write_text("before")
-    partial = Partial(target)
+    partial = AtomicOutput(target)
     partial.path.write_text("after")
     assert target.read_text() == "before"
-    partial.put_in_place()
+    partial.commit()
     assert target.read_text() == "after"
     assert entries(tmp_path) == ["run.npz"]
 
 
 def test_a_directory_appears_whole(tmp_path):
-    partial = Partial(tmp_path / "bag")
+    partial = AtomicOutput(tmp_path / "bag")
     partial.path.mkdir()
     (partial.path / "metadata.yaml").write_text("all")
-    partial.put_in_place()
+    partial.commit()
     assert entries(tmp_path) == ["bag"]
     assert entries(tmp_path / "bag") == ["metadata.yaml"]
 
 
 def test_what_is_discarded_leaves_nothing(tmp_path):
-    partial = Partial(tmp_path / "run.npz")
+    partial = AtomicOutput(tmp_path / "run.npz")
     partial.path.write_text("half")
     partial.discard()
     partial.discard()
@@ -79,26 +79,26 @@ def test_the_next_run_removes_what_a_killed_one_left(tmp_path, writer):
     process.kill()
     process.wait()
     assert len(entries(tmp_path)) == 1, "a killed process leaves its part"
-    Partial(tmp_path / "another").discard()
-    Partial(tmp_path / "out").discard()
+    AtomicOutput(tmp_path / "another").discard()
+    AtomicOutput(tmp_path / "out").discard()
     assert len(entries(tmp_path)) == 1, "it is of another output"
-    Partial(tmp_path / "out [1]").discard()
+    AtomicOutput(tmp_path / "out [1]").discard()
     assert entries(tmp_path) == []
 
 
 def test_what_another_process_is_writing_stays(tmp_path, writer):
     first, second = writer(tmp_path / "out"), writer(tmp_path / "out")
     assert len(entries(tmp_path)) == 2
-    remove_remnants(tmp_path / "out")
+    remove_leftovers(tmp_path / "out")
     assert len(entries(tmp_path)) == 2
     first.kill()
     first.wait()
-    remove_remnants(tmp_path / "out")
+    remove_leftovers(tmp_path / "out")
     (left,) = tmp_path.iterdir()
     assert [path.read_text() for path in left.iterdir()] == ["half"]
     second.kill()
     second.wait()
-    remove_remnants(tmp_path / "out")
+    remove_leftovers(tmp_path / "out")
     assert entries(tmp_path) == []
 
 
@@ -111,6 +111,6 @@ def test_what_is_not_ours_stays(tmp_path):
     (tmp_path / ".out.backup").mkdir()
     (tmp_path / ".out.too_long_to_be_ours.dlo_sim").mkdir()
     before = entries(tmp_path)
-    remove_remnants(tmp_path / "out")
+    remove_leftovers(tmp_path / "out")
     assert entries(tmp_path) == before
     assert entries(tmp_path / ".out.12345678.dlo_sim") == ["thesis.tex"]

@@ -15,14 +15,14 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from dlo_sim.process.stopping import owed
+from dlo_sim.process.stopping import cleanup
 
 _SUFFIX = ".dlo_sim"
 # What is written has always the same name: bags hold theirs, and their bytes must not depend on it.
 _NAME = "dlo_sim_0"
 
 
-class Partial:
+class AtomicOutput:
     """A place beside an output in which it is written.
 
     Args:
@@ -37,13 +37,13 @@ class Partial:
 
     def __init__(self, target: Path) -> None:
         self._target = target.parent.resolve() / target.name
-        remove_remnants(self._target)
+        remove_leftovers(self._target)
         self._folder, self._lock = _locked_folder(self._target)
         self.path = self._folder / _NAME
         self._promise = contextlib.ExitStack()
-        self._promise.enter_context(owed(self._remove))
+        self._promise.enter_context(cleanup(self._remove))
 
-    def put_in_place(self) -> None:
+    def commit(self) -> None:
         """Make what was written the output; a file that is there is replaced.
 
         Raises:
@@ -61,17 +61,17 @@ class Partial:
         os.close(self._lock)
 
 
-def remove_remnants(target: Path) -> None:
+def remove_leftovers(target: Path) -> None:
     """Remove what killed processes have left of an output; never what is not ours, or in use."""
     pattern = re.compile(re.escape(f".{target.name}.") + r"[a-z0-9_]{8}" + re.escape(_SUFFIX))
     with contextlib.suppress(OSError):  # a parent that cannot be read
         for folder in target.parent.iterdir():
             if pattern.fullmatch(folder.name):
                 with contextlib.suppress(OSError):  # in use, or gone meanwhile, or no locks here
-                    _remove_remnant(folder)
+                    _remove_leftover(folder)
 
 
-def _remove_remnant(folder: Path) -> None:
+def _remove_leftover(folder: Path) -> None:
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -90,7 +90,7 @@ def _locked_folder(target: Path) -> tuple[Path, int]:
         try:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         except FileNotFoundError:
-            continue  # taken for a remnant before it was locked
+            continue  # taken for a leftover before it was locked
         with contextlib.suppress(OSError):  # no locks here: nobody will remove it
             fcntl.flock(lock, fcntl.LOCK_EX)
         if folder.exists():
