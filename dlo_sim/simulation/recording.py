@@ -15,15 +15,15 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
-from dlo_sim.simulation.simulator import CHUNK, Simulator
+from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.workspace import new_recorder
 
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # shares of a step or of a sample interval below this are rounding
-_FEWEST_STEPS = 256  # per call of the stepping loop: calling costs some 10 us
-_PIECES = 100  # calls per run, for the progress
-_PIECE_POINTS = 65536  # steps of a call times control points at most, some 0.1 s
+_PARTS = 100  # of a run, whose Newton iterations are judged one by one
+_FEWEST_STEPS = 256  # of a part: calling the stepping loop costs some 10 us
+_BRIEF, _TOO_LONG = 0.05, 0.2  # [s] of a call, from which the next has twice, or half the steps
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,12 @@ class Recording:
     @property
     def ok(self) -> bool:
         """Whether the run got to its end."""
-        return self.status == "ok"
+        return self.status == Status.OK.name.lower()
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run was ended from outside."""
+        return self.status == Status.INTERRUPTED.name.lower()
 
 
 def record(
@@ -129,7 +134,7 @@ def record_simulator(
     simulator.make_ready()
     compile_s = time.perf_counter() - began
     recorder = _recorder(simulator, sample_times(duration, every))
-    wall_s, report, pace = _run(estimate or simulator, duration, recorder, progress, tell)
+    wall_s, report, counts = _run(estimate or simulator, duration, recorder, progress, tell)
     count = int(recorder.next[0])
     control_points = simulator.model.to_columns(recorder.positions[:count])
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
@@ -152,13 +157,13 @@ def record_simulator(
         step_s=simulator.step,
         method=simulator.method,
         choice=simulator.choice.reason,
-        force_evaluations=pace.evaluations,
+        force_evaluations=counts.evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
         error_estimate=None if estimate is None else _estimated(estimate),
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
-        notes=simulator.notes + _unknown(estimate) + pace.notes(simulator),
+        notes=simulator.notes + _unknown(estimate) + counts.notes,
     )
 
 
@@ -189,28 +194,32 @@ def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:
     return recorder
 
 
-@dataclass
 class _IterationCounts:
-    """Force evaluations of a run, and those of its unusually slow pieces with their steps."""
+    """Force evaluations of a run, and those of its unusually slow parts with their steps."""
 
-    evaluations: int = 0
-    slow_evaluations: int = 0
-    slow_steps: int = 0
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+        self.evaluations = 0
+        self._part_start = self._part_evaluations = 0
+        self._slow_steps = self._slow_evaluations = 0
 
-    def count(self, report: Report) -> None:
-        """Add a piece of the run."""
-        self.evaluations += report.force_evaluations
-        if report.note:
-            self.slow_evaluations += report.force_evaluations
-            self.slow_steps += report.steps
+    def end_part(self) -> None:
+        """Judge what has been added to `evaluations` since the last part."""
+        steps = self._simulator.steps - self._part_start
+        evaluations = self.evaluations - self._part_evaluations
+        if self._note(steps, evaluations):
+            self._slow_steps += steps
+            self._slow_evaluations += evaluations
+        self._part_start, self._part_evaluations = self._simulator.steps, self.evaluations
 
-    def notes(self, simulator: Simulator) -> tuple[str, ...]:
-        """One line about the slow pieces, if there are any."""
-        if not self.slow_steps:
-            return ()
-        method, step = simulator.choice.method, simulator.step
-        note = newton_note(method, step, self.slow_steps, self.slow_evaluations)
-        return (f"in {self.slow_steps} of {simulator.steps} steps {note}",)
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One line about the slow parts, if there are any."""
+        note = self._note(self._slow_steps, self._slow_evaluations)
+        return (f"in {self._slow_steps} of {self._simulator.steps} steps {note}",) if note else ()
+
+    def _note(self, steps: int, evaluations: int) -> str:
+        return newton_note(self._simulator.choice.method, self._simulator.step, steps, evaluations)
 
 
 def _run(
@@ -227,14 +236,15 @@ def _run(
     estimate = run if isinstance(run, ErrorEstimate) else None
     simulator = run.simulator if isinstance(run, ErrorEstimate) else run
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
-    most = min(CHUNK, _PIECE_POINTS // simulator.model.n)
-    piece = max(min(total // _PIECES, most), _FEWEST_STEPS)
-    started, wall, pace = time.perf_counter(), 0.0, _IterationCounts()
+    part = max(total // _PARTS, _FEWEST_STEPS)
+    wall, counts, piece = 0.0, _IterationCounts(simulator), 1
     while True:
+        steps = min(piece, part - simulator.steps % part, total - simulator.steps)
         began = time.perf_counter()
-        report = run.advance_steps(min(piece, total - simulator.steps), recorder)
-        wall += time.perf_counter() - began
-        pace.count(report)
+        report = run.advance_steps(steps, recorder)
+        took = time.perf_counter() - began
+        wall += took
+        counts.evaluations += report.force_evaluations
         try:
             if progress is not None:
                 progress(simulator.steps / total)
@@ -242,10 +252,17 @@ def _run(
             if simulator.steps < total and report.status.ok:
                 message = f"interrupted at {simulator.time:.6g} s of {duration:g} s"
                 report = report._replace(status=Status.INTERRUPTED, message=message)
-        if simulator.steps >= total or not report.status.ok:
-            return wall - (estimate.seconds if estimate else 0.0), report, pace
-        if tell is not None:
-            left = (time.perf_counter() - started) * (total / simulator.steps - 1.0)
+        ended = simulator.steps >= total or not report.status.ok
+        if ended or simulator.steps % part == 0:
+            counts.end_part()
+        if ended:
+            return wall - (estimate.seconds if estimate else 0.0), report, counts
+        if took < _BRIEF:
+            piece = min(2 * piece, part)
+        elif took > _TOO_LONG:
+            piece = max(steps // 2, 1)
+        if tell is not None and wall >= _BRIEF:
+            left = wall * (total / simulator.steps - 1.0)
             if left > LONG:
                 tell(run_time_estimate(simulator, total, left))
             tell = None

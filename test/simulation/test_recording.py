@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -151,7 +152,8 @@ def test_run_starts_at_time_zero_with_the_loop_that_was_compiled(monkeypatch):
 
     monkeypatch.setattr(Simulator, "advance_steps", noted)
     record(wire(), 0.01, 1e-3)
-    assert calls == [(0, 5, True)]
+    assert calls[0] == (0, 1, True)
+    assert sum(steps for _, steps, _ in calls) == 5 and all(recorded for *_, recorded in calls)
 
 
 def test_failed_run_keeps_what_was_good():
@@ -192,27 +194,48 @@ def test_a_run_of_far_too_many_newton_iterations_says_so(swinging):
     assert report.status.ok and f"{mean:.0f} iterations" in report.note
 
 
-def test_a_calm_run_with_one_wild_piece_says_where_it_was_wild(monkeypatch):
-    """Pieces of a run are judged one by one: a long calm run does not hide a wild part."""
+def test_a_calm_run_with_one_wild_part_says_where_it_was_wild(monkeypatch):
+    """Parts of a run are judged one by one: a long calm run does not hide a wild part."""
     monkeypatch.setattr(recording, "_FEWEST_STEPS", 5)
     simulator = Simulator(wire(**{"integrator__step": 1e-2}))
     advance = simulator.advance_steps
-    pieces = []
 
     def advance_steps(steps, recorder=None):
         report = advance(steps, recorder)
-        pieces.append(steps)
-        if len(pieces) != 3:
-            return report
-        worked = 100 * steps
-        note = newton_note(simulator.choice.method, simulator.step, steps, worked)
-        return report._replace(force_evaluations=worked, note=note)
+        wild = 10 < simulator.steps <= 15
+        return report._replace(force_evaluations=100 * steps) if wild else report
 
     monkeypatch.setattr(simulator, "advance_steps", advance_steps)
     made = recording.record_simulator(simulator, 0.5, 1e-2)
-    assert len(pieces) == 10
     (note,) = made.notes
     assert "in 5 of 50 steps Newton's method took 100 iterations" in note
+
+
+@pytest.mark.parametrize("cost", [1e-5, 0.03, 1.0])
+def test_a_run_looks_up_in_time_whatever_a_step_takes(monkeypatch, cost):
+    """By a clock that is made up: `cost` [s] is the time of a step."""
+    now, looks, told = 0.0, [], []
+    simulator = Simulator(wire(integrator__step=1e-4))
+    advance = simulator.advance_steps
+
+    def advance_steps(steps, recorder=None):
+        nonlocal now
+        now += cost * steps
+        return advance(steps, recorder)
+
+    monkeypatch.setattr(simulator, "advance_steps", advance_steps)
+    monkeypatch.setattr(recording, "time", SimpleNamespace(perf_counter=lambda: now))
+    recording.record_simulator(
+        simulator,
+        0.04,
+        1e-2,
+        progress=lambda fraction: looks.append(now),
+        tell=lambda line: told.append(now),
+    )
+    assert simulator.steps == 400
+    assert np.diff(looks, prepend=0.0).max() <= max(0.2, cost)
+    assert (len(looks) < 20) == (cost == 1e-5), "quick steps are done many at a time"
+    assert told == [] if cost == 1e-5 else told[0] <= max(0.2, cost)
 
 
 def test_iterations_are_counted_per_sub_step_and_of_newton_alone():
@@ -249,6 +272,7 @@ def test_only_a_long_run_is_told_beforehand(monkeypatch):
     record(wire(), 0.02, 1e-3, tell=told.append)
     assert told == []
     monkeypatch.setattr(recording, "LONG", 0.0)
+    monkeypatch.setattr(recording, "_BRIEF", 0.0)
     record(wire(integrator__step=1e-5), 0.02, 1e-3, tell=told.append)
     (line,) = told
     assert line.startswith("2000 steps of 10 us, about ")
