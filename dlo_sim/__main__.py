@@ -1,8 +1,8 @@
 """The entry points `dlo_sim`, `node` and `python -m dlo_sim`.
 
-Signals are taken care of before anything else is imported. One that comes earlier finds a bare
-interpreter: SIGTERM ends it at once, and SIGINT with the interpreter's own traceback. A launcher
-can prevent that: `env --block-signal=INT,TERM dlo_sim ...` loses none.
+Signals are taken care of before anything else is imported. One that arrives while Python itself is
+starting gets Python's default handling: exit by the signal, for SIGINT possibly with a traceback.
+A launcher can prevent that: `env --block-signal=INT,TERM dlo_sim ...` loses none.
 """
 
 import signal
@@ -14,17 +14,21 @@ _ENDED = 0  # a node is there to be ended by a signal
 
 def main() -> int:
     """The command `dlo_sim`; returns the exit status."""
+    _hold_signals()
+
+    from dlo_sim.cli.node import is_asked_for
 
     def command() -> int:
         from dlo_sim.cli.main import main
 
         return main()
 
-    return _supervised(command, is_node=sys.argv[1:2] == ["node"])
+    return _supervised(command, is_node=is_asked_for(sys.argv[1:]))
 
 
 def node() -> int:
     """The executable `node`, which ROS starts; returns the exit status."""
+    _hold_signals()
 
     def run() -> int:
         from dlo_sim.ros.main import main
@@ -34,9 +38,12 @@ def node() -> int:
     return _supervised(run, is_node=True)
 
 
-def _supervised(work: Callable[[], int], is_node: bool) -> int:
-    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # until supervised
+def _hold_signals() -> None:
+    """Let signals wait until the work is supervised."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
 
+
+def _supervised(work: Callable[[], int], is_node: bool) -> int:
     from dlo_sim.process.stopping import exit_status, supervised
 
     return supervised(work, (lambda: _ENDED) if is_node else exit_status)

@@ -1,8 +1,9 @@
 """Entry point of the command `dlo_sim`: arguments in, a subcommand run, refusals as one line.
 
-Exit status: 0 done; 2 refused input (one line on stderr, nothing written); 3 the run diverged or
-missed its accuracy; 128 + its number for a signal: 130 interrupted, 143 terminated. Anything else
-is a defect and shows its traceback.
+Exit status: 0 done; 2 refused input (one line on stderr, nothing written); 3 the run failed: it
+diverged or missed its accuracy, the bag is damaged or too much of it was refused, the disk is full
+(what was good is kept); 128 + its number for a signal: 130 interrupted, 143 terminated. Anything
+else is a defect and shows its traceback.
 """
 
 import argparse
@@ -13,7 +14,6 @@ from collections.abc import Sequence
 from dlo_sim import __version__
 from dlo_sim.cli import demo, methods, node, parameters, replay, simulate, study, tune
 from dlo_sim.cli.arguments import CommandError, Parser
-from dlo_sim.process.stopping import exit_status
 from dlo_sim.scene.loading import SceneError
 
 REFUSED = 2
@@ -25,16 +25,17 @@ SUBCOMMANDS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `dlo_sim` with these arguments (default: the process's); returns the exit status."""
+    """Run `dlo_sim` with these arguments (default: the process's); returns the exit status.
+
+    Raises:
+        KeyboardInterrupt: a signal asked for the end; `supervised` says so.
+    """
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         return _run(arguments)
     except (CommandError, SceneError) as refusal:
         print(f"dlo_sim: error: {' '.join(str(refusal).split())}", file=sys.stderr)
         return REFUSED
-    except KeyboardInterrupt:
-        print("dlo_sim: interrupted", file=sys.stderr)
-        return exit_status()
     except BrokenPipeError:
         # The reader of our output has gone; keep Python from complaining when it flushes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -42,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    if arguments[:1] == ["node"]:
+    if node.is_asked_for(arguments):
         return node.run_node(arguments[1:])
     options = _parser().parse_args(arguments)
     status: int = options.run(options)

@@ -2,14 +2,21 @@
 
 import argparse
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import Parser
+if TYPE_CHECKING:
+    from dlo_sim.cli.arguments import Parser
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
     """Register the subcommand; what follows it, also --help, is read by the node (`run_node`)."""
     parser = subparsers.add_parser("node", help="run the ROS 2 node")
     parser.set_defaults(run=run)
+
+
+def is_asked_for(arguments: Sequence[str]) -> bool:
+    """Whether a command line of `dlo_sim` is that of the node."""
+    return list(arguments[:1]) == ["node"]
 
 
 def run(options: argparse.Namespace) -> int:

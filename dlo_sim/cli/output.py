@@ -13,7 +13,7 @@ from typing import Any
 
 from dlo_sim.cli.arguments import CommandError
 from dlo_sim.process import stopping
-from dlo_sim.process.atomic_output import AtomicOutput
+from dlo_sim.process.atomic_output import write_atomically
 
 _PREPARING = "{desc}: preparing, {elapsed}"
 _BAR = "{desc} {percentage:3.0f} % |{bar:40}| {elapsed}, {remaining} left"
@@ -56,12 +56,7 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         CommandError: if the disk refuses; the file that was there before is kept.
     """
     try:
-        partial = AtomicOutput(path.resolve())
-        try:
-            write(partial.path)
-            partial.commit()
-        finally:
-            partial.discard()
+        write_atomically(path.resolve(), write)
     except OSError as error:
         raise CommandError(
             f"--output {path} could not be written ({error.strerror}); free space or choose "

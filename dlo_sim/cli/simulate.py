@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.recording import Recording
 
 FAILED = 3
-INTERRUPTED = "interrupted"  # the status of a run that was
 _LARGEST_RECORDING = 2 * 1024**3  # bytes
 _ARRAYS = ("time", "control_points", "centerline", "centerline_u", "energy")
 _REPORT = (
@@ -102,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
         print_json({name: getattr(recording, name) for name in _REPORT})
     else:
         _print_report(options.scene, options.output, recording)
-    if recording.status == INTERRUPTED:
+    if recording.interrupted:
         return exit_status()
     return 0 if recording.ok else FAILED
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_sim.demo import scenario
 from dlo_sim.demo.prediction import Prediction, read_prediction
-from dlo_sim.process.atomic_output import remove_leftovers
+from dlo_sim.process.atomic_output import remove_leftovers, write_atomically
 from dlo_sim.replay.bags import BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, ReplaySummary, replay_bag
 from dlo_sim.scene.loading import load_scene
@@ -80,7 +80,7 @@ def run_demo(
     """
     folder = Path(output_dir)
     _make_room(folder)
-    (folder / SCENE).write_text(scenario.SCENE, encoding="utf-8")
+    write_atomically(folder / SCENE, lambda path: path.write_text(scenario.SCENE, encoding="utf-8"))
     scene = load_scene(folder / SCENE)
     try:
         _write_input(folder / INPUT, duration)
@@ -98,7 +98,7 @@ def _make_room(folder: Path) -> None:
     mine = {SCENE, INPUT, PREDICTED, PICTURE}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in (PREDICTED, INPUT):
+        for name in mine:
             remove_leftovers(folder / name)
         found = {path.name for path in folder.iterdir()}
         if found - mine or (found and not _written_by_demo(folder / SCENE)):
@@ -177,5 +177,6 @@ def _draw(path: Path, prediction: Prediction, duration: float, summary: DemoSumm
     t = np.arange(0.0, duration, 0.01)
     gripper, _ = scenario.gripper_pose(t)
     force = scenario.hand_wrench(t)[:, :3]
-    draw_motion(prediction, np.column_stack((t, gripper)), np.column_stack((t, force)), path)
+    motion, push = np.column_stack((t, gripper)), np.column_stack((t, force))
+    write_atomically(path, lambda place: draw_motion(prediction, motion, push, place))
     summary.picture = str(path)

@@ -51,7 +51,7 @@ def draw_motion(prediction: Prediction, gripper: Array, hand: Array, path: Path)
     rows[0].legend(loc="center right", ncols=3)
     rows[2].set_xlabel("time [s]")
     rows[2].set_xlim(0.0, float(prediction.time[-1]))
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, format="png", dpi=100)
 
 
 def _draw_view(

@@ -13,6 +13,7 @@ import os
 import re
 import shutil
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from dlo_sim.process.stopping import cleanup
@@ -59,6 +60,20 @@ class AtomicOutput:
     def _remove(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
         os.close(self._lock)
+
+
+def write_atomically(target: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` make a file at the path that it is given, and put it in the target's place.
+
+    Raises:
+        OSError: the disk refuses; what was there before is kept.
+    """
+    output = AtomicOutput(target)
+    try:
+        write(output.path)
+        output.commit()
+    finally:
+        output.discard()
 
 
 def remove_leftovers(target: Path) -> None:

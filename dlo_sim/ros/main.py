@@ -28,11 +28,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Args:
         arguments: command line without the program's name; default: that of the process.
+
+    Raises:
+        KeyboardInterrupt: a signal asked for the end before the node was there.
     """
     try:
         return _run(list(sys.argv[1:] if arguments is None else arguments))
-    except KeyboardInterrupt:
-        return DONE
     except SceneError as refusal:
         return _refuse(str(refusal))
 

@@ -83,15 +83,6 @@ def test_reader_that_goes_away_is_no_error():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_interrupt_ends_without_a_traceback(monkeypatch, capsys):
-    def interrupted(options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("dlo_sim.cli.parameters.run", interrupted)
-    assert main(["parameters"]) == 130
-    assert capsys.readouterr().err == "dlo_sim: interrupted\n"
-
-
 def test_defect_is_not_dressed_as_refused_input(monkeypatch):
     def broken(options):
         raise ValueError("a bug")

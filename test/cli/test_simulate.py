@@ -51,6 +51,7 @@ class MadeUp:
     left_out: dict = field(default_factory=lambda: {"twist": "nothing twists"})
     notes: tuple = ()
     ok: bool = True
+    interrupted: bool = False
     time: Any = field(default_factory=lambda: np.linspace(0.0, 0.5, 6))
     control_points: Any = field(default_factory=lambda: np.ones((6, 9, 4)))
     centerline: Any = field(default_factory=lambda: np.ones((6, 50, 3)))

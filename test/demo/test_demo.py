@@ -96,6 +96,18 @@ def test_without_matplotlib_the_bag_is_there_and_the_cure_is_named(tmp_path, mon
     assert sorted(path.name for path in tmp_path.iterdir()) == ["input", "predicted", "scene.yaml"]
 
 
+def test_a_picture_is_whole_or_absent(tmp_path, monkeypatch):
+    def full(prediction, gripper, hand, path):
+        path.write_bytes(b"\x89PNG")
+        raise OSError(28, "No space left on device")
+
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("dlo_sim.demo.picture.draw_motion", full)
+    with pytest.raises(OSError, match="No space"):
+        run_demo(tmp_path, duration=0.3)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["input", "predicted", "scene.yaml"]
+
+
 def test_folder_with_something_else_is_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(DemoError, match=r"holds thesis\.tex, .* give an empty or a new folder"):
