@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
 from dlo_sim.demo import scenario
@@ -110,6 +111,18 @@ def test_output_is_optional_and_the_scene_is_not(replayer, capsys):
     assert "required: --params" in capsys.readouterr().err
     assert main(["replay", "in.bag", "--params", "hanging_cable"]) == 0
     assert replayer.calls[0][2] is None
+
+
+def test_a_real_replay_shows_its_progress(tmp_path, monkeypatch):
+    bag, scene = tmp_path / "bag", tmp_path / "scene.yaml"
+    scene.write_text(scenario.SCENE)
+    writer = BagWriter(bag, scenario.TOPICS, "mcap")
+    for message in scenario.messages(4.0):
+        writer.write(message.topic, message.time_ns, message.data)
+    writer.finish()
+    shown = shown_progress(monkeypatch, "replay")
+    assert main(["replay", str(bag), "--params", str(scene)]) == 0
+    assert rises(shown), shown
 
 
 @pytest.fixture

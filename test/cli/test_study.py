@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
+from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
+from dlo_sim.studies.catalogue import STUDIES
 
 
 def refusal(arguments, capsys) -> str:
@@ -42,6 +45,23 @@ def test_without_matplotlib_it_says_what_to_install(tmp_path):
     assert "plots" in done.stderr
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "new").exists()
+
+
+def test_progress_of_a_study_reaches_the_bar(tmp_path, monkeypatch, capsys):
+    """Of a study that is made up; test/studies looks at those of the real ones."""
+
+    def made_up(request):
+        half = request.part(0.0, 0.5)
+        for fraction in (0.25, 0.5, 0.75, 1.0):
+            half(fraction)
+        request.progress(1.0)
+        return SimpleNamespace(report="report.md", verdicts={})
+
+    monkeypatch.setitem(sys.modules, STUDIES["paper"].module, SimpleNamespace(run_study=made_up))
+    shown = shown_progress(monkeypatch, "study")
+    assert main(["study", "paper", "--output", str(tmp_path / "new")]) == 0
+    assert rises(shown), shown
+    assert capsys.readouterr().out == "report.md\n"
 
 
 @pytest.mark.parametrize("flag", ["--help"])

@@ -159,7 +159,7 @@ def test_what_nohup_ignores_stays_ignored():
 # -- the commands themselves ------------------------------------------------------------------
 
 
-SIMULATE = "simulate paper_wire --duration 60"
+SIMULATE = "simulate paper_wire --duration 1e6 --every 1e3"  # takes many minutes
 NODE = "node --ros-args -p cable.length:=1.0"
 needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="needs rclpy")
 COMMANDS = [SIMULATE, pytest.param(NODE, marks=needs_ros)]
@@ -167,12 +167,14 @@ COMMANDS = [SIMULATE, pytest.param(NODE, marks=needs_ros)]
 
 def ended(command: str, moment: float, number: int) -> tuple[int, str]:
     """Exit status and stderr of `dlo_sim` that gets a signal at a moment [s], or before it began
-    (0).
+    (0). The launcher blocks signals: one that arrives before Python's first line would otherwise
+    get Python's default handling, the one window that the project cannot close.
     """
 
-    def pending() -> None:
+    def prepare() -> None:
         signal.pthread_sigmask(signal.SIG_BLOCK, (SIGINT, SIGTERM))
-        os.kill(os.getpid(), number)
+        if moment == 0.0:
+            os.kill(os.getpid(), number)
 
     process = subprocess.Popen(
         [sys.executable, "-m", "dlo_sim", *command.split()],
@@ -180,7 +182,7 @@ def ended(command: str, moment: float, number: int) -> tuple[int, str]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=pending if moment == 0.0 else None,
+        preexec_fn=prepare,
     )
     try:
         _, errors = process.communicate(timeout=moment or SOON)
@@ -206,8 +208,8 @@ MOMENTS = int(os.environ.get("DLO_SIM_SIGNALS", "2"))
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_signal_at_any_moment(command, seed):
     chance = random.Random(f"{command} {seed}")
-    moment, number = chance.uniform(0.5, 4.0), chance.choice([SIGINT, SIGTERM])
+    moment, number = chance.uniform(0.0, 4.0), chance.choice([SIGINT, SIGTERM])
     status, errors = ended(command, moment, number)
     said = f"{number} after {moment:.3f} s: {errors}"
-    assert status in ({0} if command == NODE else {0, 128 + number}), said
+    assert status == (0 if command == NODE else 128 + number), said
     assert not re.search("Traceback|Fatal|exception", errors), said

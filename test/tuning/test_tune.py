@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
 from dlo_sim.cli.tune import _comments
@@ -69,7 +70,9 @@ def tuned(tmp_path_factory):
     out = io.StringIO()
     with contextlib.redirect_stdout(out), pytest.MonkeyPatch.context() as patch:
         _clock(patch, _cost)
+        shown = shown_progress(patch, "tune")
         assert main([*ARGUMENTS, "--output", str(path), "--json"]) == 0
+    assert rises(shown), shown
     return path, json.loads(out.getvalue().splitlines()[-1])
 
 
