@@ -1,9 +1,9 @@
 """Entry point of the command `dlo_sim`: arguments in, a subcommand run, refusals as one line.
 
 Exit status: 0 done; 2 refused input (one line on stderr, nothing written); 3 the run failed: it
-diverged or missed its accuracy, the bag is damaged or too much of it was refused, the disk is full
-(what was good is kept); 128 + its number for a signal: 130 interrupted, 143 terminated. Anything
-else is a defect and shows its traceback.
+diverged or missed its accuracy, a bag is damaged or more than 5 % of a topic were refused, the disk
+filled up under a replay (what was good is kept); 128 + its number for a signal: 130 interrupted,
+143 terminated. Anything else is a defect and shows its traceback.
 """
 
 import argparse
