@@ -27,7 +27,8 @@ def external_rates(scene: Scene) -> tuple[float, float]:
 def row_rates(scene: Scene, dim: int, rows: int) -> Array:
     """The rate of every row of a step of `dim` spatial rows, shape (rows,).
 
-    Valid where drag and mass have the same shape: not beside a point mass.
+    Valid where drag and mass have the same shape: not beside a point mass, which `selection`
+    (`_check_damping`) refuses for the explicit methods and rattle, the only ones that use them.
     """
     centerline, twist = external_rates(scene)
     return np.array([centerline] * dim + [twist] * (rows - dim))

@@ -75,7 +75,7 @@ CALLS = {
     "reaction": [(lambda sim, x: sim.reaction(x), "end", ())],
     "reaction_wrench": [(lambda sim, x: sim.reaction_wrench(x), "end", ())],
 }
-WITHOUT_ARGUMENTS = {"energy", "reset", "snapshot"}
+WITHOUT_ARGUMENTS = {"energy", "make_ready", "reset", "snapshot"}
 
 
 @pytest.fixture(scope="module")
