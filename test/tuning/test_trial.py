@@ -2,6 +2,7 @@
 
 import time
 
+import numpy as np
 import pytest
 from cables import SOFT, scene_of
 
@@ -11,8 +12,11 @@ from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt
 
+STILL = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
 COMPILING = 1000.0  # [s] that the compiler takes here
-SLIDE = EndMotion.resting([0.0, 0.0, 0.01])
+SLIDE = EndMotion(  # 1 cm upwards in a second
+    0.0, 1.0, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.01], [0.0, 0.0, 0.0]]), *STILL
+)
 
 
 @pytest.fixture

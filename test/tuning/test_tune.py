@@ -212,6 +212,10 @@ def _wire(overrides):
     return load_scene(shipped_scene("paper_wire"), overrides)
 
 
+def _quiet(fraction):
+    """No progress is shown."""
+
+
 def _heavy_cable(limit=1e-4):
     """A search whose cable swings a little: bending and damping do nothing, its weight does all.
 
@@ -229,7 +233,7 @@ def _heavy_cable(limit=1e-4):
     setting = Setting("velocity_verlet", 9, 1e-3)
     job = Job(scene_from_values(values), 0.2, (0.5, 1.0), 0.01)
     best = attempt(job, setting)
-    return _Search(job, Reference(best.points, setting, 0.0), limit, []), best
+    return _Search(job, Reference(best.points, setting, 0.0), limit, [], _quiet), best
 
 
 def test_terms_that_the_tolerance_can_do_without_are_switched_off(monkeypatch):
@@ -255,7 +259,7 @@ def test_a_stiff_wire_gets_along_with_fewer_control_points_by_span(monkeypatch):
     fine = attempt(job, Setting("energy_momentum", 33, 1e-3), timed=False)
     fewest = {}
     for way in ways_to_stretch(job.scene, "energy_momentum"):
-        search = _Search(job, Reference(fine.points, fine.setting, 0.0), 1e-3, [])
+        search = _Search(job, Reference(fine.points, fine.setting, 0.0), 1e-3, [], _quiet)
         _method(search, Setting("energy_momentum", 0, samples=2, stretch=way))
         assert {trial.setting.stretch for trial, _ in search.good} == {way}
         fewest[way] = int(search.fastest)
