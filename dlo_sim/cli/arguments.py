@@ -1,12 +1,13 @@
 """Arguments that several subcommands share, and how wrong ones are refused."""
 
 import argparse
-import math
 from collections.abc import Sequence
 from typing import NoReturn
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, parse_assignment
+
+_LONGEST = 1e9  # [s], thirty years; beyond, steps could no longer be counted in whole numbers
 
 
 class CommandError(Exception):
@@ -31,8 +32,10 @@ def positive_seconds(text: str) -> float:
         value = float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number; give seconds") from None
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"{text} is not a time span; give seconds above zero")
+    if not 0.0 < value <= _LONGEST:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a time span; give seconds above zero, {_LONGEST:g} at most"
+        )
     return value
 
 

@@ -7,6 +7,7 @@ filled up under a replay (what was good is kept); 128 + its number for a signal:
 """
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -16,7 +17,9 @@ from dlo_sim.cli import demo, methods, node, parameters, replay, simulate, study
 from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.scene.loading import SceneError
 
-REFUSED = 2
+REFUSED, FAILED = 2, 3
+# What the system says of an output or a name that it cannot take -> exit status.
+_OF_SYSTEM = {errno.ENAMETOOLONG: REFUSED, errno.ENOSPC: FAILED, errno.EDQUOT: FAILED}
 
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
@@ -31,6 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         KeyboardInterrupt: a signal asked for the end; `supervised` says so.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if sys.stdout is None:  # closed by whoever started us
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")
     try:
         return _run(arguments)
     except (CommandError, SceneError) as refusal:
@@ -38,8 +43,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         return REFUSED
     except BrokenPipeError:
         # The reader of our output has gone; keep Python from complaining when it flushes stdout.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _let_stdout_go()
         return 0
+    except OSError as error:
+        status = _OF_SYSTEM.get(error.errno or 0)
+        if status is None:
+            raise
+        where = f"{error.filename}: "
+        if not error.filename:
+            where = "standard output: "
+            _let_stdout_go()
+        cure = "free space" if status == FAILED else "give a shorter name"
+        print(f"dlo_sim: error: {where}{error.strerror}; {cure}", file=sys.stderr)
+        return status
+
+
+def _let_stdout_go() -> None:
+    """What is still to be written there goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(arguments: list[str]) -> int:

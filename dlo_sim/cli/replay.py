@@ -28,7 +28,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         help="predict a cable offline from a bag of poses, wrenches and forces",
         description="Feed the messages of a bag to the same code as the node, as fast as it can, "
         "and write what the node would have published. Deterministic: the same bag and scene give "
-        "the same bytes. Exit status 3 when only a part could be replayed, or more than 5 %% of a "
+        "the same bytes. Exit status 3 when only a part could be replayed, or more than 5 % of a "
         "topic's messages were refused; what there is is kept.",
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 folder (sqlite3 or MCAP)")

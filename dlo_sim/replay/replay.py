@@ -322,4 +322,9 @@ class _Replay:
         reasons = "; ".join(
             f"{r.topic}: {r.refusals} refused, last {r.last_refusal}" for r in records
         )
-        return f"no message of bag {self._bag.path} could be used ({reasons or 'it has none'})"
+        if not reasons:
+            return (
+                f"bag {self._bag.path} is too short: {self.summary.messages_used} of its messages "
+                "are for the scene, and nothing could be simulated between them"
+            )
+        return f"no message of bag {self._bag.path} could be used ({reasons})"

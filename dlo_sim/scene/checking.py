@@ -15,6 +15,7 @@ from dlo_sim.scene.parameter import Parameter, Value, allowed, shown
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _LOAD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST_TEXT = 255
+LEAST_STEP = 1e-9  # [s]; 0 is a step that is chosen
 _LARGEST_STRETCH = 2.0  # held ends farther apart than this many lengths are surely a mistake
 
 _brief = reprlib.Repr()
@@ -169,6 +170,12 @@ def check_scene(scene: Scene) -> None:
     for load in scene.loads:
         _check_load(load)
     _check_topics(scene)
+    if 0.0 < scene.integrator.step < LEAST_STEP:
+        raise _refuse(
+            "integrator.step",
+            scene.integrator.step,
+            f"s is below {LEAST_STEP:g} s, the resolution of stamps; give 0 to have it chosen",
+        )
     if scene.inputs.catch_up < 1.0 / scene.rate:
         raise _refuse(
             "inputs.catch_up",

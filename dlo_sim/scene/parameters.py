@@ -114,7 +114,7 @@ _REST = (
         "s",
         0.0,
         1.0,
-        "Time step tau; 0 = chosen from the scene and the accuracy asked for.",
+        "Time step tau, at least 1e-9; 0 = chosen from the scene and the accuracy asked for.",
     ),
     number(
         "integrator.spectral_radius",

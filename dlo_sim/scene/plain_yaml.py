@@ -20,6 +20,7 @@ from ruamel.yaml.events import (
     CollectionEndEvent,
     CollectionStartEvent,
     NodeEvent,
+    ScalarEvent,
 )
 
 from dlo_sim.scene.checking import SceneError
@@ -105,6 +106,8 @@ def _check_bounds(events: Iterator[Any], most_values: int) -> None:
         problem = ""
         if isinstance(event, AliasEvent):
             problem = f"alias '*{event.anchor}' is not supported, write the value out"
+        elif isinstance(event, ScalarEvent) and event.value == "<<" and event.implicit[0]:
+            problem = "merge keys ('<<') are not supported, write the values out"
         elif level == _DEEPEST:
             problem = f"nests deeper than {_DEEPEST} levels"
         elif values > most_values:

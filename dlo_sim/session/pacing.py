@@ -16,6 +16,9 @@ MOST_CATCH_UP = 3.0
 # A tick that comes late has not listened meanwhile. No more of that time than this, or two timer
 # periods, counts as a silence: messages that waited are handed over between the next ticks [s].
 _MOST_LISTENED = 0.1
+# A live tick takes at most so many steps: callbacks, services and diagnostics wait for it. A step
+# so short that this is not enough falls behind, which is reported as lag and skipped time.
+_MOST_LIVE_STEPS = 20_000
 
 
 class Pacing:
@@ -26,8 +29,9 @@ class Pacing:
         lag_ns: how far the simulation is behind what was wanted [ns].
     """
 
-    def __init__(self, scene: Scene, step: float, journal: Journal) -> None:
+    def __init__(self, scene: Scene, step: float, journal: Journal, live: bool) -> None:
         self._journal = journal
+        self._live = live
         self.configure(scene, step)
         self.clear()
 
@@ -38,6 +42,8 @@ class Pacing:
         self._grid = OutputGrid(scene.rate)
         self._latency_ns = round(inputs.latency * SECOND)
         self.most_steps = max(1, round(max(inputs.catch_up, 1.0 / scene.rate) / step))
+        if self._live:
+            self.most_steps = min(self.most_steps, _MOST_LIVE_STEPS)
         self._most_listened_ns = round(max(_MOST_LISTENED, 2.0 / scene.rate) * SECOND)
         self._most_lag_ns = round((max([MOST_LAG, *timeouts]) + inputs.catch_up) * SECOND)
 

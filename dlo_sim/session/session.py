@@ -73,7 +73,7 @@ class Session:
         self._drive = Drive(scene, simulator_factory, self.journal.event, live)
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
-        self._pacing = Pacing(scene, self._drive.simulator.step, self.journal)
+        self._pacing = Pacing(scene, self._drive.simulator.step, self.journal, live)
         self._paused = False
         self._resuming = False
         self._failure = ""

@@ -349,4 +349,6 @@ def _too_old(behind_ns: int) -> Refused:
 
 def _out_of_order(back_ns: int) -> Refused:
     detail = f"stamp is {back_ns * 1e-9:.6f} s before the last one used"
-    return Refused("out_of_order", detail)
+    if back_ns == 0:
+        detail = "stamp is that of the last one used"
+    return Refused("out_of_order", f"{detail}; send rising stamps or set inputs.time: arrival")

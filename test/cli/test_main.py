@@ -130,3 +130,40 @@ def test_methods_as_json(capsys):
     listed = json.loads(capsys.readouterr().out.splitlines()[-1])["methods"]
     assert {method["name"] for method in listed} == set(METHODS)
     assert next(m for m in listed if m["name"] == "implicit_midpoint")["stability_limit"] is None
+
+
+@pytest.mark.parametrize("arguments", [["methods"], ["parameters"]])
+def test_a_full_disk_behind_stdout_is_one_line(arguments):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "dlo_sim", *arguments], stdout=full, stderr=subprocess.PIPE
+        )
+    assert done.returncode == 3
+    line = done.stderr.decode()
+    assert line.count("\n") == 1 and "standard output: No space left on device" in line
+
+
+def test_a_closed_stdout_is_no_error():
+    command = f"{sys.executable} -m dlo_sim methods >&-"
+    done = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "paper_wire", "--duration", "0.01", "--output", "n" * 300 + ".npz"],
+        ["replay", "b" * 300, "--params", "hanging_cable"],
+        ["study", "paper", "--quick", "--output", "s" * 300],
+    ],
+)
+def test_a_name_that_is_too_long_is_one_line(arguments, capsys):
+    assert main(arguments) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and "File name too long" in line
+
+
+def test_a_time_beyond_counting_is_refused(capsys):
+    asked = ["--tolerance", "1e-3", "--duration", "1e300", "--output", "tuned.yaml"]
+    assert main(["tune", "paper_wire", *asked]) == 2
+    assert "1e+09 at most" in capsys.readouterr().err

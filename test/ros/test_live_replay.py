@@ -276,9 +276,10 @@ def compare(
     )
     assert not stalled, f"in {PLAYS} plays the machine stopped for longer than inputs.latency"
     # A timer that fires once for two periods leaves out a state; what a long gap loses is caught up
-    # in parts. Otherwise the grid is one, but for the first and the last few states.
+    # in parts. Otherwise the grid is one, but for the first and the last few states. The replay
+    # goes on to the last stamp of the bag; `play` listens until the latency before it.
     edge = 20 * round(SECOND / RATE)
-    begin, end = min(grid) + edge, max(grid) - edge
+    begin, end = min(grid) + edge, min(max(grid), max(live)) - edge
     missing, extra = (
         [stamp for stamp in stamps if begin < stamp < end]
         for stamps in (grid - set(live), set(live) - grid)

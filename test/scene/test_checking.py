@@ -174,3 +174,9 @@ def test_arrays_of_numpy_are_lists():
 @pytest.mark.parametrize(("value", "meaning"), [(True, "on"), (False, "off")])
 def test_unquoted_on_and_off_of_yaml_1_1_mean_themselves(value, meaning):
     assert scene_from_values({"terms.twist": value}).terms.twist == meaning
+
+
+@pytest.mark.parametrize("step", [1e-10, 1e-300])
+def test_a_step_that_stamps_cannot_tell_is_refused(step):
+    with pytest.raises(SceneError, match=r"integrator\.step: .* is below 1e-09 s.*give 0"):
+        scene_from_values({"integrator.step": step})

@@ -385,3 +385,10 @@ def test_a_refused_message_that_decides_the_offset_renames_what_came_before(load
     assert loaded.refused("/gripper_pose") == {"too_fast": 1}
     assert loaded.session.stamp_ns == clock + (49 * 20 - 60) * MS
     assert loaded.events == {"other_epoch": 1}
+
+
+def test_a_live_tick_is_bounded_however_short_the_step(bench):
+    changes = {"integrator.step": 1e-7, "accuracy.estimate": "off"}
+    tiny = bench(FREE, live=True, **changes)
+    tiny.session.tick(T0)
+    assert tiny.session.tick(T0 + 100 * MS).advanced_steps == 20_000
