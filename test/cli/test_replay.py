@@ -113,13 +113,19 @@ def test_output_is_optional_and_the_scene_is_not(replayer, capsys):
     assert replayer.calls[0][2] is None
 
 
-def test_a_real_replay_shows_its_progress(tmp_path, monkeypatch):
-    bag, scene = tmp_path / "bag", tmp_path / "scene.yaml"
+def written(folder, duration):
+    """A bag of the demo's motion, so long [s], and its scene."""
+    bag, scene = folder / "bag", folder / "scene.yaml"
     scene.write_text(scenario.SCENE)
     writer = BagWriter(bag, scenario.TOPICS, "mcap")
-    for message in scenario.messages(4.0):
+    for message in scenario.messages(duration):
         writer.write(message.topic, message.time_ns, message.data)
     writer.finish()
+    return bag, scene
+
+
+def test_a_real_replay_shows_its_progress(tmp_path, monkeypatch):
+    bag, scene = written(tmp_path, 4.0)
     shown = shown_progress(monkeypatch, "replay")
     assert main(["replay", str(bag), "--params", str(scene)]) == 0
     assert rises(shown), shown
@@ -128,12 +134,7 @@ def test_a_real_replay_shows_its_progress(tmp_path, monkeypatch):
 @pytest.fixture
 def replaying(tmp_path):
     """Starts a real replay that takes long; returns it once it is writing."""
-    bag, scene = tmp_path / "bag", tmp_path / "scene.yaml"
-    scene.write_text(scenario.SCENE)
-    writer = BagWriter(bag, scenario.TOPICS, "mcap")
-    for message in scenario.messages(300.0):
-        writer.write(message.topic, message.time_ns, message.data)
-    writer.finish()
+    bag, scene = written(tmp_path, 300.0)
     (tmp_path / "out").mkdir()
     command = [sys.executable, "-m", "dlo_sim", "replay", str(bag), "--params", str(scene)]
     command += ["--output", str(tmp_path / "out" / "predicted")]
