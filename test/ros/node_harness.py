@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,17 @@ class Peer:
         publisher = self.node.create_publisher(message_type, topic, 10)
         self.until(publisher.get_subscription_count, f"subscriber of {topic}")
         return publisher
+
+    @contextlib.contextmanager
+    def repeating(self, publisher: Any, message: Any) -> Iterator[None]:
+        """Publish every 50 ms inside: one message alone is lost if the node's side of the
+        connection is not complete. The publisher is destroyed afterwards, whatever happened."""
+        timer = self.node.create_timer(0.05, lambda: publisher.publish(message))
+        try:
+            yield
+        finally:
+            self.node.destroy_timer(timer)
+            self.node.destroy_publisher(publisher)
 
     def call(self, service_type: type, name: str, request: Any, timeout: float = SOON) -> Any:
         """The response of a service."""

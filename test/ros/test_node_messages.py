@@ -95,10 +95,8 @@ def test_a_load_moves_the_cable(peer: Peer, topic: str, message_type: type) -> N
     message = message_type()
     vector = message.wrench.force if message_type is WrenchStamped else message.vector
     vector.y = 0.05
-    timer = peer.node.create_timer(0.02, lambda: publisher.publish(message))
-    peer.until(lambda: received and received[-1].poses[-1].position.y > 0.01, "motion")
-    peer.node.destroy_timer(timer)
-    peer.node.destroy_publisher(publisher)
+    with peer.repeating(publisher, message):
+        peer.until(lambda: received and received[-1].poses[-1].position.y > 0.01, "motion")
 
 
 def refusals(reason: str) -> Callable[[dict[str, str], DiagnosticStatus], Any]:
@@ -121,33 +119,29 @@ def test_a_bad_wrench_is_refused_and_counted(
     publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
     name = "/dlo_sim: input /dlo_sim/tip/wrench"
     before = peer.status(name, lambda values, status: True, "the input")
-    publisher.publish(message)
     count = int(before.get(f"refused {reason}", "0"))
-    values = peer.status(
-        name,
-        lambda values, status: (
-            int(values.get(f"refused {reason}", "0")) == count + 1
-            and status.level != DiagnosticStatus.OK
-        ),
-        f"one more {reason}",
-    )
+    with peer.repeating(publisher, message):
+        values = peer.status(
+            name,
+            lambda values, status: (
+                int(values.get(f"refused {reason}", "0")) > count
+                and status.level != DiagnosticStatus.OK
+            ),
+            f"one more {reason}",
+        )
     assert reason in values["last refusal"]
     poses.clear()
     peer.until(lambda: poses, "control points after it")
     assert all(math.isfinite(p.position.x) for p in poses[-1].poses)
     peer.until(lambda: "messages refused so far" in node.output, "a line in the log")
-    peer.node.destroy_publisher(publisher)
 
 
 def test_bytes_that_are_no_message_are_refused(peer: Peer) -> None:
     publisher = peer.publisher(WrenchStamped, "/dlo_sim/tip/wrench")
-    known = "publishers on /dlo_sim/tip/wrench"  # to the node as well: only then it hears it
-    peer.status("/dlo_sim: node", lambda values, status: values[known] == "1", "one publisher")
-    publisher.publish(b"\x00\x01\x00\x00\x01\x02\x03\x04")
-    peer.status(
-        "/dlo_sim: input /dlo_sim/tip/wrench", refusals("undecodable"), "an undecodable message"
-    )
-    peer.node.destroy_publisher(publisher)
+    with peer.repeating(publisher, b"\x00\x01\x00\x00\x01\x02\x03\x04"):
+        peer.status(
+            "/dlo_sim: input /dlo_sim/tip/wrench", refusals("undecodable"), "undecodable messages"
+        )
 
 
 def test_two_publishers_are_a_warning(peer: Peer) -> None:
