@@ -1,4 +1,4 @@
-"""The parts of README.md that are made from the code, and the picture of the rooms.
+"""The parts of the pages that are made from the code, and the picture of the rooms.
 
     python test/readme_blocks.py
 
@@ -17,7 +17,6 @@ from pathlib import Path
 from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
-README = ROOT / "README.md"
 PICTURE = ROOT / "resource" / "rooms.svg"
 
 
@@ -87,25 +86,26 @@ def events() -> str:
     return table(("counted as", "what happened"), [(f"`{k}`", v) for k, v in EVENTS.items()])
 
 
-BLOCKS: dict[str, Callable[[], str]] = {
-    "parameters": parameters,
-    "methods": methods,
-    "refusals": refusals,
-    "events": events,
+PAGES: dict[str, dict[str, Callable[[], str]]] = {
+    "config/README.md": {"parameters": parameters},
+    "config/NODE.md": {"refusals": refusals, "events": events},
+    "config/METHODS.md": {"methods": methods},
 }
+"""Page -> block -> what makes it."""
 
 
 def found_blocks(text: str) -> dict[str, str]:
-    """The blocks that a README holds."""
+    """The blocks that a page holds."""
     pattern = r"<!-- ([a-z]+):begin[^\n]*-->\n(.*?)\n<!-- \1:end -->"
     return {name: body.strip() for name, body in re.findall(pattern, text, re.DOTALL)}
 
 
-def renewed(text: str) -> str:
-    """A README with its blocks made anew."""
-    for name, make in BLOCKS.items():
+def renewed(page: str) -> str:
+    """The text of a page with its blocks made anew."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for name, make in PAGES[page].items():
         begin, end = re.search(rf"<!-- {name}:begin[^\n]*-->\n", text), f"\n<!-- {name}:end -->"
-        assert begin is not None, f"README.md has no place for {name}"
+        assert begin is not None, f"{page} has no place for {name}"
         text = text[: begin.end()] + make() + text[text.index(end, begin.end() - 1) :]
     return text
 
@@ -121,14 +121,17 @@ PLACES: dict[str, tuple[float, int, str]] = {
     "replay": (1.0, 2, "bag in, bag out; knows rosbags"),
     "tuning": (2.0, 2, "settings tried, the fastest found"),
     "batch": (2.0, 3, "workers, many cables"),
-    "session": (0.5, 3, "messages in, time, messages out"),
+    "session": (1.1, 3, "messages in, time, messages out"),
     "simulation": (1.0, 4, "a scene, stepped"),
+    "methods": (1.0, 5, "time loops"),
+    "engine": (1.0, 6, "forces, tangents, energies"),
+    "terms": (1.0, 7, "energy densities"),
     "scene": (0.0, 5, "parameters, checks, file"),
-    "kernels": (1.0, 5, "compiled forces and steps"),
+    "compiling": (1.0, 8, "machine code, vector lanes"),
     "core": (2.0, 5, "splines, methods, rotations"),
-    "process": (3.0, 5, "signals, whole files"),
+    "process": (0.0, 4, "signals, whole files"),
 }
-COLORS = {0: "#dbe7f5", 1: "#dbe7f5", 2: "#dbe7f5", 3: "#dff0d8", 4: "#fbe6cf", 5: "#fbe6cf"}
+COLORS = dict.fromkeys(range(3), "#dbe7f5") | {3: "#dff0d8"} | dict.fromkeys(range(4, 9), "#fbe6cf")
 WIDTH, HEIGHT, GAP_X, GAP_Y, EDGE = 230, 52, 40, 46, 14
 
 
@@ -222,5 +225,6 @@ def line(room: str, below: str) -> str:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(ROOT))
-    README.write_text(renewed(README.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in PAGES:
+        (ROOT / page).write_text(renewed(page), encoding="utf-8")
     PICTURE.write_text(rooms(), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What README.md says is what the code does."""
+"""What README.md and the reference in config/ say is what the code does."""
 
 import ast
 import importlib.util
@@ -9,13 +9,23 @@ import pytest
 
 from dlo_sim.cli.main import SUBCOMMANDS, _parser
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scenes
-from dlo_sim.session.intake import input_topics
-from dlo_sim.session.outputs import output_topics
+from dlo_sim.scene.parameters import scene_parameters
+from dlo_sim.session.topics import input_topics, output_topics
 
 
 @pytest.fixture(scope="module")
 def readme(checkout) -> str:
     return (checkout / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def node_page(checkout) -> str:
+    return (checkout / "config" / "NODE.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def methods_page(checkout) -> str:
+    return (checkout / "config" / "METHODS.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -64,17 +74,21 @@ def named(text: str) -> list[str]:
     return re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S))
 
 
-@pytest.mark.parametrize("name", ["parameters", "methods", "refusals", "events"])
-def test_generated_part_is_what_the_code_says(readme, generator, name):
-    found = generator.found_blocks(readme)
-    assert name in found and name in generator.BLOCKS
-    assert found[name] == generator.BLOCKS[name](), "run `python test/readme_blocks.py`"
-    assert len(found[name].splitlines()) > 5
+PAGES = ["README.md", "config/README.md", "config/NODE.md", "config/METHODS.md"]
 
 
-def test_generated_parts_are_all_known(readme, generator):
-    assert set(generator.found_blocks(readme)) == set(generator.BLOCKS)
-    assert generator.renewed(readme) == readme
+def test_readme_is_for_newcomers(readme):
+    assert len(readme.splitlines()) <= 200
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_generated_parts_are_what_the_code_says(checkout, generator, page):
+    text = (checkout / page).read_text(encoding="utf-8")
+    found, made = generator.found_blocks(text), generator.PAGES.get(page, {})
+    assert set(found) == set(made)
+    for name, make in made.items():
+        assert found[name] == make(), "run `python test/readme_blocks.py`"
+        assert len(found[name].splitlines()) > 5
 
 
 def test_picture_of_the_rooms_is_drawn_from_the_imports(checkout, generator):
@@ -111,11 +125,21 @@ def test_commands_in_the_readme_are_accepted(readme):
     assert "ros2 run dlo_sim node --ros-args --params-file" in readme
 
 
-def test_files_that_the_readme_names_exist(readme, checkout):
-    linked = re.findall(r"\]\(([^)#:]+)\)", readme)
-    linked += [name for name in named(readme) if re.match(r"(config|test|resource)/[\w./]+$", name)]
-    assert len(linked) > 5
-    assert [name for name in linked if not (checkout / name).exists()] == []
+@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
+def test_files_that_a_page_names_exist(checkout, page):
+    text = (checkout / page).read_text(encoding="utf-8")
+    linked = re.findall(r"\]\(([^)#:]+)\)", text)
+    folder = (checkout / page).parent
+    assert [name for name in linked if not (folder / name).exists()] == []
+    spoken = [name for name in named(text) if re.match(r"(config|test|resource)/[\w./]+$", name)]
+    assert [name for name in spoken if not (checkout / name).exists()] == []
+    assert linked
+
+
+def test_scene_in_the_readme_is_accepted(readme, tmp_path):
+    (code,) = re.findall(r"```yaml\n(.*?)```", readme, re.DOTALL)
+    (tmp_path / "my_cable.yaml").write_text(code)
+    assert load_scene(tmp_path / "my_cable.yaml").start.driven
 
 
 def test_every_shipped_scene_is_shown(readme):
@@ -123,7 +147,7 @@ def test_every_shipped_scene_is_shown(readme):
     assert shown == set(shipped_scenes())
 
 
-def test_table_of_topics_is_complete(readme):
+def test_table_of_topics_is_complete(node_page):
     scene = scene_from_values(
         {
             "cable.length": 1.0,
@@ -137,18 +161,18 @@ def test_table_of_topics_is_complete(readme):
     wanted = {(entry.topic, "in", entry.type) for entry in input_topics(scene)}
     wanted |= {(topic, "out", kind) for topic, kind in output_topics(scene).items()}
     shown = set()
-    for names, direction, kind, meaning in table_rows(section(readme, "Topics")):
+    for names, direction, kind, meaning in table_rows(section(node_page, "Topics")):
         shown |= {(name, direction, kind) for name in named(names)}
         assert meaning
     assert shown == wanted
 
 
-def test_every_wrench_has_its_sign_and_frame(readme):
-    text = section(readme, "The sign and the frame of every wrench")
+def test_every_wrench_has_its_sign_and_frame(node_page):
+    text = section(node_page, "The sign and the frame of every wrench")
     shown = {name for row in table_rows(text) for name in named(row[0]) if name.startswith("~/")}
     topics = {
         name
-        for names, _, kind, _ in table_rows(section(readme, "Topics"))
+        for names, _, kind, _ in table_rows(section(node_page, "Topics"))
         if kind.endswith(("WrenchStamped", "Vector3Stamped"))
         for name in named(names)
     }
@@ -156,24 +180,23 @@ def test_every_wrench_has_its_sign_and_frame(readme):
     assert "ON THE CABLE BY THE END EFFECTOR" in text
 
 
-def test_table_of_services_is_complete(readme, checkout):
+def test_table_of_services_is_complete(node_page, checkout):
     tree = ast.parse((checkout / "dlo_sim" / "ros" / "node.py").read_text(encoding="utf-8"))
     offered = {
         (ast.literal_eval(call.args[1]), ast.unparse(call.args[0]))
         for call in ast.walk(tree)
         if isinstance(call, ast.Call) and ast.unparse(call.func) == "self.create_service"
     }
-    rows = table_rows(section(readme, "Services"))
+    rows = table_rows(section(node_page, "Services"))
     assert {(named(name)[0], kind.rpartition("/")[2]) for name, kind, _ in rows} == offered
     assert len(offered) == 3
 
 
-def test_parameters_named_in_the_text_exist(readme):
-    from dlo_sim.scene.parameters import scene_parameters
-
+def test_parameters_named_in_the_text_exist(checkout):
     known = {row.key for row in scene_parameters(("<name>", "force"))}
     groups = {key.partition(".")[0] for key in known if "." in key}
-    text = re.sub(r"<!-- parameters:begin.*?parameters:end -->", "", readme, flags=re.DOTALL)
+    text = "\n".join((checkout / page).read_text(encoding="utf-8") for page in PAGES)
+    text = re.sub(r"<!-- parameters:begin.*?parameters:end -->", "", text, flags=re.DOTALL)
     keys = {re.split(r"[:=]", name)[0].strip() for name in named(text)}
     keys = {key for key in keys if key.partition(".")[0] in groups and "." in key}
     assert len(keys) > 10
@@ -203,10 +226,10 @@ def test_python_examples_run(examples):
 @pytest.mark.parametrize(
     ("key", "value"), [("terms.contact", "on"), ("terms.twist", "quasistatic")]
 )
-def test_what_the_readme_says_is_refused_is(readme, key, value):
+def test_what_is_said_to_be_refused_is(methods_page, key, value):
     from dlo_sim.simulation.simulator import Simulator
 
-    assert f"`{key}: {value}`" in section(readme, "What it does not do")
+    assert f"`{key}: {value}`" in section(methods_page, "What the model leaves out")
     scene = load_scene(shipped_scenes()["paper_wire"], {key: value})
     with pytest.raises(SceneError, match=f"{key}: '{value}' is not available in this version"):
         Simulator(scene)

@@ -51,13 +51,6 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_json_option(parser: argparse.ArgumentParser) -> None:
-    """Add `--json`."""
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object as the last line of stdout"
-    )
-
-
 def add_scheduler_option(parser: argparse.ArgumentParser) -> None:
     """Add `--scheduler ADDRESS`."""
     parser.add_argument(

@@ -5,7 +5,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_json_option
+from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable
 
 if TYPE_CHECKING:
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 FAILED = 3
 
+HELP = "predict a cable from a generated bag; leaves a bag, a picture and a summary"
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "demo",
-        help="predict a cable from a generated bag; leaves a bag, a picture and a summary",
-        description="Generate a bag of gripper poses and wrenches, predict the cable from it, and "
-        "write the predicted bag, a picture of the motion and a short summary.",
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Generate a bag of gripper poses and wrenches, predict the cable from it, and "
+        "write the predicted bag, a picture of the motion and a short summary."
     )
     parser.add_argument(
         "--output",
@@ -29,8 +29,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         default=Path("dlo_sim_demo"),
         help="folder for the results (default: ./dlo_sim_demo)",
     )
-    add_json_option(parser)
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@ filled up under a replay (what was good is kept); 128 + its number for a signal:
 143 terminated. Anything else is a defect and shows its traceback.
 """
 
-import argparse
 import errno
 import os
 import sys
@@ -79,9 +78,14 @@ def _parser() -> Parser:
         epilog="Start with 'dlo_sim demo'.",
     )
     parser.add_argument("--version", action="version", version=f"dlo_sim {__version__}")
-    subparsers: argparse._SubParsersAction[Parser] = parser.add_subparsers(
+    subparsers = parser.add_subparsers(
         title="subcommands", metavar="SUBCOMMAND", required=True, parser_class=Parser
     )
-    for subcommand in SUBCOMMANDS.values():
-        subcommand.add_parser(subparsers)
+    for name, subcommand in SUBCOMMANDS.items():
+        its_parser = subparsers.add_parser(name, help=subcommand.HELP)
+        subcommand.add_arguments(its_parser)
+        its_parser.add_argument(
+            "--json", action="store_true", help="print one JSON object as the last line of stdout"
+        )
+        its_parser.set_defaults(run=subcommand.run)
     return parser

@@ -5,7 +5,7 @@ import dataclasses
 import math
 from typing import Any
 
-from dlo_sim.cli.arguments import Parser, add_json_option
+from dlo_sim.cli.arguments import Parser
 from dlo_sim.cli.output import print_json
 from dlo_sim.core.methods import IMPLICIT, METHODS, Method
 
@@ -14,18 +14,16 @@ _HEADER = (
     *("damping", "source"),
 )
 
+HELP = "list the time integration methods"
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "methods",
-        help="list the time integration methods",
-        description="List the methods for integrator.method: order, whether symmetric and "
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "List the methods for integrator.method: order, whether symmetric and "
         "symplectic, force evaluations per step, largest stable omega tau, the damping it is "
-        "valid with, and its source.",
+        "valid with, and its source."
     )
-    add_json_option(parser)
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -8,10 +8,11 @@ if TYPE_CHECKING:
     from dlo_sim.cli.arguments import Parser
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand; what follows it, also --help, is read by the node (`run_node`)."""
-    parser = subparsers.add_parser("node", help="run the ROS 2 node")
-    parser.set_defaults(run=run)
+HELP = "run the ROS 2 node"
+
+
+def add_arguments(parser: "Parser") -> None:
+    """Nothing: what follows it, also --help, is read by the node (`run_node`)."""
 
 
 def is_asked_for(arguments: Sequence[str]) -> bool:

@@ -152,7 +152,7 @@ def progress_bar(label: str, keeps: bool = False) -> Iterator[Callable[[float], 
     if not bar.disable:
         clock.start()
 
-    from dlo_sim.simulation.machine_code import compiling_told_to  # may take a while
+    from dlo_sim.compiling.directory import compiling_told_to  # may take a while
 
     try:
         with compiling_told_to(tell):

@@ -1,22 +1,18 @@
-"""`dlo_sim parameters`: the parameter table, as the README shows it."""
+"""`dlo_sim parameters`: the parameter table, as config/README.md shows it."""
 
 import argparse
 import dataclasses
 
-from dlo_sim.cli.arguments import Parser, add_json_option
+from dlo_sim.cli.arguments import Parser
 from dlo_sim.cli.output import print_json
 from dlo_sim.scene.parameters import markdown_table, scene_parameters
 
+HELP = "print every parameter with type, default, unit, range and meaning"
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "parameters",
-        help="print every parameter with type, default, unit, range and meaning",
-        description="Print the parameter table as markdown.",
-    )
-    add_json_option(parser)
-    parser.set_defaults(run=run)
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = "Print the parameter table as markdown."
 
 
 def run(options: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
 """`dlo_sim replay BAG`: predict a cable offline from a recorded bag."""
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +10,6 @@ from typing import TYPE_CHECKING
 from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
-    add_json_option,
     add_scene_options,
     read_scene,
 )
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 INCOMPLETE = 3  # the simulation failed, or only a part of the bag was or could be used
 
+HELP = "predict a cable offline from a bag of poses, wrenches and forces"
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "replay",
-        help="predict a cable offline from a bag of poses, wrenches and forces",
-        description="Feed the messages of a bag to the same code as the node, as fast as it can, "
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Feed the messages of a bag to the same code as the node, as fast as it can, "
         "and write what the node would have published. Deterministic: the same bag and scene give "
         "the same bytes. Exit status 3 when only a part could be replayed, or more than 5 % of a "
-        "topic's messages were refused; what there is is kept.",
+        "topic's messages were refused; what there is is kept."
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 folder (sqlite3 or MCAP)")
     parser.add_argument(
@@ -53,8 +53,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         "start=/ft_compensated",
     )
     add_scene_options(parser)
-    add_json_option(parser)
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -62,18 +60,17 @@ def run(options: argparse.Namespace) -> int:
     scene = read_scene(options.params, options.assignments)
     compare = _comparisons(options.compare)
 
-    from dlo_sim.replay.replay import ReplayError, replay_bag, summary_values
-    from dlo_sim.simulation.machine_code import compiled_by_two
+    from dlo_sim.replay.replay import ReplayError, replay_bag
 
     try:
-        with progress_bar("replay") as progress, compiled_by_two(scene):
+        with progress_bar("replay") as progress:
             summary = replay_bag(
                 options.bag, scene, options.output, compare=compare, progress=progress
             )
     except ReplayError as refusal:
         raise CommandError(str(refusal)) from None
     if options.json:
-        print_json(summary_values(summary))
+        print_json(dataclasses.asdict(summary))
     else:
         _print_summary(options.bag, summary)
     if summary.ok:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
-    add_json_option,
     add_scene_options,
     positive_seconds,
     read_scene,
@@ -48,14 +47,14 @@ _REPORT = (
     "notes",
 )
 
+HELP = "run a scene without ROS and record it"
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "simulate",
-        help="run a scene without ROS and record it",
-        description="Run a scene for a while and report time, steps and energy error. Exit status "
-        "3 when the run failed, 130 when Ctrl-C ended it; what was good is kept.",
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Run a scene for a while and report time, steps and energy error. Exit status "
+        "3 when the run failed, 130 when Ctrl-C ended it; what was good is kept."
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
@@ -79,8 +78,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         help="write time, control_points, centerline, centerline_u and energy to this file",
     )
     add_scene_options(parser)
-    add_json_option(parser)
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -90,10 +87,9 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None:
         check_output_file(options.output)
 
-    from dlo_sim.simulation.machine_code import compiled_by_two
     from dlo_sim.simulation.recording import record
 
-    with progress_bar("simulate", keeps=True) as progress, compiled_by_two(scene):
+    with progress_bar("simulate", keeps=True) as progress:
         recording = record(scene, options.duration, options.every, progress=progress, tell=tell)
     if options.output is not None:
         _write(options.output, recording)

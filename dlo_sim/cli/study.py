@@ -6,19 +6,19 @@ import shlex
 from pathlib import Path
 
 from dlo_sim.batch.workers import WorkersError, open_workers
-from dlo_sim.cli.arguments import CommandError, Parser, add_json_option, add_scheduler_option
+from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
 from dlo_sim.studies.catalogue import STUDIES, Request
 
+HELP = "measure and write a report with figures and data"
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "study",
-        help="measure and write a report with figures and data",
-        description="Run a study and write report.md, figures (PNG) and their data (CSV): "
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Run a study and write report.md, figures (PNG) and their data (CSV): "
         + "; ".join(f"{name} ({study.what})" for name, study in STUDIES.items())
-        + ".",
+        + "."
     )
     parser.add_argument("name", metavar="NAME", choices=STUDIES, help=", ".join(STUDIES))
     parser.add_argument(
@@ -30,11 +30,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
     parser.add_argument(
         "--peers",
         action="store_true",
-        help="measure other simulators beside (" + ", ".join(_with_peers()) + ")",
+        help="also measure other simulators (" + ", ".join(_with_peers()) + ")",
     )
     add_scheduler_option(parser)
-    add_json_option(parser)
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -67,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
             "study needs matplotlib for its figures; install dlo_sim with the extra 'plots'"
         ) from None
     if options.json:
-        print_json(dataclasses.asdict(outcome))  # type: ignore[call-overload]
+        print_json(dataclasses.asdict(outcome))
         return 0
     print(f"{outcome.report}")
     print_rows(outcome.verdicts)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
-    add_json_option,
     add_scene_options,
     positive_seconds,
     read_scene,
@@ -24,16 +23,16 @@ if TYPE_CHECKING:
 
 FAILED = 3
 
+HELP = "find the fastest setting within a tolerance"
 
-def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "tune",
-        help="find the fastest setting within a tolerance",
-        description="Try methods, resolutions, quadratures, steps, stretching by span and the "
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Try methods, resolutions, quadratures, steps, stretching by span and the "
         "inextensible cable on a scene, and write the scene with the fastest that stays within the "
         "tolerance of the scene's own converged motion. Grippers rest where the scene has them. "
-        "Exit status 3 when nothing is within the tolerance; then nothing is written.",
+        "Exit status 3 when nothing is within the tolerance; then nothing is written."
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
@@ -54,8 +53,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[Parser]") -> None:
         "--output", metavar="TUNED.yaml", type=Path, required=True, help="scene file to write"
     )
     add_scene_options(parser)
-    add_json_option(parser)
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

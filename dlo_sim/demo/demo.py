@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from dlo_sim.demo.prediction import Prediction, read_prediction
 from dlo_sim.process.atomic_output import remove_leftovers, write_atomically
 from dlo_sim.replay.bags import BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, ReplaySummary, replay_bag
+from dlo_sim.replay.summary import ReplayFigures
 from dlo_sim.scene.loading import load_scene
 
 SCENE, INPUT, PREDICTED, PICTURE = "scene.yaml", "input", "predicted", "motion.png"
@@ -24,42 +25,26 @@ class DemoError(Exception):
 
 
 @dataclass
-class DemoSummary:
-    """What the demo did.
+class DemoSummary(ReplayFigures):
+    """What the demo did: the figures of its replay, and these.
 
     Attributes:
-        status, message: as of the replay (`done` if all went well).
         scene, input, predicted, picture: files written; picture is empty without matplotlib.
         notes: what is missing, and the cure.
-        messages_used, messages_written: of the replay.
-        simulated_s, wall_s, compile_s, real_time_factor: of the replay.
         tip_speed_max: largest speed of the free end [m/s].
         reaction_max: largest force at the gripper [N]; reaction_rest: before it moves [N].
         try_next: what else can be done -> the command.
     """
 
-    status: str = "done"
-    message: str = ""
     scene: str = ""
     input: str = ""
     predicted: str = ""
     picture: str = ""
     notes: list[str] = field(default_factory=list)
-    messages_used: int = 0
-    messages_written: int = 0
-    simulated_s: float = 0.0
-    wall_s: float = 0.0
-    compile_s: float = 0.0
-    real_time_factor: float = 0.0
     tip_speed_max: float = 0.0
     reaction_max: float = 0.0
     reaction_rest: float = 0.0
     try_next: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def ok(self) -> bool:
-        """Whether the whole bag was predicted."""
-        return self.status == "done"
 
 
 def run_demo(
@@ -141,19 +126,13 @@ def _summary(folder: Path, replay: ReplaySummary, prediction: Prediction) -> Dem
     force = np.linalg.norm(prediction.reaction, axis=1)
     scene, bag = folder / SCENE, folder / INPUT
     again = f"dlo_sim replay {bag} --params {scene} --output {folder / 'again'}"
+    figures = {figure.name: getattr(replay, figure.name) for figure in fields(ReplayFigures)}
     return DemoSummary(
-        status=replay.status,
-        message=replay.message,
+        **figures,
         scene=str(scene),
         input=str(bag),
         predicted=str(folder / PREDICTED),
         notes=list(replay.warnings),
-        messages_used=replay.messages_used,
-        messages_written=replay.messages_written,
-        simulated_s=replay.simulated_s,
-        wall_s=replay.wall_s,
-        compile_s=replay.compile_s,
-        real_time_factor=replay.real_time_factor,
         tip_speed_max=float(speed.max()),
         reaction_max=float(force.max()),
         reaction_rest=float(force[0]),

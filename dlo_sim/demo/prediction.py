@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.replay.bags import Bag
 from dlo_sim.session import cdr
-from dlo_sim.session.naming import resolved
-from dlo_sim.session.outputs import CONTROL_POINTS
+from dlo_sim.session.topics import CONTROL_POINTS, REACTIONS, resolved
 
 Array = NDArray[np.float64]
 
-_REACTION = "~/start/reaction"
 _POINTS = 60  # of the centerline
 
 
@@ -46,7 +44,7 @@ def read_prediction(bag: Path, length: float, origin_ns: int) -> Prediction:
     stamps: list[int] = []
     points: list[Array] = []
     forces: list[tuple[float, ...]] = []
-    poses, reaction = resolved(CONTROL_POINTS), resolved(_REACTION)
+    poses, reaction = resolved(CONTROL_POINTS), resolved(REACTIONS["start"])
     for message in Bag(bag).messages({poses: cdr.POSE_ARRAY, reaction: cdr.WRENCH_STAMPED}):
         if message.topic == poses:
             decoded = cdr.decode_pose_array(message.data)

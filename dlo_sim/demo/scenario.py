@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.session import cdr
+from dlo_sim.session.time_base import SECOND
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,6 @@ TOPICS = {POSES: cdr.POSE_STAMPED, WRENCHES: cdr.WRENCH_STAMPED}
 
 DURATION = 8.0  # s
 SEED = 20240229
-SECOND = 1_000_000_000
 EPOCH_NS = 1_700_000_000 * SECOND  # of the first stamp
 
 _REST = 0.5  # s before the gripper moves

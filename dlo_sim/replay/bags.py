@@ -27,7 +27,7 @@ from dlo_sim.process.atomic_output import AtomicOutput
 from dlo_sim.replay import storage
 from dlo_sim.replay.metadata import read_metadata
 from dlo_sim.replay.storage import DamagedFile, Record
-from dlo_sim.scene.checking import one_line
+from dlo_sim.scene.refusal import one_line
 
 Storage = Literal["mcap", "sqlite3"]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dlo_sim.replay.storage import DamagedFile
-from dlo_sim.scene.checking import brief
 from dlo_sim.scene.plain_yaml import FileRefused, parse_yaml, read_text
+from dlo_sim.scene.refusal import brief
 
 _NAME = "metadata.yaml"
 _NEWEST = 9

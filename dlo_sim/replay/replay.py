@@ -19,19 +19,16 @@ import numpy as np
 from dlo_sim.replay.bags import Bag, BagError, BagWriter, topic_list
 from dlo_sim.replay.comparison import compare_reaction
 from dlo_sim.replay.storage import Record
-from dlo_sim.replay.summary import Recording, ReplaySummary, summary_values
+from dlo_sim.replay.summary import Recording, ReplaySummary
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
-from dlo_sim.session.drive import SimulatorFactory
-from dlo_sim.session.intake import input_topics
-from dlo_sim.session.naming import resolved
-from dlo_sim.session.outputs import DIAGNOSTICS, output_topics
-from dlo_sim.session.rehearsal import rehearse
 from dlo_sim.session.session import Session, SessionStatus
+from dlo_sim.session.simulator_protocol import SimulatorFactory
+from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.topics import DIAGNOSTICS, REACTIONS, input_topics, output_topics, resolved
 
-__all__ = ["ReplayError", "ReplaySummary", "replay_bag", "summary_values"]
+__all__ = ["ReplayError", "ReplaySummary", "replay_bag"]
 
-SECOND = 1_000_000_000
 _DIAGNOSTICS_PERIOD = 1 * SECOND
 # A longer gap in the recording is not simulated through: the session starts over after it.
 LONGEST_GAP = 600 * SECOND
@@ -170,15 +167,13 @@ class _Replay:
         self._progress = progress
         begin = time.perf_counter()
         self._session = Session(scene, factory)
-        if factory is None:
-            rehearse(scene)
         self.summary.compile_s = time.perf_counter() - begin
         self._inputs = {entry.topic for entry in self._session.inputs}
         self._names = {topic: resolved(topic) for topic in output_topics(scene)}
         # Without an output only what is compared has to be computed.
-        self._wanted = None if writer is not None else [f"~/{end}/reaction" for end in compare]
+        self._wanted = None if writer is not None else [REACTIONS[end] for end in compare]
         self._recordings = {resolved(topic): Recording(end) for end, topic in compare.items()}
-        self._predictions = {f"~/{end}/reaction": Recording(end) for end in compare}
+        self._predictions = {REACTIONS[end]: Recording(end) for end in compare}
         self._next_diagnostics_ns: int | None = None
 
     def execute(self, wanted: Mapping[str, str]) -> None:
@@ -300,7 +295,7 @@ class _Replay:
     def _compare(self) -> None:
         """Fill in the comparison of every end asked for."""
         for recording in self._recordings.values():
-            prediction = self._predictions[f"~/{recording.end}/reaction"]
+            prediction = self._predictions[REACTIONS[recording.end]]
             strange = recording.frames - {"", self._scene.frame_id}
             if strange:
                 self.summary.warnings.append(

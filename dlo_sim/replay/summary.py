@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class ReplaySummary:
-    """What a replay did.
+class ReplayFigures:
+    """How a replay ended, and its numbers.
 
     Attributes:
         status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
@@ -22,40 +22,49 @@ class ReplaySummary:
             used; `output_incomplete`: the disk was full, the output holds what was written until
             then.
         message: one line that explains any status but `done`, else "".
-        output: the bag written.
-        messages_used, messages_refused: input messages; refused_by_reason: the latter by reason;
-            refused_by_topic: topic -> reason -> number.
-        events: what else was counted (silences, resets, ...).
-        messages_written: output messages.
-        ticks: ticks of the session.
+        messages_used, messages_written: input and output messages.
         simulated_s: simulated time [s]; wall_s: time for reading, stepping and writing [s] without
             building the simulator; compile_s: time for building it [s]; real_time_factor:
             simulated_s / wall_s.
-        comparison: end -> rows per axis, for the ends asked for.
-        warnings: one line each.
     """
 
     status: str = "done"
     message: str = ""
-    output: str = ""
     messages_used: int = 0
-    messages_refused: int = 0
-    refused_by_reason: dict[str, int] = field(default_factory=dict)
-    refused_by_topic: dict[str, dict[str, int]] = field(default_factory=dict)
-    events: dict[str, int] = field(default_factory=dict)
     messages_written: int = 0
-    ticks: int = 0
     simulated_s: float = 0.0
     wall_s: float = 0.0
     compile_s: float = 0.0
     real_time_factor: float = 0.0
-    comparison: dict[str, list[AxisComparison]] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
 
     @property
     def ok(self) -> bool:
         """Whether the whole bag was replayed, and used but for a few messages."""
         return self.status == "done"
+
+
+@dataclass
+class ReplaySummary(ReplayFigures):
+    """What a replay did.
+
+    Attributes:
+        output: the bag written.
+        messages_refused: input messages; refused_by_reason: the same by reason; refused_by_topic:
+            topic -> reason -> number.
+        events: what else was counted (silences, resets, ...).
+        ticks: ticks of the session.
+        comparison: end -> rows per axis, for the ends asked for.
+        warnings: one line each.
+    """
+
+    output: str = ""
+    messages_refused: int = 0
+    refused_by_reason: dict[str, int] = field(default_factory=dict)
+    refused_by_topic: dict[str, dict[str, int]] = field(default_factory=dict)
+    events: dict[str, int] = field(default_factory=dict)
+    ticks: int = 0
+    comparison: dict[str, list[AxisComparison]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
 
 
 class Recording:
@@ -78,20 +87,3 @@ class Recording:
         return np.array(self._times, dtype=float) * 1e-9, np.array(
             self._forces, dtype=float
         ).reshape(-1, 3)
-
-
-def summary_values(summary: ReplaySummary) -> dict[str, object]:
-    """The summary as plain values, for JSON (numbers that are not finite become None)."""
-
-    def plain(value: object) -> object:
-        if isinstance(value, float):
-            return value if np.isfinite(value) else None
-        if isinstance(value, dict):
-            return {key: plain(item) for key, item in value.items()}
-        if isinstance(value, list):
-            return [plain(item) for item in value]
-        if isinstance(value, AxisComparison):
-            return {key: plain(item) for key, item in vars(value).items()}
-        return value
-
-    return {key: plain(value) for key, value in vars(summary).items()}

@@ -18,10 +18,10 @@ from typing import Any, NoReturn
 from ruamel.yaml import YAML
 
 from dlo_sim.process.stopping import cleanup
-from dlo_sim.scene.checking import SceneError, brief
 from dlo_sim.scene.loading import find_scene
 from dlo_sim.scene.node_blocks import is_for_node, nodes_with_parameters
 from dlo_sim.scene.plain_yaml import parse_yaml, read_text
+from dlo_sim.scene.refusal import SceneError, brief
 
 _PARAMS_FILE = "--params-file"
 _PARAMETER = ("-p", "--param")
@@ -142,10 +142,6 @@ def _readable_file(source: str, rewritten: Path) -> tuple[str, list[str]]:
     """The params file, or a copy of it in which rcl can read every list; and the nodes in it."""
     try:
         document = parse_yaml(read_text(Path(source)), "rt")
-    except SceneError as error:
-        raise SceneError(f"{source}: {error}") from None
-    _refuse_doubles(document, source)
-    try:
         nodes = nodes_with_parameters(document)
     except SceneError as error:
         raise SceneError(f"{source}: {error}") from None
@@ -154,34 +150,6 @@ def _readable_file(source: str, rewritten: Path) -> tuple[str, list[str]]:
     with rewritten.open("w", encoding="utf-8") as stream:
         YAML(typ="rt").dump(document, stream)
     return str(rewritten), nodes
-
-
-def _refuse_doubles(node: Any, source: str) -> None:
-    """Refuse a parameter that is given nested and dotted as well; rcl would drop one of the two.
-
-    Raises:
-        SceneError: naming the file, the key and the value.
-    """
-    if not isinstance(node, dict):
-        return
-    if "ros__parameters" not in node:
-        for item in node.values():
-            _refuse_doubles(item, source)
-        return
-    seen: set[str] = set()
-    for key, value in _leaves(node["ros__parameters"]):
-        if key in seen:
-            raise SceneError(f"{source}: {key}: {value} is given twice; keep one of them")
-        seen.add(key)
-
-
-def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values of everything in a block."""
-    if not isinstance(node, dict):
-        yield prefix, node
-        return
-    for key, value in node.items():
-        yield from _leaves(value, f"{prefix}.{key}" if prefix else str(key))
 
 
 def _readable_rule(rule: str) -> str:

@@ -1,4 +1,4 @@
-"""Work that takes long, such as compiling, while the ticks go on."""
+"""Work that takes longer than a tick, while the ticks go on."""
 
 import sys
 import threading
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 # [s] for which a thread may keep the interpreter to itself. A tick gives it away at each compiled
 # step and each publication, and would wait 5 ms, Python's own value, to get it back every time.
-_TURN = 1.0e-4
+_SWITCH_INTERVAL = 1.0e-4
 
 
 def in_background(
@@ -36,7 +36,7 @@ def in_background(
     due = time.perf_counter()
     meanwhile()  # some of a period may have gone by since the last call
     usual = sys.getswitchinterval()
-    sys.setswitchinterval(_TURN)
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     thread.start()
     try:
         while True:

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from dlo_sim.ros.status import ClockWatch
-from dlo_sim.scene.checking import brief
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.refusal import brief
 
 _PARAMETER_TYPES = range(ParameterType.PARAMETER_NOT_SET, ParameterType.PARAMETER_STRING_ARRAY + 1)
 

@@ -4,14 +4,13 @@ Exit status: 0 after SIGINT or SIGTERM; 2 refused input or no ROS (one line on s
 simulator failed and `integrator.on_failure` is `stop`.
 """
 
+import gc
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from dlo_sim.process import stopping
-from dlo_sim.ros.residence import settle
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.session.time_slice import SHORT, ask_for_time_slice
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -57,7 +56,6 @@ def _run(arguments: list[str]) -> int:
             "pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
         )
     stopping.check()
-    ask_for_time_slice(SHORT)  # before ROS starts threads, which inherit it
     with read_arguments(arguments) as given:
         try:
             no_handlers = rclpy.signals.SignalHandlerOptions.NO
@@ -80,7 +78,9 @@ def _spin(node: "CableNode") -> int:
     executor = _executor()
     executor.add_node(node)
     try:
-        settle()
+        # What start-up has allocated stays; the collector need not look at it during a tick.
+        gc.collect()
+        gc.freeze()
         while not stopping.requested() and node.failure is None:
             executor.spin_once(timeout_sec=_LONGEST_SPIN)
         stopping.disable_forced_exit()

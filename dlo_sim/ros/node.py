@@ -13,6 +13,7 @@ from rclpy.duration import Duration
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
+from dlo_sim.compiling.directory import compiling_told_to
 from dlo_sim.ros.arguments import NodeArguments
 from dlo_sim.ros.background import in_background
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
@@ -25,11 +26,8 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.node_blocks import NODE_NAME
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
-from dlo_sim.session.intake import input_topics
-from dlo_sim.session.naming import Naming
-from dlo_sim.session.rehearsal import make_ready, rehearse
 from dlo_sim.session.session import Session, SessionStatus
-from dlo_sim.simulation.machine_code import compiled_by_two, compiling_told_to
+from dlo_sim.session.topics import Naming, input_topics
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
 _LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
@@ -88,13 +86,12 @@ class CableNode(GuardedNode):
             self.get_logger().warning(line)
 
     def _built(self, scene: Scene) -> Session:
-        """The session, with everything compiled that a tick can need."""
+        """The session, with its machine code loaded."""
         log = self.get_logger()
         log.info("building the simulator")
         begin = time.perf_counter()
-        with compiling_told_to(log.info), compiled_by_two(scene):
+        with compiling_told_to(log.info):
             session = Session(scene, naming=self._naming, live=True)
-            rehearse(scene, live=True)
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
         for line in session.simulator.warnings:
             log.warning(line)
@@ -213,8 +210,8 @@ class CableNode(GuardedNode):
     # -- parameters -----------------------------------------------------------------------------
 
     def _prepare(self, scene: Scene) -> Prepared:
-        """Build the simulator of a changed scene, and compile what is new in it. Ticks and inputs
-        go on meanwhile; only services wait.
+        """Build the simulator of a changed scene. Ticks and inputs go on meanwhile; only services
+        wait.
 
         Raises:
             SceneError: the simulator refuses the scene, in one line.
@@ -224,10 +221,8 @@ class CableNode(GuardedNode):
         def build() -> None:
             made.append(self._session.prepare(scene))
 
-        def prepare() -> None:
-            make_ready(build, scene, self.get_logger().info)
-
-        in_background(prepare, self._keep_ticking, lambda: self._period_ns * 1e-9)
+        with compiling_told_to(self.get_logger().info):
+            in_background(build, self._keep_ticking, lambda: self._period_ns * 1e-9)
         return made[0]
 
     def _keep_ticking(self) -> None:

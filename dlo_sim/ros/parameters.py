@@ -22,10 +22,10 @@ from rclpy.parameter import Parameter as NodeParameter
 
 from dlo_sim.ros.guarded_node import one_line
 from dlo_sim.scene.checking import check_value, unknown_key
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Scene, scene_parameters
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
-from dlo_sim.scene.parameter import Parameter, allowed, choice, shown
-from dlo_sim.scene.parameters import scene_parameters
+from dlo_sim.scene.parameter import Parameter
+from dlo_sim.scene.refusal import shown
 
 Prepared = TypeVar("Prepared")
 
@@ -41,9 +41,9 @@ _TYPES = {
 _LARGEST_INTEGER = 2**63 - 1
 # What rclpy lets a user override of a subscription, and the values that every ROS middleware knows.
 _QOS_POLICIES = (
-    choice("history", "keep_last", ("keep_last", "keep_all"), ""),
+    Parameter("history", "string", "keep_last", choices=("keep_last", "keep_all")),
     Parameter("depth", "integer", 100, low=1, high=2**31 - 1),
-    choice("reliability", "best_effort", ("best_effort", "reliable"), ""),
+    Parameter("reliability", "string", "best_effort", choices=("best_effort", "reliable")),
 )
 
 
@@ -225,9 +225,9 @@ def _constraints(row: Parameter) -> str:
     if row.length is not None:
         parts.append(f"{row.length} values")
     if row.choices:
-        parts.append(f"one of {allowed(row)}")
-    elif row.is_array and allowed(row):
-        parts.append(f"each {allowed(row)}")
+        parts.append(f"one of {row.allowed}")
+    elif row.is_array and row.allowed:
+        parts.append(f"each {row.allowed}")
     parts.append(f"default {shown(row.default)}")
     return "; ".join(parts)
 

@@ -1,26 +1,20 @@
 """The node's publishers and subscriptions, all on serialised messages; their QoS is stated here."""
 
 from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray, PoseStamped, Vector3Stamped, WrenchStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
-from visualization_msgs.msg import Marker
 
 from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import encode_marker_delete_all
-from dlo_sim.session.outputs import CONTROL_POINTS, MARKERS
-from dlo_sim.session.session import InputTopic, OutgoingMessage
-
-_REACTIONS = {"start": "~/start/reaction", "end": "~/end/reaction"}
-
-INPUT_TYPES = {"pose": PoseStamped, "wrench": WrenchStamped, "force": Vector3Stamped}
+from dlo_sim.session.outputs import OutgoingMessage
+from dlo_sim.session.topics import DIAGNOSTICS, MARKERS, InputTopic, output_topics
 
 # Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual
 # 5: a tick that takes 20 ms must not lose a 500 Hz wrench.
@@ -36,6 +30,13 @@ DIAGNOSTICS_QOS = QoSProfile(depth=10)
 _GOODBYE = Duration(nanoseconds=300_000_000)  # longest wait for viewers to take the last marker
 
 
+def message_class(kind: str) -> type:
+    """The class of a ROS type, for example geometry_msgs/msg/PoseStamped."""
+    package, _, name = kind.split("/")
+    found: type = getattr(import_module(f"{package}.msg"), name)
+    return found
+
+
 class Outputs:
     """Publishers of what a scene puts out."""
 
@@ -43,27 +44,25 @@ class Outputs:
         self._node = node
         self._publishers: dict[str, Publisher] = {}
         self._readers: dict[str, int] = {}
-        self._add(CONTROL_POINTS, PoseArray)
-        for topic in MARKERS:
-            self._add(topic, Marker)
-        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS_QOS)
         self.follow(scene)
 
     def follow(self, scene: Scene) -> None:
-        """Have a reaction topic for each end that is held, and for no other."""
+        """Have the topics of this scene, a reaction for each end that is held, and no other."""
         self._frame_id = scene.frame_id
-        for end, topic in _REACTIONS.items():
-            if scene.ends[end].held and topic not in self._publishers:
-                self._add(topic, WrenchStamped)
-            if not scene.ends[end].held and topic in self._publishers:
-                self._node.destroy_publisher(self._publishers.pop(topic))
-                self._readers.pop(topic, None)
+        wanted = output_topics(scene)
+        for topic in self._publishers.keys() - wanted.keys():
+            self._node.destroy_publisher(self._publishers.pop(topic))
+            self._readers.pop(topic, None)
+        for topic, kind in wanted.items():
+            if topic not in self._publishers:
+                qos = DIAGNOSTICS_QOS if topic == DIAGNOSTICS else OUTPUT_QOS
+                publisher = self._node.create_publisher(message_class(kind), topic, qos)
+                self._publishers[topic] = publisher
 
     @property
     def topics(self) -> list[str]:
         """Names of the topics as they are on the wire, remapped."""
-        publishers = [*self._publishers.values(), self._diagnostics]
-        return [publisher.topic_name for publisher in publishers]
+        return [publisher.topic_name for publisher in self._publishers.values()]
 
     def readers(self) -> tuple[set[str], set[str]]:
         """The topics that somebody reads, and those for which somebody has come since the last
@@ -88,7 +87,7 @@ class Outputs:
 
     def publish_diagnostics(self, data: bytes) -> None:
         """Publish a serialised DiagnosticArray."""
-        self._diagnostics.publish(data)
+        self._publishers[DIAGNOSTICS].publish(data)
 
     def delete_markers(self, stamp_ns: int) -> None:
         """Remove both markers from every viewer."""
@@ -101,9 +100,6 @@ class Outputs:
         self.delete_markers(stamp_ns)
         for topic in MARKERS:
             self._publishers[topic].wait_for_all_acked(_GOODBYE)
-
-    def _add(self, topic: str, message_type: type) -> None:
-        self._publishers[topic] = self._node.create_publisher(message_type, topic, OUTPUT_QOS)
 
 
 class Inputs:
@@ -126,7 +122,7 @@ class Inputs:
     def _subscribe(self, source: InputTopic, receive: Callable[[str, bytes], None]) -> None:
         topic = source.topic
         self._subscriptions[topic] = self._node.create_subscription(
-            INPUT_TYPES[source.kind],
+            message_class(source.type),
             topic,
             lambda raw: receive(topic, raw),
             INPUT_QOS,

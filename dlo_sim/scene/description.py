@@ -1,238 +1,63 @@
 """A scene: everything that decides a simulation, as frozen dataclasses in SI units.
 
-The path of an attribute is the key of its parameter (`scene.cable.length` is `cable.length`);
-ranges, units and defaults are in `parameters.py`, and only `loading.py` builds scenes, so that
-every scene has passed its checks.
+The path of an attribute is the key of its parameter (`scene.cable.length` is `cable.length`).
+Scenes are made by `scene_from_values`, so that every scene has passed the checks.
 """
 
 import math
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
-Vector = tuple[float, float, float]
-Switches = tuple[bool, bool, bool]
+from dlo_sim.scene import consistency
+from dlo_sim.scene.cable import Cable, Damping, End, Load, Plasticity, Torsion, Vector
+from dlo_sim.scene.checking import check_load_names, check_value, unknown_key
+from dlo_sim.scene.computation import (
+    Accuracy,
+    Discretization,
+    Initial,
+    Inputs,
+    Integrator,
+    Outputs,
+    Terms,
+)
+from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_parameters
+from dlo_sim.scene.refusal import SceneError, brief
 
-
-@dataclass(frozen=True)
-class Cable:
-    """Material and section. Direct values of 0 mean: derived from modulus, density and diameter."""
-
-    length: float
-    diameter: float
-    density: float
-    youngs_modulus: float
-    shear_modulus: float
-    linear_density: float
-    axial_stiffness: float
-    bending_stiffness: float
-    torsional_stiffness: float
-    rest_curvature: tuple[float, ...]
-    rest_curvature_axis: Vector
-
-    @property
-    def area(self) -> float:
-        """Section area A = pi D^2 / 4 [m^2]."""
-        return math.pi * self.diameter**2 / 4.0
-
-    @property
-    def mu(self) -> float:
-        """Linear density mu = rho A [kg/m], or the value given directly."""
-        return self.linear_density or self.density * self.area
-
-    @property
-    def EA(self) -> float:
-        """Axial stiffness EA [N], or the value given directly."""
-        return self.axial_stiffness or self.youngs_modulus * self.area
-
-    @property
-    def EI(self) -> float:
-        """Bending stiffness EI = E pi D^4 / 64 [N m^2], or the value given directly."""
-        return self.bending_stiffness or self.youngs_modulus * math.pi * self.diameter**4 / 64.0
-
-    @property
-    def GJ(self) -> float:
-        """Torsional stiffness GJ = G pi D^4 / 32 [N m^2], or the value given directly."""
-        return self.torsional_stiffness or self.shear_modulus * math.pi * self.diameter**4 / 32.0
-
-    @property
-    def polar_inertia(self) -> float:
-        """Polar inertia per length mu D^2 / 8 [kg m]; equals rho pi D^4 / 32 when mu is derived."""
-        return self.mu * self.diameter**2 / 8.0
-
-
-@dataclass(frozen=True)
-class Damping:
-    """Rayleigh damping alpha [1/s] and beta [s], and linear air drag [N s/m^2]."""
-
-    mass: float
-    stiffness: float
-    air_drag: float
-
-
-@dataclass(frozen=True)
-class Discretization:
-    """Spline, quadrature and mass matrix."""
-
-    control_points: int
-    quadrature: str
-    samples: int
-    stretch: str
-    mass: str
-
-
-@dataclass(frozen=True)
-class Terms:
-    """Which parts of the model are there: `auto`, `on`, `off`, or a variant of the term."""
-
-    stretch: str
-    bend: str
-    twist: str
-    gravity: str
-    damping: str
-    plasticity: str
-    contact: str
-    out_of_plane: str
-
-
-@dataclass(frozen=True)
-class Plasticity:
-    """Plastic bending: yield curvature [1/m] (0 = never yields), tangent over elastic stiffness."""
-
-    yield_curvature: float
-    hardening: float
-
-
-@dataclass(frozen=True)
-class Torsion:
-    """Frenet torsion: curvature floor [1/m] of its regularisation, 0 = derived from the length."""
-
-    curvature_floor: float
-
-
-@dataclass(frozen=True)
-class End:
-    """One end of the cable and the end-effector that holds it."""
-
-    position: Vector
-    fixed: Switches
-    spring: Vector
-    clamped: bool
-    tangent: Vector
-    offset: Vector
-    frame: str
-    mass: float
-    pose_topic: str
-    pose_timeout: float
-    pose_smoothing: float
-
-    @property
-    def held(self) -> bool:
-        """Whether anything (a fixed axis or a spring) ties this end to its end-effector."""
-        return any(self.fixed) or any(self.spring)
-
-    @property
-    def driven(self) -> bool:
-        """Whether poses from a topic move this end."""
-        return bool(self.pose_topic)
-
-
-@dataclass(frozen=True)
-class Load:
-    """A force or wrench on the cable, from a topic or from a signal."""
-
-    name: str
-    topic: str
-    type: str
-    position: float
-    timeout: float
-    sign: float
-    signal: str
-    force: Vector
-    torque: Vector
-    frequency: float
-
-    @property
-    def input_topic(self) -> str:
-        """The topic that drives this load, the default one if none is named; empty for a signal."""
-        if self.signal != "none":
-            return ""
-        if self.topic:
-            return self.topic
-        if self.type == "force":
-            return "~/force" if self.name == "force" else f"~/{self.name}/force"
-        return f"~/{self.name}/wrench"
-
-
-@dataclass(frozen=True)
-class Initial:
-    """Shape at the start."""
-
-    shape: str
-
-
-@dataclass(frozen=True)
-class Integrator:
-    """Time integration: method, step [s] (0 = chosen), parameters of Zhai's method, solver
-    tolerance, what a failure does."""
-
-    method: str
-    step: float
-    zhai_psi: float
-    zhai_phi: float
-    spectral_radius: float
-    tolerance: float
-    on_failure: str
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """How messages are taken in: time base, latency [s], limits, catching up [s]."""
-
-    latency: float
-    time: str
-    max_speed: float
-    max_force: float
-    max_torque: float
-    catch_up: float
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """What is put out besides the control points."""
-
-    centerline_samples: int
-    marker_rate: float
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """Position error [m] that is acceptable, and whether the error is estimated."""
-
-    target: float
-    estimate: str
+_LOAD_NAMES = "loads.names"
+# Parameters that every ROS node has; a scene file may set them, the scene does not need them.
+_ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
 
 
 @dataclass(frozen=True)
 class Scene:
     """A cable, its ends and loads, and how it is computed. Hashable and comparable by value."""
 
-    frame_id: str
-    rate: float
-    cable: Cable
-    damping: Damping
-    discretization: Discretization
-    terms: Terms
-    plasticity: Plasticity
-    torsion: Torsion
-    gravity: Vector
-    start: End
-    end: End
-    loads: tuple[Load, ...]
-    initial: Initial
-    integrator: Integrator
-    inputs: Inputs
-    outputs: Outputs
-    accuracy: Accuracy
+    frame_id: str = parameter(
+        "world", "World frame of all outputs and of inputs without a frame.", read_only=True
+    )
+    rate: float = parameter(200.0, "Rate of the node's timer.", "Hz", 1.0, 2000.0)
+    cable: Cable = Cable()
+    damping: Damping = Damping()
+    discretization: Discretization = Discretization()
+    terms: Terms = Terms()
+    plasticity: Plasticity = Plasticity()
+    torsion: Torsion = Torsion()
+    gravity: Vector = parameter(
+        (0.0, 0.0, -9.81), "Acceleration of gravity, world frame.", "m/s^2", -1.0e4, 1.0e4
+    )
+    start: End = End()
+    end: End = End(position=(1.0, 0.0, 0.0), fixed=(False, False, False))
+    loads: tuple[Load, ...] = parameter(
+        (), "Names of the loads; each has a block `loads.<name>`.", read_only=True
+    )
+    initial: Initial = Initial()
+    integrator: Integrator = Integrator()
+    inputs: Inputs = Inputs()
+    outputs: Outputs = Outputs()
+    accuracy: Accuracy = Accuracy()
 
     @property
     def curvature_floor(self) -> float:
@@ -261,11 +86,107 @@ class Scene:
         """A scene with these parameters changed, all checked together.
 
         Args:
-            values: dotted key -> value, for example `{"cable.length": 2.0}`.
+            values: dotted key -> value, for example `{"cable.length": 2.0}`; loads that
+                `loads.names` no longer holds are dropped.
 
         Raises:
             SceneError: if a key is unknown or the scene would be impossible.
         """
-        from dlo_sim.scene.loading import changed_values, scene_from_values
+        return scene_from_values(overridden(scene_values(self), mapping("values", values)))
 
-        return scene_from_values(changed_values(self, values))
+    def check(self) -> None:
+        """Refuse values that are possible one by one but not together.
+
+        Raises:
+            SceneError: naming the key, the value and the cure of the first conflict.
+        """
+        consistency.check_cable(self.cable)
+        consistency.check_discretization(self.discretization)
+        for name, end in self.ends.items():
+            consistency.check_end(name, end)
+        consistency.check_placement(self.ends, self.cable.length, self.initial.shape)
+        consistency.check_frames(self.frame_id, self.ends)
+        for load in self.loads:
+            consistency.check_load(load)
+        consistency.check_topics(self.ends, self.loads)
+        consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)
+
+
+def default_scene(load_names: tuple[str, ...] = ()) -> Scene:
+    """The scene of an empty file, with these loads."""
+    loads = tuple(Load(name, position=0.0 if name == "start" else 1.0) for name in load_names)
+    return replace(Scene(), loads=loads)
+
+
+@lru_cache(maxsize=16)
+def scene_parameters(load_names: tuple[str, ...] = ()) -> tuple[Parameter, ...]:
+    """Every parameter of a scene with these loads, with its default."""
+    rows = parameters_of(default_scene(load_names))
+    return tuple(replace(row, default=()) if row.key == _LOAD_NAMES else row for row in rows)
+
+
+def scene_from_values(values: Mapping[str, object]) -> Scene:
+    """Build a scene from flat values; what is not given has its default.
+
+    Args:
+        values: dotted key -> value, as in `{"cable.length": 2.0, "start.fixed": [True] * 3}`.
+
+    Raises:
+        SceneError: unknown key, wrong type, out of range, or an impossible scene.
+    """
+    names = _load_names(mapping("values", values))
+    known = {row.key: row for row in scene_parameters(names)}
+    checked: dict[str, Any] = {}
+    for key, value in values.items():
+        if not isinstance(key, str):
+            raise SceneError(f"{brief(key)}: a key must be a string; give one like 'cable.length'")
+        if key in known:
+            checked[key] = check_value(known[key], value)
+        elif not _ROS_KEYS.fullmatch(key):
+            raise unknown_key(key, value, known)
+    scene = with_parameters(default_scene(names), checked)
+    scene.check()
+    return scene
+
+
+def scene_values(scene: Scene) -> dict[str, Any]:
+    """All parameters of a scene, dotted key -> value; lists for arrays.
+
+    `scene_from_values(scene_values(scene)) == scene`.
+    """
+    return {
+        row.key: list(row.default) if isinstance(row.default, tuple) else row.default
+        for row in parameters_of(scene)
+    }
+
+
+def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
+    """The values with changes, without the blocks of loads that `loads.names` no longer holds."""
+    if _LOAD_NAMES not in changes:
+        return {**values, **changes}
+    dropped = set(_load_names(values)) - set(_load_names(changes))
+    left = {
+        key: value
+        for key, value in values.items()
+        if not (key.startswith("loads.") and key.split(".")[1] in dropped)
+    }
+    return {**left, **changes}
+
+
+def mapping(name: str, values: object) -> dict[str, object]:
+    """Values by key, as a dictionary of its own.
+
+    Raises:
+        TypeError: no mapping.
+    """
+    if not isinstance(values, Mapping):
+        raise TypeError(f"{name}: needs a mapping, {{'cable.length': 2.0}}, got {brief(values)}")
+    return dict(values)
+
+
+def _load_names(values: Mapping[str, object]) -> tuple[str, ...]:
+    row = next(row for row in scene_parameters() if row.key == _LOAD_NAMES)
+    names = check_value(row, values.get(row.key, row.default))
+    texts = tuple(str(name) for name in names)  # type: ignore[union-attr]
+    check_load_names(texts)
+    return texts

@@ -4,42 +4,20 @@ A scene file is a ROS 2 parameter file; this reads it without ROS, as YAML 1.2. 
 range is checked against the parameter table, then the scene as a whole (see `checking.py`).
 """
 
-import dataclasses
 import os
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from dlo_sim.scene.checking import (
-    SceneError,
-    brief,
-    check_load_names,
-    check_scene,
-    check_value,
-    nearest,
-    unknown_key,
-)
 from dlo_sim.scene.description import (
-    Accuracy,
-    Cable,
-    Damping,
-    Discretization,
-    End,
-    Initial,
-    Inputs,
-    Integrator,
-    Load,
-    Outputs,
-    Plasticity,
     Scene,
-    Terms,
-    Torsion,
+    mapping,
+    overridden,
+    scene_from_values,
+    scene_values,
 )
 from dlo_sim.scene.node_blocks import flat_keys, has_nodes, node_values
-from dlo_sim.scene.parameter import Parameter, Value
-from dlo_sim.scene.parameters import scene_parameters
+from dlo_sim.scene.refusal import SceneError, brief, nearest
 
 __all__ = [
     "SceneError",
@@ -51,24 +29,6 @@ __all__ = [
     "shipped_scene",
     "shipped_scenes",
 ]
-
-_GROUPS: dict[str, type] = {
-    "cable": Cable,
-    "damping": Damping,
-    "discretization": Discretization,
-    "terms": Terms,
-    "plasticity": Plasticity,
-    "torsion": Torsion,
-    "start": End,
-    "end": End,
-    "initial": Initial,
-    "integrator": Integrator,
-    "inputs": Inputs,
-    "outputs": Outputs,
-    "accuracy": Accuracy,
-}
-# Parameters that every ROS node has; a scene file may set them, the scene does not need them.
-_ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
 
 
 def load_scene(
@@ -88,54 +48,15 @@ def load_scene(
         SceneError: one line that names the file, the key, the value and the cure. TypeError:
             neither a name nor a path nor a mapping.
     """
-    wanted = _mapping("overrides", {} if overrides is None else overrides)
+    wanted = mapping("overrides", {} if overrides is None else overrides)
     if isinstance(source, Mapping):
         values = node_values(source) if has_nodes(source) else flat_keys(source)
-        return scene_from_values(_overridden(values, wanted))
+        return scene_from_values(overridden(values, wanted))
     path = find_scene(source)
     try:
-        return scene_from_values(_overridden(node_values(_read_yaml(path)), wanted))
+        return scene_from_values(overridden(node_values(_read_yaml(path)), wanted))
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
-
-
-def scene_from_values(values: Mapping[str, object]) -> Scene:
-    """Build a scene from flat values; what is not given has its default.
-
-    Args:
-        values: dotted key -> value, as in `{"cable.length": 2.0, "start.fixed": [True] * 3}`.
-
-    Raises:
-        SceneError: unknown key, wrong type, out of range, or an impossible scene.
-    """
-    names = _load_names(_mapping("values", values))
-    known = {row.key: row for row in scene_parameters(names)}
-    checked: dict[str, Value] = {key: row.default for key, row in known.items()}
-    for key, value in values.items():
-        if not isinstance(key, str):
-            raise SceneError(f"{brief(key)}: a key must be a string; give one like 'cable.length'")
-        if key in known:
-            checked[key] = check_value(known[key], value)
-        elif not _ROS_KEYS.fullmatch(key):
-            raise unknown_key(key, value, known)
-    scene = _scene(checked, names)
-    check_scene(scene)
-    return scene
-
-
-def scene_values(scene: Scene) -> dict[str, Any]:
-    """All parameters of a scene, dotted key -> value; lists for arrays.
-
-    `scene_from_values(scene_values(scene)) == scene`.
-    """
-    names = tuple(load.name for load in scene.loads)
-    values = {row.key: _value(scene, row) for row in scene_parameters(names)}
-    return {key: list(v) if isinstance(v, tuple) else v for key, v in values.items()}
-
-
-def changed_values(scene: Scene, changes: Mapping[str, object]) -> dict[str, object]:
-    """The values of a scene with changes; loads that `loads.names` no longer holds are dropped."""
-    return _overridden(scene_values(scene), _mapping("values", changes))
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
@@ -219,77 +140,3 @@ def _read_yaml(source: Path) -> object:
     if not text.strip():
         raise SceneError("is empty; start from a shipped scene such as paper_wire")
     return parse_yaml(text)
-
-
-# ----------------------------------------------------------------------------- values and scenes
-
-
-def _load_names(values: Mapping[str, object]) -> tuple[str, ...]:
-    row = next(row for row in scene_parameters() if row.key == "loads.names")
-    names = check_value(row, values.get(row.key, row.default))
-    texts = tuple(str(name) for name in names)  # type: ignore[union-attr]
-    check_load_names(texts)
-    return texts
-
-
-def _mapping(name: str, values: object) -> dict[str, object]:
-    """Values by key, as a dictionary of its own.
-
-    Raises:
-        TypeError: no mapping.
-    """
-    if not isinstance(values, Mapping):
-        raise TypeError(f"{name}: needs a mapping, {{'cable.length': 2.0}}, got {brief(values)}")
-    return dict(values)
-
-
-def _overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
-    """The values with changes, without the blocks of loads that `loads.names` no longer holds."""
-    if "loads.names" not in changes:
-        return {**values, **changes}
-    dropped = set(_load_names(values)) - set(_load_names(changes))
-    left = {
-        key: value
-        for key, value in values.items()
-        if not (key.startswith("loads.") and key.split(".")[1] in dropped)
-    }
-    return {**left, **changes}
-
-
-def _scene(values: Mapping[str, Any], load_names: tuple[str, ...]) -> Scene:
-    groups = {name: _fields(kind, name, values) for name, kind in _GROUPS.items()}
-    loads = tuple(
-        Load(
-            name=name,
-            **{
-                field.name: values[f"loads.{name}.{field.name}"]
-                for field in dataclasses.fields(Load)
-                if field.name != "name"
-            },
-        )
-        for name in load_names
-    )
-    return Scene(
-        frame_id=values["frame_id"],
-        rate=values["rate"],
-        gravity=values["gravity"],
-        loads=loads,
-        **groups,
-    )
-
-
-def _fields(kind: type, prefix: str, values: Mapping[str, Any]) -> Any:
-    names = [field.name for field in dataclasses.fields(kind)]
-    return kind(**{name: values[f"{prefix}.{name}"] for name in names})
-
-
-def _value(scene: Scene, row: Parameter) -> Any:
-    if row.key == "loads.names":
-        return tuple(load.name for load in scene.loads)
-    parts = row.key.split(".")
-    if parts[0] == "loads":
-        return getattr(scene.load(parts[1]), parts[2])
-    value: Any = scene
-    for part in parts:
-        value = getattr(value, part)
-    return value

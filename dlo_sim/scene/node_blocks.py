@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 
-from dlo_sim.scene.checking import SceneError, brief
+from dlo_sim.scene.refusal import SceneError, brief
 
 NODE_NAME = "dlo_sim"
 _DEEPEST = 12
@@ -38,8 +38,13 @@ def has_nodes(document: Mapping[str, object], depth: int = 0) -> bool:
     )
 
 
-def flat_keys(block: object, prefix: str = "", depth: int = 0) -> dict[str, object]:
+def flat_keys(
+    block: object, prefix: str = "", depth: int = 0, *, strings: bool = True
+) -> dict[str, object]:
     """Nested and dotted keys as one flat mapping.
+
+    Args:
+        strings: refuse keys that are no strings, as no scene has them; other nodes may.
 
     Raises:
         SceneError: a key given both ways, not a string, or no mapping at all.
@@ -49,12 +54,12 @@ def flat_keys(block: object, prefix: str = "", depth: int = 0) -> dict[str, obje
         raise SceneError(f"{key}: {brief(block)} is not a mapping of keys; write key: value lines")
     flat: dict[str, object] = {}
     for key, value in block.items():
-        if not isinstance(key, str):
+        if strings and not isinstance(key, str):
             raise SceneError(f"{prefix}{brief(key)}: a key must be a string; correct or quote it")
-        name = prefix + key
-        parts = (
-            flat_keys(value, f"{name}.", depth + 1) if isinstance(value, Mapping) else {name: value}
-        )
+        name = f"{prefix}{key}"
+        parts = {name: value}
+        if isinstance(value, Mapping):
+            parts = flat_keys(value, f"{name}.", depth + 1, strings=strings)
         for part in parts:
             if part in flat:
                 raise SceneError(f"{part}: {brief(parts[part])} is given twice; keep one of them")
@@ -66,10 +71,12 @@ def nodes_with_parameters(document: object) -> list[str]:
     """The nodes that a parsed parameter file holds parameters for: full names, or wildcards.
 
     Raises:
-        SceneError: the file holds something else than nodes.
+        SceneError: the file holds something else than nodes, or a key twice, nested and dotted.
     """
     blocks = () if document is None else _node_blocks(document, ())
-    return list(dict.fromkeys(node for node, block in blocks if block))
+    return list(
+        dict.fromkeys(node for node, block in blocks if block and flat_keys(block, strings=False))
+    )
 
 
 def is_for_node(block: str, node: str) -> bool:

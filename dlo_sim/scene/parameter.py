@@ -1,14 +1,24 @@
-"""What one parameter is: key, type, default, unit, range, and how people read its values."""
+"""Parameters as fields of dataclasses: each field carries what people and checks need to know.
 
-from dataclasses import dataclass
-from typing import Literal
+    length: float = parameter(1.0, "Rest length L.", "m", 1.0e-4, 1.0e4)
+
+A group of parameters is a dataclass of such fields; a key is a path of attributes. A field that
+holds a tuple of groups with names (`loads`) has the key `loads.names` and a block for each name.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from typing import Any, Literal, TypeVar, get_args
+
+from dlo_sim.scene.refusal import shown
 
 Kind = Literal["double", "integer", "bool", "string", "double_array", "bool_array", "string_array"]
 Scalar = float | int | bool | str
 Value = Scalar | tuple[float, ...] | tuple[bool, ...] | tuple[str, ...]
+Group = TypeVar("Group")
 
-
-SWITCH = ("auto", "on", "off")
+_KINDS: dict[Any, Kind] = {float: "double", int: "integer", bool: "bool", str: "string"}
+_ARRAYS: dict[Any, Kind] = {float: "double_array", bool: "bool_array"}
 
 
 @dataclass(frozen=True)
@@ -49,62 +59,68 @@ class Parameter:
         """Kind of the value itself, or of each element of a list."""
         return self.kind.removesuffix("_array")
 
+    @property
+    def allowed(self) -> str:
+        """The values it may take, for people: `0.0 to 1.0`, `auto, on, off`, or empty."""
+        if self.choices:
+            return ", ".join(shown(choice) for choice in self.choices)
+        if self.low is not None and self.high is not None:
+            return f"{self.low:g} to {self.high:g}"
+        if self.low is not None:
+            return f"{self.low:g} or more"
+        return "" if self.high is None else f"{self.high:g} or less"
 
-def number(
-    key: str,
-    default: float,
-    unit: str,
-    low: float,
-    high: float,
+
+def parameter(
+    default: Any,
     description: str,
-    choices: tuple[float, ...] = (),
-) -> Parameter:
-    """A double within bounds."""
-    return Parameter(key, "double", default, unit, low, high, choices, None, description)
-
-
-def vector(
-    key: str,
-    default: tuple[float, float, float],
-    unit: str,
-    bound: float,
-    description: str,
+    unit: str = "",
     low: float | None = None,
-) -> Parameter:
-    """Three doubles."""
-    lowest = -bound if low is None else low
-    return Parameter(key, "double_array", default, unit, lowest, bound, (), 3, description)
+    high: float | None = None,
+    *,
+    choices: tuple[Scalar, ...] = (),
+    read_only: bool = False,
+) -> Any:
+    """A dataclass field that is a parameter; its kind is that of the annotation."""
+    bounds = {"low": low, "high": high, "choices": choices}
+    words = {"description": description, "unit": unit, "read_only": read_only}
+    return field(default=default, metadata={**words, **bounds})
 
 
-def choice(
-    key: str, default: str, choices: tuple[str, ...], description: str, read_only: bool = False
-) -> Parameter:
-    """A string out of a few."""
-    return Parameter(key, "string", default, "", None, None, choices, None, description, read_only)
+def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:
+    """The parameters of a group and of the groups in it, each with its present value as default."""
+    for member in fields(group):
+        key, value = f"{prefix}{member.name}", getattr(group, member.name)
+        if is_dataclass(value):
+            yield from parameters_of(value, f"{key}.")
+        elif _holds_groups(member):
+            names = tuple(item.name for item in value)
+            yield Parameter(f"{key}.names", "string_array", names, **member.metadata)
+            for item in value:
+                yield from parameters_of(item, f"{key}.{item.name}.")
+        elif member.metadata:
+            element, *more = get_args(member.type) or (None,)
+            kind = _KINDS[member.type] if element is None else _ARRAYS[element]
+            length = None if element is None or more == [...] else 1 + len(more)
+            yield Parameter(key, kind, value, length=length, **member.metadata)
 
 
-def text(key: str, default: str, description: str, read_only: bool = False) -> Parameter:
-    """Any string."""
-    return Parameter(key, "string", default, "", None, None, (), None, description, read_only)
+def with_parameters(group: Group, values: Mapping[str, Any], prefix: str = "") -> Group:
+    """The group with other values of some parameters, by their keys."""
+    changes: dict[str, Any] = {}
+    for member in fields(group):  # type: ignore[arg-type]
+        key, value = f"{prefix}{member.name}", getattr(group, member.name)
+        if is_dataclass(value):
+            changes[member.name] = with_parameters(value, values, f"{key}.")
+        elif _holds_groups(member):
+            changes[member.name] = tuple(
+                with_parameters(item, values, f"{key}.{item.name}.") for item in value
+            )
+        elif key in values:
+            changes[member.name] = values[key]
+    return replace(group, **changes)  # type: ignore[type-var]
 
 
-def shown(value: object) -> str:
-    """A value as a scene file would hold it: `true`, `[0.0, 1.0]`, `auto`, `''`."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(shown(item) for item in value) + "]"
-    if isinstance(value, str):
-        return value or "''"
-    return repr(value)
-
-
-def allowed(row: Parameter) -> str:
-    """The values that a parameter may take, for people: `0.0 to 1.0`, `auto, on, off`, or empty."""
-    if row.choices:
-        return ", ".join(shown(choice) for choice in row.choices)
-    if row.low is not None and row.high is not None:
-        return f"{row.low:g} to {row.high:g}"
-    if row.low is not None:
-        return f"{row.low:g} or more"
-    return "" if row.high is None else f"{row.high:g} or less"
+def _holds_groups(member: Field[Any]) -> bool:
+    element, *_ = get_args(member.type) or (None,)
+    return is_dataclass(element)

@@ -23,7 +23,7 @@ from ruamel.yaml.events import (
     ScalarEvent,
 )
 
-from dlo_sim.scene.checking import SceneError
+from dlo_sim.scene.refusal import SceneError
 
 _LARGEST_FILE = 1_000_000  # bytes; a scene is a page, so a larger file is something else
 MOST_VALUES = 20_000  # keys count too; about 2 s to read

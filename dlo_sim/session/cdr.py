@@ -10,6 +10,7 @@ objects).
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Bytes = bytes | bytearray | memoryview
+Color = tuple[float, float, float, float]
 
 WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
 VECTOR3_STAMPED = "geometry_msgs/msg/Vector3Stamped"
@@ -31,6 +33,7 @@ DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 _VALUES = {WRENCH_STAMPED: 6, VECTOR3_STAMPED: 3, POSE_STAMPED: 7}
 
 _LINE_STRIP, _ADD, _DELETE_ALL = 4, 0, 3
+_NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero quaternion
 _NANO = 1_000_000_000
 _HEADERS = {"<": struct.Struct("<iII"), ">": struct.Struct(">iII")}
 _NUMBERS = {
@@ -134,6 +137,10 @@ class _Writer:
         self.data.extend(struct.pack(f"<{len(values)}{code}", *values))
         return offset
 
+    def zeros(self, shape: tuple[int, ...]) -> int:
+        """Append a table of doubles; returns the offset."""
+        return self.numbers("d", *([0.0] * math.prod(shape)))
+
     def text(self, text: str) -> None:
         """Append a string."""
         encoded = text.encode() + b"\x00"
@@ -148,54 +155,55 @@ class _Writer:
         self.text(frame_id)
 
 
-class StampedEncoder:
-    """Encodes WrenchStamped, Vector3Stamped or PoseStamped with a constant frame."""
+class _Encoder:
+    """Encodes messages of constant layout of which the stamp and the numbers change.
 
-    def __init__(self, message_type: str, frame_id: str) -> None:
-        self.type = message_type
-        writer = _Writer()
-        writer.header(frame_id)
-        count = _VALUES[message_type]
-        self._begin = writer.numbers("d", *([0.0] * count))
-        self._numbers = _NUMBERS["<", count]
-        self._data = writer.data
+    Attributes:
+        rows: the numbers in the message; fill them in, or give them to `encode`.
+    """
 
-    def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
-        """The message with this stamp [ns].
+    def __init__(self, writer: _Writer, begin: int, shape: tuple[int, ...]) -> None:
+        # Four bytes in front put the numbers where compiled code wants them: on multiples of eight.
+        self._data = memoryview(bytearray(4) + writer.data)[4:]
+        self.rows = np.frombuffer(self._data, "<f8", math.prod(shape), begin).reshape(shape)
 
-        Args:
-            values: force and torque, or vector, or position and quaternion x, y, z, w.
+    def encode(self, stamp_ns: int, values: Sequence[float] | Array | None = None) -> bytes:
+        """The message with this stamp [ns] and these numbers, shape of `rows`; None: those there
+        are.
         """
         _STAMP.pack_into(self._data, 4, *divmod(stamp_ns, _NANO))
-        self._numbers.pack_into(self._data, self._begin, *values)
+        if values is not None:
+            self.rows[:] = values
         return bytes(self._data)
 
 
-class PoseArrayEncoder:
-    """Encodes a PoseArray of a constant number of poses in a constant frame.
+class StampedEncoder(_Encoder):
+    """Encodes WrenchStamped, Vector3Stamped or PoseStamped with a constant frame: force and torque,
+    or vector, or position and quaternion x, y, z, w.
+    """
 
-    Attributes:
-        rows: the poses in the message, to be filled in: x, y, z [m], quaternion x, y, z, w, shape
-            (count, 7).
+    def __init__(self, message_type: str, frame_id: str) -> None:
+        writer = _Writer()
+        writer.header(frame_id)
+        shape = (_VALUES[message_type],)
+        super().__init__(writer, writer.zeros(shape), shape)
+
+
+class PoseArrayEncoder(_Encoder):
+    """Encodes a PoseArray of a constant number of poses in a constant frame: x, y, z [m],
+    quaternion x, y, z, w, shape (count, 7).
     """
 
     def __init__(self, frame_id: str, count: int) -> None:
         writer = _Writer()
         writer.header(frame_id)
         writer.numbers("I", count)
-        begin = writer.numbers("d", *([0.0] * (7 * count)))
-        # Four bytes in front put the numbers where compiled code wants them: on multiples of eight.
-        self._data = memoryview(bytearray(4) + writer.data)[4:]
-        self.rows = np.frombuffer(self._data, "<f8", 7 * count, begin).reshape(count, 7)
-
-    def encode(self, stamp_ns: int) -> bytes:
-        """The message with this stamp [ns] and the poses in `rows`."""
-        _STAMP.pack_into(self._data, 4, *divmod(stamp_ns, _NANO))
-        return bytes(self._data)
+        shape = (count, 7)
+        super().__init__(writer, writer.zeros(shape), shape)
 
 
-class LineStripEncoder:
-    """Encodes a Marker LINE_STRIP with a constant number of points.
+class LineStripEncoder(_Encoder):
+    """Encodes a Marker LINE_STRIP with a constant number of points [m], shape (count, 3).
 
     Args:
         frame_id: frame of the points.
@@ -213,64 +221,55 @@ class LineStripEncoder:
         marker_id: int,
         count: int,
         width: float,
-        color: tuple[float, float, float, float],
+        color: Color,
         lifetime_ns: int,
     ) -> None:
-        writer = _Writer()
-        _marker_head(writer, frame_id, 0, namespace, marker_id, _ADD)
-        writer.numbers("d", width, 0.0, 0.0)
-        writer.numbers("f", *color)
-        writer.numbers("i", lifetime_ns // _NANO)
-        writer.numbers("I", lifetime_ns % _NANO)
-        writer.numbers("B", 0)
-        writer.numbers("I", count)
-        begin = writer.numbers("d", *([0.0] * (3 * count)))
-        _marker_tail(writer)
-        self._data = writer.data
-        self._points = np.frombuffer(self._data, "<f8", 3 * count, begin).reshape(count, 3)
-
-    def encode(self, stamp_ns: int, points: Array) -> bytes:
-        """The message with these points, shape (n, 3) [m]."""
-        _STAMP.pack_into(self._data, 4, *divmod(stamp_ns, _NANO))
-        self._points[:] = points
-        return bytes(self._data)
+        writer, begin = _line_strip(
+            frame_id, 0, namespace, marker_id, _ADD, count, width, color, lifetime_ns
+        )
+        super().__init__(writer, begin, (count, 3))
 
 
 def encode_marker_delete_all(frame_id: str, stamp_ns: int) -> bytes:
     """A Marker with action DELETEALL: removes every marker of its topic."""
-    writer = _Writer()
-    _marker_head(writer, frame_id, stamp_ns, "", 0, _DELETE_ALL)
-    writer.numbers("d", 0.0, 0.0, 0.0)
-    writer.numbers("f", 0.0, 0.0, 0.0, 0.0)
-    writer.numbers("I", 0, 0)
-    writer.numbers("B", 0)
-    writer.numbers("I", 0)
-    _marker_tail(writer)
+    writer, _ = _line_strip(frame_id, stamp_ns, "", 0, _DELETE_ALL)
     return bytes(writer.data)
 
 
-def _marker_head(
-    writer: _Writer, frame_id: str, stamp_ns: int, namespace: str, marker_id: int, action: int
-) -> None:
-    """Header to pose; the pose is the identity (viewers complain about a zero quaternion)."""
+def _line_strip(
+    frame_id: str,
+    stamp_ns: int,
+    namespace: str,
+    marker_id: int,
+    action: int,
+    count: int = 0,
+    width: float = 0.0,
+    color: Color = (0.0, 0.0, 0.0, 0.0),
+    lifetime_ns: int = 0,
+) -> tuple[_Writer, int]:
+    """A Marker LINE_STRIP, and the offset of its points."""
+    writer = _Writer()
     writer.header(frame_id, stamp_ns)
     writer.text(namespace)
     writer.numbers("i", marker_id, _LINE_STRIP, action)
-    writer.numbers("d", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-
-
-def _marker_tail(writer: _Writer) -> None:
-    """Everything behind the points: no colours, texture, text or mesh."""
-    writer.numbers("I", 0)
+    writer.numbers("d", *_NO_POSE)
+    writer.numbers("d", width, 0.0, 0.0)
+    writer.numbers("f", *color)
+    writer.numbers("i", lifetime_ns // _NANO)
+    writer.numbers("I", lifetime_ns % _NANO)
+    writer.numbers("B", 0)  # frame_locked
+    writer.numbers("I", count)
+    begin = writer.zeros((count, 3))
+    writer.numbers("I", 0)  # colours
+    writer.text("")  # texture_resource
+    writer.header("")  # texture
     writer.text("")
-    writer.header("")
-    writer.text("")
-    writer.numbers("I", 0, 0)
-    writer.text("")
-    writer.text("")
-    writer.text("")
-    writer.numbers("I", 0)
-    writer.numbers("B", 0)
+    writer.numbers("I", 0, 0)  # its data, uv_coordinates
+    for _ in ("text", "mesh_resource", "mesh_file.filename"):
+        writer.text("")
+    writer.numbers("I", 0)  # mesh_file.data
+    writer.numbers("B", 0)  # mesh_use_embedded_materials
+    return writer, begin
 
 
 class DiagnosticStatus(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import Stamped
@@ -22,6 +23,15 @@ class Refused(Exception):
         self.reason, self.detail = reason, detail
 
 
+class Sound(NamedTuple):
+    """The numbers of a message that can be used, and the end in whose frame they are, "" = the
+    world frame.
+    """
+
+    values: tuple[float, ...]
+    end: str
+
+
 class ContentCheck:
     """The limits and frames of a scene."""
 
@@ -32,11 +42,8 @@ class ContentCheck:
             if end.frame:
                 self._frames.setdefault(end.frame, name)
 
-    def check(self, message: Stamped, is_pose: bool) -> str:
+    def check(self, message: Stamped, is_pose: bool) -> Sound:
         """Finite, not absurd, in a known frame.
-
-        Returns:
-            The end in whose frame the message is, "" = the world frame.
 
         Raises:
             Refused: it cannot be used.
@@ -49,7 +56,7 @@ class ContentCheck:
             _check_pose(values)
         else:
             self._check_size(values)
-        return self._check_frame(message.frame_id, is_pose)
+        return Sound(values, self._check_frame(message.frame_id, is_pose))
 
     def _check_size(self, values: tuple[float, ...]) -> None:
         for name, unit, vector, limit in (

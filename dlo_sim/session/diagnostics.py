@@ -10,21 +10,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.cdr import DiagnosticStatus
+from dlo_sim.session.simulator_protocol import CableSimulator
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
 REASONS: dict[str, str] = {
-    "undecodable": "not a whole message of the expected type",
+    "undecodable": "not a complete message of the expected type",
     "not_finite": "a NaN or infinite number",
     "too_large": "a force, torque or position beyond inputs.max_force, inputs.max_torque, 1e6 m",
     "bad_quaternion": "an orientation whose norm is not 1",
     "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",
     "too_old": "a stamp more than 1 s behind the last one used, or behind the clock before any",
-    "in_future": "a stamp more than 0.5 s ahead that what came after it did not confirm",
+    "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",
     "out_of_order": "a stamp that is not newer than the last one of its topic",
     "too_fast": "a pose that would need more than inputs.max_speed",
 }
@@ -32,18 +32,18 @@ REASONS: dict[str, str] = {
 
 EVENTS: dict[str, str] = {
     "other_epoch": "stamps come from another epoch than the clock; their own time base is used",
-    "time_jump": "clock or stamps jumped; the simulation was reset",
+    "time_jump": "the clock or the stamps jumped; the simulation was reset",
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
     "late": "a message came after the simulation had passed its time; it counts from now on",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",
     "reset": "reset was called",
-    "failed": "the simulator gave up; the last good state is held",
+    "failed": "a step failed; the last good state is held",
     "not_published": "an output was not finite and was not published",
     "inaccurate": "the estimated error exceeds accuracy.target",
     "slow_newton": "Newton's method took far more iterations in a tick than usual",
-    "estimate_spared": "it fell behind and goes on without its error estimate",
+    "estimate_spared": "the session fell behind and goes on without its error estimate",
 }
 """Everything else that is counted."""
 
@@ -137,7 +137,7 @@ def session_status(
     journal: Journal,
     status: str,
     message: str,
-    simulator: Any,
+    simulator: CableSimulator,
     accuracy: Accuracy,
     *,
     failed: bool,

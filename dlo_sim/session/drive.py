@@ -8,19 +8,19 @@ same messages give the same bits however the advance is cut into ticks.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
+from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.time_base import SECOND
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-SimulatorFactory = Callable[..., Any]
+    from dlo_sim.simulation.simulator import Simulator
 
 
 class Advance(NamedTuple):
@@ -37,7 +37,7 @@ class Advance(NamedTuple):
 class Prepared(NamedTuple):
     """What goes on with another scene: a simulator, and its companions if it has any."""
 
-    simulator: Any
+    simulator: CableSimulator
     estimate: ErrorEstimate | None
 
 
@@ -90,7 +90,7 @@ class Drive:
         return _estimated(self._scene, self._live and not self._too_slow)
 
     @property
-    def _driven(self) -> Any:
+    def _driven(self) -> Stepped:
         """What takes motions, loads and steps: the simulator, alone or with its companions."""
         return self.simulator if self.estimate is None else self.estimate
 
@@ -133,7 +133,7 @@ class Drive:
         if self._estimating:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-            self.estimate = ErrorEstimate.placed(self.simulator, poses)
+            self.estimate = ErrorEstimate.placed(cast("Simulator", self.simulator), poses)
         self.grid = StepGrid(origin, self.simulator.step)
         self.index = 0
         self._knots = dict.fromkeys(self.paths, 0)
@@ -260,7 +260,7 @@ class Drive:
             return Prepared(simulator, None)
         from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-        return Prepared(simulator, ErrorEstimate.continued(simulator))
+        return Prepared(simulator, ErrorEstimate.continued(cast("Simulator", simulator)))
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:
         """Continue from the present state with another scene, for which `prepare` was called.

@@ -61,6 +61,15 @@ class Segment(NamedTuple):
     motion: EndMotion
 
 
+class _State(NamedTuple):
+    """Where an end effector is [m, quaternion] and how it moves [m/s, rad/s]."""
+
+    position: Vector = _ZERO
+    orientation: Quaternion = rotations.IDENTITY
+    velocity: Vector = _ZERO
+    spin: Vector = _ZERO
+
+
 class GripperPath:
     """The path of one end effector from its accepted poses.
 
@@ -99,10 +108,7 @@ class GripperPath:
         self._center: Pose | None = None
         self._interval_ns = 0
         self._shift: Shift | None = None
-        self._position: Vector = _ZERO
-        self._velocity: Vector = _ZERO
-        self._orientation: Quaternion = rotations.IDENTITY
-        self._spin: Vector = _ZERO
+        self._present = _State()
 
     @property
     def waiting(self) -> int:
@@ -145,8 +151,8 @@ class GripperPath:
         while self._queue and (self._center is None or self._queue[0].stamp_ns <= base_ns):
             self._center = self._queue.popleft()
         assert self._center is not None, "begin() needs a pose"
-        self._stop_at(self._center.position, self._center.orientation)
-        return np.array(self._position), np.array(self._orientation)
+        self._present = _State(self._center.position, self._center.orientation)
+        return np.array(self._present.position), np.array(self._present.orientation)
 
     def skip_to(self, base_ns: int, position: Array, orientation: Array) -> None:
         """The simulation jumped to `base_ns` with the end resting at this pose: drop older poses,
@@ -154,7 +160,7 @@ class GripperPath:
         """
         while self._queue and self._queue[0].stamp_ns <= base_ns:
             self._center = self._queue.popleft()
-        self._stop_at(_vector(position), _quaternion(orientation))
+        self._present = _State(_vector(position), _quaternion(orientation))
         if self._center is not None:
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
@@ -169,12 +175,14 @@ class GripperPath:
             last: step of the new grid at which it ends; it goes on at step 0, simulator time `time`
                 [s].
         """
-        target = self._position, self._velocity, self._orientation, self._spin
-        self._position = _vector(motion.position_at(now))
-        self._velocity = _vector(motion.velocity_at(now))
-        self._orientation = normalized(_quaternion(motion.orientation_at(now)))
-        self._spin = _vector(motion.angular_velocity_at(now))
-        return self._move_to(*target, 0, last, grid.step, time)
+        target = self._present
+        self._present = _State(
+            _vector(motion.position_at(now)),
+            normalized(_quaternion(motion.orientation_at(now))),
+            _vector(motion.velocity_at(now)),
+            _vector(motion.angular_velocity_at(now)),
+        )
+        return self._move_to(target, 0, last, grid.step, time)
 
     def next_segment(
         self, grid: StepGrid, index: int, time: float, wanted_ns: int
@@ -208,7 +216,7 @@ class GripperPath:
             if segment is not None:
                 return segment
         if self.silent:
-            return Segment(index, None, EndMotion.resting(self._position, self._orientation, time))
+            return Segment(index, None, self._resting(time))
         return None
 
     def _segment_between(
@@ -233,61 +241,48 @@ class GripperPath:
         position = _sum(_scaled(_sum(first_p, second_p), 0.5), _scaled(velocity, ahead))
         turn = turn_between(first_q, second_q)
         orientation = turned(first_q, _scaled(turn, 0.5 + ahead * rate))
-        spin = _scaled(turn, rate)
-        return self._move_to(position, velocity, orientation, spin, index, last, grid.step, time)
+        target = _State(position, orientation, velocity, _scaled(turn, rate))
+        return self._move_to(target, index, last, grid.step, time)
 
-    def _move_to(
-        self,
-        position: Vector,
-        velocity: Vector,
-        orientation: Quaternion,
-        spin: Vector,
-        first: int,
-        last: int,
-        step: float,
-        time: float,
-    ) -> Segment:
-        """Parabola from the present pose and velocity to a target, see the module's formula;
-        advances the present.
+    def _move_to(self, target: _State, first: int, last: int, step: float, time: float) -> Segment:
+        """Parabola from the present state to a target, see the module's formula; advances the
+        present.
         """
         duration = (last - first) * step
-        p0, p1, w1 = self._position, self._velocity, self._spin
-        p2 = _curvature(_difference(position, p0), p1, velocity, duration)
-        way = turn_between(self._orientation, orientation)
+        p0, q0, p1, w1 = self._present
+        p2 = _curvature(_difference(target.position, p0), p1, target.velocity, duration)
+        way = turn_between(q0, target.orientation)
         # Angular velocity -> rate of the rotation vector at `way`: inverse left Jacobian to second
         # order.
-        once = cross(way, spin)
+        once = cross(way, target.spin)
         twice = cross(way, once)
-        end_rate = _sum(_sum(spin, _scaled(once, -0.5)), _scaled(twice, 1.0 / 12.0))
+        end_rate = _sum(_sum(target.spin, _scaled(once, -0.5)), _scaled(twice, 1.0 / 12.0))
         w2 = _curvature(way, w1, end_rate, duration)
-        motion = EndMotion(
-            time,
-            duration,
-            np.array((p0, p1, p2)),
-            np.array(self._orientation),
-            np.array((w1, w2)),
-        )
-        self._position, self._velocity = _sum(p0, _way(p1, p2, duration)), _rate(p1, p2, duration)
+        motion = EndMotion(time, duration, np.array((p0, p1, p2)), np.array(q0), np.array((w1, w2)))
         reached = _way(w1, w2, duration)
-        self._spin = angular_velocity(reached, _rate(w1, w2, duration))
-        self._orientation = normalized(turned(self._orientation, reached))
+        self._present = _State(
+            _sum(p0, _way(p1, p2, duration)),
+            normalized(turned(q0, reached)),
+            _rate(p1, p2, duration),
+            angular_velocity(reached, _rate(w1, w2, duration)),
+        )
         return Segment(first, last, motion)
 
     def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment | None:
         """As if the last pose were repeated: to it, then absorb the miss; None: at rest."""
         center = self._center
         assert center is not None
-        if not any(self._velocity) and not any(self._spin):
+        if not any(self._present.velocity) and not any(self._present.spin):
             self.silent = True
             timeout = self.timeout_ns / SECOND
             self._note("silent", f"no pose of {self.end} for {timeout:g} s; the last one is held")
             return None
         interval = max(1e-9 * self._interval_ns, 2.0 * grid.step)
         last = index + max(1, round(interval / grid.step))
-        position, orientation = self._shifted(center)
-        segment = self._move_to(position, _ZERO, orientation, _ZERO, index, last, grid.step, time)
-        if math.hypot(*self._velocity) < 1e-9 and math.hypot(*self._spin) < 1e-9:
-            self._stop_at(self._position, self._orientation)
+        segment = self._move_to(_State(*self._shifted(center)), index, last, grid.step, time)
+        position, orientation, velocity, spin = self._present
+        if math.hypot(*velocity) < 1e-9 and math.hypot(*spin) < 1e-9:
+            self._present = _State(position, orientation)
         return segment
 
     def _pass_over(self, now_ns: int) -> None:
@@ -308,8 +303,7 @@ class GripperPath:
         pose = self._queue[0]
         first = grid.first_at_or_after(pose.stamp_ns)
         if first > index:
-            motion = EndMotion.resting(self._position, self._orientation, time)
-            return Segment(index, first, motion)
+            return Segment(index, first, self._resting(time))
         self._queue.popleft()
         self.silent = False
         self._center = pose
@@ -318,7 +312,7 @@ class GripperPath:
 
     def _rejoin(self, pose: Pose) -> None:
         """From its stamp on, shift the poses so that this one is where the end is; it fades."""
-        self._shift = Shift.to_present(pose, self._position, self._orientation)
+        self._shift = Shift.to_present(pose, self._present.position, self._present.orientation)
         if self._shift is not None:
             self._note(
                 "rejoined", f"{self.end} returns to its poses, {self._shift.distance:.3g} m away"
@@ -328,9 +322,8 @@ class GripperPath:
         pose = pose if self._shift is None else self._shift.applied(pose)
         return pose.position, pose.orientation
 
-    def _stop_at(self, position: Vector, orientation: Quaternion) -> None:
-        self._position, self._orientation = position, orientation
-        self._velocity = self._spin = _ZERO
+    def _resting(self, time: float) -> EndMotion:
+        return EndMotion.resting(self._present.position, self._present.orientation, time)
 
 
 # Vectors in plain numbers: three of them as an array take ten times as long.

@@ -20,52 +20,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from dlo_sim.core.one_rotation import normalized
-from dlo_sim.scene.description import Load, Scene
+from dlo_sim.scene.cable import Load
+from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.load_schedule import LoadMessage
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
+from dlo_sim.session.topics import InputTopic
 
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.
 SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
-
-_TYPES = {
-    "pose": cdr.POSE_STAMPED,
-    "wrench": cdr.WRENCH_STAMPED,
-    "force": cdr.VECTOR3_STAMPED,
-}
-
-
-class InputTopic(NamedTuple):
-    """A topic that the scene listens to.
-
-    Attributes:
-        topic: its name; as in the scene (`~/...`), or on the wire.
-        kind: `pose`, `wrench` or `force`.
-        target: `start` or `end` for a pose, the load's name otherwise.
-    """
-
-    topic: str
-    kind: str
-    target: str
-
-    @property
-    def type(self) -> str:
-        """ROS message type, for example geometry_msgs/msg/PoseStamped."""
-        return _TYPES[self.kind]
-
-
-def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
-    """Every topic that this scene listens to, poses first; a topic may drive several targets."""
-    found = [InputTopic(e.pose_topic, "pose", name) for name, e in scene.ends.items() if e.driven]
-    found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
-    return tuple(found)
 
 
 @dataclass
@@ -80,13 +49,6 @@ class Accepted:
     poses: dict[str, Pose]
     loads: dict[str, LoadMessage]
     verdict: Verdict
-
-
-class _Sound(NamedTuple):
-    """The numbers of a message, and the end in whose frame they are."""
-
-    values: tuple[float, ...]
-    end: str
 
 
 class _Topic:
@@ -162,14 +124,13 @@ class Intake:
         topic.record.last_arrival_ns = arrival_ns
         try:
             message = cdr.decode(topic.type, raw)
-            end = self._content.check(message, topic.is_pose)
+            sound = self._content.check(message, topic.is_pose)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
             return []
         except Refused as refused:
             topic.record.refuse(refused.reason, refused.detail)
             return []
-        sound = _Sound(message.values, end)
         decisions = self.time_base.sort(topic.source, message.stamp_ns, arrival_ns, sound)
         return self._follow(topic, decisions)
 

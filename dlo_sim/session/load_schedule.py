@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from dlo_sim.core import rotations
-from dlo_sim.scene.description import Load
+from dlo_sim.scene.cable import Load
+from dlo_sim.session.simulator_protocol import Stepped
 from dlo_sim.session.time_base import SECOND
 
 # Loads waiting for their time; a paused simulation must not collect them for ever.
@@ -40,16 +41,6 @@ class LoadMessage(NamedTuple):
     end: str
 
 
-class LoadTarget(Protocol):
-    """The part of the simulator that takes loads."""
-
-    def set_load(self, name: str, force: object = None, torque: object = None) -> None:
-        """Hold this load from now on; None = as it is."""
-
-    def end_pose(self, end: str) -> tuple[object, object]:
-        """Position and orientation of an end effector now."""
-
-
 class LoadSchedule:
     """The pending messages of one load.
 
@@ -64,7 +55,7 @@ class LoadSchedule:
         self._note = note
         self.clear()
 
-    def remove(self, simulator: LoadTarget) -> None:
+    def remove(self, simulator: Stepped) -> None:
         """Forget all messages and take the load off."""
         self.clear()
         simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
@@ -96,7 +87,7 @@ class LoadSchedule:
             changes.append(self._held.stamp_ns + self.timeout_ns)
         return min(changes, default=None)
 
-    def apply(self, now_ns: int, step_ns: float, simulator: LoadTarget) -> None:
+    def apply(self, now_ns: int, step_ns: float, simulator: Stepped) -> None:
         """Give the simulator the load that acts during the step that begins at `now_ns`."""
         newest: LoadMessage | None = None
         while self._pending and self._pending[0].stamp_ns <= now_ns:
@@ -110,7 +101,7 @@ class LoadSchedule:
             force, torque = newest.force, newest.torque
             if newest.end:
                 orientation = simulator.end_pose(newest.end)[1]
-                turned = rotations.rotate(np.asarray(orientation), np.array([force, torque]))
+                turned = rotations.rotate(orientation, np.array([force, torque]))
                 force, torque = turned[0], turned[1]
             simulator.set_load(self.name, force=force, torque=torque)
         held = self._held
@@ -120,7 +111,7 @@ class LoadSchedule:
             self._note("load_removed", f"load {self.name}: no message for {timeout:g} s; removed")
             simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
 
-    def resend(self, simulator: LoadTarget) -> None:
+    def resend(self, simulator: Stepped) -> None:
         """Apply the load that is held again (to a new simulator)."""
         if self._held is not None:
             self._pending.appendleft(self._held)

@@ -17,35 +17,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
+from dlo_sim.session.simulator_protocol import Observable
 from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.topics import (
+    CENTERLINE,
+    CONTROL_POINTS,
+    CONTROL_POLYGON,
+    DIAGNOSTICS,
+    REACTIONS,
+    output_topics,
+)
 
 Array = NDArray[np.float64]
 
-CONTROL_POINTS = "~/control_points"
-CENTERLINE = "~/centerline"
-CONTROL_POLYGON = "~/control_polygon"
-DIAGNOSTICS = "/diagnostics"
-MARKERS = (CENTERLINE, CONTROL_POLYGON)
-
 _CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
-EVERY_OUTPUT = {
-    CONTROL_POINTS: cdr.POSE_ARRAY,
-    "~/start/reaction": cdr.WRENCH_STAMPED,
-    "~/end/reaction": cdr.WRENCH_STAMPED,
-    CENTERLINE: cdr.MARKER,
-    CONTROL_POLYGON: cdr.MARKER,
-    DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
-}
-"""Topic -> ROS type of everything that any scene publishes, in the order of publication."""
-
 # A marker that is not renewed disappears after this many marker periods.
 _MARKER_PERIODS = 5
 
@@ -61,30 +54,7 @@ class OutgoingMessage(NamedTuple):
     data: bytes
 
 
-class Observable(Protocol):
-    """The part of the simulator that is read."""
-
-    @property
-    def control_points(self) -> Array:
-        """Shape (n, 4)."""
-
-    def centerline(self, u: Array) -> Array:
-        """Points [m], shape (len(u), 3)."""
-
-    def control_poses(self, out: Array) -> None:
-        """Control points and their material frames, quaternions x, y, z, w, into out, (n, 7)."""
-
-    def reaction_wrench(self, end: str) -> tuple[float, ...]:
-        """Force [N] and torque [N m] on the cable by the end effector, world frame, six numbers."""
-
-
 _Encode = Callable[[Observable, int], bytes | None]
-
-
-def output_topics(scene: Scene) -> dict[str, str]:
-    """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
-    free = {_reaction(name) for name, end in scene.ends.items() if not end.held}
-    return {topic: kind for topic, kind in EVERY_OUTPUT.items() if topic not in free}
 
 
 class Outputs:
@@ -113,7 +83,7 @@ class Outputs:
             CENTERLINE: self._encode_centerline,
             CONTROL_POLYGON: self._encode_control_polygon,
         }
-        encoders |= {_reaction(end): partial(self._encode_reaction, end) for end in scene.ends}
+        encoders |= {t: partial(self._encode_reaction, end) for end, t in REACTIONS.items()}
         self._topics = tuple(
             (topic, message_type, encoders[topic])
             for topic, message_type in output_topics(scene).items()
@@ -157,10 +127,6 @@ class Outputs:
     def _encode_control_polygon(self, simulator: Observable, stamp_ns: int) -> bytes | None:
         points = simulator.control_points[:, :3]
         return self._polygon.encode(stamp_ns, points) if _finite(points) else None
-
-
-def _reaction(end: str) -> str:
-    return f"~/{end}/reaction"
 
 
 def _finite(values: Array) -> bool:

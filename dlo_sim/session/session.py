@@ -14,19 +14,27 @@ The session never raises on a message or a tick and never puts out a number that
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.diagnostics import Journal, session_status, topic_status
-from dlo_sim.session.drive import Drive, Prepared, SimulatorFactory
-from dlo_sim.session.intake import Accepted, InputTopic, Intake, input_topics
-from dlo_sim.session.naming import DEFAULT_NAMING, Naming
-from dlo_sim.session.outputs import EVERY_OUTPUT, MARKERS, OutgoingMessage, Outputs
+from dlo_sim.session.drive import Drive, Prepared
+from dlo_sim.session.intake import Accepted, Intake
+from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
+from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory
 from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import TimeBase, Verdict
+from dlo_sim.session.topics import (
+    DEFAULT_NAMING,
+    MARKERS,
+    OUTPUTS,
+    InputTopic,
+    Naming,
+    input_topics,
+    output_topics,
+)
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
 
@@ -67,23 +75,24 @@ class Session:
         self._time = TimeBase(scene.inputs.time)
         self._naming = naming
         self.inputs = tuple(e._replace(topic=naming.topic(e.topic)) for e in input_topics(scene))
-        naming.check((*((e.topic, e.type) for e in input_topics(scene)), *EVERY_OUTPUT.items()))
+        naming.check((*((e.topic, e.type) for e in input_topics(scene)), *OUTPUTS.items()))
         self.journal = Journal([entry.topic for entry in self.inputs])
         self._intake = Intake(scene, self.inputs, self._time, self.journal)
         self._drive = Drive(scene, simulator_factory, self.journal.event, live)
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
+        _look_at(self._drive.simulator, scene)
         self._pacing = Pacing(scene, self._drive.simulator.step, self.journal, live)
         self._paused = False
         self._resuming = False
         self._failure = ""
         self._waiting: tuple[str, ...] = ()
         self._marker_count: int | None = None
-        self._given_out: tuple[Any, int] | None = None
+        self._given_out: tuple[CableSimulator, int] | None = None
         self._markers_due = False
 
     @property
-    def simulator(self) -> Any:
+    def simulator(self) -> CableSimulator:
         """The simulator, for reading; it is replaced on reset and when the scene changes."""
         return self._drive.simulator
 
@@ -163,7 +172,7 @@ class Session:
         fresh, self._given_out = state != self._given_out, state
         markers, self._markers_due = self._markers_due, False
         due = set(again)
-        for topic in EVERY_OUTPUT if wanted is None else wanted:
+        for topic in OUTPUTS if wanted is None else wanted:
             if markers if topic in MARKERS else fresh:
                 due.add(topic)
         found = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
@@ -241,7 +250,9 @@ class Session:
             raise ValueError(
                 f"{changed}: cannot change while the session runs; restart with the new scene"
             )
-        return self._drive.prepare(scene)
+        prepared = self._drive.prepare(scene)
+        _look_at(prepared.simulator, scene)
+        return prepared
 
     def reconfigure(self, scene: Scene, prepared: Prepared | None = None) -> None:
         """Continue with other parameters from the same state, between two ticks.
@@ -358,6 +369,13 @@ class Session:
 
     def _new_outputs(self) -> Outputs:
         return Outputs(self.scene, len(self._drive.simulator.greville))
+
+
+def _look_at(simulator: CableSimulator, scene: Scene) -> None:
+    """Make every output once: the first look of each kind loads machine code, or compiles it."""
+    outputs = Outputs(scene, len(simulator.greville))
+    outputs.messages(simulator, 0, output_topics(scene))
+    simulator.energy()
 
 
 def _wiring(scene: Scene) -> dict[str, object]:

@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from dlo_sim.session.content import Refused
+from dlo_sim.session.content import Refused, Sound
 
 SECOND = 1_000_000_000
 
@@ -60,7 +60,7 @@ class Decision(NamedTuple):
         refusal: reason and detail if it is refused.
     """
 
-    content: Any
+    content: Sound
     stamp_ns: int
     verdict: Verdict
     refusal: Refused | None = None
@@ -72,7 +72,7 @@ class _Pending(NamedTuple):
     stamp_ns: int
     arrival_ns: int
     since_ns: int
-    content: Any
+    content: Sound
 
 
 class _Late(NamedTuple):
@@ -196,7 +196,7 @@ class TimeBase:
         return back if back > MOST_BEHIND else 0
 
     def sort(
-        self, source: Source, stamp_ns: int, arrival_ns: int, content: Any
+        self, source: Source, stamp_ns: int, arrival_ns: int, content: Sound
     ) -> Iterator[Decision]:
         """Decide about a sound message, and about those of its topic that wait.
 
@@ -254,7 +254,7 @@ class TimeBase:
         refusal = _in_future(pending.stamp_ns - self.from_clock(pending.arrival_ns))
         return Decision(pending.content, pending.stamp_ns, Verdict.REFUSE, refusal)
 
-    def _by_arrival(self, source: Source, stamp_ns: int, content: Any) -> Decision:
+    def _by_arrival(self, source: Source, stamp_ns: int, content: Sound) -> Decision:
         last = source.last_ns
         if last is not None and stamp_ns <= last:
             return Decision(content, stamp_ns, Verdict.REFUSE, _out_of_order(last - stamp_ns))

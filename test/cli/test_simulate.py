@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import types
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -218,24 +217,23 @@ def test_no_progress_bar_beside_a_terminal(recorder, capsys):
 @pytest.mark.parametrize("terminal", [True, False])
 def test_one_line_when_machine_code_is_missing(recorder, capsys, monkeypatch, terminal):
     """Between what goes to a terminal, or the only line of a service; never on stdout."""
-    from dlo_sim.kernels import cache
-    from dlo_sim.simulation import machine_code
+    from dlo_sim.compiling import directory
 
     def record(*arguments, **options):
-        for entry in ("one", "another"):
-            cache.miss(entry)
+        for name in ("one", "another"):
+            with directory.kept(name):
+                pass
         return make_up(*arguments, **options)
 
     make_up = recorder.record
     recorder.record = record
-    monkeypatch.setattr(cache, "_said", set())
-    monkeypatch.setattr(machine_code, "compiled_by_two", nullcontext)
+    monkeypatch.setattr(directory, "_said", set())
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
     assert main(["simulate", "paper_wire", "--duration", "0.5", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["status"] == "ok" and out.count("\n") == 1
-    kept = cache.base_directory()
-    line = f"dlo_sim: compiling the step of this scene, some 10 to 30 s, kept in {kept}\n"
+    kept = directory.base_directory()
+    line = f"dlo_sim: compiling, once per installation, some 10 s, kept in {kept}\n"
     assert err.count("compiling") == 1 and line in err
     assert err == line or terminal
     assert main(["simulate", "paper_wire", "--duration", "0.5"]) == 0

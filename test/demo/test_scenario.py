@@ -6,7 +6,7 @@ import pytest
 from dlo_sim.demo import scenario
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.session import cdr
-from dlo_sim.session.intake import input_topics
+from dlo_sim.session.topics import input_topics
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import signal
 import subprocess
@@ -83,13 +82,6 @@ class NodeProcess:
         """Time [s] for which its threads could have run, but other processes had the core."""
         tasks = Path(f"/proc/{self.process.pid}/task").glob("*/schedstat")
         return sum(int(task.read_text().split()[1]) for task in tasks) * 1e-9
-
-    @property
-    def time_slice(self) -> int:
-        """The time slice [ns] of the thread that ticks, as Linux from 6.12 on says it."""
-        attributes = ctypes.create_string_buffer(48)  # struct sched_attr
-        assert ctypes.CDLL(None).syscall(315, self.process.pid, attributes, 48, 0) == 0
-        return int.from_bytes(attributes.raw[24:32], sys.byteorder)
 
     def wait(self, timeout: float = SOON) -> int:
         """Its exit status.

@@ -40,6 +40,31 @@ def test_a_file_without_mixed_lists_is_passed_on_itself(checkout: Path) -> None:
         assert arguments.for_rcl == given
 
 
+SHARED = """
+/motors:
+  ros__parameters:
+    1: {gain: 2.0}
+/dlo_sim:
+  ros__parameters:
+    rate: 100.0
+"""
+
+
+def test_keys_of_another_node_may_be_numbers(tmp_path: Path) -> None:
+    source = tmp_path / "shared.yaml"
+    source.write_text(SHARED, encoding="utf-8")
+    given = ["--ros-args", "--params-file", str(source)]
+    with read_arguments(given) as arguments:
+        assert arguments.for_rcl == given
+        assert arguments.nodes == {str(source): ["/motors", "/dlo_sim"]}
+    source.write_text(SHARED + "    rate.x: 1\n    rate: {x: 2}\n".replace("rate", "cable"))
+    with (
+        pytest.raises(SceneError, match=r"shared.yaml: cable.x: 2 is given twice"),
+        read_arguments(given),
+    ):
+        pass
+
+
 def test_rules_on_the_command_line(tmp_path: Path) -> None:
     given = ["--ros-args", "-p", "gravity:=[0, 0, -9.81]", "--param", "cable.length:=2"]
     with read_arguments(given) as arguments:

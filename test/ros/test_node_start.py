@@ -158,16 +158,3 @@ def test_a_shipped_scene_starts_by_its_name(
     peer.until(lambda: received, "control points")
     assert peer.get("rate", "loads.names", "cable.diameter") == [50.0, ["centre"], 0.002]
     assert len(received[-1].poses) == peer.get("discretization.control_points")[0]
-
-
-def test_pages_stay_in_memory_where_that_is_allowed(
-    started: Callable[..., NodeProcess], peer: Peer
-) -> None:
-    """What another process of the same user may lock, the node has locked."""
-    probe = "from dlo_sim.ros.residence import settle; raise SystemExit(0 if settle() else 1)"
-    allowed = subprocess.run([sys.executable, "-c", probe], check=False).returncode == 0
-    node = started(HELD)
-    peer.status("/dlo_sim: node", lambda values, status: True, "the first report")
-    status = Path(f"/proc/{node.process.pid}/status").read_text()
-    locked = [int(line.split()[1]) for line in status.splitlines() if line.startswith("VmLck")]
-    assert (locked[0] > 1000) == allowed  # kB

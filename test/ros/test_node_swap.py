@@ -1,8 +1,7 @@
-"""A structural change of the running node: no tick is left out, whether it compiles or loads."""
+"""A structural change of the running node: no tick is left out."""
 
 from __future__ import annotations
 
-import platform
 import struct
 import time
 from collections.abc import Callable
@@ -18,10 +17,8 @@ from geometry_msgs.msg import PoseArray
 from node_harness import CABLE, Metronomes, NodeProcess, Peer
 from rclpy.qos import QoSProfile
 
-from dlo_sim.session.time_slice import SHORT
-
 RATES = [50.0, 200.0]  # [Hz]
-COMPILING = "compiling the step of this scene"
+COMPILING = "compiling, once per installation"
 
 
 class Heard:
@@ -43,10 +40,10 @@ class Heard:
 
 
 def change(node: NodeProcess, peer: Peer, rate: float, folder: Path) -> None:
-    """Leave out twist, which needs other machine code, and look at the ticks meanwhile.
+    """Leave out twist and look at the ticks meanwhile.
 
     Ticks may be late where a core stood still or other processes had it, by no more than that and
-    one period.
+    ten periods: the new simulator is built beside them, in the same interpreter.
     """
     heard = Heard(peer)
     peer.until(lambda: heard.stamps, "control points")
@@ -73,7 +70,7 @@ def change(node: NodeProcess, peer: Peer, rate: float, folder: Path) -> None:
         f"{len(late)} late while the machine ran, by {sum(late) * 1e3:.1f} ms in all and "
         f"{max(late, default=0.0) * 1e3:.1f} ms at most; no core for {waited * 1e3:.1f} ms"
     )
-    assert sum(late) < waited + 1.0 / rate
+    assert sum(late) < waited + 10.0 / rate
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -83,14 +80,6 @@ def test_every_tick_comes_while_a_change_is_made_ready(
     change(started({**CABLE, "rate": rate}), peer, rate, tmp_path)
 
 
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="asks Linux on x86-64")
-def test_the_node_has_the_shortest_time_slice(started: Callable[..., NodeProcess]) -> None:
-    found = started(CABLE).time_slice
-    if found == 0:
-        pytest.skip("Linux before 6.12 does not say what the time slice is")
-    assert found == round(SHORT * 1e9)
-
-
 @pytest.mark.slow
 def test_the_same_with_nothing_compiled_before(
     started: Callable[..., NodeProcess],
@@ -98,12 +87,11 @@ def test_the_same_with_nothing_compiled_before(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The start says that it compiles, the change compiles elsewhere, and the next one loads."""
+    """The start says that it compiles; the change and the next start have nothing to compile."""
     monkeypatch.setenv("DLO_SIM_CACHE", str(tmp_path))
     node = started({**CABLE, "rate": RATES[-1]})
     assert COMPILING in node.output
     change(node, peer, RATES[-1], tmp_path)
-    assert node.output.count("in another process") == 1
     assert node.output.count(COMPILING) == 1
     peer.watched = None
     node.end()

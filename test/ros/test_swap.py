@@ -1,4 +1,4 @@
-"""A structural change while poses come in: compiled beside the ticks, none of which stops."""
+"""A structural change while poses come in: built beside the ticks, none of which stops."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from node_harness import HELD
 
 from dlo_sim.ros.topics import Outputs
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session.outputs import CONTROL_POINTS, MARKERS
+from dlo_sim.session.topics import CONTROL_POINTS, MARKERS
 
 SCENE = scene_from_values(HELD)
 REACTION = "~/start/reaction"

@@ -9,6 +9,7 @@ from dlo_sim.scene.loading import SceneError, scene_from_values
 
 HELD = {"end.fixed": [True, True, True]}
 TIP = {"loads.names": ["tip"]}
+UNIFORM = {"discretization.quadrature": "uniform", "discretization.samples": 20}
 
 
 def refusal(values: dict) -> str:
@@ -110,6 +111,11 @@ def test_huge_value_is_shown_shortened():
             {"discretization.quadrature": "uniform"},
             "discretization.samples: 3 samples are too few",
         ),
+        (
+            {**UNIFORM, "discretization.knots": "auto"},
+            "discretization.knots: 'auto' needs Gauss points in every span; set "
+            "discretization.quadrature to gauss, or knots to uniform",
+        ),
         ({"inputs.catch_up": 0.004}, "is shorter than one timer period (0.005 s at rate 200 Hz)"),
         ({"start.frame": "world"}, "start.frame: 'world' is also frame_id"),
         ({"start.frame": "tcp", "end.frame": "tcp"}, "end.frame: 'tcp' is also start.frame"),
@@ -147,7 +153,8 @@ def test_conflict(values, complaint):
         {**HELD, "end.position": [3, 0, 0], "end.pose_topic": "/pose"},  # the pose decides
         {**HELD, "start.pose_topic": "/pose", "end.pose_topic": "/pose"},  # one gripper, two ends
         {"inputs.catch_up": 0.005},
-        {"discretization.quadrature": "uniform", "discretization.samples": 20},
+        UNIFORM,
+        {"discretization.knots": "auto"},
         {
             "start.position": [0, 0, 0.0],
             "start.fixed": [False, True, True],

@@ -8,8 +8,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.session import cdr
-from dlo_sim.session.naming import Naming, resolved
 from dlo_sim.session.session import Session
+from dlo_sim.session.topics import Naming, resolved
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HELD = {"start.pose_topic": "~/start/pose", "loads.names": ["tip"]}

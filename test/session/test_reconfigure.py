@@ -5,7 +5,7 @@ import pytest
 from session_bench import MS, SECOND, T0, motion, play
 
 from dlo_sim.session import cdr
-from dlo_sim.session.outputs import CONTROL_POINTS
+from dlo_sim.session.topics import CONTROL_POINTS
 
 
 class TestReconfigure:

@@ -8,8 +8,8 @@ from rosbags.typesys import Stores, get_typestore
 from session_bench import FREE, GRIPPER, LOADED, MS, SECOND, T0, motion, play
 
 from dlo_sim.session import cdr
-from dlo_sim.session.outputs import output_topics
 from dlo_sim.session.session import Session, SessionStatus
+from dlo_sim.session.topics import output_topics
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

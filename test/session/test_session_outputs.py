@@ -6,7 +6,7 @@ from rosbags.typesys import Stores, get_typestore
 from session_bench import FREE, MS, SECOND, T0, motion, play
 
 from dlo_sim.session import cdr
-from dlo_sim.session.outputs import MARKERS, output_topics
+from dlo_sim.session.topics import MARKERS, output_topics
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

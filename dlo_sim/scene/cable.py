@@ -1,0 +1,253 @@
+"""What is simulated: the cable, its ends, its loads. Groups of parameters in SI units.
+
+A field's annotation gives the type, `parameter(...)` default, description, unit and bounds; ROS
+declarations, checks and the reference in config/README.md are made from them.
+"""
+
+import math
+from dataclasses import dataclass
+
+from dlo_sim.scene.parameter import parameter
+
+Vector = tuple[float, float, float]
+Switches = tuple[bool, bool, bool]
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Cable:
+    """Material and section. Direct values of 0 mean: derived from modulus, density and diameter."""
+
+    length: float = parameter(1.0, "Rest length L.", "m", 1.0e-4, 1.0e4)
+    diameter: float = parameter(0.005, "Diameter D of the round section.", "m", 1.0e-6, 1.0)
+    density: float = parameter(1200.0, "Density rho.", "kg/m^3", 1.0e-2, 1.0e5)
+    youngs_modulus: float = parameter(1.0e7, "Young's modulus E.", "Pa", 1.0, 1.0e13)
+    shear_modulus: float = parameter(3.5e6, "Shear modulus G.", "Pa", 1.0, 1.0e13)
+    linear_density: float = parameter(
+        0.0, "Mass per length mu; 0 = rho pi D^2 / 4.", "kg/m", 0.0, 1.0e4
+    )
+    axial_stiffness: float = parameter(0.0, "EA; 0 = E pi D^2 / 4.", "N", 0.0, 1.0e14)
+    bending_stiffness: float = parameter(0.0, "EI; 0 = E pi D^4 / 64.", "N m^2", 0.0, 1.0e12)
+    torsional_stiffness: float = parameter(0.0, "GJ; 0 = G pi D^4 / 32.", "N m^2", 0.0, 1.0e12)
+    rest_curvature: tuple[float, ...] = parameter(
+        (0.0,),
+        "Natural curvature at equally spaced points from start to end, linear between them; "
+        "one value = the same everywhere.",
+        "1/m",
+        -1.0e5,
+        1.0e5,
+    )
+    rest_curvature_axis: Vector = parameter(
+        (0.0, 1.0, 0.0),
+        "Unit axis about which the unloaded cable is bent, in the start end-effector's frame; "
+        "positive curvature turns the tangent about it by the right-hand rule.",
+        "",
+        -1.0,
+        1.0,
+    )
+
+    @property
+    def area(self) -> float:
+        """Section area A = pi D^2 / 4 [m^2]."""
+        return math.pi * self.diameter**2 / 4.0
+
+    @property
+    def mu(self) -> float:
+        """Linear density mu = rho A [kg/m], or the value given directly."""
+        return self.linear_density or self.density * self.area
+
+    @property
+    def EA(self) -> float:
+        """Axial stiffness EA [N], or the value given directly."""
+        return self.axial_stiffness or self.youngs_modulus * self.area
+
+    @property
+    def EI(self) -> float:
+        """Bending stiffness EI = E pi D^4 / 64 [N m^2], or the value given directly."""
+        return self.bending_stiffness or self.youngs_modulus * math.pi * self.diameter**4 / 64.0
+
+    @property
+    def GJ(self) -> float:
+        """Torsional stiffness GJ = G pi D^4 / 32 [N m^2], or the value given directly."""
+        return self.torsional_stiffness or self.shear_modulus * math.pi * self.diameter**4 / 32.0
+
+    @property
+    def polar_inertia(self) -> float:
+        """Polar inertia per length mu D^2 / 8 [kg m]; equals rho pi D^4 / 32 when mu is derived."""
+        return self.mu * self.diameter**2 / 8.0
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Rayleigh damping and air drag."""
+
+    mass: float = parameter(
+        0.0, "Rayleigh alpha: force -alpha M v on the cable.", "1/s", 0.0, 1.0e6
+    )
+    stiffness: float = parameter(0.0, "Rayleigh beta: internal damping beta K.", "s", 0.0, 1.0e3)
+    air_drag: float = parameter(
+        0.0, "Linear drag: force per length of cable and per speed.", "N s/m^2", 0.0, 1.0e6
+    )
+
+
+@dataclass(frozen=True)
+class Plasticity:
+    """Plastic bending."""
+
+    yield_curvature: float = parameter(
+        0.0, "Curvature beyond which bending is plastic; 0 = bending is elastic.", "1/m", 0.0, 1.0e5
+    )
+    hardening: float = parameter(
+        0.0,
+        "Ratio of tangent to elastic bending stiffness beyond yield (linear kinematic hardening).",
+        "",
+        0.0,
+        0.999,
+    )
+
+
+@dataclass(frozen=True)
+class Torsion:
+    """Frenet torsion."""
+
+    curvature_floor: float = parameter(
+        0.0,
+        "For terms.twist frenet: curvature below which torsion is regarded as undefined and is "
+        "suppressed; 0 = 1 % of the curvature of a ring of the cable's length.",
+        "1/m",
+        0.0,
+        1.0e5,
+    )
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of the cable, `start` (u = 0) or `end` (u = L), and what holds it."""
+
+    position: Vector = parameter(
+        ORIGIN,
+        "End-effector position before any pose is received; for a free end only the direction "
+        "of the initial straight line.",
+        "m",
+        -1.0e6,
+        1.0e6,
+    )
+    fixed: Switches = parameter(
+        (True, True, True), "Per world axis: held at the position of the end-effector."
+    )
+    spring: Vector = parameter(
+        ORIGIN,
+        "Per world axis that is not fixed: spring to the position of the end-effector.",
+        "N/m",
+        0.0,
+        1.0e12,
+    )
+    clamped: bool = parameter(
+        False, "Tangent and twist held by the end-effector; needs all three axes fixed."
+    )
+    tangent: Vector = parameter(
+        ORIGIN,
+        "Direction of the cable (from start towards end) at this end, in the end-effector's "
+        "frame; zeros = from start.position to end.position.",
+        "",
+        -1.0e6,
+        1.0e6,
+    )
+    offset: Vector = parameter(
+        ORIGIN,
+        "Point where the cable is attached, in the end-effector's frame.",
+        "m",
+        -1.0e3,
+        1.0e3,
+    )
+    frame: str = parameter(
+        "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
+    )
+    mass: float = parameter(0.0, "Point mass at this end.", "kg", 0.0, 1.0e4)
+    pose_topic: str = parameter(
+        "",
+        "Topic (PoseStamped) of the end-effector that moves this end; empty = it stands still.",
+        read_only=True,
+    )
+    pose_timeout: float = parameter(
+        1.0,
+        "Time without a pose after which the last one is held, with a warning.",
+        "s",
+        0.01,
+        3600.0,
+    )
+    pose_smoothing: float = parameter(
+        0.0,
+        "Half the window over which poses are smoothed by local parabolas, for noisy tracking; "
+        "delays the prediction (raise inputs.latency by as much), 0 = off.",
+        "s",
+        0.0,
+        1.0,
+    )
+
+    @property
+    def held(self) -> bool:
+        """Whether anything (a fixed axis or a spring) ties this end to its end-effector."""
+        return any(self.fixed) or any(self.spring)
+
+    @property
+    def driven(self) -> bool:
+        """Whether poses from a topic move this end."""
+        return bool(self.pose_topic)
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force or wrench on the cable, from a topic or from a signal."""
+
+    name: str
+    topic: str = parameter(
+        "",
+        "Topic of the load; empty and no signal = `~/<name>/wrench` or `~/<name>/force` "
+        "(a force load named `force`: `~/force`).",
+        read_only=True,
+    )
+    type: str = parameter(
+        "wrench",
+        "Message type: WrenchStamped, or Vector3Stamped (a force).",
+        choices=("wrench", "force"),
+        read_only=True,
+    )
+    position: float = parameter(
+        1.0,
+        "Where on the cable: 0 at start, 1 at end; a load named `start` has default 0.0.",
+        "",
+        0.0,
+        1.0,
+    )
+    timeout: float = parameter(
+        0.5, "Time without a message after which the load is removed; 0 = never.", "s", 0.0, 3600.0
+    )
+    sign: float = parameter(
+        1.0,
+        "1: messages give the load on the cable by the end-effector; -1: the opposite.",
+        "",
+        -1.0,
+        1.0,
+        choices=(1.0, -1.0),
+    )
+    signal: str = parameter(
+        "none",
+        "Load without a topic: constant, or force times sin(2 pi frequency t).",
+        choices=("none", "constant", "sine"),
+        read_only=True,
+    )
+    force: Vector = parameter(ORIGIN, "Force of the signal, world frame.", "N", -1.0e9, 1.0e9)
+    torque: Vector = parameter(ORIGIN, "Torque of the signal, world frame.", "N m", -1.0e9, 1.0e9)
+    frequency: float = parameter(1.0, "Frequency of a sine.", "Hz", 1.0e-6, 1.0e4)
+
+    @property
+    def input_topic(self) -> str:
+        """The topic that drives this load, the default one if none is named; empty for a signal."""
+        if self.signal != "none":
+            return ""
+        if self.topic:
+            return self.topic
+        if self.type == "force":
+            return "~/force" if self.name == "force" else f"~/{self.name}/force"
+        return f"~/{self.name}/wrench"

@@ -1,0 +1,183 @@
+"""How it is simulated: terms, mesh, time integration, inputs and outputs. See `cable.py`."""
+
+from dataclasses import dataclass
+
+from dlo_sim.scene.parameter import parameter
+
+SWITCH = ("auto", "on", "off")
+
+
+@dataclass(frozen=True)
+class Discretization:
+    """Spline, quadrature and mass matrix."""
+
+    control_points: int = parameter(
+        13, "Number of control points n_u of the cubic B-spline.", "", 4, 2000
+    )
+    quadrature: str = parameter(
+        "gauss",
+        "Quadrature along the cable: Gauss points in each knot span, or uniformly spaced points.",
+        choices=("gauss", "uniform"),
+    )
+    samples: int = parameter(
+        3,
+        "Quadrature points: per knot span for gauss (2 to 10), in total for uniform (at least 2 a "
+        "span).",
+        "",
+        1,
+        100_000,
+    )
+    stretch: str = parameter(
+        "sample",
+        "Where the stretching energy is evaluated: at every quadrature point, or from the mean "
+        "stretch of each knot span, which avoids membrane locking of thin cables with few control "
+        "points (needs gauss and 5 control points).",
+        choices=("sample", "span"),
+    )
+    mass: str = parameter(
+        "consistent",
+        "Mass matrix: consistent (banded), lumped (diagonal, less accurate), or selective: "
+        "consistent with more mass for motion that the spline does not resolve, which lets "
+        "explicit steps be about twice as long.",
+        choices=("consistent", "lumped", "selective"),
+    )
+    knots: str = parameter(
+        "uniform",
+        "Knot spans of equal length, or (auto) shorter ones at clamped ends of a soft cable, which "
+        "bends most there (needs gauss).",
+        choices=("uniform", "auto"),
+    )
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Which parts of the model are there: `auto`, `on`, `off`, or a variant of the term."""
+
+    stretch: str = parameter(
+        "auto",
+        "Axial stretching energy. Off with integrator.method auto: the cable is inextensible "
+        "(rattle) where that is possible.",
+        choices=SWITCH,
+    )
+    bend: str = parameter("auto", "Bending energy.", choices=SWITCH)
+    twist: str = parameter(
+        "auto",
+        "Torsion energy and the twist angle.",
+        choices=("auto", "on", "off", "frenet", "quasistatic"),
+    )
+    gravity: str = parameter("auto", "Weight.", choices=SWITCH)
+    damping: str = parameter("auto", "All damping.", choices=SWITCH)
+    plasticity: str = parameter("auto", "Plastic bending.", choices=SWITCH)
+    contact: str = parameter("auto", "Contact.", choices=SWITCH)
+    out_of_plane: str = parameter(
+        "auto",
+        "The third coordinate. Auto leaves it out where everything stays in a coordinate plane; "
+        "off drops forces and moments out of the plane and projects the ends' motion onto it.",
+        choices=SWITCH,
+    )
+
+
+@dataclass(frozen=True)
+class Initial:
+    """Shape at the start."""
+
+    shape: str = parameter(
+        "auto",
+        "Shape at the start and after a reset; auto = straight when an end is free or the held "
+        "ends are one length apart, else equilibrium.",
+        choices=("auto", "straight", "equilibrium"),
+    )
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """Time integration: method, step, and what a failure does."""
+
+    method: str = parameter("auto", "Time integration method; see `dlo_sim methods`.")
+    step: float = parameter(
+        0.0,
+        "Time step tau, at least 1e-9; 0 = chosen from the scene and the accuracy asked for.",
+        "s",
+        0.0,
+        1.0,
+    )
+    spectral_radius: float = parameter(
+        0.8,
+        "Spectral radius of generalized_alpha at infinite frequency: 1 = no numerical damping, 0 = "
+        "the highest frequencies vanish within a step.",
+        "",
+        0.0,
+        1.0,
+    )
+    zhai_psi: float = parameter(
+        0.5,
+        "Parameter psi of Zhai's method; the pair 0.5, 0.5 has the largest stable step.",
+        "",
+        0.0,
+        1.0,
+    )
+    zhai_phi: float = parameter(
+        0.5, "Parameter phi of Zhai's method; second order only with 0.5.", "", 0.0, 1.0
+    )
+    tolerance: float = parameter(
+        1.0e-10,
+        "Relative tolerance of the equations that implicit methods solve.",
+        "",
+        1.0e-15,
+        1.0e-2,
+    )
+    on_failure: str = parameter(
+        "hold",
+        "When a step fails: hold the last good state until ~/reset, or stop the node.",
+        choices=("hold", "stop"),
+    )
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """How messages are taken in: time base, latency, limits, catching up."""
+
+    latency: float = parameter(
+        0.06,
+        "The prediction lags by this much, so that poses are interpolated, never extrapolated.",
+        "s",
+        0.0,
+        10.0,
+    )
+    time: str = parameter(
+        "auto",
+        "Time of an input: its header stamp, its arrival, or (auto) the stamp, shifted if it is "
+        "from another epoch than the clock.",
+        choices=("auto", "stamp", "arrival"),
+    )
+    max_speed: float = parameter(20.0, "Poses that move faster are refused.", "m/s", 1.0e-3, 1.0e6)
+    max_force: float = parameter(1.0e4, "Larger forces are refused.", "N", 1.0e-6, 1.0e9)
+    max_torque: float = parameter(1.0e3, "Larger torques are refused.", "N m", 1.0e-6, 1.0e9)
+    catch_up: float = parameter(
+        0.1, "Most simulated time per timer tick; at least one timer period.", "s", 1.0e-3, 10.0
+    )
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What is put out besides the control points."""
+
+    centerline_samples: int = parameter(
+        50, "Points of the centerline in markers and recordings.", "", 2, 10_000
+    )
+    marker_rate: float = parameter(30.0, "Rate of the markers.", "Hz", 0.1, 1000.0)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Position error that is acceptable, and whether the error is estimated."""
+
+    target: float = parameter(
+        0.001, "Acceptable position error; a larger estimate causes a warning.", "m", 1e-9, 1e3
+    )
+    estimate: str = parameter(
+        "auto",
+        "Estimate the error by two finer simulations that run beside; auto = in the node, as "
+        "long as it keeps up.",
+        choices=SWITCH,
+    )

@@ -1,0 +1,200 @@
+"""Whether values that are possible one by one are possible together.
+
+Every refusal is one line that names the key, the value and the cure.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+from dlo_sim.scene.cable import Cable, End, Load, Vector
+from dlo_sim.scene.computation import Discretization
+from dlo_sim.scene.refusal import refusal, shown
+
+_TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+LEAST_STEP = 1e-9  # [s]; 0 is a step that is chosen
+_LARGEST_STRETCH = 2.0  # held ends farther apart than this many lengths are surely a mistake
+
+Ends = Mapping[str, End]
+
+
+def _norm(vector: Vector) -> float:
+    return math.hypot(*vector)
+
+
+def check_cable(cable: Cable) -> None:
+    """Refuse an empty natural curvature, and an axis that is no unit vector."""
+    axis = cable.rest_curvature_axis
+    if not cable.rest_curvature:
+        raise refusal("cable.rest_curvature", (), "is empty; give [0.0] for a straight cable")
+    if abs(_norm(axis) - 1.0) > 1e-6:
+        size = _norm(axis)
+        unit = shown(tuple(round(a / size, 9) for a in axis)) if size > 0.0 else "[0.0, 1.0, 0.0]"
+        raise refusal("cable.rest_curvature_axis", axis, f"is not a unit vector; give {unit}")
+
+
+def _check_span_stretch(discretization: Discretization) -> None:
+    if discretization.quadrature != "gauss":
+        raise refusal(
+            "discretization.stretch",
+            "span",
+            "needs Gauss points; set discretization.quadrature to gauss, or stretch to sample",
+        )
+    if discretization.control_points < 5:
+        raise refusal(
+            "discretization.stretch",
+            "span",
+            "leaves a single span ways to stretch that cost no energy; give 5 control points or "
+            "more, or set it to sample",
+        )
+
+
+def check_discretization(discretization: Discretization) -> None:
+    """Refuse quadratures that do not suit the knots or leave motions without energy."""
+    samples = discretization.samples
+    if discretization.quadrature == "gauss" and not 2 <= samples <= 10:
+        raise refusal(
+            "discretization.samples",
+            samples,
+            "points per knot span will not do for gauss; give 2 to 10 (a single one leaves ways to "
+            "bend that cost no energy), or set discretization.quadrature to uniform",
+        )
+    if discretization.stretch == "span":
+        _check_span_stretch(discretization)
+    if discretization.knots == "auto" and discretization.quadrature != "gauss":
+        raise refusal(
+            "discretization.knots",
+            "auto",
+            "needs Gauss points in every span; set discretization.quadrature to gauss, or knots to "
+            "uniform",
+        )
+    least = 2 * (discretization.control_points - 3)
+    if discretization.quadrature == "uniform" and samples < max(least, 4):
+        raise refusal(
+            "discretization.samples",
+            samples,
+            f"samples are too few for uniform quadrature; give {max(least, 4)} or more in all, two "
+            "a knot span",
+        )
+
+
+def check_end(name: str, end: End) -> None:
+    """Refuse springs, clamps and topics that would do nothing at this end."""
+    for axis in range(3):
+        if end.fixed[axis] and end.spring[axis] > 0.0:
+            raise refusal(
+                f"{name}.spring[{axis}]",
+                end.spring[axis],
+                f"N/m would do nothing, since {name}.fixed[{axis}] is true; set one of them to "
+                "zero or false",
+            )
+    if end.clamped and not all(end.fixed):
+        raise refusal(
+            f"{name}.clamped",
+            True,
+            f"needs {name}.fixed: [true, true, true] (it is {shown(end.fixed)})",
+        )
+    if end.driven and not end.held:
+        raise refusal(
+            f"{name}.pose_topic",
+            end.pose_topic,
+            f"would move nothing, since this end is free; set {name}.fixed: [true, true, true] or "
+            f"remove {name}.pose_topic",
+        )
+
+
+def check_placement(ends: Ends, length: float, shape: str) -> None:
+    """Refuse ends that give the initial shape or a clamp no direction, or are too far apart."""
+    start, end = ends["start"], ends["end"]
+    gap = math.dist(start.position, end.position)
+    rigid = all(start.fixed) and all(end.fixed)
+    if gap == 0.0:
+        for name, held in ends.items():
+            if held.clamped and _norm(held.tangent) == 0.0:
+                raise refusal(
+                    f"{name}.tangent",
+                    held.tangent,
+                    "gives no direction, since both ends are at the same place; give a direction",
+                )
+        if shape == "straight" or not rigid:
+            raise refusal(
+                "end.position",
+                end.position,
+                "equals start.position, so a straight cable has no direction; "
+                "move it or start.position apart",
+            )
+    resting = not (start.driven or end.driven)
+    if resting and rigid and gap > _LARGEST_STRETCH * length:
+        raise refusal(
+            "end.position",
+            end.position,
+            f"is {gap:g} m from start.position, but the cable is only {length:g} m "
+            "long; move the ends together or lengthen cable.length",
+        )
+
+
+def check_frames(world: str, ends: Ends) -> None:
+    """Refuse a frame name that means two of the world, the start and the end."""
+    for name, end in ends.items():
+        if end.frame and end.frame == world:
+            raise refusal(
+                f"{name}.frame", end.frame, "is also frame_id; give the end-effector's own frame"
+            )
+    end = ends["end"]
+    if end.frame and end.frame == ends["start"].frame:
+        raise refusal("end.frame", end.frame, "is also start.frame; give each end its own frame")
+
+
+def check_load(load: Load) -> None:
+    """Refuse values of a load that would be ignored."""
+    key = f"loads.{load.name}"
+    if load.signal != "none" and load.topic:
+        raise refusal(
+            f"{key}.topic",
+            load.topic,
+            f"cannot be used with {key}.signal {load.signal}; remove one of them",
+        )
+    if load.signal == "none":
+        for part, vector in (("force", load.force), ("torque", load.torque)):
+            if any(vector):
+                raise refusal(
+                    f"{key}.{part}",
+                    vector,
+                    f"would be ignored; set {key}.signal to constant or sine, or remove it",
+                )
+    if load.type == "force" and any(load.torque):
+        raise refusal(f"{key}.torque", load.torque, f"would be ignored; set {key}.type to wrench")
+
+
+def check_topics(ends: Ends, loads: Sequence[Load]) -> None:
+    """Refuse topic names that are not well formed, and topics with two meanings."""
+    inputs = [(f"{n}.pose_topic", e.pose_topic, "pose") for n, e in ends.items()]
+    inputs += [(f"loads.{load.name}.topic", load.input_topic, load.type) for load in loads]
+    seen: dict[str, tuple[str, str]] = {}
+    for key, topic, kind in inputs:
+        if not topic:
+            continue
+        if not _TOPIC.fullmatch(topic):
+            raise refusal(key, topic, "is not a topic name; give one like ~/wrench or /robot/pose")
+        other, other_kind = seen.setdefault(topic, (key, kind))
+        if other_kind != kind:
+            raise refusal(
+                key, topic, f"is read as {kind} here and as {other_kind} by {other}; use two topics"
+            )
+
+
+def check_times(rate: float, step: float, catch_up: float) -> None:
+    """Refuse a step below the resolution of stamps, and less catching up than a timer period."""
+    if 0.0 < step < LEAST_STEP:
+        raise refusal(
+            "integrator.step",
+            step,
+            f"s is below {LEAST_STEP:g} s, the resolution of stamps; give 0 to have it chosen",
+        )
+    if catch_up < 1.0 / rate:
+        raise refusal(
+            "inputs.catch_up",
+            catch_up,
+            f"s is shorter than one timer period ({1.0 / rate:g} s at rate {rate:g} "
+            f"Hz); give at least {1.0 / rate:g}",
+        )

@@ -1,0 +1,50 @@
+"""The exception for everything that a scene or a value for one is refused for, and its wording."""
+
+import difflib
+import reprlib
+from collections.abc import Iterable
+
+_brief = reprlib.Repr()
+_brief.maxstring = _brief.maxother = _brief.maxlong = 60
+_brief.maxlist = _brief.maxtuple = 8
+
+
+class SceneError(ValueError):
+    """A scene, or a value for one, that is refused: one line with key, value and cure."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
+
+
+def refusal(key: str, value: object, problem: str) -> SceneError:
+    """The refusal of a key's value; `problem` says what is wrong with it and the cure."""
+    text = shown(value) if isinstance(value, bool | float | tuple) else brief(value)
+    return SceneError(f"{key}: {text} {problem}")
+
+
+def one_line(message: str) -> str:
+    """A message that may quote a file: one line, without escape sequences or endless words."""
+    words = [w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in message.split()]
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(words))
+
+
+def brief(value: object) -> str:
+    """A value for an error message: short, on one line, whatever it is."""
+    return _brief.repr(value)
+
+
+def shown(value: object) -> str:
+    """A value as a scene file would hold it: `true`, `[0.0, 1.0]`, `auto`, `''`."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(shown(item) for item in value) + "]"
+    if isinstance(value, str):
+        return value or "''"
+    return repr(value)
+
+
+def nearest(key: str, known: Iterable[str]) -> str:
+    """`; did you mean ...?` with the closest known key, or empty when none is close."""
+    found = difflib.get_close_matches(key, list(known), n=1, cutoff=0.6)
+    return f"; did you mean {found[0]}?" if found else ""

@@ -1,0 +1,98 @@
+"""Every topic that a scene listens to or publishes: name, type, and name on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.node_blocks import NODE_NAME
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.session import cdr
+
+CONTROL_POINTS = "~/control_points"
+CENTERLINE = "~/centerline"
+CONTROL_POLYGON = "~/control_polygon"
+DIAGNOSTICS = "/diagnostics"
+MARKERS = (CENTERLINE, CONTROL_POLYGON)
+REACTIONS = {"start": "~/start/reaction", "end": "~/end/reaction"}
+
+OUTPUTS = {
+    CONTROL_POINTS: cdr.POSE_ARRAY,
+    **dict.fromkeys(REACTIONS.values(), cdr.WRENCH_STAMPED),
+    **dict.fromkeys(MARKERS, cdr.MARKER),
+    DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
+}
+"""Topic -> ROS type of everything that any scene publishes, in the order of publication."""
+
+_INPUTS = {"pose": cdr.POSE_STAMPED, "wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
+
+
+def output_topics(scene: Scene) -> dict[str, str]:
+    """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
+    free = {REACTIONS[name] for name, end in scene.ends.items() if not end.held}
+    return {topic: kind for topic, kind in OUTPUTS.items() if topic not in free}
+
+
+class InputTopic(NamedTuple):
+    """A topic that the scene listens to.
+
+    Attributes:
+        topic: its name; as in the scene (`~/...`), or on the wire.
+        kind: `pose`, `wrench` or `force`.
+        target: `start` or `end` for a pose, the load's name otherwise.
+    """
+
+    topic: str
+    kind: str
+    target: str
+
+    @property
+    def type(self) -> str:
+        """ROS message type, for example geometry_msgs/msg/PoseStamped."""
+        return _INPUTS[self.kind]
+
+
+def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
+    """Every topic that this scene listens to, poses first; a topic may drive several targets."""
+    found = [InputTopic(e.pose_topic, "pose", name) for name, e in scene.ends.items() if e.driven]
+    found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
+    return tuple(found)
+
+
+def resolved(topic: str) -> str:
+    """A topic as the node `dlo_sim` in the root namespace would name it."""
+    if topic.startswith("~/"):
+        return f"/{NODE_NAME}/{topic[2:]}"
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+class Naming(NamedTuple):
+    """Names of a node and its topics; the defaults are those of a node that nothing renames.
+
+    Attributes:
+        node: full name of the node, namespace included.
+        topic: name of a topic in the scene (`~/force`) -> name on the wire, remapped.
+    """
+
+    node: str = f"/{NODE_NAME}"
+    topic: Callable[[str], str] = resolved
+
+    def check(self, topics: Iterable[tuple[str, str]]) -> None:
+        """Refuse topics in the scene (name and type) that share a name on the wire and no type.
+
+        Raises:
+            SceneError: naming both.
+        """
+        seen: dict[str, tuple[str, str]] = {}
+        for topic, kind in topics:
+            name = self.topic(topic)
+            other, other_kind = seen.setdefault(name, (topic, kind))
+            if kind != other_kind:
+                raise SceneError(
+                    f"{name}: stands for {other} ({other_kind}) and for {topic} ({kind}); "
+                    "give one of them another name"
+                )
+
+
+DEFAULT_NAMING = Naming()
