@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from dlo_sim.batch.workers import Workers
 
 
-class Outcome(Protocol):
-    """What a study leaves behind; a dataclass.
+@dataclass(frozen=True)
+class Outcome:
+    """What a study leaves behind.
 
     Attributes:
         report: path of report.md. figures, data: names of the files beside it.
         tables: name -> number of rows.
+        verdicts: what was asked -> the answer in a few words.
     """
 
     report: str
     figures: list[str]
     data: list[str]
     tables: dict[str, int]
-
-    @property
-    def verdicts(self) -> Mapping[str, str]:
-        """What was asked -> the answer in a few words."""
-        ...
+    verdicts: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ STUDIES = {
         "dlo_sim.studies.paper.study",
     ),
     "stability": Study(
-        "limits and energy errors of every method over maps, extreme cables, random scenes",
+        "limits and energy errors of every method over maps, extreme cables",
         "dlo_sim.studies.stability.study",
     ),
     "work-precision": Study(
@@ -90,7 +87,7 @@ STUDIES = {
         "dlo_sim.studies.omission.study",
     ),
     "scaling": Study(
-        "time per step against control points, memory over many steps, kernels and their bound",
+        "time per step against control points, memory over many steps",
         "dlo_sim.studies.scaling.study",
     ),
 }

@@ -41,25 +41,19 @@ def commit() -> str:
     """Commit of the checkout that runs; says so if there is none or files were changed."""
     if not (ROOT / ".git").exists():
         return "not run from a checkout"
-    command = ["git", "-C", str(ROOT)]
     try:
-        name = subprocess.run(
-            [*command, "rev-parse", "--short=12", "HEAD"],
-            capture_output=True,
-            text=True,
-            timeout=10,
-        )
-        changed = subprocess.run(
-            [*command, "status", "--porcelain", "--untracked-files=no"],
-            capture_output=True,
-            text=True,
-            timeout=10,
-        )
+        name = _git("rev-parse", "--short=12", "HEAD")
+        changed = _git("status", "--porcelain", "--untracked-files=no")
     except (OSError, subprocess.TimeoutExpired):
         return "unknown (git did not answer)"
     if name.returncode:
         return "unknown (git does not know this checkout)"
     return name.stdout.strip() + (" with uncommitted changes" if changed.stdout.strip() else "")
+
+
+def _git(*words: str) -> subprocess.CompletedProcess[str]:
+    command = ["git", "-C", str(ROOT), *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=10)
 
 
 def _version(name: str) -> str:

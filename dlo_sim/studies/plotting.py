@@ -1,18 +1,25 @@
-"""How the figures of studies look: size, colours of methods, heat maps, animations."""
+"""The figures of studies: lines from the columns of a data file, heat maps, animations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from matplotlib.ticker import LogLocator
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.studies.report import Column, Report
 
 Array = NDArray[np.float64]
+Data = Mapping[str, ArrayLike]
 
 COLORS = {
     "forest_ruth": "tab:red",
@@ -25,74 +32,136 @@ COLORS = {
     "rattle": "tab:gray",
     "generalized_alpha": "tab:pink",
 }
-MARKERS = {"forest_ruth": "o", "rk4": "s", "velocity_verlet": "^", "zhai": "x"}
-TIME_MAP = "viridis"
+MOST_INSIDE = 5  # lines whose legend fits inside the axes
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Lines in one pair of axes, drawn from the columns of the figure's data.
+
+    Attributes:
+        x: column of the data. lines: columns, one line each, or one column with `by`.
+        y: label and unit of the y axis; x_axis: of the x axis, by default the name of its column.
+        by: column of names; the rows of each name are a line. where: rows to draw, column -> value.
+        log: which axes are logarithmic: "", "x", "y" or "xy".
+        looks: line -> keywords of matplotlib; a line named after a method has its colour anyway.
+        levels: label -> height in SI of a dotted line across; uprights: likewise down.
+        band: draw many oscillations as a band from least to largest, with their mean.
+    """
+
+    x: str
+    y: Column
+    lines: Sequence[str]
+    title: str = ""
+    x_axis: Column | None = None
+    by: str = ""
+    where: Mapping[str, object] = field(default_factory=dict)
+    log: str = ""
+    looks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    levels: Mapping[str, float] = field(default_factory=dict)
+    uprights: Mapping[str, float] = field(default_factory=dict)
+    band: bool = False
+
+    def curves(self, data: Data) -> dict[str, tuple[Array, Array]]:
+        """Line -> its x and y in SI."""
+        columns = {name: np.asarray(column) for name, column in data.items()}
+        x = columns[self.x]
+        rows = np.full(len(x), True)
+        for name, value in self.where.items():
+            rows &= columns[name] == value
+        if not self.by:
+            return {name: (x[rows], columns[name][rows]) for name in self.lines}
+        y, names = columns[self.lines[0]], columns[self.by]
+        own = {name: rows & (names == name) for name in dict.fromkeys(names[rows])}
+        return {str(name): (x[row], y[row]) for name, row in own.items()}
+
+    def draw(self, axes: Axes, data: Data) -> None:
+        """Draw the lines with labels, grid and legend."""
+        x_axis, curves = self.x_axis or Column(self.x), self.curves(data)
+        spread = colormaps["turbo"](np.linspace(0.05, 0.95, max(len(curves), 2)))
+        for (name, (x, y)), color in zip(curves.items(), spread, strict=False):
+            label = name.partition(" [")[0]
+            look: dict[str, Any] = {"color": COLORS.get(label, color), "label": label}
+            draw = _band if self.band else _line
+            look |= self.looks.get(name, {})
+            draw(axes, x * x_axis.scale, y * self.y.scale, look)
+        for label, level in self.levels.items():
+            axes.axhline(level * self.y.scale, color="gray", linestyle=":", label=label)
+        for label, place in self.uprights.items():
+            axes.axvline(place * x_axis.scale, color="gray", linestyle=":", label=label)
+        for axis in self.log:
+            axes.set(**{f"{axis}scale": "log"})
+            # Of the minor ticks two have labels, and only on an axis of less than a decade.
+            getattr(axes, f"{axis}axis").set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axes.set(xlabel=x_axis.header, ylabel=self.y.header, title=self.title)
+        axes.grid(alpha=0.3, which="both")
+        labels = axes.get_legend_handles_labels()[1]
+        if len(labels) > MOST_INSIDE:
+            axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
+        elif len(labels) > 1:
+            axes.legend(fontsize="small")
+
+
+def chart(
+    report: Report,
+    name: str,
+    data: Data,
+    panels: Sequence[Panel],
+    caption: str,
+    size: tuple[float, float] = (8.5, 4.6),
+    rows: int = 1,
+) -> None:
+    """A figure of panels, side by side in so many rows, with the data that they are drawn from."""
+    figure, all_axes = new_figure(rows, len(panels) // rows, *size)
+    for axes, panel in zip(all_axes, panels, strict=True):
+        panel.draw(axes, data)
+    report.figure(name, figure, data, caption)
 
 
 def new_figure(
-    rows: int = 1,
-    columns: int = 1,
-    width: float = 8.0,
-    height: float = 4.2,
-    share_x: bool = False,
+    rows: int = 1, columns: int = 1, width: float = 8.0, height: float = 4.2
 ) -> tuple[Figure, list[Axes]]:
     """A figure and its axes, row by row."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=share_x)
-    return figure, list(axes.ravel())
+    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
-def lines(axes: Axes, x: Array, values: Array, labels: list[str], colormap: str = "turbo") -> None:
-    """One line per column of `values`, coloured along a map, with a grid and a legend."""
-    from matplotlib import colormaps
-
-    colors = colormaps[colormap](np.linspace(0.05, 0.95, max(values.shape[1], 2)))
-    for column, label in enumerate(labels):
-        axes.plot(x, values[:, column], color=colors[column], label=label, linewidth=1.0)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", ncols=1, loc="center left", bbox_to_anchor=(1.01, 0.5))
+def _line(axes: Axes, x: Array, y: Array, look: Mapping[str, Any]) -> None:
+    axes.plot(x, y, **{"linewidth": 1.2, "markersize": 4.0, **look})
 
 
-def trace(axes: Axes, x: Array, y: Array, color: str, windows: int = 250) -> None:
-    """A curve; one of many oscillations as a band from least to largest with its mean."""
+def _band(axes: Axes, x: Array, y: Array, look: Mapping[str, Any], windows: int = 250) -> None:
     size = len(x) // windows
     if size < 8:
-        axes.plot(x, y, color=color, linewidth=0.6)
+        _line(axes, x, y, look)
         return
     whole = len(x) // size * size
     at, pieces = x[:whole].reshape(-1, size).mean(axis=1), y[:whole].reshape(-1, size)
-    low, high = pieces.min(axis=1), pieces.max(axis=1)
-    axes.fill_between(at, low, high, color=color, alpha=0.35, linewidth=0.0, label="range")
-    axes.plot(at, pieces.mean(axis=1), color=color, linewidth=1.2, label="mean")
-    axes.legend(fontsize="small", loc="best")
+    axes.fill_between(
+        at, pieces.min(axis=1), pieces.max(axis=1), alpha=0.35, linewidth=0.0, color=look["color"]
+    )
+    _line(axes, at, pieces.mean(axis=1), look)
 
 
 def heat_map(
     axes: Axes,
     values: Array,
-    x: list[str],
-    y: list[str],
+    x: Sequence[str],
+    y: Sequence[str],
     label: str,
-    form: str = "{:.3g}",
+    form: str = ".3g",
     colormap: str = "viridis",
 ) -> None:
-    """Values (len(y), len(x)) as coloured cells with their numbers."""
+    """Values (len(y), len(x)) as coloured cells, with their numbers unless `form` is empty."""
     image = axes.imshow(values, aspect="auto", origin="lower", cmap=colormap)
     axes.set_xticks(range(len(x)), x)
     axes.set_yticks(range(len(y)), y)
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    for i in range(len(y)):
-        for j in range(len(x)):
-            dark = (values[i, j] - low) < 0.6 * (high - low)
-            axes.text(
-                j,
-                i,
-                form.format(values[i, j]),
-                ha="center",
-                va="center",
-                fontsize="small",
-                color="white" if dark else "black",
-            )
+    least, span = np.nanmin(values), np.ptp(values[np.isfinite(values)])
+    for (i, j), value in np.ndenumerate(values) if form else ():
+        color = "white" if value - least < 0.6 * span else "black"
+        axes.text(
+            j, i, format(value, form), color=color, ha="center", va="center", fontsize="small"
+        )
     axes.figure.colorbar(image, ax=axes, label=label)
 
 
@@ -105,4 +174,7 @@ def animate(
     with writer.saving(figure, str(path), dpi=80):
         for frame in range(frames):
             draw(frame)
+            if frame == 0:
+                figure.draw_without_rendering()
+                figure.set_layout_engine("none")  # all frames keep that of the first
             writer.grab_frame()

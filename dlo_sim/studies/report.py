@@ -1,4 +1,4 @@
-"""The report of a study: markdown with tables and figures, and one CSV for every figure."""
+"""The report of a study: markdown with tables and figures, and one CSV for each of them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,59 @@ import csv
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from dlo_sim.studies import machine
+from dlo_sim.studies.catalogue import Outcome
 
 Cell = str | int | float | None
+Header = list["str | Column"]
+SCALES = {"%": 1e2, "ppm": 1e6, "mm": 1e3, "ms": 1e3, "us": 1e6, "ns": 1e9, "KB": 1e-3}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table, or an axis of a figure: values in SI, shown in a unit.
+
+    Attributes:
+        name, unit: the header is `name [unit]`. Values are multiplied by the scale of the unit up
+            to the first slash (`us/step` is that of `us`), which is 1 for units not in `SCALES`.
+        form: format specification in the report, e.g. ".0f"; by default see `shown`. The CSV has
+            all digits.
+    """
+
+    name: str
+    unit: str = ""
+    form: str = ""
+
+    @property
+    def header(self) -> str:
+        """What stands above the column."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    @property
+    def scale(self) -> float:
+        """Shown value / SI value."""
+        return SCALES.get(self.unit.partition("/")[0], 1.0)
+
+    def scaled(self, cell: Cell) -> Cell:
+        """A cell in the unit; text and what is not there stay as they are."""
+        return (
+            cell
+            if self.scale == 1.0 or cell is None or isinstance(cell, str)
+            else (cell * self.scale)
+        )
+
+    def shown(self, cell: Cell) -> str:
+        """A scaled cell for people."""
+        plain = cell is None or isinstance(cell, str) or not math.isfinite(cell)
+        return shown(cell) if plain or not self.form else format(cell, self.form)
 
 
 class Report:
@@ -22,7 +66,7 @@ class Report:
 
     Attributes:
         folder: where everything goes; created if it is not there.
-        figures, data, tables: names of the files written so far.
+        figures, data, tables: names of the files written so far; of tables the number of rows.
     """
 
     def __init__(self, folder: Path, title: str, command: str, scenes: Mapping[str, Path]) -> None:
@@ -53,16 +97,29 @@ class Report:
         self._body.append("\n".join(f"- {' '.join(line.split())}" for line in lines))
 
     def table(
-        self, name: str, header: Sequence[str], rows: Sequence[Sequence[Cell]], caption: str
+        self,
+        name: str,
+        header: Sequence[str | Column],
+        rows: Iterable[Sequence[Cell]],
+        caption: str,
     ) -> None:
-        """A table with its caption above, also as `<name>.csv` with all digits."""
-        self.tables[name] = len(rows)
+        """A table with its caption above, also as `<name>.csv` with all digits.
+
+        Args:
+            header: a string is a column without unit, whose values are shown as they are.
+            rows: one cell per column, in SI; None is shown as a dash.
+        """
+        columns = [Column(one) if isinstance(one, str) else one for one in header]
+        cells = [[c.scaled(x) for c, x in zip(columns, row, strict=True)] for row in rows]
         lines = [f"**{caption}** (`{name}.csv`)", ""]
-        lines.append("| " + " | ".join(header) + " |")
-        lines.append("|" + "|".join("---" for _ in header) + "|")
-        lines += ["| " + " | ".join(shown(cell) for cell in row) + " |" for row in rows]
+        lines.append("| " + " | ".join(column.header for column in columns) + " |")
+        lines.append("|" + "---|" * len(columns))
+        for row in cells:
+            words = (column.shown(cell) for column, cell in zip(columns, row, strict=True))
+            lines.append("| " + " | ".join(words) + " |")
         self._body.append("\n".join(lines))
-        self._write_csv(f"{name}.csv", header, rows)
+        self.tables[name] = len(cells)
+        self._write_csv(name, [column.header for column in columns], cells)
 
     def figure(
         self, name: str, figure: Figure, columns: Mapping[str, ArrayLike], caption: str
@@ -73,41 +130,42 @@ class Report:
             columns: what is drawn, column name with unit -> values; all of one length.
         """
         figure.savefig(self.folder / f"{name}.png", dpi=110)
-        self.figures.append(f"{name}.png")
-        self._figure_data(name, columns)
-        self._body.append(f"![{caption}]({name}.png)\n\n*{caption}* (data: `{name}.csv`)")
+        self.attach(f"{name}.png", columns, caption)
 
-    def attach(self, name: str, columns: Mapping[str, ArrayLike], caption: str) -> None:
-        """An animation `<name>.gif` that is already in the folder, and its data."""
-        self.figures.append(f"{name}.gif")
-        self._figure_data(name, columns)
-        self._body.append(f"![{caption}]({name}.gif)\n\n*{caption}* (data: `{name}.csv`)")
+    def attach(self, file: str, columns: Mapping[str, ArrayLike], caption: str) -> None:
+        """A picture that is already in the folder, and its data; see `figure`."""
+        name = file.rpartition(".")[0]
+        values = [np.asarray(column).ravel() for column in columns.values()]
+        lengths = {len(value) for value in values}
+        if len(lengths) != 1:
+            raise ValueError(f"{name}: the columns of a figure's data have lengths {lengths}")
+        self.figures.append(file)
+        self._write_csv(name, list(columns), zip(*values, strict=True))
+        self._body.append(f"![{caption}]({file})\n\n*{caption}* (data: `{name}.csv`)")
 
     def write(self, summary: Sequence[str]) -> Path:
         """Write report.md: title, summary, provenance, then the body; returns its path."""
         took = time.perf_counter() - self._began
         provenance = [*self._provenance.items(), ("the study took", f"{took:.0f} s")]
-        lines = [f"# {self._title}", *summary, "## Made with", "| | |\n|---|---|"]
-        lines[-1] += "".join(f"\n| {key} | {value} |" for key, value in provenance)
+        facts = "| | |\n|---|---|" + "".join(f"\n| {key} | {value} |" for key, value in provenance)
+        lines = [f"# {self._title}", *summary, "## Made with", facts, *self._body]
         path = self.folder / "report.md"
-        path.write_text("\n\n".join([*lines, *self._body]) + "\n", encoding="utf-8")
+        path.write_text("\n\n".join(lines) + "\n", encoding="utf-8")
         return path
 
-    def _figure_data(self, name: str, columns: Mapping[str, ArrayLike]) -> None:
-        values = [np.asarray(column).ravel() for column in columns.values()]
-        lengths = {len(value) for value in values}
-        if len(lengths) != 1:
-            raise ValueError(f"{name}: the columns of a figure's data have lengths {lengths}")
-        self._write_csv(f"{name}.csv", list(columns), list(zip(*values, strict=True)))
+    def outcome(self, verdicts: Mapping[str, str]) -> Outcome:
+        """What the study returns once the report is written."""
+        path = str(self.folder / "report.md")
+        return Outcome(path, self.figures, self.data, self.tables, dict(verdicts))
 
     def _write_csv(
         self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]
     ) -> None:
-        self.data.append(name)
-        with (self.folder / name).open("w", encoding="utf-8", newline="") as stream:
+        self.data.append(f"{name}.csv")
+        with (self.folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow([_plain(cell) for cell in header])
-            writer.writerows([[_exact(cell) for cell in row] for row in rows])
+            writer.writerows([[_plain(cell) for cell in row] for row in rows])
 
 
 def shown(cell: Cell) -> str:
@@ -127,14 +185,21 @@ def shown(cell: Cell) -> str:
     return f"{value:.0f}" if 1e4 <= size < 1e6 else f"{value:.2e}"
 
 
-def _exact(cell: object) -> object:
-    if isinstance(cell, float | np.floating):
-        return repr(float(cell))
-    return _plain(cell) if isinstance(cell, str) else cell
+def verdict_list(verdicts: Mapping[str, str]) -> str:
+    """A line of markdown for each verdict."""
+    return "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
+
+
+def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:
+    """Rows as a figure's data: name -> column."""
+    cells = zip(*rows, strict=True)
+    return {name: list(column) for name, column in zip(header, cells, strict=True)}
 
 
 def _plain(cell: object) -> object:
-    """Text without markdown's emphasis."""
+    """A cell of a CSV: all digits, text without markdown's emphasis."""
+    if isinstance(cell, float | np.floating):
+        return repr(float(cell))
     return cell.replace("**", "").replace("`", "") if isinstance(cell, str) else cell
 
 

@@ -25,13 +25,7 @@ class Cost:
 def least(work: Callable[[], object], repeats: int, count: int = 1) -> Cost:
     """Time per thing of `work`, which does `count` things; called once before to warm up."""
     work()
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        times.append((time.perf_counter() - began) / count)
-    times.sort()
-    return Cost(times[0], times[len(times) // 2])
+    return _cost([_seconds(work) / count for _ in range(repeats)])
 
 
 def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
@@ -43,18 +37,29 @@ def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -
     Raises:
         RuntimeError: a step failed; a cost of steps that were not done means nothing.
     """
-    steps, times = 64, []
-    for repeat in range(-2, repeats):
+
+    def piece(steps: int) -> float:
         simulator.reset()
         began = time.perf_counter()
         report = simulator.advance_steps(steps)
         took = time.perf_counter() - began
         if not report.status.ok:
             raise RuntimeError(f"timing a run that failed: {report.message}")
-        if repeat == -1:
-            steps = max(64, int(seconds * steps / took))
-        if repeat >= 0:
-            times.append(took / steps)
+        return took / steps
+
+    piece(64)
+    steps = max(64, int(seconds / piece(64)))
+    times = [piece(steps) for _ in range(repeats)]
     simulator.reset()
+    return _cost(times)
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def _cost(times: list[float]) -> Cost:
     times.sort()
     return Cost(times[0], times[len(times) // 2])

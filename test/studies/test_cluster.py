@@ -9,7 +9,8 @@ from dlo_sim.batch.workers import Here, open_workers
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.studies.omission import study as omission
 from dlo_sim.studies.omission.variants import variants
-from dlo_sim.studies.paper import resolution, runs
+from dlo_sim.studies.paper import resolution
+from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision import cases
 from dlo_sim.studies.work_precision.references import references
 
@@ -54,19 +55,18 @@ def test_references_are_the_same(cluster):
 
 
 def test_pieces_of_the_paper_are_the_same(cluster):
-    u = np.array([0.5, 1.0])
-    sizes = [(9, 51, 0.02, u), (11, 101, 0.02, u)]
-    there, here = (runs.each(who, resolution._track, sizes) for who in (cluster, Here()))
-    assert here[0].shape == (resolution.INSTANTS, 2, 3)
-    assert not np.array_equal(here[0], here[1])
-    assert all(np.array_equal(a, b) for a, b in zip(there, here, strict=True))
+    sizes = [(9, 51, 0.02), (11, 101, 0.02)]
+    there, here = (each(who, resolution.track, sizes) for who in (cluster, Here()))
+    assert here[sizes[0]].shape == (resolution.INSTANTS, resolution.POINTS, 3)
+    assert not np.array_equal(here[sizes[0]], here[sizes[1]])
+    assert all(np.array_equal(there[size], here[size]) for size in sizes)
 
 
 def test_motions_of_omission_are_the_same(cluster):
     scene = load_scene(shipped_scene("paper_wire"))
     (gravity,) = (variant for variant in variants(scene) if variant.term == "gravity")
-    pieces = [(piece, 0.02) for piece in omission._pieces(gravity)]
-    there, here = (list(who.map(omission._motion, pieces)) for who in (cluster, Here()))
+    pieces = omission.pieces(gravity, 0.02)
+    there, here = (list(each(who, omission.motion, pieces).values()) for who in (cluster, Here()))
     assert [trial.status for trial in here] == ["ok", "ok"]
     assert np.abs(here[0].points - here[1].points).max() > 1e-4
     for a, b in zip(there, here, strict=True):

@@ -1,4 +1,4 @@
-"""The report writer, the machine's facts, the operation counter and the stopwatch."""
+"""The report writer, charts, the machine's facts and the stopwatch."""
 
 import csv
 
@@ -7,9 +7,10 @@ import pytest
 
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import arithmetic, machine, plotting
-from dlo_sim.studies.arithmetic import Counting
-from dlo_sim.studies.report import Report, shown
+from dlo_sim.studies import machine, plotting
+from dlo_sim.studies.plotting import Panel
+from dlo_sim.studies.report import Column, Report, shown
+from dlo_sim.studies.runs import bisected
 from dlo_sim.studies.stopwatch import step_cost
 
 
@@ -89,25 +90,45 @@ def test_machine_facts_name_versions_and_commit(monkeypatch, tmp_path):
     assert "unknown" in machine.commit()
 
 
-def test_counting_numbers_count():
-    Counting.operations = 0
-    x, y = Counting(3.0), Counting(4.0)
-    result = np.sqrt(np.array([x * x + y * y], dtype=object))[0]
-    assert result.value == 5.0
-    assert Counting.operations == 4
-    assert (2.0 - (-x) / 2 - 1.0 / y).value == pytest.approx(3.25)
-    assert Counting.operations == 8
+def test_values_in_si_are_shown_in_the_unit_of_their_column(report):
+    header = ["method", Column("step", "us"), Column("off", "%", ".0f"), Column("cost", "us/step")]
+    report.table("t", header, [["rk4", 2e-6, 0.123, 1e-6], ["none", None, float("inf"), "-"]], "T")
+    with (report.folder / "t.csv").open(newline="") as stream:
+        rows = list(csv.reader(stream))
+    assert rows[0] == ["method", "step [us]", "off [%]", "cost [us/step]"]
+    assert rows[1] == ["rk4", "2.0", "12.3", "1.0"]
+    text = report.write([]).read_text(encoding="utf-8")
+    assert "| rk4 | 2 | 12 | 1 |\n| none | - | none | - |" in text
+    with pytest.raises(ValueError):
+        report.table("short", header, [["rk4"]], "")
 
 
-def test_operations_of_a_sample_are_a_plausible_number():
-    wire = load_scene(shipped_scene("paper_wire"), {"integrator.method": "forest_ruth"})
-    plane = Simulator(wire)
-    space = Simulator(wire.with_values({"terms.out_of_plane": "on"}))
-    # r' and r'' alone take 9 operations per coordinate, the gradient's rows 10 more
-    assert 2 * 19 < arithmetic.operations_per_sample(plane) < 120
-    assert arithmetic.operations_per_sample(space) > arithmetic.operations_per_sample(plane) + 19
-    stretch_only = Simulator(wire.with_values({"terms.bend": "off", "integrator.step": 1e-6}))
-    assert arithmetic.operations_per_sample(stretch_only) < arithmetic.operations_per_sample(plane)
+def test_a_chart_draws_the_columns_of_its_data(report):
+    data = {
+        "wire": ["a", "a", "b", "a"],
+        "method": ["rk4", "zhai", "rk4", "rk4"],
+        "time [s]": [1.0, 2.0, 3.0, 4.0],
+        "error [m]": [0.1, 0.2, 0.3, 0.4],
+    }
+    where = Panel(
+        "time [s]", Column("error", "mm"), ["error [m]"], by="method", where={"wire": "a"}
+    )
+    curves = {name: [list(xy) for xy in curve] for name, curve in where.curves(data).items()}
+    assert curves == {"rk4": [[1.0, 4.0], [0.1, 0.4]], "zhai": [[2.0], [0.2]]}
+    _, (axes,) = plotting.new_figure()
+    where.draw(axes, data)
+    assert list(axes.lines[0].get_ydata()) == [100.0, 400.0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "error [mm]")
+    whole = Panel("time [s]", Column("error", "m"), ["error [m]"], log="xy", levels={"most": 0.4})
+    plotting.chart(report, "errors", data, [whole], "Errors")
+    assert (report.folder / "errors.png").stat().st_size > 5_000
+    with (report.folder / "errors.csv").open(newline="") as stream:
+        assert list(csv.reader(stream))[0] == list(data)
+
+
+def test_the_largest_value_that_holds_is_bracketed():
+    found = bisected(lambda x: x <= 3.0, 1.0, 10.0, 1e-3)
+    assert 3.0 / 1.001 <= found <= 3.0
 
 
 def test_step_cost_resets_and_refuses_a_failed_run():

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.stability import truths
+from dlo_sim.studies.stability.cables import SOFT, thrown
 
 
 def test_catenary_between_ends_ninety_percent_apart():
@@ -48,3 +51,17 @@ def test_string_deflection_in_the_small():
 )
 def test_elastica(angle, load, gap):
     assert truths.elastica_gap(load) == pytest.approx(gap, abs=2e-3)
+
+
+@pytest.mark.parametrize(("mass", "inertia"), [("consistent", 1.0 / 12.0), ("lumped", 0.08628)])
+def test_momenta_of_a_turning_rod(mass, inertia):
+    """m v and I omega about the middle; a lumped mass is at the control points, farther out."""
+    values = thrown(SOFT, 1e-3) | {"discretization.mass": mass, "end.position": [1.0, 0.0, 0.0]}
+    simulator = Simulator(scene_from_values(values))
+    points, rates = simulator.control_points, np.zeros((13, 4))
+    rates[:, 0], rates[:, 1] = 2.0, 3.0 * (points[:, 0] - points[:, 0].mean())
+    simulator.start_from(points, rates)
+    momentum, angular = truths.momenta(simulator)
+    weight = simulator.scene.cable.mu * simulator.scene.cable.length
+    assert momentum == pytest.approx([2.0 * weight, 0.0, 0.0], abs=1e-12)
+    assert angular[2] == pytest.approx(inertia * weight * 3.0, rel=1e-3)

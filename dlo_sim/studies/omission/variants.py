@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from dlo_sim.simulation import optional_terms, selection
 from dlo_sim.tuning.trial import Job
 
 Values = dict[str, object]
-Change = Callable[[Scene], Values]
+Change = Values | Callable[[Scene], Values]  # for every scene the same, or by scene
 
 TINY = 1e-9  # a damping, drag or spring that is there and does nothing that can be seen
 NEVER = 1.0e5  # [1/m] of a curvature at which nothing yields
@@ -26,18 +27,10 @@ FREE: Values = {"start.spring": [0.0] * 3, "end.spring": [0.0] * 3}
 STILL: Values = {"start.pose_topic": "", "end.pose_topic": ""}
 SPACE: Values = {"terms.out_of_plane": "on"}
 # What both runs of a term may need because not every method knows it: the first that will do.
-METHODS: tuple[Values, ...] = (
-    {},
-    {"integrator.method": "velocity_verlet", "integrator.step": 0.0},
-    {
-        **{"integrator.method": "velocity_verlet", "integrator.step": 0.0},
-        **{"damping.stiffness": 0.0, "damping.air_drag": 0.0},
-    },
-    {
-        **{"integrator.method": "velocity_verlet", "integrator.step": 0.0},
-        **{"damping.stiffness": 0.0, "damping.air_drag": 0.0, "cable.rest_curvature": [0.0]},
-    },
-)
+VERLET: Values = {"integrator.method": "velocity_verlet", "integrator.step": 0.0}
+PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0}
+UNBENT: Values = {"cable.rest_curvature": [0.0]}
+METHODS: tuple[Values, ...] = ({}, VERLET, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNBENT})
 # What grippers do, from rest and ever faster: a jump of their speed is no motion of a cable that
 # cannot stretch. [m], [rad], [s]
 MOVED, TURNED, MOVING = 0.15, 1.0, 1.0
@@ -54,7 +47,7 @@ class Term:
 
     put_in: Change
     take_out: Change
-    alone: tuple[Change, ...] = ()
+    alone: tuple[Change, ...] = ({},)
     reason: str = ""
 
 
@@ -83,8 +76,7 @@ class Variant:
         both = ", ".join(
             f"{key} {'empty' if value == '' else value}" for key, value in self.shared.items()
         )
-        parts = [self.reason, f"both with {both}" if both else ""]
-        return "; ".join(part for part in parts if part)
+        return "; ".join(filter(None, (self.reason, f"both with {both}" if both else "")))
 
 
 def has(scene: Scene, term: str) -> bool:
@@ -97,22 +89,18 @@ def has(scene: Scene, term: str) -> bool:
     return bool(getattr(needs, term))
 
 
-def variants(scene: Scene) -> list[Variant]:
-    """Every term of a scene with and without, in the order of `TERMS`."""
+def variants(scene: Scene, terms: Iterable[str] = ()) -> list[Variant]:
+    """Terms of a scene (default: all) with and without, in the order of `TERMS`."""
     needs = needs_of(scene)
     found = []
-    for name, term in TERMS.items():
+    for name in terms or TERMS:
         automatic = has(scene, name)
-        reason = "" if automatic else needs.left_out.get(name, term.reason)
-        first = next(_pairs(scene, name, term), None)
-        if first is None:
-            words = f"{reason}; " if reason else ""
-            found.append(
-                Variant(name, automatic, f"{words}no scene differs in it alone", {}, None, None)
-            )
-            continue
-        shared, full, bare = first
+        reason = "" if automatic else needs.left_out.get(name, TERMS[name].reason)
+        pair = _pair(scene, name, TERMS[name])
+        if pair is None:
+            reason = "; ".join(filter(None, (reason, "no scene differs in it alone")))
         still = name == "drive" and not automatic
+        shared, full, bare = pair or ({}, None, None)
         found.append(Variant(name, automatic, reason, shared, full, bare, still))
     return found
 
@@ -132,20 +120,23 @@ def job(scene: Scene, duration: float, still: bool = False) -> Job:
     return Job(scene, duration, tuple(np.linspace(0.0, 1.0, 21)), 2e-3, tuple(motions))
 
 
-def _pairs(scene: Scene, name: str, term: Term) -> Iterator[tuple[Values, Scene, Scene]]:
-    """Ways to have the scene with and without a term: what both share, with, without."""
-    for method in METHODS:
-        for alone in term.alone or (_nothing,):
-            shared = {**alone(scene), **method}
-            base = _changed(scene, shared)
-            if base is None:
-                continue
-            present = has(base, name)
-            other = _changed(base, (term.take_out if present else term.put_in)(base))
-            full, bare = (base, other) if present else (other, base)
-            if full is None or bare is None or not has(full, name) or has(bare, name):
-                continue
-            yield _common(scene, shared, full, bare), full, bare
+def _pair(scene: Scene, name: str, term: Term) -> tuple[Values, Scene, Scene] | None:
+    """The first way to have the scene with and without a term: what both share, with, without."""
+    for method, alone in product(METHODS, term.alone):
+        shared = {**_values(alone, scene), **method}
+        base = _changed(scene, shared)
+        if base is None:
+            continue
+        present = has(base, name)
+        other = _changed(base, _values(term.take_out if present else term.put_in, base))
+        full, bare = (base, other) if present else (other, base)
+        if full and bare and has(full, name) and not has(bare, name):
+            return _common(scene, shared, full, bare), full, bare
+    return None
+
+
+def _values(change: Change, scene: Scene) -> Values:
+    return change(scene) if callable(change) else change
 
 
 def _common(scene: Scene, shared: Values, full: Scene, bare: Scene) -> Values:
@@ -165,20 +156,6 @@ def _changed(scene: Scene, values: Values) -> Scene | None:
     except SceneError:
         return None
     return changed
-
-
-def _nothing(scene: Scene) -> Values:
-    return {}
-
-
-def _values(**values: object) -> Change:
-    """A change that is the same for every scene; `a__b` stands for the key `a.b`."""
-    dotted: Values = {key.replace("__", "."): value for key, value in values.items()}
-
-    def change(scene: Scene) -> Values:
-        return dotted
-
-    return change
 
 
 def _spatial(scene: Scene) -> Values:
@@ -216,49 +193,27 @@ def _flat(scene: Scene) -> Values:
     return {"terms.out_of_plane": "off", **({"loads.names": []} if across else {})}
 
 
+NOTHING: Values = {
+    "loads.names": ["nothing"],
+    "loads.nothing.type": "force",
+    "loads.nothing.signal": "constant",
+}
+HELD: Values = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, **FREE}
+RATTLE: Values = {"integrator.method": "rattle", "integrator.step": 0.0}
+FRENET: Values = {"terms.twist": "frenet", "torsion.curvature_floor": FLOOR}
+YIELDING: Values = {"plasticity.yield_curvature": NEVER, "terms.plasticity": "on"}
 TERMS = {
-    "stretch": Term(
-        _values(terms__stretch="on"), _values(integrator__method="rattle", integrator__step=0.0)
-    ),
-    "bend": Term(_values(terms__bend="on"), _values(terms__bend="off")),
-    "twist": Term(
-        # In a plane nothing can twist, whatever terms.twist says.
-        _values(terms__twist="on"),
-        _values(terms__twist="off"),
-        (_spatial,),
-    ),
-    "frenet": Term(
-        _values(terms__twist="frenet", torsion__curvature_floor=FLOOR),
-        _values(terms__twist="on"),
-        (_twisted,),
-        "terms.twist is not frenet",
-    ),
-    "plasticity": Term(
-        _values(plasticity__yield_curvature=NEVER, terms__plasticity="on"),
-        _values(terms__plasticity="off"),
-        (_spatial,),
-    ),
-    "gravity": Term(_values(terms__gravity="on"), _values(terms__gravity="off")),
-    "springs": Term(
-        _sprung,
-        _values(start__fixed=[True] * 3, end__fixed=[True] * 3, **FREE),
-        (_nothing, _values(end__clamped=False)),
-    ),
-    "loads": Term(
-        _values(
-            **{
-                "loads.names": ["nothing"],
-                "loads.nothing.type": "force",
-                "loads.nothing.signal": "constant",
-            }
-        ),
-        _values(loads__names=[]),
-        (_loaded,),
-    ),
-    "drive": Term(_values(start__pose_topic="~/start/pose"), _values(**STILL), (_driven,)),
-    "damping": Term(_values(damping__mass=TINY), _values(terms__damping="off")),
-    "air_drag": Term(
-        _values(damping__air_drag=TINY), _values(damping__air_drag=0.0), reason="no air drag"
-    ),
-    "out_of_plane": Term(_values(**SPACE), _flat, (_nothing, _values(**STILL))),
+    "stretch": Term({"terms.stretch": "on"}, RATTLE),
+    "bend": Term({"terms.bend": "on"}, {"terms.bend": "off"}),
+    # In a plane nothing can twist, whatever terms.twist says.
+    "twist": Term({"terms.twist": "on"}, {"terms.twist": "off"}, (_spatial,)),
+    "frenet": Term(FRENET, {"terms.twist": "on"}, (_twisted,), "terms.twist is not frenet"),
+    "plasticity": Term(YIELDING, {"terms.plasticity": "off"}, (_spatial,)),
+    "gravity": Term({"terms.gravity": "on"}, {"terms.gravity": "off"}),
+    "springs": Term(_sprung, HELD, ({}, {"end.clamped": False})),
+    "loads": Term(NOTHING, {"loads.names": []}, (_loaded,)),
+    "drive": Term({"start.pose_topic": "~/start/pose"}, STILL, (_driven,)),
+    "damping": Term({"damping.mass": TINY}, {"terms.damping": "off"}),
+    "air_drag": Term({"damping.air_drag": TINY}, {"damping.air_drag": 0.0}, reason="no air drag"),
+    "out_of_plane": Term(SPACE, _flat, ({}, STILL)),
 }

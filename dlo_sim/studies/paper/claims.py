@@ -1,81 +1,283 @@
-"""What the paper claims, and what was measured: the record of a claim, and their table."""
+"""What the paper claims: where and in which words, what decides, and the verdict."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from dlo_sim.studies.arithmetic import Arithmetic
-from dlo_sim.studies.paper.accuracy import Accuracy
-from dlo_sim.studies.paper.energy import Energies
-from dlo_sim.studies.paper.extras import Extras
-from dlo_sim.studies.paper.motion import Motion
-from dlo_sim.studies.paper.resolution import Resolution
-from dlo_sim.studies.paper.stability import Limits
-from dlo_sim.studies.paper.stuck import Stuck
-from dlo_sim.studies.paper.sweep import Sweep
-from dlo_sim.studies.paper.timing import Timings
-from dlo_sim.studies.report import Report
+from dlo_sim.studies.paper import energy, limits, motion, resolution, sweep, timing
+from dlo_sim.studies.paper.limits import PLAIN, TORSION
+from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE
+from dlo_sim.studies.paper.wires import COMPARED
+from dlo_sim.studies.report import Report, shown
 
-HOLDS, PARTLY, FAILS = "holds", "holds in part", "does not hold"
+Found = Mapping[str, float]
+INTEGRATOR, RESULTS, CONCLUSIONS = "Symplectic Integrator", "Simulation Results", "Conclusions"
+COARSER = [n for n in CONTROL_POINTS if n != REFERENCE[0]]
+NOTICEABLE = 5.0  # [%], change of an error that a plot shows
+SMALL = 10.0  # [%], one that is little beside the factors between control points
+NEAR = 0.98  # of the largest error, near enough to it
+FASTER = 0.8  # of the other's time, at most
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim.
+    """One claim, judged.
 
     Attributes:
-        name: short. words: the paper's own.
-        verdict: holds, holds in part, does not hold. evidence: the numbers behind it, in words.
-        number: the one that decides; meaning: what it is.
+        name: short. section, words: where in the paper, and its own words.
+        verdict: holds, holds in part, does not hold.
+        measured: what it rests on, by name with the unit, the decisive number first.
         shown: names of the tables and figures with the evidence.
     """
 
     name: str
+    section: str
     words: str
     verdict: str
-    evidence: str
-    number: float
-    meaning: str
+    measured: dict[str, float]
     shown: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Results:
-    """Everything that was measured."""
+class Question:
+    """A claim to be judged by what was found.
 
-    motion: Motion
-    timings: Timings
-    limits: Limits
-    stuck: Stuck
-    sweep: Sweep
-    energies: Energies
-    accuracy: Accuracy
-    resolution: Resolution
-    extras: Extras
-    arithmetic: Arithmetic
+    Attributes:
+        holds: the condition under which it holds; partly: in part, if it does not.
+        measured: names of findings; the rest as in `Claim`.
+    """
+
+    name: str
+    section: str
+    words: str
+    holds: Callable[[Found], bool]
+    measured: tuple[str, ...]
+    shown: tuple[str, ...]
+    partly: Callable[[Found], bool] = lambda found: False
+
+    def judged(self, found: Found) -> Claim:
+        """The claim with its verdict."""
+        verdict = "does not hold"
+        if self.holds(found):
+            verdict = "holds"
+        elif self.partly(found):
+            verdict = "holds in part"
+        measured = {name: float(found[name]) for name in self.measured}
+        return Claim(self.name, self.section, self.words, verdict, measured, self.shown)
 
 
 def add(report: Report, claims: list[Claim]) -> None:
-    """The table of claims; the evidence in words is on the report's first page."""
-    report.section("Claims")
+    """The table of claims."""
     report.table(
         "claims",
-        ["claim", "in the paper's words", "verdict", "number", "what the number is", "shown in"],
+        ["claim", "section", "in the paper's words", "verdict", "measured", "shown in"],
         [
             [
-                c.name,
-                f'"{c.words}"',
-                f"**{c.verdict}**",
-                c.number,
-                c.meaning,
+                *(c.name, c.section, f'"{c.words}"', f"**{c.verdict}**", _evidence(c)),
                 ", ".join(f"`{name}`" for name in c.shown),
             ]
             for c in claims
         ],
-        "What the paper claims and what this run says; the evidence in words is on the first page",
+        "What the paper claims, in which section, and what this run measured",
     )
 
 
 def summary(claims: list[Claim]) -> str:
     """A line of markdown for every claim: verdict and evidence."""
-    return "\n".join(f"- {c.name}: **{c.verdict}**. {' '.join(c.evidence.split())}" for c in claims)
+    return "\n".join(f"- {c.name}: **{c.verdict}**. {_evidence(c)}." for c in claims)
+
+
+def _evidence(claim: Claim) -> str:
+    return "; ".join(f"{name}: {shown(value)}" for name, value in claim.measured.items())
+
+
+def _stuck(found: Found) -> int:
+    """How many methods are stopped in scenario 2 where Forest-Ruth is not."""
+    fine = not found[limits.STOPPED(PLAIN, "forest_ruth")]
+    return sum(fine and bool(found[limits.STOPPED(PLAIN, method)]) for method in ("rk4", "zhai"))
+
+
+def _gains(found: Found) -> int:
+    """In how many ways of comparing Forest-Ruth takes clearly less time than RK4."""
+    shares = (
+        found["cost of a step, Forest-Ruth / RK4"],
+        1.0 / found["run time for the same error, RK4 / Forest-Ruth"],
+        found[timing.TIME("forest_ruth")] / found[timing.TIME("rk4")],
+    )
+    return sum(share < FASTER for share in shares)
+
+
+def _drifts(found: Found, method: str) -> bool:
+    return abs(found[energy.ADDED(method)]) > 3.0 * found[energy.SWING(method)]
+
+
+QUESTIONS = (
+    Question(
+        "2 ms is the largest stable step",
+        RESULTS,
+        "This time step-size is the largest value that preserves the stability",
+        lambda f: 0.9 < f["2 ms / largest stable step of Forest-Ruth"] < 1.1,
+        (
+            "2 ms / largest stable step of Forest-Ruth",
+            limits.LIMIT("forest_ruth", 1),
+            "stopped at 2 ms, forest_ruth, scenario 1, at step (0: never)",
+            "2 ms needs axial stiffness and springs divided by",
+            "energy_momentum at 2 ms from a fine run [mm]",
+        ),
+        ("stable_steps", "limit_by_term", "paper_step"),
+    ),
+    Question(
+        "25 % less time than Runge-Kutta",
+        INTEGRATOR,
+        "the CPU time can be decreased by approximately 25 percent",
+        lambda f: _gains(f) == 3,
+        (
+            "cost of a step, Forest-Ruth / RK4",
+            "position error at the same step, Forest-Ruth / RK4",
+            "run time for the same error, RK4 / Forest-Ruth",
+            timing.TIME("forest_ruth"),
+            timing.TIME("rk4"),
+        ),
+        ("cost_per_step", "time_at_equal_error", "table_3"),
+        partly=lambda f: _gains(f) > 0,
+    ),
+    Question(
+        "the symplectic method is the fastest",
+        CONCLUSIONS,
+        "the symplectic integrator is the fastest",
+        lambda f: f[timing.TIME("forest_ruth")] <= min(f[timing.TIME(m)] for m in COMPARED),
+        tuple(map(timing.TIME, COMPARED)),
+        ("table_3", "run_time", "work_precision"),
+    ),
+    Question(
+        "the symplectic method is the most stable",
+        CONCLUSIONS,
+        "and the most stable integrator among the considered ones",
+        lambda f: f[limits.LIMIT("forest_ruth", 1)] >= max(f[limits.LIMIT(m, 1)] for m in COMPARED),
+        tuple(limits.LIMIT(m, 1) for m in COMPARED),
+        ("stable_steps", "stable_steps_chart"),
+    ),
+    Question(
+        "Runge-Kutta and Zhai are stuck in scenario 2",
+        RESULTS,
+        "the Runge-Kutta and Zhai integrators have been stuck and could not compute any solution",
+        lambda f: _stuck(f) == 2,
+        (
+            *(limits.LIMIT(m, 2) for m in ("rk4", "zhai", "forest_ruth")),
+            *(limits.STOPPED(PLAIN, m) for m in ("rk4", "zhai")),
+            *(limits.STOPPED(TORSION, m) for m in ("forest_ruth", "rk4", "zhai")),
+        ),
+        ("stable_steps", "torsion_at_paper_step", "table_4"),
+        partly=lambda f: _stuck(f) > 0,
+    ),
+    Question(
+        "Zhai is the slowest",
+        RESULTS,
+        "the Zhai integrator is excluded as it is the slowest",
+        lambda f: f[timing.COST("zhai")] >= max(f[timing.COST(m)] for m in COMPARED),
+        (
+            *map(timing.COST, ("zhai", "forest_ruth")),
+            *(limits.LIMIT(m, 1) for m in ("zhai", "forest_ruth")),
+            *("Zhai's best psi", "Zhai's best phi", "Zhai's positions from Verlet's [m]"),
+        ),
+        ("cost_per_step", "zhai_map"),
+    ),
+    Question(
+        "no secular energy error",
+        INTEGRATOR,
+        "the aggregation of the truncation error in the total energy has not a secular component",
+        lambda f: not _drifts(f, "forest_ruth") and _drifts(f, "rk4"),
+        (
+            *(name(m) for m in ("forest_ruth", "rk4") for name in (energy.ADDED, energy.SWING)),
+            *(energy.LARGEST(m) for m in ("forest_ruth", "rk4")),
+        ),
+        ("energy_regular", "energy_regular_chart", "energy_real"),
+        partly=lambda f: True,
+    ),
+    Question(
+        "position errors grow linearly, others' quadratically",
+        INTEGRATOR,
+        "the positional errors rise in proportional to the first order of time ... conventional "
+        "integrators ... with the square of time",
+        lambda f: f[energy.EXPONENT("forest_ruth")] < 1.3 and f[energy.EXPONENT("rk4")] > 1.7,
+        (
+            *(name(m) for name in (energy.EXPONENT, energy.LAST) for m in ("forest_ruth", "rk4")),
+            "RK4 less accurate than Forest-Ruth at the same step from [s]",
+            "least exponent of position errors, real wire",
+            "largest exponent of position errors, real wire",
+        ),
+        ("energy_regular", "error_growth", "energy_real"),
+        partly=lambda f: f[energy.EXPONENT("forest_ruth")] < 1.3,
+    ),
+    Question(
+        "n_s has no noticeable effect",
+        RESULTS,
+        "n_s has no noticeable effect on the error",
+        lambda f: max(f[resolution.CHANGE(51, n)] for n in COARSER) < NOTICEABLE,
+        (resolution.CHANGE(51, 9), *(resolution.CHANGE(81, n) for n in COARSER)),
+        ("error_by_size", "error_over_samples_and_points"),
+        # Beyond the fewest samples, at the paper's own n_u.
+        partly=lambda f: f[resolution.CHANGE(81, 9)] < SMALL,
+    ),
+    Question(
+        "the error falls with n_u",
+        RESULTS,
+        "As n_u increases, the error decreases and vice versa",
+        lambda f: all(
+            f[resolution.ERROR(fine)] < f[resolution.ERROR(coarse)]
+            for coarse, fine in zip(COARSER, COARSER[1:], strict=False)
+        ),
+        (*map(resolution.ERROR, COARSER), "rms error of the reference itself [mm]"),
+        ("error_by_size", "error_over_time", "error_over_length"),
+        partly=lambda f: f[resolution.ERROR(13)] < f[resolution.ERROR(9)] < f[resolution.ERROR(5)],
+    ),
+    Question(
+        "fewer control points or samples take less time",
+        RESULTS,
+        "reducing n_u and/or n_s will require less execution time",
+        lambda f: f[sweep.SAMPLES_COST] > 1.0 and f[sweep.POINTS_COST] > 1.0 - NOTICEABLE / 100.0,
+        (
+            *(sweep.POINTS_COST, sweep.SAMPLES_COST),
+            *map(sweep.SIZE_COST, CONTROL_POINTS),
+            *(sweep.RUN(n) for n in (5, 19)),
+        ),
+        ("table_7", "stable_sweep", "cost_over_size"),
+        partly=lambda f: f[sweep.SAMPLES_COST] > 1.0,
+    ),
+    Question(
+        "the error is largest at the centre",
+        RESULTS,
+        "the maximum error occurred at the center of the DLO",
+        lambda f: min(f[resolution.CENTRE(n)] for n in COARSER) > NEAR,
+        tuple(map(resolution.CENTRE, (9, *(n for n in COARSER if n != 9)))),
+        ("error_over_length", "error_over_time_and_length"),
+        partly=lambda f: f[resolution.CENTRE(9)] > NEAR,
+    ),
+    Question(
+        "the error decreases over time",
+        RESULTS,
+        "the error decreases over time",
+        lambda f: f[resolution.LATE] < 0.8 * f[resolution.EARLY],
+        (resolution.LATE, resolution.EARLY),
+        ("error_over_time", "error_over_time_and_length"),
+    ),
+    Question(
+        "C++ is three times as fast as MATLAB",
+        CONCLUSIONS,
+        "C++ is about three times faster than the corresponding MATLAB implementation",
+        lambda f: any(2.0 < f[name] < 4.5 for name in timing.RATIOS.values()),
+        (*timing.RATIOS.values(), "MATLAB / C++ time of the paper"),
+        ("cost_per_step",),
+    ),
+    Question(
+        "in scenario 1 y is zero and mirrored points coincide",
+        RESULTS,
+        "the y component for each control point is equal to zero ... each two control points' "
+        "trajectories are located above each other",
+        lambda f: f[motion.PLANE] == 0.0 and f[motion.MIRRORED] < 1e-6,
+        (motion.MIRRORED, motion.PLANE),
+        ("scenario_1_z",),
+        partly=lambda f: True,
+    ),
+)

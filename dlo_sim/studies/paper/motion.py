@@ -2,217 +2,136 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
-from dlo_sim.batch.workers import Workers
-from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.studies import plotting
-from dlo_sim.studies.paper.runs import (
-    SCENARIOS,
-    Array,
-    Settings,
-    at_method,
-    distance,
-    each,
-    run,
-    scenario,
-)
-from dlo_sim.studies.report import Report
+from dlo_sim.studies.paper.wires import SCENARIOS, Array, Paper, scenario
+from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.report import Column
+from dlo_sim.studies.runs import at_method, distance, each, run
 
 EVERY = 0.005  # [s] between samples
 SHAPES = 40  # shapes in a still
 START = 1.0  # [s] shown larger
 OTHERS = ("rk4", "velocity_verlet")  # whose runs of scenario 2 are compared with Forest-Ruth's
-AXES = {"x": 0, "y": 1, "z": 2}
+APART = 1e-3  # [m]
+PLANE = "largest |y| in scenario 1, computed in space [m]"
+MIRRORED = "largest difference of mirrored z / sag, scenario 1"
+COORDINATES = ((1, "x"), (1, "z"), (2, "x"), (2, "y"), (2, "z"))
+SIDEWAYS = {1: (("z", 2),), 2: (("z", 2), ("y", 1))}
 
 
-@dataclass(frozen=True)
-class Motion:
-    """What the claims need of the motion.
-
-    Attributes:
-        largest_y: largest |y| in scenario 1, computed with all three coordinates [m].
-        asymmetry: largest difference of z between mirrored control points, as a share of the sag.
-        sag: deepest point of the centerline in scenario 1 and 2 [m].
-        parted: time [s] at which two methods' runs of scenario 2 are 1 mm apart; inf if never.
-        rate: exponential growth of their distance before that [1/s].
-    """
-
-    largest_y: float
-    asymmetry: float
-    sag: dict[int, float]
-    parted: float
-    rate: float
-    recordings: dict[int, Recording]
-
-
-def add(report: Report, settings: Settings, workers: Workers) -> Motion:
+def add(paper: Paper) -> None:
     """Run both scenarios with Forest-Ruth and draw them."""
-    report.section("The motion")
-    spatial = at_method(scenario(1, terms__out_of_plane="on"), "forest_ruth")
-    wanted: dict[int | str, tuple[Scene, str]]
-    wanted = {number: (scenario(number), "forest_ruth") for number in SCENARIOS}
-    wanted |= {method: (scenario(2), method) for method in OTHERS}
-    runs = [(at_method(*one), settings.duration, EVERY) for one in wanted.values()]
-    runs.append((spatial, min(settings.duration, 1.0), EVERY))
-    *found, full = each(workers, run, runs)
-    by_name = dict(zip(wanted, found, strict=True))
-    recordings = {number: by_name[number] for number in SCENARIOS}
+    paper.report.text(
+        """Forest-Ruth at its own step. With the wire's real axial stiffness and end springs of 10
+        kN/m the ends hardly give way, so the wire sags by millimetres in scenario 1: x is drawn as
+        the displacement from the start, since the coordinates themselves would be straight lines.
+        Scenario 2 is chaotic: differences of rounding size between two fourth-order methods grow
+        exponentially, and later positions are one of many equally good motions, whatever the
+        integrator; mirrored control points part then as well."""
+    )
+    spatial = scenario(1, terms__out_of_plane="on")
+    wanted = [(number, "forest_ruth") for number in SCENARIOS] + [(2, m) for m in OTHERS]
+    cases = [(at_method(scenario(k), m), paper.duration, EVERY) for k, m in wanted]
+    cases.append((at_method(spatial, "forest_ruth"), START, EVERY))
+    *found, in_space = each(paper.workers, run, cases).values()
+    recordings = dict(zip(SCENARIOS, found, strict=False))
+    for number, name in COORDINATES:
+        _coordinate(paper, recordings[number], number, name)
+    for number in SCENARIOS:
+        _shapes(paper, recordings[number], number)
+        _animation(paper, recordings[number], number)
+    gaps = {method: distance(one, found[1]) for method, one in zip(OTHERS, found[2:], strict=True)}
+    _parting(paper, recordings[2].time, gaps)
     z = recordings[1].control_points[:, :, 2]
-    gaps = {method: distance(by_name[method], recordings[2]) for method in OTHERS}
-    parted, rate = _parting(recordings[2].time, gaps["rk4"])
-    sag = {k: float(-r.centerline[:, :, 2].min()) for k, r in recordings.items()}
-    motion = Motion(
-        largest_y=float(np.abs(full.control_points[:, :, 1]).max()),
-        asymmetry=float(np.abs(z - z[:, ::-1]).max() / sag[1]),
-        sag=sag,
-        parted=parted,
-        rate=rate,
-        recordings=recordings,
+    sag = -float(recordings[1].centerline[:, :, 2].min())
+    paper.found["largest sag, scenario 1 [mm]"] = 1e3 * sag
+    paper.found[MIRRORED] = float(np.abs(z - z[:, ::-1]).max() / sag)
+    paper.found[PLANE] = float(np.abs(in_space.control_points[:, :, 1]).max())
+
+
+def _parting(paper: Paper, time: Array, gaps: dict[str, Array]) -> None:
+    """How runs of scenario 2 part: when they are apart, and the exponential rate before that."""
+    data = {"time [s]": time[1:]} | {method: gap[1:] for method, gap in gaps.items()}
+    y = Column("largest distance from forest_ruth", "m")
+    panel = Panel("time [s]", y, list(gaps), log="y", levels={"1 mm": APART})
+    caption = "Two methods in scenario 2, each at 0.9 of its stability limit"
+    chart(paper.report, "scenario_2_parting", data, [panel], caption)
+    far = np.flatnonzero(gaps["rk4"] > APART)
+    end = int(far[0]) if far.size else len(time)
+    envelope = np.maximum.accumulate(gaps["rk4"])[1:end]
+    rate = np.polyfit(time[1:end], np.log(envelope + 1e-18), 1)[0]
+    paper.found["two methods 1 mm apart in scenario 2 from [s]"] = (
+        float(time[end]) if far.size else float("inf")
     )
-    report.text(
-        f"""Forest-Ruth at {recordings[1].step_s * 1e6:.4g} us, {settings.duration:g} s. With the
-        wire's real axial stiffness and springs of 10 kN/m the ends give way by
-        {1e3 * _ends(recordings[1]):.2g} mm only, so the wire sags by {1e3 * sag[1]:.3g} mm in
-        scenario 1: x is drawn as the displacement from the start, since the coordinates
-        themselves would be straight lines."""
-    )
-    for number, names in ((1, "xz"), (2, "xyz")):
-        for name in names:
-            _coordinate(report, recordings[number], number, name)
-    for number, recording in recordings.items():
-        _shapes(report, recording, number)
-        _animation(report, settings, recording, number)
-    _chaos(report, motion, gaps)
-    return motion
+    paper.found["rate at which they part [1/s]"] = float(rate)
 
 
-def _parting(time: Array, gap: Array) -> tuple[float, float]:
-    """Time [s] at which a distance passes 1 mm, and its exponential rate before it [1/s]."""
-    far = np.flatnonzero(gap > 1e-3)
-    end = int(far[0]) if far.size else len(gap)
-    envelope = np.maximum.accumulate(gap)
-    chosen = np.arange(1, end)
-    rate = np.polyfit(time[chosen], np.log(envelope[chosen] + 1e-18), 1)[0]
-    return (float(time[end]) if far.size else float("inf")), float(rate)
-
-
-def _chaos(report: Report, motion: Motion, gaps: dict[str, Array]) -> None:
-    time = motion.recordings[2].time
-    figure, (axes,) = plotting.new_figure()
-    for method, gap in gaps.items():
-        label = f"{method} from forest_ruth"
-        axes.semilogy(time[1:], gap[1:], color=plotting.COLORS[method], label=label)
-    axes.axhline(1e-3, color="gray", linestyle=":", label="1 mm")
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("largest distance between the runs [m]")
-    axes.grid(alpha=0.3)
-    axes.legend()
-    report.figure(
-        "scenario_2_parting",
-        figure,
-        {"time [s]": time} | {f"{method} from forest_ruth [m]": g for method, g in gaps.items()},
-        "Two methods in scenario 2, each at 0.9 of its stability limit",
-    )
-    report.text(
-        f"""Scenario 2 is chaotic: differences of rounding size between two fourth-order methods
-        grow like exp({motion.rate:.2g} t) and reach 1 mm at {motion.parted:.3g} s. Later positions
-        are one of many equally good motions, whatever the integrator; mirrored control points part
-        then as well."""
-        if np.isfinite(motion.parted)
-        else f"""Up to {time[-1]:g} s the methods agree to {max(g.max() for g in gaps.values()):.1g}
-        m."""
-    )
-
-
-def _ends(recording: Recording) -> float:
-    """How far the ends move along x [m]."""
-    x = recording.control_points[:, [0, -1], 0]
-    return float(np.abs(x - x[0]).max())
-
-
-def _coordinate(report: Report, recording: Recording, number: int, name: str) -> None:
-    values = recording.control_points[:, :, AXES[name]]
+def _coordinate(paper: Paper, recording: Recording, number: int, name: str) -> None:
+    values = recording.control_points[:, :, "xyz".index(name)]
     if name == "x":
         values = values - values[0]
-    figure, (whole, start) = plotting.new_figure(2, 1, width=9.0, height=6.0)
-    labels = [f"q{i + 1}" for i in range(values.shape[1])]
+    data = {"time [s]": recording.time}
+    data |= {f"{name} of q{i + 1} [m]": values[:, i] for i in range(values.shape[1])}
     what = "displacement along x" if name == "x" else name
-    for axes, end in ((whole, recording.time[-1]), (start, START)):
-        shown = recording.time <= end
-        plotting.lines(axes, recording.time[shown], 1e3 * values[shown], labels)
-        axes.set_xlim(0.0, end)
-        axes.set_ylabel(f"{what} [mm]")
-    start.set_xlabel("time [s]")
-    whole.set_title(
-        f"{what} of the control points, {SCENARIOS[number]}; below: the first {START:g} s"
-    )
-    columns = {"time [s]": recording.time}
-    columns |= {f"{name} of {label} [m]": values[:, i] for i, label in enumerate(labels)}
+    early = {key: column[recording.time <= START] for key, column in data.items()}
+    figure, axes = plotting.new_figure(2, 1, 9.0, 6.0)
+    title = f"{what} of the control points, {SCENARIOS[number]}; below: the first {START:g} s"
+    for panel_axes, shown, over in zip(axes, (data, early), (title, ""), strict=True):
+        panel = Panel("time [s]", Column(what, "mm"), list(data)[1:], over)
+        panel.draw(panel_axes, shown)
     caption = f"{what} of every control point, {SCENARIOS[number]}"
-    if number == 1 and name == "z":
+    if (number, name) == (1, "z"):
         caption += "; mirrored control points lie on one curve"
-    report.figure(f"scenario_{number}_{name}", figure, columns, caption)
+    paper.report.figure(f"scenario_{number}_{name}", figure, data, caption)
 
 
-def _sideways(number: int) -> tuple[tuple[str, int], ...]:
-    return (("z", 2),) if number == 1 else (("z", 2), ("y", 1))
-
-
-def _shapes(report: Report, recording: Recording, number: int) -> None:
+def _shapes(paper: Paper, recording: Recording, number: int) -> None:
     chosen = np.unique(np.linspace(0, len(recording.time) - 1, SHAPES).astype(int))
-    views = _sideways(number)
-    figure, all_axes = plotting.new_figure(len(views), 1, width=9.0, height=3.6 * len(views))
+    views = SIDEWAYS[number]
+    figure, all_axes = plotting.new_figure(len(views), 1, 9.0, 3.6 * len(views))
     scale = Normalize(0.0, float(recording.time[-1]))
     for axes, (name, axis) in zip(all_axes, views, strict=True):
         curves = recording.centerline[chosen][:, :, [0, axis]] * [1.0, 1e3]
-        lines = LineCollection(list(curves), cmap=plotting.TIME_MAP, norm=scale, linewidths=1.0)
+        lines = LineCollection(list(curves), cmap="viridis", norm=scale, linewidths=1.0)
         lines.set_array(recording.time[chosen])
         axes.add_collection(lines)
         axes.autoscale()
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel(f"{name} [mm] (stretched scale)")
+        axes.set(xlabel="x [m]", ylabel=f"{name} [mm] (stretched scale)")
         axes.grid(alpha=0.3)
-    all_axes[0].set_title(f"{SCENARIOS[number]}: {len(chosen)} shapes")
-    bar = ScalarMappable(scale, plotting.TIME_MAP)
-    figure.colorbar(bar, ax=all_axes, label="time [s]")
+    figure.colorbar(ScalarMappable(scale, "viridis"), ax=all_axes, label="time [s]")
     caption = f"Sequence of shapes, {SCENARIOS[number]}, time as colour"
-    report.figure(f"scenario_{number}_shapes", figure, _shape_data(recording, chosen), caption)
+    data = _shape_data(recording, chosen)
+    paper.report.figure(f"scenario_{number}_shapes", figure, data, caption)
 
 
 def _shape_data(recording: Recording, chosen: Array) -> dict[str, Array]:
     points = recording.centerline[chosen]
-    count = points.shape[1]
-    return {
-        "time [s]": np.repeat(recording.time[chosen], count),
+    data = {
+        "time [s]": np.repeat(recording.time[chosen], points.shape[1]),
         "u [m]": np.tile(recording.centerline_u, len(chosen)),
-        "x [m]": points[:, :, 0].ravel(),
-        "y [m]": points[:, :, 1].ravel(),
-        "z [m]": points[:, :, 2].ravel(),
     }
+    return data | {f"{name} [m]": points[:, :, i].ravel() for i, name in enumerate("xyz")}
 
 
-def _animation(report: Report, settings: Settings, recording: Recording, number: int) -> None:
-    frames = 20 if settings.quick else 100
+def _animation(paper: Paper, recording: Recording, number: int) -> None:
+    frames = 10 if paper.quick else 100
     chosen = np.linspace(0, len(recording.time) - 1, frames).astype(int)
-    views = _sideways(number)
-    figure, all_axes = plotting.new_figure(len(views), 1, width=6.0, height=2.6 * len(views))
+    views = SIDEWAYS[number]
+    figure, all_axes = plotting.new_figure(len(views), 1, 6.0, 2.6 * len(views))
     curves = []
     for axes, (name, axis) in zip(all_axes, views, strict=True):
         values = 1e3 * recording.centerline[:, :, axis]
         margin = 0.05 * float(np.ptp(values))
-        axes.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
-        axes.set_xlim(-0.05, 2.05)
-        axes.set_ylabel(f"{name} [mm]")
+        axes.set(xlim=(-0.05, 2.05), ylim=(values.min() - margin, values.max() + margin))
+        axes.set(xlabel="x [m]", ylabel=f"{name} [mm]")
         axes.grid(alpha=0.3)
         curves.append((axes.plot([], [], linewidth=2.0)[0], axis))
-    all_axes[-1].set_xlabel("x [m]")
 
     def draw(frame: int) -> None:
         points = recording.centerline[chosen[frame]]
@@ -220,8 +139,7 @@ def _animation(report: Report, settings: Settings, recording: Recording, number:
             curve.set_data(points[:, 0], 1e3 * points[:, axis])
         all_axes[0].set_title(f"{SCENARIOS[number]}, t = {recording.time[chosen[frame]]:.2f} s")
 
-    name = f"scenario_{number}_animation"
-    plotting.animate(report.folder / f"{name}.gif", figure, draw, frames, 10)
-    report.attach(
-        name, _shape_data(recording, chosen), f"Animation, {SCENARIOS[number]} (stretched scale)"
-    )
+    file = f"scenario_{number}_animation.gif"
+    plotting.animate(paper.report.folder / file, figure, draw, frames, 10)
+    caption = f"Animation, {SCENARIOS[number]} (stretched scale)"
+    paper.report.attach(file, _shape_data(recording, chosen), caption)

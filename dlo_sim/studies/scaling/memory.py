@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import sys
-import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import plotting
-from dlo_sim.studies.report import Report
-from dlo_sim.studies.scaling.wire import moving
+from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.report import Column, Report, columns
+from dlo_sim.studies.scaling.steps import moving
 
 SIZE = 9  # control points
 STEPS = {
@@ -27,7 +26,6 @@ LOOKS = 100
 WARM = 10  # of the looks
 CALLS = 2000
 ROUNDS, WARM_ROUNDS = 7, 5
-LONG_CALL = 20_000  # steps
 
 
 @dataclass(frozen=True)
@@ -35,20 +33,14 @@ class Growth:
     """Memory of one run.
 
     Attributes:
-        steps: at every look; resident: bytes [B] at every look. energy_error: of the run [-].
+        steps: at every look; resident: bytes [B] at every look.
         blocks: Python's allocated blocks that `CALLS` calls of one step left behind.
-        traced: bytes that they left behind. short_peak, long_peak: bytes in use above the start at
-            the worst moment of a call of one step and of one of `LONG_CALL`.
     """
 
     method: str
     steps: NDArray[np.int64]
     resident: NDArray[np.int64]
-    energy_error: float
     blocks: int
-    traced: int
-    short_peak: int
-    long_peak: int
 
     @property
     def after_warm_up(self) -> int:
@@ -107,33 +99,6 @@ def blocks_left(simulator: Simulator, calls: int, steps: int = 1) -> int:
     return int(np.median(np.diff(counts[WARM_ROUNDS - 1 :])))
 
 
-def bytes_left(simulator: Simulator, calls: int, steps: int = 1) -> int:
-    """Traced bytes (Python's and numpy's) that so many calls of `advance_steps` leave behind."""
-    tracemalloc.start()
-    try:
-        for _ in range(calls):
-            _advance(simulator, steps)
-        before = tracemalloc.get_traced_memory()[0]
-        for _ in range(calls):
-            _advance(simulator, steps)
-        return tracemalloc.get_traced_memory()[0] - before
-    finally:
-        tracemalloc.stop()
-
-
-def peak_of_a_call(simulator: Simulator, steps: int) -> int:
-    """Most traced bytes in use during one call of `advance_steps` beyond those before it."""
-    tracemalloc.start()
-    try:
-        _advance(simulator, steps)
-        before = tracemalloc.get_traced_memory()[0]
-        tracemalloc.reset_peak()
-        _advance(simulator, steps)
-        return tracemalloc.get_traced_memory()[1] - before
-    finally:
-        tracemalloc.stop()
-
-
 def _advance(simulator: Simulator, steps: int) -> None:
     report = simulator.advance_steps(steps)
     if not report.status.ok:
@@ -146,18 +111,7 @@ def measured(quick: bool, progress: Callable[[float], None]) -> list[Growth]:
     for k, (method, steps) in enumerate(STEPS[quick].items()):
         simulator = moving(SIZE, method)
         done, resident = watched(simulator, steps)
-        found.append(
-            Growth(
-                method,
-                done,
-                resident,
-                simulator.energy_error,
-                blocks_left(simulator, CALLS),
-                bytes_left(simulator, CALLS),
-                peak_of_a_call(simulator, 1),
-                peak_of_a_call(simulator, LONG_CALL),
-            )
-        )
+        found.append(Growth(method, done, resident, blocks_left(simulator, CALLS)))
         progress((k + 1) / len(STEPS[quick]))
     return found
 
@@ -166,43 +120,50 @@ def describe(report: Report, found: list[Growth]) -> dict[str, str]:
     """Section, table and figure; returns the verdicts."""
     report.section("Memory over many steps")
     report.text(
-        f"""Resident memory of the process ({SIZE} control points), looked at {LOOKS} times in a
-        run; the first {WARM} looks are the warm-up. Pages are {os.sysconf("SC_PAGE_SIZE")} bytes,
-        so this is its resolution, and the interpreter's own pages are in it. Separately, what
-        {CALLS} calls of one step each leave behind: blocks of Python's allocator, and bytes traced
-        (numpy's arrays included). A call makes its report and one test for finite numbers, which
-        are released (one number may be held); what is in use at the worst moment of a call of
-        {LONG_CALL} steps is what it is in a call of one step, but for some loop counters. A step
-        itself allocates nothing, and cannot: kernels are compiled without numba's allocator
-        (`_nrt`), where one that makes an array does not compile."""
+        """Resident memory of the process (9 control points), looked at a hundred times in a run;
+        the first ten looks are the warm-up. Its resolution is a page, and the interpreter's own
+        pages are in it. Separately, the blocks of Python's allocator that two thousand calls of one
+        step each leave behind. A call makes its report and one test for finite numbers, which are
+        released."""
     )
     report.table(
         "memory",
         [
-            *("method", "steps", "resident after warm-up [MB]", "growth after warm-up [B]"),
-            *("most above it [B]", "growth [B/step]", "blocks left by calls"),
-            *("bytes left by calls", "peak of a 1-step call [B]"),
-            *(f"peak of a {LONG_CALL}-step call [B]", "energy error [-]"),
+            *("method", "steps", Column("resident after warm-up", "KB"), "growth after it [B]"),
+            *("most above it [B]", "blocks left by calls"),
         ],
         [
             [
-                one.method,
-                int(one.steps[-1]),
-                1e-6 * float(one.resident[WARM]),
-                one.after_warm_up,
-                one.largest,
-                one.after_warm_up / float(one.steps[-1] - one.steps[WARM]),
-                one.blocks,
-                one.traced,
-                one.short_peak,
-                one.long_peak,
-                one.energy_error,
+                *(one.method, int(one.steps[-1]), int(one.resident[WARM]), one.after_warm_up),
+                *(one.largest, one.blocks),
             ]
             for one in found
         ],
         "Memory: growth over a run, and what calls leave behind",
     )
-    _figure(report, found)
+    rows = [
+        (one.method, step / one.steps[-1], (bytes_now - one.resident[WARM]) / 1024.0)
+        for one in found
+        for step, bytes_now in zip(one.steps, one.resident, strict=True)
+    ]
+    looks = {one.method: {"linewidth": 4.0 / (k + 1)} for k, one in enumerate(found)}
+    panel = Panel(
+        "share of the run's steps",
+        Column("resident memory, change", "KiB"),
+        ["change [KiB]"],
+        by="method",
+        looks=looks,  # equal lines stay visible below each other
+        levels={"one page": os.sysconf("SC_PAGE_SIZE") / 1024.0},
+        uprights={"end of warm-up": WARM / LOOKS},
+    )
+    chart(
+        report,
+        "resident_memory",
+        columns(("method", "share of the run's steps", "change [KiB]"), rows),
+        [panel],
+        "Resident memory against that after the warm-up",
+        (8.5, 3.8),
+    )
     return {
         f"memory, {one.method}": (
             f"{one.after_warm_up} bytes more after {one.steps[-1]:.3g} steps than after "
@@ -210,32 +171,3 @@ def describe(report: Report, found: list[Growth]) -> dict[str, str]:
         )
         for one in found
     }
-
-
-def _figure(report: Report, found: list[Growth]) -> None:
-    figure, (axes,) = plotting.new_figure(height=3.6)
-    for k, one in enumerate(found):
-        change = (one.resident - one.resident[WARM]) / 1024.0
-        axes.plot(
-            one.steps / one.steps[-1],
-            change,
-            linewidth=5.0 / (k + 1) ** 1.5,  # equal lines stay visible below each other
-            color=plotting.COLORS[one.method],
-            label=f"{one.method}, {one.steps[-1]:.3g} steps",
-        )
-    axes.axvline(WARM / LOOKS, color="black", linestyle=":", label="end of warm-up")
-    axes.set(xlabel="share of the run's steps [-]", ylabel="resident memory, change [KiB]")
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -64.0), max(high, 64.0))
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize="small")
-    report.figure(
-        "resident_memory",
-        figure,
-        {
-            "method": np.concatenate([np.repeat(one.method, len(one.steps)) for one in found]),
-            "steps": np.concatenate([one.steps for one in found]),
-            "resident [B]": np.concatenate([one.resident for one in found]),
-        },
-        "Resident memory against that after the warm-up",
-    )

@@ -7,29 +7,32 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import ScalarFormatter
 
-from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS
+from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.simulation import workspace
-from dlo_sim.simulation.inextensible import new_chain
-from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import plotting
-from dlo_sim.studies.report import Cell, Report
-from dlo_sim.studies.scaling.wire import moving
+from dlo_sim.studies import runs
+from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.report import Cell, Column, Report, columns
 from dlo_sim.studies.stopwatch import Cost
 
-METHODS_TIMED = (
-    *("forest_ruth", "velocity_verlet", "rattle"),
-    *("energy_momentum", "energy_momentum_4", "implicit_midpoint", "generalized_alpha"),
-)
-SIZES = {True: (9, 40, 100, 400, 2000), False: (9, 13, 19, 40, 80, 200, 500, 1000, 2000)}
+SCENE = "paper_wire"
+SAMPLES_PER_SPAN = 3
+IMPLICIT_STEP = 2e-3  # [s], the paper's
+SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
+METHODS_TIMED = {
+    True: ("forest_ruth", "rattle", "energy_momentum"),
+    False: (
+        *("forest_ruth", "velocity_verlet", "rattle"),
+        *("energy_momentum", "energy_momentum_4", "implicit_midpoint", "generalized_alpha"),
+    ),
+}
+SIZES = {True: (9, 40, 100, 400), False: (9, 13, 19, 40, 80, 200, 500, 1000, 2000)}
 REPEATS = {True: 7, False: 25}
 FINE = 100  # control points from which the second exponent is fitted
-PIECE = 0.004  # [s] of explicit steps timed at once
-LEAST_STEPS = 64  # of a piece: a multiple of the steps between two looks at the energy
+PIECE = 0.004  # [s] of steps timed at once
+LEAST_STEPS = 64  # of an explicit piece: a multiple of the steps between two looks at the energy
 IMPLICIT_STEPS = 100  # the same motion at every size, 0.2 s, timed in pieces of so many steps:
 IMPLICIT_PIECES = (1, 2, 5, 10, 20, 50, 100)
 
@@ -39,9 +42,8 @@ class Run:
     """One method at one size.
 
     Attributes:
-        step: [s]. steps: of a run; piece: of a timed piece of it. iterations: per step, 0 for an
-            explicit method, whose step has a fixed number of force evaluations.
-        memory: bytes [B] of the arrays of a step.
+        step: [s]. steps: of a run; piece: of a timed piece of it.
+        evaluations: of the force per step, of an implicit method iterations.
         times: of every run, of every piece, per step [s]. failure: why there are none, or empty.
     """
 
@@ -50,62 +52,78 @@ class Run:
     simulator: Simulator | None = None
     failure: str = ""
     step: float = float("nan")
-    steps: int = 0
-    piece: int = 0
-    iterations: float = 0.0
-    memory: int = 0
+    steps: int = LEAST_STEPS
+    piece: int = LEAST_STEPS
+    evaluations: float = float("nan")
     times: list[list[float]] = field(default_factory=list)
 
     @property
     def cost(self) -> Cost:
-        """Time per step [s], mean of the pieces, each the least and the median of the runs; nan if
-        it failed."""
+        """Time per step [s], mean of the pieces, each the least and the median of the runs."""
         times = np.array(self.times or [[float("nan")]])
         return Cost(float(times.min(axis=0).mean()), float(np.median(times, axis=0).mean()))
 
     @property
-    def per_iteration(self) -> float:
-        """Time [s] per iteration of an implicit method, nan for an explicit one."""
-        return self.cost.best / self.iterations if self.iterations else float("nan")
+    def per_evaluation(self) -> float:
+        """Time [s] per force evaluation or iteration."""
+        return self.cost.best / self.evaluations
 
 
-@dataclass(frozen=True)
-class Exponents:
-    """Slopes of log time over log n_u: of a step over all sizes and over the fine ones, and of an
-    iteration likewise; nan with fewer than two sizes."""
+def wire(control_points: int, method: str) -> Scene:
+    """The wire with Gauss quadrature; explicit methods take the step chosen for them."""
+    return runs.shipped(
+        SCENE,
+        discretization__control_points=control_points,
+        discretization__quadrature="gauss",
+        discretization__samples=SAMPLES_PER_SPAN,
+        integrator__method=method,
+        integrator__step=IMPLICIT_STEP if METHODS[method].family == IMPLICIT else 0.0,
+    )
 
-    everywhere: float
-    fine: float
-    iteration_everywhere: float
-    iteration_fine: float
+
+def moving(control_points: int, method: str) -> Simulator:
+    """The straight wire, released with half a sine wave of downward velocity.
+
+    Every method can start so, an inextensible one too, and each size has the same motion: a wire
+    that starts at rest hardly moves in the short steps of a fine one, whose iterations would then
+    have nothing to do.
+
+    Raises:
+        SceneError: the method cannot hold the wire at this size.
+    """
+    simulator = Simulator(wire(control_points, method))
+    rates = np.zeros((control_points, 4))
+    phase = np.pi * simulator.greville / simulator.scene.cable.length
+    rates[1:-1, 2] = -SPEED * np.sin(phase[1:-1])
+    simulator.start_from(simulator.control_points, rates)
+    return simulator
 
 
 def timed(quick: bool, progress: Callable[[float], None]) -> list[Run]:
     """Every method at every size, the sizes and methods in turn within each repeat."""
-    runs = [_prepared(method, size) for size in SIZES[quick] for method in METHODS_TIMED]
-    repeats = REPEATS[quick]
-    for repeat in range(repeats):
-        for run in runs:
+    found = [_prepared(method, size) for size in SIZES[quick] for method in METHODS_TIMED[quick]]
+    for repeat in range(REPEATS[quick]):
+        for run in found:
             if not run.failure:
                 run.times.append(_run(run))
-        progress((repeat + 1) / repeats)
-    for run in runs:
+        progress((repeat + 1) / REPEATS[quick])
+    for run in found:
         run.simulator = None
-    return runs
+    return found
 
 
 def _prepared(method: str, size: int) -> Run:
     """Build, find out how many steps are timed at once, and whether they go well."""
     run = Run(method, size)
     try:
-        simulator = moving(size, method)
+        run.simulator = moving(size, method)
     except SceneError as refusal:
         run.failure = str(refusal)
         return run
-    run.simulator, run.step = simulator, simulator.step
-    run.memory = array_bytes(simulator.model, method)
+    run.step = run.simulator.step
     implicit = METHODS[method].family == IMPLICIT
-    run.steps = run.piece = IMPLICIT_STEPS if implicit else LEAST_STEPS
+    if implicit:
+        run.steps = run.piece = IMPLICIT_STEPS
     _run(run)
     (took,) = _run(run)
     if implicit:
@@ -117,11 +135,10 @@ def _prepared(method: str, size: int) -> Run:
 
 
 def _run(run: Run) -> list[float]:
-    """Time [s] per step of every piece from the start; notes a failure and the iterations."""
+    """Time [s] per step of every piece from the start; notes a failure and the evaluations."""
     assert run.simulator is not None
     run.simulator.reset()
-    times = []
-    evaluations = 0
+    times, evaluations = [], 0
     for _ in range(run.steps // run.piece):
         began = time.perf_counter()
         report = run.simulator.advance_steps(run.piece)
@@ -130,171 +147,106 @@ def _run(run: Run) -> list[float]:
         if not report.status.ok:
             run.failure = report.message
             break
-    if METHODS[run.method].family == IMPLICIT:
-        run.iterations = evaluations / run.steps
+    run.evaluations = evaluations / run.steps
     return times
-
-
-def array_bytes(model: Model, method: str) -> int:
-    """Size [B] of all arrays that a step of this method may touch."""
-    groups: list[object] = [model.terms, workspace.new_state(model), workspace.new_work(model)]
-    if METHODS[method].family == IMPLICIT:
-        groups.append(workspace.new_solver(model))
-    elif METHODS[method].family == CONSTRAINED:
-        groups.append(new_chain(model))
-    return sum(_bytes(group) for group in groups)
-
-
-def _bytes(group: object) -> int:
-    if isinstance(group, np.ndarray):
-        return group.nbytes
-    return sum(_bytes(one) for one in group) if isinstance(group, tuple) else 0
 
 
 def slope(sizes: list[int], values: list[float], least: int = 0) -> float:
     """Least-squares slope of log value over log size, sizes from `least` on; nan below two."""
-    kept = [
-        (size, value)
-        for size, value in zip(sizes, values, strict=True)
-        if size >= least and np.isfinite(value)
-    ]
+    pairs = zip(sizes, values, strict=True)
+    kept = [(size, value) for size, value in pairs if size >= least and np.isfinite(value)]
     if len(kept) < 2:
         return float("nan")
     x, y = np.log(np.array(kept, dtype=float)).T
     return float(np.polyfit(x, y, 1)[0])
 
 
-def exponents(runs: list[Run], method: str) -> Exponents:
-    """The fitted exponents of one method, over the sizes at which it ran."""
-    own = [run for run in runs if run.method == method and not run.failure]
-    sizes = [run.size for run in own]
-    steps = [run.cost.best for run in own]
-    iterations = [run.per_iteration for run in own]
-    return Exponents(
-        slope(sizes, steps),
-        slope(sizes, steps, FINE),
-        slope(sizes, iterations),
-        slope(sizes, iterations, FINE),
-    )
-
-
-def describe(report: Report, runs: list[Run], quick: bool) -> dict[str, str]:
+def describe(report: Report, found: list[Run]) -> dict[str, str]:
     """Section, tables and figure; returns the verdicts."""
-    sizes = SIZES[quick]
     report.section("Time of a step against the number of control points")
     report.text(
-        f"""Compiled and warm, stepping only: the least of {REPEATS[quick]} repeats, sizes and
-        methods in turn within each, and the spread (median over least, minus one). Steps are timed
-        in pieces of about {1e3 * PIECE:g} ms, or {LEAST_STEPS} explicit steps if that is more,
-        which run undisturbed now and then. Implicit methods make {IMPLICIT_STEPS} steps of 2 ms, so
-        that every size goes through the same 0.2 s of motion: each piece of it has its own least
-        time. The others take the step that is chosen for them. An explicit step has a fixed number
-        of force evaluations; what an implicit step costs depends on its iterations, which depend on
-        the motion, so the time of an iteration is given as well. `rattle` does not report the
-        iterations of its constraints. *Arrays* is all that a step may touch: where it outgrows a
-        cache, time per control point rises. Spans go through the vector lanes by eights, and a
-        block that is not full costs what a full one costs: 13 control points have ten spans and
-        take as long for their forces as 19 with sixteen."""
+        """Compiled and warm, stepping only: the least of the repeats, sizes and methods in turn
+        within each, and the spread (median over least, minus one). Steps are timed in pieces of
+        some milliseconds, which run undisturbed now and then. Implicit methods make 100 steps of 2
+        ms, so that every size goes through the same 0.2 s of motion; the others take the step that
+        is chosen for them. An evaluation is one of the force, of an implicit method an iteration of
+        Newton's method, of `rattle` its step. Spans go through the vector lanes by eights, and a
+        block that is not full costs what a full one costs."""
     )
-    header = ["method", "n_u", "step [s]", "time [us/step]", "spread", "iterations per step"]
-    header += ["time [us/iteration]", "time [ns/step/control point]", "arrays [KB]", "note"]
-    report.table("steps", header, [_cells(run) for run in runs], "Time of a step")
-    verdicts = _exponent_table(report, runs, sizes)
-    _figure(report, runs, sizes)
-    failed = [run for run in runs if run.failure]
+    good = [run for run in found if not run.failure]
+    report.table(
+        "steps",
+        [
+            *("method", "n_u", Column("step", "us"), Column("time", "us/step")),
+            *(Column("spread", "%", ".0f"), "evaluations per step"),
+            *(Column("time", "us/evaluation"), Column("time", "ns/evaluation/sample")),
+        ],
+        [
+            [
+                *(run.method, run.size, run.step, run.cost.best, run.cost.spread),
+                *(run.evaluations, run.per_evaluation),
+                run.per_evaluation / (SAMPLES_PER_SPAN * (run.size - 3)),
+            ]
+            for run in good
+        ],
+        "Time of a step",
+    )
+    verdicts = _exponents(report, found)
+    looks = {run.method: {"marker": "o"} for run in good}
+    panels = (
+        Column("time of a step", "us"),
+        Column("time of a step per control point", "ns"),
+        Column("time of an evaluation per control point", "ns"),
+    )
+    names = [column.name for column in panels]
+    chart(
+        report,
+        "time_of_a_step",
+        columns(
+            ("method", "n_u", "median", *names),
+            [
+                (run.method, run.size, run.cost.median, run.cost.best, run.cost.best / run.size)
+                + (run.per_evaluation / run.size,)
+                for run in good
+            ],
+        ),
+        [
+            Panel("n_u", column, [column.name], by="method", log=log, looks=looks)
+            for column, log in zip(panels, ("xy", "x", "x"), strict=True)
+        ],
+        "Time of a step, of a step per control point, and of an evaluation per control point",
+        (16.0, 4.8),
+    )
+    failed = [run for run in found if run.failure]
     if failed:
-        report.text("Runs that failed are not in the fits:")
+        report.text("Runs that failed are neither in the tables nor in the fits:")
         report.items(f"`{run.method}`, n_u = {run.size}: {run.failure}" for run in failed)
     return verdicts
 
 
-def _finite(value: float) -> Cell:
-    return value if np.isfinite(value) else None
-
-
-def _cells(run: Run) -> list[Cell]:
-    best = run.cost.best
-    return [
-        run.method,
-        run.size,
-        _finite(run.step),
-        _finite(1e6 * best) if not run.failure else None,
-        f"{100 * run.cost.spread:.0f} %" if not run.failure else None,
-        run.iterations or None,
-        _finite(1e6 * run.per_iteration),
-        _finite(1e9 * best / run.size) if not run.failure else None,
-        1e-3 * run.memory or None,
-        "failed, see below" if run.failure else "",
-    ]
-
-
-def _exponent_table(report: Report, runs: list[Run], sizes: tuple[int, ...]) -> dict[str, str]:
+def _exponents(report: Report, found: list[Run]) -> dict[str, str]:
+    """The fitted exponents of every method, over the sizes at which it ran."""
     rows: list[list[Cell]] = []
     verdicts = {}
-    for method in METHODS_TIMED:
-        found = exponents(runs, method)
-        good = [run.size for run in runs if run.method == method and not run.failure]
-        values = [found.everywhere, found.fine, found.iteration_everywhere, found.iteration_fine]
-        largest = max(good, default=0)
-        rows.append([method, largest, *(_finite(value) for value in values)])
-        words = f"exponent {found.everywhere:.2f} over {sizes[0]} to {largest} control points"
-        if np.isfinite(found.fine):
-            words += f", {found.fine:.2f} from {FINE} on"
-        if np.isfinite(found.iteration_fine):
-            words += f"; an iteration {found.iteration_fine:.2f}"
-        verdicts[f"time of a step, {method}"] = words
+    for method in dict.fromkeys(run.method for run in found):
+        own = [run for run in found if run.method == method and not run.failure]
+        sizes = [run.size for run in own]
+        fits = [
+            slope(sizes, values, least)
+            for values in ([run.cost.best for run in own], [run.per_evaluation for run in own])
+            for least in (0, FINE)
+        ]
+        rows.append([method, max(sizes, default=0), *fits])
+        verdicts[f"time of a step, {method}"] = (
+            f"exponent {fits[0]:.2f}, from {FINE} control points on {fits[1]:.2f}"
+        )
     report.table(
         "exponents",
         [
             *("method", "largest n_u that ran", "step, all sizes", f"step, n_u >= {FINE}"),
-            *("iteration, all sizes", f"iteration, n_u >= {FINE}"),
+            *("evaluation, all sizes", f"evaluation, n_u >= {FINE}"),
         ],
         rows,
         "Exponent p of time ~ n_u^p, least squares in the logarithms (1 is linear)",
     )
     return verdicts
-
-
-def _figure(report: Report, runs: list[Run], sizes: tuple[int, ...]) -> None:
-    figure, (whole, each, iteration) = plotting.new_figure(1, 3, width=15.0, height=4.6)
-    good = [run for run in runs if not run.failure]
-    for method in METHODS_TIMED:
-        own = [run for run in good if run.method == method]
-        _line(whole, method, own, [1e6 * run.cost.best for run in own])
-        _line(each, method, own, [1e9 * run.cost.best / run.size for run in own])
-        if METHODS[method].family == IMPLICIT:
-            _line(iteration, method, own, [1e9 * run.per_iteration / run.size for run in own])
-    ends = np.array([sizes[0], sizes[-1]], dtype=float)
-    lowest = min(run.cost.best / run.size for run in good)
-    whole.plot(ends, 0.6e6 * lowest * ends, "k--", linewidth=0.8, label="linear")
-    whole.set(yscale="log", ylabel="time of a step [us]")
-    each.set(yscale="log", ylabel="time of a step per control point [ns]")
-    iteration.set(ylabel="time of an iteration per control point [ns]")
-    iteration.set_ylim(0.0, 1.08 * iteration.get_ylim()[1])
-    for axes in (whole, each, iteration):
-        axes.set(xscale="log", xlabel="control points n_u [-]")
-        axes.xaxis.set_major_formatter(ScalarFormatter())
-        axes.grid(alpha=0.3, which="both")
-    each.set_yticks([20, 50, 100, 200, 500, 1000])
-    each.yaxis.set_major_formatter(ScalarFormatter())
-    each.yaxis.set_minor_formatter("")
-    whole.legend(fontsize="small")
-    iteration.legend(fontsize="small", loc="lower right")
-    report.figure(
-        "time_of_a_step",
-        figure,
-        {
-            "method": np.array([run.method for run in good]),
-            "n_u": [run.size for run in good],
-            "time [s/step]": [run.cost.best for run in good],
-            "median [s/step]": [run.cost.median for run in good],
-            "iterations per step": [run.iterations for run in good],
-        },
-        "Time against the number of control points: of a step, of a step per control point, and of "
-        "an iteration per control point",
-    )
-
-
-def _line(axes: Axes, method: str, runs: list[Run], values: list[float]) -> None:
-    sizes = [run.size for run in runs]
-    axes.plot(sizes, values, "o-", markersize=4, color=plotting.COLORS.get(method), label=method)

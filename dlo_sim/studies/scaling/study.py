@@ -1,49 +1,27 @@
-"""`dlo_sim study scaling`: time per step, memory, and the parts of a step against the bound."""
+"""`dlo_sim study scaling`: time per step, and memory."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from dlo_sim.scene.loading import shipped_scene
-from dlo_sim.studies.catalogue import Request
-from dlo_sim.studies.report import Report
-from dlo_sim.studies.scaling import memory, parts, steps
-from dlo_sim.studies.scaling.wire import NAME, SAMPLES_PER_SPAN, SPEED
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What the study leaves behind; see `catalogue.Outcome`."""
-
-    report: str
-    figures: list[str]
-    data: list[str]
-    tables: dict[str, int]
-    verdicts: dict[str, str]
+from dlo_sim.studies.catalogue import Outcome, Request
+from dlo_sim.studies.report import Report, verdict_list
+from dlo_sim.studies.scaling import memory, steps
+from dlo_sim.studies.scaling.steps import SCENE
 
 
 def run_study(request: Request) -> Outcome:
     """Run the study into a folder."""
-    quick = request.quick
-    report = Report(
-        request.folder,
-        "Cost and memory as the cable gets finer",
-        request.command,
-        {NAME: shipped_scene(NAME)},
-    )
+    title, files = "Cost and memory as the cable gets finer", {SCENE: shipped_scene(SCENE)}
+    report = Report(request.folder, title, request.command, files)
     report.text(
-        f"""The scene is `{NAME}` with Gauss quadrature, {SAMPLES_PER_SPAN} points per span,
-        straight at first and moving downwards with half a sine wave of {SPEED:g} m/s. Everything
-        here is a time or a memory of this machine, so all of it ran here, in one process:
-        `--scheduler` has nothing to give away."""
+        """The scene is `paper_wire` with Gauss quadrature, three points per span, straight at first
+        and moving downwards with half a sine wave of 0.3 m/s. Everything here is a time or a memory
+        of this machine, so all of it ran here, in one process: `--scheduler` has nothing to give
+        away."""
     )
     # Memory first: what the timed simulators leave to the allocator would blur it.
-    grown = memory.measured(quick, request.part(0.0, 0.3))
-    runs = steps.timed(quick, request.part(0.3, 0.8))
-    found = parts.measured(quick, request.part(0.8, 1.0))
-    verdicts = steps.describe(report, runs, quick)
-    verdicts |= memory.describe(report, grown)
-    verdicts |= parts.describe(report, found)
-    lines = [f"- {asked}: **{answer}**" for asked, answer in verdicts.items()]
-    path = report.write(["\n".join(lines)])
-    return Outcome(str(path), report.figures, report.data, report.tables, verdicts)
+    grown = memory.measured(request.quick, request.part(0.0, 0.3))
+    runs = steps.timed(request.quick, request.part(0.3, 1.0))
+    verdicts = steps.describe(report, runs) | memory.describe(report, grown)
+    report.write([verdict_list(verdicts)])
+    return report.outcome(verdicts)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,29 +16,14 @@ from numpy.typing import NDArray
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.report import Cell
+from dlo_sim.studies.stability.cables import Values
 
 Array = NDArray[np.float64]
-Values = dict[str, Any]
+Action = Callable[[Simulator], Simulator | None]
 
 RAN, REFUSED, STOPPED = "ran", "refused", "stopped"
 PIECES = 50  # calls of the stepping loop per run, so that a budget of time can end it
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happens at a time [s].
-
-    Attributes:
-        what: `load` (force [N] on load `who`), `jump` (displacement [m] of end `who`), `turn` (its
-            new orientation as a rotation vector [rad]), `move` (it moves at a velocity [m/s] for a
-            time [s]: four numbers), `reconfigure` (scene changes).
-    """
-
-    time: float
-    what: str
-    who: str = ""
-    numbers: tuple[float, ...] = ()
-    changes: Values = field(default_factory=dict)
 
 
 @dataclass
@@ -49,7 +33,7 @@ class Run:
     Attributes:
         simulator: the present one; first: control points at the start, shape (n, 4).
         energy_error: largest so far, over all simulators of the run.
-        steps, iterations: done in all. wall: time of stepping [s].
+        steps, iterations: done in all. wall: time of stepping [s]. message: why it ended early.
     """
 
     simulator: Simulator
@@ -60,6 +44,13 @@ class Run:
     wall: float = 0.0
     message: str = ""
 
+    @property
+    def cells(self) -> list[Cell]:
+        """Of the table: energy error, method, step [s], steps, iterations, run time [s]."""
+        simulator = self.simulator
+        counts = (self.steps, self.iterations, self.wall)
+        return [self.energy_error, simulator.method, simulator.step, *counts]
+
 
 @dataclass(frozen=True)
 class Extreme:
@@ -67,8 +58,8 @@ class Extreme:
 
     Attributes:
         what: for people. values: of the scene. duration [s].
-        check: the error of a finished run, and what it is the error of.
-        bound: largest error that counts as right. events: in order of time.
+        check: the error of a finished run; its docstring says of what.
+        bound: largest error that counts as right. events: (time [s], action) in order of time.
         budget: most time of stepping [s]; longer is stopped, and never right.
     """
 
@@ -77,82 +68,52 @@ class Extreme:
     values: Values
     duration: float
     check: Callable[[Run], float]
-    measure: str
     bound: float
-    events: tuple[Event, ...] = ()
+    events: tuple[tuple[float, Action], ...] = ()
     budget: float = 30.0
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What became of an extreme scene; `error` is None unless it ran to its end.
+    """What became of an extreme scene: `run` is None if it was refused at once, `error` unless it
+    ran to its end."""
 
-    wall: time of stepping [s], budget: what it may be. right: it ran, and error and time are what
-    they should be.
-    """
-
-    name: str
-    what: str
+    extreme: Extreme
     outcome: str
-    reason: str
-    error: float | None
-    measure: str
-    bound: float
-    energy_error: float | None
-    method: str
-    step: float
-    simulated: float
-    steps: int
-    iterations: int
-    wall: float
-    budget: float
-    right: bool
+    reason: str = ""
+    error: float | None = None
+    run: Run | None = None
+
+    @property
+    def of_what(self) -> str:
+        """What the error is an error of."""
+        return (self.extreme.check.__doc__ or "").partition("\n")[0]
+
+    @property
+    def right(self) -> bool:
+        """Whether it ran, finite, and error and time are what they should be."""
+        if self.error is None or self.run is None:
+            return False
+        finite = bool(np.isfinite(self.run.simulator.control_points).all())
+        in_time = self.run.wall <= self.extreme.budget
+        return finite and in_time and self.error <= self.extreme.bound
 
 
 def examine(extreme: Extreme, share: float = 1.0) -> Finding:
     """Run a scene (or the first `share` of it) and judge it."""
+    run = None
     try:
         simulator = Simulator(scene_from_values(extreme.values))
+        run = Run(simulator, simulator.control_points)
+        last = extreme.duration * share
+        for moment, action in (*extreme.events, (last, lambda simulator: None)):
+            if not _advance_to(run, min(moment, last), extreme.budget):
+                return Finding(extreme, STOPPED, run.message, run=run)
+            if moment < last:
+                run.simulator = action(run.simulator) or run.simulator
     except SceneError as refusal:
-        return _finding(extreme, REFUSED, str(refusal), None, None)
-    run = Run(simulator, simulator.control_points)
-    last = extreme.duration * share
-    for event in (*extreme.events, Event(last, "end")):
-        if not _advance_to(run, min(event.time, last), extreme.budget):
-            return _finding(extreme, STOPPED, run.message, None, run)
-        if event.time < last:
-            try:
-                _apply(run, event)
-            except SceneError as refusal:
-                return _finding(extreme, REFUSED, str(refusal), None, run)
-    return _finding(extreme, RAN, "", float(extreme.check(run)), run)
-
-
-def _finding(
-    extreme: Extreme, outcome: str, reason: str, error: float | None, run: Run | None
-) -> Finding:
-    right = False
-    if outcome == RAN and run is not None and error is not None:
-        right = bool(np.isfinite(run.simulator.control_points).all())
-        right = right and run.wall <= extreme.budget and error <= extreme.bound
-    return Finding(
-        name=extreme.name,
-        what=extreme.what,
-        outcome=outcome,
-        reason=reason,
-        error=error,
-        measure=extreme.measure,
-        bound=extreme.bound,
-        energy_error=run.energy_error if run and run.steps else None,
-        method=run.simulator.method if run else "-",
-        step=run.simulator.step if run else 0.0,
-        simulated=run.simulator.time if run else 0.0,
-        steps=run.steps if run else 0,
-        iterations=run.iterations if run else 0,
-        wall=run.wall if run else 0.0,
-        budget=extreme.budget,
-        right=right,
-    )
+        return Finding(extreme, REFUSED, str(refusal), run=run)
+    return Finding(extreme, RAN, error=float(extreme.check(run)), run=run)
 
 
 def _advance_to(run: Run, until: float, budget: float) -> bool:
@@ -170,32 +131,46 @@ def _advance_to(run: Run, until: float, budget: float) -> bool:
         run.message = report.message
         if report.status.ok and run.wall > budget and simulator.steps < target:
             run.message = f"its budget of {budget:g} s was used up at {simulator.time:.6g} s"
-            return False
-        if not report.status.ok:
+        if run.message:
             return False
     return True
 
 
-def _apply(run: Run, event: Event) -> None:
-    simulator = run.simulator
-    if event.what == "load":
-        simulator.set_load(event.who, force=event.numbers)
-    elif event.what == "jump":
-        position, _ = simulator.end_pose(event.who)
-        simulator.set_end(event.who, position=position + np.array(event.numbers))
-    elif event.what == "move":
-        position, orientation = simulator.end_pose(event.who)
-        path = np.array([position, event.numbers[:3], np.zeros(3)])
-        motion = EndMotion(simulator.time, event.numbers[3], path, orientation, np.zeros((2, 3)))
-        simulator.set_motion(event.who, motion)
-    elif event.what == "turn":
-        half = 0.5 * np.array(event.numbers)
-        size = float(np.linalg.norm(half))
-        simulator.set_end(
-            event.who, orientation=np.append(np.sin(size) / size * half, np.cos(size))
-        )
-    elif event.what == "reconfigure":
-        before = simulator.control_points
-        run.simulator = simulator.reconfigured(simulator.scene.with_values(event.changes))
-        if not np.array_equal(before, run.simulator.control_points):
+def push(load: str, *force: float) -> Action:
+    """A load gets a force [N]."""
+    return lambda simulator: simulator.set_load(load, force=force)
+
+
+def jump(end: str, *way: float) -> Action:
+    """An end is elsewhere at once, by a way [m]."""
+    return lambda simulator: simulator.set_end(end, position=simulator.end_pose(end)[0] + way)
+
+
+def turn(end: str, angle: float) -> Action:
+    """An end is turned about x at once, by an angle [rad]."""
+    half = (np.sin(0.5 * angle), 0.0, 0.0, np.cos(0.5 * angle))
+    return lambda simulator: simulator.set_end(end, orientation=half)
+
+
+def move(end: str, velocity: float, duration: float) -> Action:
+    """An end moves along x [m/s] for a time [s]."""
+
+    def begin(simulator: Simulator) -> None:
+        position, orientation = simulator.end_pose(end)
+        path = np.array([position, (velocity, 0.0, 0.0), np.zeros(3)])
+        motion = EndMotion(simulator.time, duration, path, orientation, np.zeros((2, 3)))
+        simulator.set_motion(end, motion)
+
+    return begin
+
+
+def reconfigure(key: str, value: float) -> Action:
+    """A value of the scene changes; the shape must not."""
+
+    def change(simulator: Simulator) -> Simulator:
+        other = simulator.reconfigured(simulator.scene.with_values({key: value}))
+        if not np.array_equal(simulator.control_points, other.control_points):
             raise RuntimeError("reconfiguring changed the shape")
+        return other
+
+    return change

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.stability.parts import ALUMINIUM, CANTILEVER
+from dlo_sim.studies.runs import bisected
+from dlo_sim.studies.stability.cables import ALUMINIUM, CANTILEVER
 
 KEYS = {
     "n_u": "discretization.control_points",
@@ -42,11 +44,13 @@ class Extent:
     """How much is computed.
 
     Attributes:
-        values: of each axis. steps: tau [s]. duration: of the energy runs [s].
+        methods: compared. values: of each axis. steps: tau [s].
+        duration, budget: of the energy runs: simulated time [s], most time of stepping [s].
         trial, least_trial: time [s] and steps that a step has to survive to count as stable.
-        tolerance: of observed limits. budget: time of one energy run [s].
+        tolerance: of observed limits.
     """
 
+    methods: tuple[str, ...]
     values: dict[str, tuple[float, ...]] = field(hash=False)
     steps: tuple[float, ...]
     duration: float
@@ -55,33 +59,45 @@ class Extent:
     tolerance: float
     budget: float
 
+    @property
+    def points(self) -> list[Point]:
+        """All points of all maps, the most expensive first (more control points)."""
+        return [
+            Point(axis, value, method, damping, motion, self)
+            for axis, values in self.values.items()
+            for value, method, damping, motion in product(
+                reversed(values), self.methods, DAMPING, GRAVITY
+            )
+        ]
+
 
 FULL = Extent(
+    tuple(METHODS),
     {
         "n_u": (5, 9, 13, 19, 40),
         "E": (1e4, 1e6, 1e8, 1e10, 1e12),
         "diameter": (1e-4, 5e-4, 2e-3, 1e-2, 5e-2),
     },
     tuple(float(f"{10.0**e:.2g}") for e in np.arange(-5.0, -0.9, 0.5)),
-    10.0,
-    1.0,
-    4000,
-    0.01,
-    20.0,
+    duration=10.0,
+    trial=1.0,
+    least_trial=4000,
+    tolerance=0.01,
+    budget=20.0,
 )
 QUICK = Extent(
+    ("forest_ruth", "velocity_verlet", "energy_momentum"),
     {"n_u": (5, 13, 40), "E": (1e6, 1e9, 1e12), "diameter": (1e-4, 2e-3, 5e-2)},
     (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
-    1.0,
-    0.3,
-    3000,
-    0.02,
-    3.0,
+    duration=1.0,
+    trial=0.3,
+    least_trial=3000,
+    tolerance=0.02,
+    budget=3.0,
 )
 
 
-@dataclass(frozen=True)
-class Point:
+class Point(NamedTuple):
     """One cable and one method; `value` is of the `axis` n_u, E [Pa] or diameter [m]."""
 
     axis: str
@@ -97,35 +113,20 @@ class Limits:
     """What became of a point.
 
     Attributes:
-        predicted, observed: largest stable step [s]; None where the method was refused. An implicit
-            method has the predicted limit inf; observed is then the largest step of the map up to
-            which every run reached its end. Observed is 0 where no step was stable.
-        below: then the smallest step [s] that was tried, which the limit is below.
         outcomes, errors: per step of the map: what became of the run, and its largest energy error
-            as a share of the energy exchanged (inf unless it finished).
-        wall: time of stepping [s] of the runs.
+            as a share of the energy exchanged (nan unless it finished).
+        predicted, observed: largest stable step [s]; nan where the method was refused. An implicit
+            method has the predicted limit inf; observed is then the largest step of the map up to
+            which every run reached its end. Both are nan where no step was stable.
+        below: then the smallest step [s] that was tried, which the limit is below; else nan.
     """
 
-    predicted: float | None
-    observed: float | None
     outcomes: tuple[str, ...]
     errors: tuple[float, ...]
-    wall: float
+    predicted: float = np.nan
+    observed: float = np.nan
+    below: float = np.nan
     reason: str = ""
-    below: float | None = None
-
-
-def points(extent: Extent) -> list[Point]:
-    """All points of all maps, the most expensive first (more control points, explicit)."""
-    found = [
-        Point(axis, value, method, damping, motion, extent)
-        for axis, values in extent.values.items()
-        for value in reversed(values)
-        for method in METHODS
-        for damping in DAMPING
-        for motion in GRAVITY
-    ]
-    return found
 
 
 def scene_of(point: Point, step: float = 0.0) -> Scene:
@@ -147,63 +148,52 @@ def scene_of(point: Point, step: float = 0.0) -> Scene:
 
 
 def examine(point: Point) -> Limits:
-    """Limits and energy errors of one point."""
+    """Limits and energy errors of one point; a function for workers."""
     steps = point.extent.steps
     try:
         predicted = Simulator(scene_of(point)).choice.limit
     except SceneError as refusal:
-        return Limits(
-            None, None, (REFUSED,) * len(steps), (np.inf,) * len(steps), 0.0, str(refusal)
-        )
-    runs = [_energy_run(point, step) for step in steps]
-    outcomes = tuple(outcome for outcome, _, _ in runs)
+        nothing = (np.nan,) * len(steps)
+        return Limits((REFUSED,) * len(steps), nothing, reason=str(refusal))
+    outcomes, errors = zip(*(_energy_run(point, step) for step in steps), strict=True)
     if METHODS[point.method].family == IMPLICIT:
         observed, below = _reached(steps, outcomes)
     else:
         observed, below = _observed(point, predicted)
-    return Limits(
-        predicted,
-        observed,
-        outcomes,
-        tuple(error for _, error, _ in runs),
-        sum(wall for _, _, wall in runs),
-        below=below,
-    )
+    return Limits(outcomes, errors, predicted, observed, below)
 
 
-def _energy_run(point: Point, step: float) -> tuple[str, float, float]:
-    """Outcome, largest energy error and time of stepping [s]."""
+def _energy_run(point: Point, step: float) -> tuple[str, float]:
+    """Outcome and largest energy error."""
     if METHODS[point.method].family == IMPLICIT and step < LEAST_IMPLICIT_STEP:
-        return SKIPPED, np.inf, 0.0
+        return SKIPPED, np.nan
     simulator = Simulator(scene_of(point, step), unchecked_step=True)
     steps = max(round(point.extent.duration / step), FEWEST_STEPS)
     piece = max(steps // 100, 1)
-    wall = 0.0
+    until = time.perf_counter() + point.extent.budget
     while simulator.steps < steps:
-        began = time.perf_counter()
-        report = simulator.advance_steps(min(piece, steps - simulator.steps))
-        wall += time.perf_counter() - began
-        if not report.status.ok:
-            return STOPPED, np.inf, wall
-        if wall > point.extent.budget:
-            return SLOW, np.inf, wall
-    return FINISHED, max(float(simulator.energy_error), 1e-16), wall
+        if not simulator.advance_steps(min(piece, steps - simulator.steps)).status.ok:
+            return STOPPED, np.nan
+        if time.perf_counter() > until:
+            return SLOW, np.nan
+    return FINISHED, max(float(simulator.energy_error), 1e-16)
 
 
-def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> tuple[float, float | None]:
+def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> tuple[float, float]:
     """Largest step [s] before the first run that was stopped; without one, that run's step."""
-    reached = 0.0
+    reached = np.nan
     for step, outcome in zip(steps, outcomes, strict=True):
         if outcome == STOPPED:
-            return reached, None if reached else step
+            return reached, step if np.isnan(reached) else np.nan
         reached = step if outcome == FINISHED else reached
-    return reached, None
+    return reached, np.nan
 
 
-def _observed(point: Point, predicted: float) -> tuple[float, float | None]:
+def _observed(point: Point, predicted: float) -> tuple[float, float]:
     """Largest step [s] at which a trial is not stopped, by bisection; inf if it is out of reach.
 
-    It is looked for down to the smallest step of the map; if there is none: 0 and the last tried.
+    It is looked for down to the smallest step of the map; if there is none: nan, and the last
+    tried.
     """
     low = min(predicted / BELOW, MOST_STEP / GROWTH)
     if _survives(point, low):
@@ -211,18 +201,16 @@ def _observed(point: Point, predicted: float) -> tuple[float, float | None]:
         while _survives(point, high):
             low, high = high, high * GROWTH
             if high > min(FARTHEST * predicted, MOST_STEP):
-                return np.inf, None
+                return np.inf, np.nan
     else:
         least = min(predicted / FARTHEST, point.extent.steps[0])
         low, high = low / GROWTH, low
         while not _survives(point, low):
             if low < least:
-                return 0.0, low
+                return np.nan, low
             low, high = low / GROWTH, low
-    while high / low > 1.0 + point.extent.tolerance:
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if _survives(point, middle) else (low, middle)
-    return float(np.sqrt(low * high)), None
+    tolerance = point.extent.tolerance
+    return bisected(lambda step: _survives(point, step), low, high, tolerance), np.nan
 
 
 def _survives(point: Point, step: float) -> bool:

@@ -11,14 +11,15 @@ deformed length, th' / c, so that M = EI th' / c^2 and
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-ROUGH, FINE = 150, 1200  # Runge-Kutta steps along the cable
+Residual = Callable[[Array, Array], Array]  # of the states at the far end and the unknowns
+STEPS = (150, 1200)  # Runge-Kutta steps along the cable: roughly, finely
 TOLERANCE = 1e-11
 
 
@@ -40,14 +41,13 @@ def wire_sag(rod: Rod, length: float, spring: float) -> float:
     From the middle, th = V = 0, to the end, M = 0 and x = L / 2 - H / k.
     """
 
-    def residual(end: Array, unknown: Array, weight: float) -> Array:
-        return np.array([end[3], end[0] - 0.5 * length + unknown[1] / spring])
+    def residual(end: Array, unknown: Array) -> Array:
+        return np.stack((end[3], end[0] - 0.5 * length + unknown[1] / spring))
 
     # A parabola between springs: H = k w^2 L^3 / (48 H^2) along the cable, twice.
     pull = (spring * rod.weight**2 * length**3 / 48.0) ** (1.0 / 3.0)
     guess = np.array([rod.bending * rod.weight / pull, pull])
-    end = _solve(rod, 0.5 * length, residual, guess, _from_middle, [1.0])
-    return float(end[1])
+    return float(_solved(rod, 0.5 * length, _from_middle, residual, guess)[1][1])
 
 
 @cache
@@ -57,8 +57,8 @@ def clamped_sag(rod: Rod, length: float, gap: float) -> float:
     From the middle, th = V = 0, to the end, th = 0 and x = gap / 2.
     """
 
-    def residual(end: Array, unknown: Array, share: float) -> Array:
-        return np.array([end[2], end[0] - 0.5 * gap])
+    def residual(end: Array, unknown: Array) -> Array:
+        return np.stack((end[2], end[0] - 0.5 * gap))
 
     # Newton's method needs a close start: for many pulls, the moment by bisection (a catenary bends
     # more in its middle, a straight cable less), then the pull whose gap is nearest.
@@ -66,12 +66,11 @@ def clamped_sag(rod: Rod, length: float, gap: float) -> float:
     low, high = np.zeros_like(pulls), rod.bending * rod.weight / pulls
     for _ in range(40):
         tried = np.stack((0.5 * (low + high), pulls))
-        ends = _integrated(rod, rod.weight, 0.5 * length, _from_middle(tried, 1.0), pulls, 100)
+        ends = _integrated(rod, 0.5 * length, *_from_middle(tried), 100)
         low, high = np.where(ends[2] < 0.0, (tried[0], high), (low, tried[0]))
     off = np.abs(ends[0] - 0.5 * gap) + length * np.abs(ends[2])
     guess = tried[:, int(np.argmin(off))]
-    end = _solve(rod, 0.5 * length, residual, guess, _from_middle, [1.0])
-    return float(end[1])
+    return float(_solved(rod, 0.5 * length, _from_middle, residual, guess)[1][1])
 
 
 @cache
@@ -80,80 +79,61 @@ def cantilever_tip(rod: Rod, length: float) -> tuple[float, float]:
 
     From the clamp, th = 0, V = -w L, to the tip, M = 0; the weight is put on bit by bit.
     """
+    unknown = np.array([-0.05 * rod.weight * length**2])
+    for share in np.linspace(0.1, 1.0, 8):
+        part = replace(rod, weight=float(share) * rod.weight)
 
-    def start(unknown: Array, share: float) -> Array:
-        rows = np.zeros((5, unknown.shape[1]))
-        rows[3] = unknown[0]
-        rows[4] = -share * rod.weight * length
-        return rows
+        def start(unknown: Array, load: float = part.weight * length) -> tuple[Array, Array]:
+            rows = np.zeros((5, unknown.shape[1]))
+            rows[3], rows[4] = unknown[0], -load
+            return rows, np.zeros(unknown.shape[1])
 
-    def residual(end: Array, unknown: Array, share: float) -> Array:
-        return end[3:4]
-
-    guess = np.array([-0.05 * rod.weight * length**2])
-    shares = list(np.linspace(0.1, 1.0, 8))
-    end = _solve(rod, length, residual, guess, start, shares, pulled=False)
+        unknown, end = _solved(part, length, start, lambda end, unknown: end[3:4], unknown)
     return float(end[0]), float(end[1])
 
 
-def _from_middle(unknown: Array, share: float) -> Array:
-    """State at the middle of a symmetric cable; unknown rows: M, H."""
+def _from_middle(unknown: Array) -> tuple[Array, Array]:
+    """States at the middle of a symmetric cable and pulls, for columns of unknowns M, H."""
     rows = np.zeros((5, unknown.shape[1]))
     rows[3] = unknown[0]
-    return rows
+    return rows, unknown[1]
 
 
-def _solve(
+def _solved(
     rod: Rod,
     length: float,
-    residual: Callable[[Array, Array, float], Array],
-    guess: Array,
-    start: Callable[[Array, float], Array],
-    shares: list[float],
-    pulled: bool = True,
-) -> Array:
-    """Newton's method with differences, through the shares in turn; the state at the far end.
+    start: Callable[[Array], tuple[Array, Array]],
+    residual: Residual,
+    unknown: Array,
+) -> tuple[Array, Array]:
+    """Newton's method with differences: the unknowns, and the state at the far end.
 
     Raises:
         RuntimeError: no convergence.
     """
-    unknown = guess.copy()
-
-    def shot(trial: Array, share: float, steps: int) -> tuple[Array, Array]:
-        """Far ends and residuals for columns of unknowns."""
-        weight = rod.weight if pulled else share * rod.weight
-        pull = trial[1] if pulled else np.zeros(trial.shape[1])
-        ends = _integrated(rod, weight, length, start(trial, share), pull, steps)
-        columns = [residual(end, k, share) for end, k in zip(ends.T, trial.T, strict=True)]
-        return ends, np.stack(columns, axis=1)
-
-    for steps, share in [*((ROUGH, s) for s in shares), (FINE, shares[-1])]:
+    for steps in STEPS:
         for _ in range(60):
             change = 1e-6 * np.abs(unknown)
             columns = np.column_stack((unknown, unknown[:, None] + np.diag(change)))
-            _, values = shot(columns, share, steps)
+            values = residual(_integrated(rod, length, *start(columns), steps), columns)
             slope = (values[:, 1:] - values[:, :1]) / change
             move = -np.linalg.solve(slope, values[:, 0])
             # The full move, or the largest of its halves that brings the residual down.
-            halves = 0.5 ** np.arange(30.0)
-            ends, tried = shot(unknown[:, None] + move[:, None] * halves, share, steps)
-            size = np.linalg.norm(tried, axis=0)
-            better = np.flatnonzero(size < np.linalg.norm(values[:, 0]))
+            tries = unknown[:, None] + move[:, None] * 0.5 ** np.arange(30.0)
+            tried = residual(_integrated(rod, length, *start(tries), steps), tries)
+            size, before = np.linalg.norm(tried, axis=0), np.linalg.norm(values[:, 0])
+            better = np.flatnonzero(size < before)
             if len(better) == 0:
                 break  # at round-off
-            best = int(better[0])
-            unknown = unknown + halves[best] * move
+            unknown = tries[:, better[0]]
             if float(np.max(np.abs(move) / np.abs(unknown))) < TOLERANCE:
                 break
-        if not np.max(np.abs(values[:, 0])) < 1e-6:
-            raise RuntimeError(f"the elastica's shooting did not converge: {values[:, 0]}")
-    end: Array = shot(unknown[:, None], shares[-1], FINE)[0][:, 0]
-    return end
+        if not before < 1e-6:
+            raise RuntimeError(f"the elastica's shooting did not converge: {before}")
+    return unknown, _integrated(rod, length, *start(unknown[:, None]), STEPS[-1])[:, 0]
 
 
-def _integrated(
-    rod: Rod, weight: float, length: float, state: Array, pull: Array, steps: int
-) -> Array:
+def _integrated(rod: Rod, length: float, state: Array, pull: Array, steps: int) -> Array:
     """Classical Runge-Kutta over the length, columns at once; state x, z, th, M, V."""
 
     def slope(y: Array) -> Array:
@@ -163,15 +143,8 @@ def _integrated(
         if rod.deformed:
             stretch = stretch / (1.0 - y[3] ** 2 / (rod.bending * rod.axial))
             turn = turn * stretch**2
-        return np.stack(
-            (
-                stretch * cos,
-                stretch * sin,
-                turn,
-                stretch * (pull * sin - y[4] * cos),
-                np.full_like(cos, weight),
-            )
-        )
+        moment = stretch * (pull * sin - y[4] * cos)
+        return np.stack((stretch * cos, stretch * sin, turn, moment, 0.0 * cos + rod.weight))
 
     h = length / steps
     for _ in range(steps):

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
-from dlo_sim.studies.report import Report
+from dlo_sim.studies.report import Column, Report
+from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, Trial, at_share, attempt, error
@@ -56,73 +57,80 @@ def references(cases: list[Case], workers: Workers) -> dict[str, Reference]:
     Raises:
         RuntimeError: a run failed.
     """
-    runs = [_Run(case.job, Setting(METHOD, n, samples=3), 1.0) for case in cases for n in case.fine]
-    runs += [_Run(case.job, Setting(METHOD, case.fine[0], samples=3), 0.5) for case in cases]
-    runs += [_check(case) for case in cases]
-    done = list(workers.map(_done, runs))
+    runs = {case.name: _runs(case) for case in cases}
+    trials = each(workers, run, [one for some in runs.values() for one in some])
     found = {}
-    for k, case in enumerate(cases):
-        coarse, fine = done[2 * k], done[2 * k + 1]
-        half, other = done[2 * len(cases) + k], done[3 * len(cases) + k]
+    for case in cases:
+        coarse, fine, half, other = (trials[one] for one in runs[case.name])
         for trial in (coarse, fine, half, other):
             if not trial.ok:
                 raise RuntimeError(f"a reference run of {case.name} failed: {trial.message}")
+
+        def apart(one: Trial, truth: Trial, case: Case = case) -> float:
+            return error(one.points, truth.points, case.components) / case.scale
+
+        space, time, check = apart(coarse, fine), apart(half, coarse), apart(other, half)
         found[case.name] = Reference(
-            fine.points,
-            fine.setting,
-            fine.step,
-            error(coarse.points, fine.points, case.components) / case.scale,
-            error(half.points, coarse.points, case.components) / case.scale,
-            other.setting,
-            error(other.points, half.points, case.components) / case.scale,
+            fine.points, fine.setting, fine.step, space, time, other.setting, check
         )
     return found
 
 
+def run(job: Job, setting: Setting, share: float) -> Trial:
+    """An untimed run at a share of the setting's own step; 0 = at the setting's; for workers."""
+    return attempt(job, at_share(job, setting, share) if share else setting, timed=False)
+
+
+def _runs(case: Case) -> list[tuple[Job, Setting, float]]:
+    coarse, fine = case.fine
+    other = (Setting(CHECK, coarse, CHECK_STEP), 0.0)
+    if case.scene.damping.mass:
+        other = (Setting(CHECK_DAMPED, coarse), 1.0)
+    return [
+        (case.job, Setting(METHOD, coarse), 1.0),
+        (case.job, Setting(METHOD, fine), 1.0),
+        (case.job, Setting(METHOD, coarse), 0.5),
+        (case.job, *other),
+    ]
+
+
 def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None:
-    """The references in a table: own errors, and how far another method is from them."""
-    report.section("References")
+    """The cases and their references: own errors, and how far another method is from them."""
+    report.section("Cases and references")
     report.text(
-        f"""The reference of a case is {METHOD} on the finer of two meshes. Own error in space: its
-        distance from the coarser mesh; in time: what half the step changes there. As {METHOD} is
-        among the methods compared, one of another family is run on the coarser mesh too:
-        {CHECK}, or {CHECK_DAMPED} at its own step where damping excludes it. Its distance from
-        {METHOD} at half the step holds the time errors of both. All in % of the case's scale."""
+        """Error: rms over the time of the worst of the axes at the material coordinates, in % of
+        the case's scale. The reference of a case is velocity_verlet on the finer of two meshes. Own
+        error in space: its distance from the coarser mesh; in time: what half the step changes
+        there. As the method is among those compared, one of another family is run on the coarser
+        mesh too; its distance from velocity_verlet at half the step holds the time errors of
+        both."""
+    )
+    report.table(
+        "cases",
+        ["case", "duration [s]", "axes", "at [L]", "scale", Column("length of the scale", "mm")],
+        [
+            [
+                *(case.name, case.job.duration, "".join("xyz"[axis] for axis in case.components)),
+                *(", ".join(f"{u:g}" for u in case.job.u), case.scale_words, case.scale),
+            ]
+            for case in cases
+        ],
+        "What is compared",
     )
     report.table(
         "references",
         [
-            *("case", "n_u", "step [us]", "own error in space [%]", "own error in time [%]"),
-            *("checked by", "at n_u", "with step [us]", "distance [%]"),
+            *("case", "n_u", Column("step", "us"), Column("own error in space", "%")),
+            *(Column("own error in time", "%"), "checked by", "at n_u"),
+            *(Column("with step", "us"), Column("distance", "%")),
         ],
         [
             [
-                *(case.name, truth.setting.control_points, 1e6 * truth.step),
-                *(100 * truth.space, 100 * truth.time),
-                *(truth.check.method, truth.check.control_points, 1e6 * truth.check.step),
-                100 * truth.disagreement,
+                *(name, truth.setting.control_points, truth.step, truth.space, truth.time),
+                *(truth.check.method, truth.check.control_points, truth.check.step),
+                truth.disagreement,
             ]
-            for case, truth in ((case, truths[case.name]) for case in cases)
+            for name, truth in truths.items()
         ],
         "References, their own errors, and their distance from another method",
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """A job, a setting, and the share of its own step that it is run at; 0 = the setting's."""
-
-    job: Job
-    setting: Setting
-    share: float
-
-
-def _check(case: Case) -> _Run:
-    if case.damped:
-        return _Run(case.job, Setting(CHECK_DAMPED, case.fine[0], samples=3), 1.0)
-    return _Run(case.job, Setting(CHECK, case.fine[0], CHECK_STEP, samples=3), 0.0)
-
-
-def _done(run: _Run) -> Trial:
-    setting = at_share(run.job, run.setting, run.share) if run.share else run.setting
-    return attempt(run.job, setting, timed=False)

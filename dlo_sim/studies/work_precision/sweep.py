@@ -1,44 +1,48 @@
-"""The work-precision diagram: settings tried on every case, error and time from the same run."""
+"""Settings tried on every case, error and time from the same run, and the diagram of each case."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import product
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
-from numpy.typing import NDArray
 
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies import plotting
-from dlo_sim.studies.report import Cell, Report
-from dlo_sim.studies.work_precision.cases import Case
-from dlo_sim.studies.work_precision.peers.runs import PeerRun
+from dlo_sim.studies.report import Cell, Column, Header, Report, columns
+from dlo_sim.studies.work_precision.cases import Case, Run
 from dlo_sim.studies.work_precision.references import Reference
 from dlo_sim.tuning.setting import Setting
-from dlo_sim.tuning.trial import Trial, at_share, attempt, error
+from dlo_sim.tuning.trial import at_share, attempt, error
 
-Array = NDArray[np.float64]
-LEVELS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03)  # [%]
+LEVELS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)  # of the case's scale
+FASTEST: Header = ["case", Column("error at most", "%"), "setting", Column("error", "%")]
+FASTEST += ["s per simulated s", Column("spread", "%", ".0f"), Column("step", "ms")]
+BESIDE: Header = ["case", "simulator", "elements", Column("step", "ms"), "status"]
+BESIDE += [Column("error", "%"), "s per simulated s", "setting within that error"]
+BESIDE += [Column("its error", "%"), "its s per simulated s", "times faster"]
+COLUMNS = ["method", "stretch", "n_u", "step [s]", "status", "setting", "error"]
+COLUMNS += ["s per simulated s", "spread", "evaluations [1/s]", "energy error"]
 PAPER_STEP = 2e-3  # [s], which no explicit method bears on the wire
-BEYOND = 1.2  # share of its own step at which an explicit method must be refused
 
 
 @dataclass(frozen=True)
 class Grid:
     """What is tried: methods, those implicit ones that are tried with stretching by span as well,
-    resolutions, steps of implicit methods [s], shares of own steps of explicit and of constrained
-    ones, and how long repeats take [s]."""
+    resolutions, steps of implicit methods [s], shares of the own steps of the others, and how long
+    repeats take [s]."""
 
     methods: tuple[str, ...]
     by_span: tuple[str, ...]
     control_points: tuple[int, ...]
     steps: tuple[float, ...]
     shares: tuple[float, ...]
-    constrained_shares: tuple[float, ...]
     budget: float
 
 
@@ -48,53 +52,19 @@ FULL = Grid(
         *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
     ),
     by_span=("energy_momentum", "energy_momentum_4", "generalized_alpha"),
-    control_points=(7, 9, 11, 13, 17, 23),
+    control_points=(7, 8, 9, 11, 13, 17, 23),
     steps=(1e-2, 5e-3, 2e-3, 1e-3, 5e-4),
     shares=(1.0, 0.5),
-    constrained_shares=(1.0, 0.5, 0.25),
     budget=0.1,
 )
 QUICK = Grid(
-    methods=("velocity_verlet", "rattle", "energy_momentum"),
+    methods=("velocity_verlet", "energy_momentum"),
     by_span=("energy_momentum",),
     control_points=(7, 11),
     steps=(5e-3, 2e-3),
     shares=(1.0,),
-    constrained_shares=(1.0,),
     budget=0.02,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """A trial on a case and its error as a share of the case's scale; infinite if it failed."""
-
-    case: Case
-    trial: Trial
-    error: float
-
-    @property
-    def setting(self) -> Setting:
-        """What was tried."""
-        return self.trial.setting
-
-    @property
-    def way(self) -> str:
-        """Where stretching counts, as a word."""
-        method = METHODS[self.setting.method]
-        return "left out" if method.family == CONSTRAINED else f"by {self.setting.stretch}"
-
-    @property
-    def evaluations(self) -> float:
-        """Force evaluations, or Newton iterations, per simulated second."""
-        return self.trial.force_evaluations / max(self.trial.steps * self.trial.step, 1e-300)
-
-
-def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Point:
-    """A setting tried on a case and judged."""
-    trial = attempt(case.job, setting, budget=budget)
-    off = error(trial.points, truth.points, case.components) / case.scale
-    return Point(case, trial, off)
 
 
 def swept(
@@ -102,15 +72,30 @@ def swept(
     truth: Reference,
     grid: Grid,
     progress: Callable[[float], None] = lambda fraction: None,
-) -> list[Point]:
+) -> list[Run]:
     """All settings of a grid on a case."""
-    points = []
+    runs = []
     kinds = list(product(grid.methods, grid.control_points))
     for k, (method, n_u) in enumerate(kinds):
         for setting in _settings(case, grid, method, n_u):
-            points.append(tried(case, truth, setting, grid.budget))
+            runs.append(tried(case, truth, setting, grid.budget))
         progress((k + 1) / len(kinds))
-    return points
+    return runs
+
+
+def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
+    """A setting tried on a case and judged."""
+    trial = attempt(case.job, setting, budget=budget)
+    left_out = METHODS[setting.method].family == CONSTRAINED
+    way = "left out" if left_out else f"by {setting.stretch}"
+    n_u, words = setting.control_points, setting.words
+    run = Run(setting.method, way, n_u, trial.step, trial.status, words)
+    if not trial.ok:
+        return run
+    off = error(trial.points, truth.points, case.components) / case.scale
+    evaluations = trial.force_evaluations / (trial.steps * trial.step)
+    timed = run._replace(error=off, wall=trial.wall, spread=trial.spread)
+    return timed._replace(evaluations=evaluations, energy_error=trial.energy_error)
 
 
 def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
@@ -118,204 +103,107 @@ def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
         ways = ("sample", "span") if method in grid.by_span else ("sample",)
         return [Setting(method, n_u, step, stretch=way) for way in ways for step in grid.steps]
     first = Setting(method, n_u)
-    constrained = METHODS[method].family == CONSTRAINED
-    shares = grid.constrained_shares if constrained else grid.shares
     try:
-        found = [at_share(case.job, first, share) for share in shares]
+        found = [at_share(case.job, first, share) for share in grid.shares]
     except SceneError:
-        return [first]
+        return [first]  # the attempt is refused for the same reason
+    if METHODS[method].family == CONSTRAINED:
+        found.append(at_share(case.job, first, 0.25))
     if method == "velocity_verlet" and n_u == grid.control_points[0]:
         found.append(Setting(method, n_u, PAPER_STEP))
-    if method == "rattle":
-        found.append(Setting(method, n_u, found[0].step * BEYOND))
     return found
 
 
-def best(points: list[Point], level: float) -> Point | None:
+def fastest(runs: Sequence[Run], level: float) -> Run | None:
     """The fastest of those whose error is at most `level` (a share)."""
-    good = [p for p in points if p.trial.ok and p.error <= level]
-    return min(good, key=lambda p: p.trial.wall) if good else None
+    good = [run for run in runs if run.ok and run.error <= level]
+    return min(good, key=lambda run: run.wall) if good else None
 
 
-def add(
-    report: Report,
-    case: Case,
-    truth: Reference,
-    points: list[Point],
-    peers: list[PeerRun],
+def front(runs: Sequence[Run], cost: str) -> list[Run]:
+    """Those that no other beats in both error and cost (a field's name), by rising cost."""
+    found: list[Run] = []
+    for run in sorted((run for run in runs if run.ok), key=attrgetter(cost)):
+        if not found or run.error < found[-1].error:
+            found.append(run)
+    return found
+
+
+def level_rows(case: Case, truth: Reference, runs: Sequence[Run]) -> list[list[Cell]]:
+    """Rows of `FASTEST`: for every level the fastest setting within it."""
+    rows: list[list[Cell]] = []
+    for level in LEVELS:
+        found = fastest(runs, level)
+        words = found.words if found else "none of those tried"
+        if level < truth.own_error:
+            found, words = None, "below the reference's own error"
+        numbers = [found.error, found.wall, found.spread, found.step] if found else [None] * 4
+        rows.append([case.name, level, words, *numbers])
+    return rows
+
+
+def peer_rows(case: Case, runs: Sequence[Run], peers: Sequence[Run]) -> list[list[Cell]]:
+    """Rows of `BESIDE`: every run of another simulator, and the fastest setting here whose error is
+    no larger."""
+    rows: list[list[Cell]] = []
+    for peer in peers:
+        measured = [value if np.isfinite(value) else None for value in (peer.error, peer.wall)]
+        found = fastest(runs, peer.error)
+        ours: list[Cell] = [None] * 4
+        if found:
+            ours = [found.words, found.error, found.wall, peer.wall / found.wall]
+        rows.append([case.name, peer.who, peer.n_u, peer.step, peer.status, *measured, *ours])
+    return rows
+
+
+def diagram(
+    report: Report, case: Case, truth: Reference, runs: list[Run], peers: list[Run]
 ) -> None:
-    """A case's diagram, the fastest setting for each error level, and every run."""
+    """The diagram of a case."""
     report.section(case.title, 3)
-    report.text(
-        f"""Error: rms over {case.job.duration:g} s of {_axes(case)} at
-        {", ".join(f"{u:g} L" for u in case.job.u)}, in % of {case.scale_words}
-        ({case.scale:.4g} m). Reference: {truth.setting.method}, n_u
-        {truth.setting.control_points}, step {1e6 * truth.step:.3g} us; its own error is
-        {100 * truth.space:.2g} % in space (against n_u {case.fine[0]}) and {100 * truth.time:.2g} %
-        in time (half the step), so nothing below {100 * truth.own_error:.2g} % is told apart."""
-    )
-    _figure(report, case, truth, points, peers)
-    report.table(
-        f"fastest_{case.name}",
-        ["error at most [%]", "setting", "error [%]", "s per simulated s", "spread", "steps/s"],
-        [_level_row(points, level, truth) for level in LEVELS],
-        f"{case.title}: the fastest setting for each error level",
-    )
-    report.table(
-        f"runs_{case.name}",
-        [
-            *("method", "stretch", "n_u", "step [ms]", "status", "error [%]"),
-            *("s per simulated s", "spread", "evaluations/s", "energy error"),
-        ],
-        [
-            [
-                p.setting.method,
-                p.way,
-                p.setting.control_points,
-                1e3 * p.trial.step,
-                p.trial.status,
-                100 * p.error if p.trial.ok else None,
-                p.trial.wall if p.trial.ok else None,
-                f"{100 * p.trial.spread:.0f} %" if p.trial.ok else None,
-                p.evaluations if p.trial.ok else None,
-                p.trial.energy_error if p.trial.ok else None,
-            ]
-            for p in points
-        ]
-        + [_peer_row(p) for p in peers],
-        f"{case.title}: every run; failed ones too. Of other simulators n_u is the number of "
-        "elements",
-    )
-
-
-def _peer_row(p: PeerRun) -> list[Cell]:
-    timed = np.isfinite(p.wall)
-    return [
-        *(p.peer, None, p.elements, 1e3 * p.step, p.status),
-        100 * p.error if p.ok else None,
-        p.wall if timed else None,
-        f"{100 * p.spread:.0f} %" if timed else None,
-        *(None, None),
-    ]
-
-
-def _axes(case: Case) -> str:
-    names = ["xyz"[axis] for axis in case.components]
-    return names[0] if len(names) == 1 else f"the worse of {' and '.join(names)}"
-
-
-def _level_row(points: list[Point], level: float, truth: Reference) -> list[Cell]:
-    found = best(points, level / 100.0)
-    if level / 100.0 < truth.own_error:
-        return [level, "below the reference's own error", None, None, None, None]
-    if found is None:
-        return [level, "none of those tried", None, None, None, None]
-    trial = found.trial
-    return [
-        level,
-        trial.setting.words,
-        100 * found.error,
-        trial.wall,
-        f"{100 * trial.spread:.0f} %",
-        1.0 / trial.step,
-    ]
-
-
-def _figure(
-    report: Report, case: Case, truth: Reference, points: list[Point], peers: list[PeerRun]
-) -> None:
-    figure, axes = plotting.new_figure(1, 2, width=12.0, height=5.4)
-    good = [p for p in points if p.trial.ok]
-    failed = [p for p in points if not p.trial.ok]
-    ways: list[tuple[str, Callable[[Point], float]]] = [
-        ("run time [s per simulated s]", lambda p: p.trial.wall),
-        (
-            "force evaluations (implicit: Newton iterations) per simulated s",
-            lambda p: p.evaluations,
-        ),
-    ]
-    for panel, (label, cost) in zip(axes, ways, strict=True):
-        for setting in dict.fromkeys(replace(p.setting, step=0.0) for p in good):
-            row = [p for p in good if replace(p.setting, step=0.0) == setting]
-            row.sort(key=cost)
-            x, y = [cost(p) for p in row], [100 * p.error for p in row]
-            panel.plot(
-                x, y, linewidth=0.9, markersize=3.5, **_look(setting.method, setting.stretch)
-            )
-            name = str(setting.control_points)
-            panel.annotate(name, (x[-1], y[-1]), (4, -2), textcoords="offset points", fontsize=7)
-        panel.axhline(100 * truth.own_error, color="0.5", linestyle=":", linewidth=1.0)
-        panel.set(xscale="log", yscale="log", xlabel=label)
-        panel.xaxis.set_minor_formatter(NullFormatter())
-        panel.set_ylabel(f"error [% of {case.scale_words}]")
+    figure, panels = plotting.new_figure(1, 2, width=13.0, height=5.4)
+    _draw(panels[0], runs, "wall")
+    _draw(panels[1], runs, "evaluations")
+    panels[0].set_xlabel("run time [s per simulated s]")
+    panels[1].set_xlabel("force evaluations (implicit: iterations) per simulated s")
+    for name, marker in zip(dict.fromkeys(peer.who for peer in peers), "sD^v<>", strict=False):
+        own = [peer for peer in peers if peer.who == name]
+        x, y = [peer.wall for peer in own], [100 * peer.error for peer in own]
+        panels[0].plot(x, y, marker, color="black", fillstyle="none", label=name)
+    for run in front(runs, "wall"):
+        place, name = (run.wall, 100 * run.error), f"{run.n_u}"
+        panels[0].annotate(name, place, (-4, -11), textcoords="offset points", fontsize=8)
+    for panel in panels:
+        own_error = 100 * truth.own_error
+        panel.axhline(own_error, color="0.5", linestyle=":", label="own error of the reference")
+        panel.set(xscale="log", yscale="log", ylabel=f"error [% of {case.scale_words}]")
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_minor_formatter(NullFormatter())
         panel.grid(alpha=0.3, which="both", linewidth=0.4)
-    _peer_marks(axes[0], peers)
-    _failed_marks(axes[0], failed)
-    for method, way in dict.fromkeys((p.setting.method, p.setting.stretch) for p in points):
-        name = f"{method}, stretch by span" if way == "span" else method
-        axes[1].plot([], [], label=name, markersize=4, **_look(method, way))
-    axes[1].plot([], [], "k:", label="own error of the reference")
-    if failed:
-        axes[1].plot([], [], "kx", label=f"failed or refused ({len(failed)})")
-    # One legend for both panels, outside: inside it would lie on the fastest runs.
-    ours, others = axes[1].get_legend_handles_labels(), axes[0].get_legend_handles_labels()
-    axes[1].legend(
-        ours[0] + others[0],
-        ours[1] + others[1],
-        fontsize="small",
-        loc="center left",
-        bbox_to_anchor=(1.01, 0.5),
-    )
-    figure.suptitle(f"{case.title} (numbers: n_u, at the smallest step; a line: one resolution)")
+    failed = sum(not run.ok for run in runs)
+    panels[0].plot([], [], " ", label=f"{failed} of {len(runs)} failed or refused")
+    handles, labels = panels[0].get_legend_handles_labels()
+    place = (1.01, 0.5)
+    panels[1].legend(handles, labels, fontsize="small", loc="center left", bbox_to_anchor=place)
     report.figure(
         f"work_precision_{case.name}",
         figure,
-        {
-            "method": np.array(
-                [p.setting.method for p in points] + [p.peer for p in peers], dtype=str
-            ),
-            "stretch": np.array([p.way for p in points] + [""] * len(peers)),
-            "n_u": [p.setting.control_points for p in points] + [p.elements for p in peers],
-            "step [s]": [p.trial.step for p in points] + [p.step for p in peers],
-            "status": np.array([p.trial.status for p in points] + [p.status for p in peers]),
-            "error [%]": [100 * p.error for p in points] + [100 * p.error for p in peers],
-            "run time [s per simulated s]": [p.trial.wall for p in points]
-            + [p.wall for p in peers],
-            "evaluations [1/s]": [p.evaluations for p in points] + [np.nan] * len(peers),
-        },
-        f"{case.title}: error against run time and against force evaluations",
+        columns(COLUMNS, [*runs, *peers]),
+        f"{case.title}: error against run time and against force evaluations. Lines: what no other "
+        "run of the method beats; dots: every run; numbers: n_u of what nothing here beats",
     )
 
 
-def _look(method: str, stretch: str) -> dict[str, Any]:
-    """Colour of the method; dashed and open where stretching counts by span."""
-    by_span = stretch == "span"
-    return {
-        "color": plotting.COLORS.get(method, "black"),
-        "marker": "o",
-        "linestyle": "--" if by_span else "-",
-        "fillstyle": "none" if by_span else "full",
-    }
-
-
-def _peer_marks(panel: plotting.Axes, peers: list[PeerRun]) -> None:
-    for name, marker in zip(dict.fromkeys(p.peer for p in peers), "sD^v<>", strict=False):
-        own = [p for p in peers if p.peer == name]
-        row = [p for p in own if p.ok and np.isfinite(p.error)]
-        without = len(own) - len(row)
-        panel.plot(
-            [p.wall for p in row],
-            [100 * p.error for p in row],
-            marker,
-            color="black",
-            fillstyle="none",
-            label=f"{name} ({without} without a result)" if without else name,
-        )
-
-
-def _failed_marks(panel: plotting.Axes, failed: list[Point]) -> None:
-    """Failed runs have neither time nor error: crosses along the upper edge, in their order."""
-    place = np.linspace(0.03, 0.97, max(len(failed), 2))
-    for x, p in zip(place, failed, strict=False):
-        color = plotting.COLORS.get(p.setting.method, "black")
-        panel.plot([x], [0.985], "x", color=color, transform=panel.transAxes, markersize=5)
+def _draw(axes: Axes, runs: Sequence[Run], cost: str) -> None:
+    """A method's runs as dots, its front as a line; dashed where stretching counts by span."""
+    for name in dict.fromkeys(run.line for run in runs):
+        own = [run for run in runs if run.line == name and run.ok]
+        color = plotting.COLORS.get(name.partition(",")[0], "black")
+        dash = "--" if "," in name else "-"
+        looks: list[tuple[list[Run], dict[str, Any]]] = [
+            (own, {"linestyle": "", "marker": ".", "alpha": 0.3}),
+            (front(own, cost), {"linestyle": dash, "marker": "o", "markersize": 4, "label": name}),
+        ]
+        for some, look in looks:
+            x, y = [getattr(run, cost) for run in some], [100 * run.error for run in some]
+            axes.plot(x, y, color=color, **look)

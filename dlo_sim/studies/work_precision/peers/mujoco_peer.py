@@ -55,8 +55,7 @@ def softer_spring(job):
 
 def link_length(job):
     """Links [m]; a clamp sits in the middle of the outermost link."""
-    clamps = {"pinned": 0, "hanging": 0, "cantilever": 1, "clamped": 2}[job["kind"]]
-    return job["length"] / (job["n"] - 0.5 * clamps)
+    return job["length"] / (job["n"] - 0.5 * (job["kind"] == "cantilever"))
 
 
 def hold(job):
@@ -88,8 +87,7 @@ def composite(root, option, job):
     # Nothing twists these cables, and the true value would cost MuJoCo its larger steps.
     element(rod, "config", key="twist", value=min(job["shear_modulus"], SOFT_TWIST))
     element(rod, "config", key="bend", value=job["youngs_modulus"])
-    damping = 0.1 * job["EI"] / link if job["damping"] else 0.0
-    element(cable, "joint", kind="main", damping=damping)
+    element(cable, "joint", kind="main", damping=0.0)
     element(cable, "geom", type="capsule", size=0.5 * job["diameter"], mass=job["mu"] * link)
     if kind == "pinned":
         far = element(world, "body", name="B", pos=[job["length"], 0, 0])
@@ -97,9 +95,6 @@ def composite(root, option, job):
         element(far, "inertial", **tiny)
         tie = element(root, "equality")
         element(tie, "connect", body1="cB_last", body2="B", anchor=[link, 0, 0], **hold(job))
-    if kind == "clamped":
-        element(world, "body", name="B", mocap="true", pos=[job["length"] - 0.5 * link, 0, 0])
-        element(element(root, "equality"), "weld", body1="B", body2="cB_last", **hold(job))
     tip = [link, 0.0, 0.0]
     return [("cB_last", tip) if u == 1.0 else (f"cB_{n // 2}", [0.0] * 3) for u in job["observed"]]
 
@@ -118,9 +113,6 @@ def flex(root, option, job):
         if k < held:
             bodies.append("world")
             vertices.append(place)
-        elif kind == "clamped" and k > n - 2:
-            bodies.append("B")
-            vertices.append([place[0] - job["length"], 0.0, 0.0])
         else:
             mass = job["mu"] * link * (0.5 if k in (0, n) else 1.0)
             ball = element(world, "body", name=f"v{k}", pos=place)
@@ -129,12 +121,9 @@ def flex(root, option, job):
             for axis in loose:
                 spring = softer_spring(job) if len(loose) == 1 else 0.0
                 unit = np.eye(3)[axis]
-                # A flex takes no damping of joints: what settles it is Euler's method.
                 element(ball, "joint", type="slide", axis=unit, stiffness=spring)
             bodies.append(f"v{k}")
             vertices.append([0.0, 0.0, 0.0])
-    if kind == "clamped":
-        element(world, "body", name="B", mocap="true", pos=[job["length"], 0, 0])
     rod = element(element(root, "deformable"), "flex", name="cable", radius=0.5 * job["diameter"])
     rod.set("dim", "1")
     rod.set("body", " ".join(bodies))
@@ -157,7 +146,6 @@ def run(job):
     spots = [(model.body(name).id, np.array(place)) for name, place in observed]
     pushed = spots[0][0]
     chunk = max(1, round(job["every"] / job["step"]))
-    shift = 0.5 * link_length(job) if mujoco.__version__.startswith("3.") else 0.0
     times, points, wall = [], [], 0.0
     for k in range(round(job["duration"] / (chunk * job["step"])) + 1):
         now = k * chunk * job["step"]
@@ -166,8 +154,6 @@ def run(job):
         points.append(np.array(seen).tolist())
         if not np.isfinite(points[-1]).all() or np.abs(points[-1]).max() > 10 * job["length"]:
             return times, points, wall, f"left the room at {now:g} s"
-        if job["kind"] == "clamped":
-            data.mocap_pos[0, 0] = gap(job, now + chunk * job["step"]) - shift
         middle = now + 0.5 * chunk * job["step"]
         push = np.array(job["force"]) * np.sin(2.0 * np.pi * job["frequency"] * middle)
         if push.any():
@@ -180,14 +166,6 @@ def run(job):
         if any(warning.number for warning in data.warning):
             return times, points, wall, f"MuJoCo warned and reset itself at {now:g} s"
     return times, points, wall, ""
-
-
-def gap(job, t):
-    """Distance of the grippers [m]: two parabolas of closing."""
-    half = 0.5 * job["closing"]
-    s = min(t, 2 * half) / half
-    share = 0.5 * s * s if s < 1.0 else 1.0 - 0.5 * (2.0 - s) ** 2
-    return job["length"] - job["closed"] * share
 
 
 def main():

@@ -1,0 +1,106 @@
+"""The forces on the paper's wire in plain interpreted numpy: what stands in for MATLAB.
+
+Nothing is shared with the compiled step but the scene and the spline. Two ways
+of writing the elastic force are kept apart, because an interpreter's speed depends on nothing else:
+`sample_by_sample` is the oracle of `core.elasticity`, a loop over the quadrature points with a
+linear solve per evaluation as the paper describes it; `whole_arrays` does the same with one numpy
+call per operation for all samples. Ends may be held per axis or hang on springs; loads are constant
+or sine forces; no twist, damping or moved ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline, elasticity, mass, quadrature
+from dlo_sim.scene.description import Scene
+
+Array = NDArray[np.float64]
+
+
+class Wire:
+    """A scene as dense numpy arrays.
+
+    Args:
+        sample_by_sample: loop over the quadrature points instead of whole-array operations.
+
+    Raises:
+        ValueError: the scene has something that this twin does not know.
+    """
+
+    def __init__(self, scene: Scene, sample_by_sample: bool) -> None:
+        _check(scene)
+        self.scene = scene
+        n = scene.discretization.control_points
+        self.knots = bspline.clamped_knots(n, scene.cable.length)
+        choice = scene.discretization
+        rule = quadrature.uniform if choice.quadrature == "uniform" else quadrature.gauss
+        self._rule = rule(bspline.breaks(self.knots), choice.samples)
+        self._section = elasticity.Section(scene.cable.EA, scene.cable.EI)
+        self._mass = scene.cable.mu * mass.dense(mass.gram(self.knots))
+        self.free = np.ones((n, 3), dtype=bool)
+        self.free[0], self.free[-1] = ~np.array(scene.start.fixed), ~np.array(scene.end.fixed)
+        u, self._weights = elasticity.samples(self._rule, self.knots)
+        self._slopes = bspline.evaluate(np.eye(n), self.knots, u, 1)
+        self._curls = bspline.evaluate(np.eye(n), self.knots, u, 2)
+        self._loop = sample_by_sample
+        # Held coordinates have a mass of their own that no force moves.
+        self._masses = [np.where(np.outer(f, f), self._mass, np.eye(n)) for f in self.free.T]
+        self._inverses = [np.linalg.inv(one) for one in self._masses]
+        where = np.array([load.position for load in scene.loads]) * scene.cable.length
+        self._load_basis = bspline.evaluate(np.eye(n), self.knots, where)
+
+    def start(self) -> Array:
+        """Control points [m] of the straight wire, (n, 3)."""
+        share = (bspline.greville(self.knots) / self.scene.cable.length)[:, None]
+        ends = [np.array(end.position) for end in (self.scene.start, self.scene.end)]
+        return np.asarray((1.0 - share) * ends[0] + share * ends[1])
+
+    def gradient(self, x: Array) -> Array:
+        """dU/dq of stretching and bending [N], shape (n, 3)."""
+        if self._loop:
+            points = np.concatenate((x, np.zeros((len(x), 1))), axis=1)
+            return elasticity.gradient(points, self.knots, self._rule, self._section)[:, :3]
+        t, k = self._slopes @ x, self._curls @ x
+        c = (t * t).sum(1)
+        d = (t * k).sum(1)
+        bend = self._section.EI * self._weights / (c * c)
+        stretch = self._section.EA * self._weights * (1.0 - 1.0 / np.sqrt(c))
+        along = stretch + bend * (3.0 * d * d / c - 2.0 * (k * k).sum(1)) / c
+        cross = (-bend * d / c)[:, None]
+        on_t = along[:, None] * t + cross * k
+        on_k = bend[:, None] * k + cross * t
+        return np.asarray(self._slopes.T @ on_t + self._curls.T @ on_k)
+
+    def acceleration(self, x: Array, t: float) -> Array:
+        """M^-1 f on the free coordinates [m/s^2], zero on the others, shape (n, 3)."""
+        force = -self.gradient(x)
+        force += np.outer(self._mass.sum(axis=1), self.scene.gravity)
+        for row, end in ((0, self.scene.start), (-1, self.scene.end)):
+            force[row] -= np.array(end.spring) * (x[row] - np.array(end.position))
+        for basis, load in zip(self._load_basis, self.scene.loads, strict=True):
+            sine = np.sin(2.0 * np.pi * load.frequency * t) if load.signal == "sine" else 1.0
+            force += np.outer(basis, sine * np.array(load.force))
+        columns = (force * self.free).T
+        if self._loop:
+            return np.stack(list(map(np.linalg.solve, self._masses, columns)), axis=1)
+        return np.stack(list(map(np.matmul, self._inverses, columns)), axis=1)
+
+
+def _check(scene: Scene) -> None:
+    """Refuse what `acceleration` leaves out."""
+    ends, cable = scene.ends.values(), scene.cable
+    absent = {
+        "damping": any((scene.damping.mass, scene.damping.stiffness, scene.damping.air_drag)),
+        "clamped ends": any(end.clamped for end in ends),
+        "end masses": any(end.mass for end in ends),
+        "driven ends": any(end.driven for end in ends),
+        "natural curvature": any(cable.rest_curvature),
+        "lumped mass": scene.discretization.mass != "consistent",
+        "stretching by span": scene.discretization.stretch != "sample",
+        "torques, topics": any(one.type != "force" or one.signal == "none" for one in scene.loads),
+    }
+    present = [name for name, there in absent.items() if there]
+    if present:
+        raise ValueError(f"the interpreted twin does not know: {', '.join(present)}")

@@ -1,0 +1,84 @@
+"""The paper's two scenarios, how they are changed, and what the sections of the study share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.batch.workers import Workers
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.report import Report
+from dlo_sim.studies.runs import at_method, bisected, shipped
+
+Array = NDArray[np.float64]
+
+SCENES = {1: "paper_wire", 2: "paper_wire_force"}
+SCENARIOS = {1: "scenario 1 (gravity)", 2: "scenario 2 (gravity and a force)"}
+COMPARED = ("forest_ruth", "rk4", "zhai", "velocity_verlet")
+NEGLIGIBLE = 1e-12  # a stiffness times this is as good as absent
+
+
+@dataclass
+class Paper:
+    """One run of the study.
+
+    Attributes:
+        factor: by which axial stiffness and springs must fall for Forest-Ruth to bear 2 ms.
+        found: what was measured, by its name with the unit; the claims are judged by it.
+    """
+
+    report: Report
+    workers: Workers
+    quick: bool
+    factor: float
+    found: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Simulated time of the runs whose motion is shown [s]."""
+        return 2.0 if self.quick else 10.0
+
+    @property
+    def comparison(self) -> float:
+        """Simulated time of runs that are compared with finer ones [s]."""
+        return 1.0 if self.quick else 10.0
+
+
+@cache
+def scenario(number: int, **values: object) -> Scene:
+    """A scenario of the paper with values changed, as `shipped`."""
+    return shipped(SCENES[number], **values)
+
+
+def softened(scene: Scene, factor: float) -> Scene:
+    """The scene with axial stiffness and end springs divided by a factor: constants CHANGED."""
+    springs = {
+        f"{name}.spring": [value / factor for value in end.spring]
+        for name, end in scene.ends.items()
+    }
+    return scene.with_values({"cable.axial_stiffness": scene.cable.EA / factor, **springs})
+
+
+def bending_alone(scene: Scene) -> Scene:
+    """The scene with axial stiffness and end springs as good as absent: constants CHANGED."""
+    return softened(scene, 1.0 / NEGLIGIBLE)
+
+
+def step_limit(scene: Scene, method: str = "forest_ruth") -> float:
+    """Largest stable step [s] of the linearised scene."""
+    return Simulator(at_method(scene, method)).choice.limit
+
+
+def softening(scene: Scene, step: float) -> float:
+    """Factor by which axial stiffness and springs must fall for Forest-Ruth to bear a step [s].
+
+    Infinite if bending alone forbids the step.
+    """
+    if step_limit(bending_alone(scene)) < step:
+        return float("inf")
+    unstable = lambda factor: step_limit(softened(scene, factor)) < step  # noqa: E731
+    return (1.0 + 1e-6) * bisected(unstable, 1.0, 1e9, 1e-6)

@@ -1,0 +1,83 @@
+"""What studies run: scenes with a method and a step, recorded, compared, tried for stability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.batch.workers import Workers
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.simulation.recording import Recording, record
+from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+Case = TypeVar("Case", bound=tuple[Hashable, ...])
+Result = TypeVar("Result")
+
+
+def shipped(name: str, **values: object) -> Scene:
+    """A shipped scene with values changed; their dots as `__`: `cable__length=2.0`."""
+    dotted = {key.replace("__", "."): value for key, value in values.items()}
+    return load_scene(shipped_scene(name), dotted)
+
+
+def at_method(scene: Scene, method: str, step: float = 0.0) -> Scene:
+    """The scene with this method and step [s]; 0 = its own, a share of the stability limit."""
+    return scene.with_values({"integrator.method": method, "integrator.step": step})
+
+
+def each(
+    workers: Workers, function: Callable[..., Result], cases: Iterable[Case]
+) -> dict[Case, Result]:
+    """Case -> what a function of a module gives for it, done by workers; not for what is timed.
+
+    Args:
+        cases: the arguments of every call, hashable, such as `product(methods, steps)`.
+    """
+    asked = list(dict.fromkeys(cases))
+    return dict(zip(asked, workers.map(partial(_called, function), asked), strict=True))
+
+
+def _called(function: Callable[..., Result], case: tuple[Hashable, ...]) -> Result:
+    return function(*case)
+
+
+def run(scene: Scene, duration: float, every: float) -> Recording:
+    """A recorded run that has to reach its end.
+
+    Raises:
+        RuntimeError: it failed, with the simulator's own line.
+    """
+    recording = record(scene, duration, every)
+    if not recording.ok:
+        raise RuntimeError(f"a run of the study failed: {recording.message}")
+    return recording
+
+
+def distance(one: Recording, other: Recording) -> Array:
+    """Largest distance [m] between two centerlines over time, shape (T,)."""
+    count = min(len(one.time), len(other.time))
+    gap = one.centerline[:count] - other.centerline[:count]
+    return np.asarray(np.linalg.norm(gap, axis=2).max(axis=1))
+
+
+def survives(scene: Scene, duration: float) -> bool:
+    """Whether a run [s] at the scene's step, stable or not, reaches its end."""
+    return Simulator(scene, unchecked_step=True).advance(duration).status.ok
+
+
+def bisected(fine: Callable[[float], bool], low: float, high: float, tolerance: float) -> float:
+    """Largest value for which `fine` holds, between two positive ones, within a relative error.
+
+    Args:
+        low: for which it holds. high: for which it does not.
+    """
+    while high / low > 1.0 + tolerance:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if fine(middle) else (low, middle)
+    return low
