@@ -1,22 +1,18 @@
-"""Cables that the numerics tests share, and their compiled forces as functions of plain arrays.
+"""Cables that the numerics tests share, their forces as functions of plain arrays, and an
+independent program that moves them."""
 
-Every combination of present terms is compiled once and kept on disk, which takes seconds the first
-time. So the tests use two combinations, SOFT and FULL, and reach special cases through values.
-"""
+import warnings
 
 import numpy as np
 
 from dlo_sim.core import bspline, mass, spectrum
-from dlo_sim.kernels.ends import end_velocities
-from dlo_sim.kernels.instant import STIFFNESS_TERMS, instant_force, stiffness_band
-from dlo_sim.kernels.jit import entry
-from dlo_sim.kernels.observe import potentials
+from dlo_sim.engine import layout
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
-from dlo_sim.simulation import workspace
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import end_geometries
-from dlo_sim.simulation.model import build_model
+from dlo_sim.simulation.geometry import ENDS, end_geometries
+from dlo_sim.simulation.model import build_model, natural_vectors
 from dlo_sim.simulation.simulator import Simulator
 
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
@@ -51,18 +47,6 @@ FLAT = {"gravity": [0.0, 0.0, 0.0]}
 FREE = {"start.clamped": False, "start.fixed": [False, False, False]}
 
 
-@entry
-def all_forces(x, v, terms, friction, viscosity, work, solver, t, out):
-    """Kernels without a wrapper for Python crash when Python calls them: hence these entries."""
-    instant_force(x, v, terms, friction, viscosity, work, solver, t, out)
-
-
-@entry
-def driven_rates(motion, t, n, axes, free, out):
-    """Velocities of driven control points."""
-    end_velocities(motion, t, n, axes, free, out)
-
-
 def scene_of(*values, **more):
     """A scene of merged values; method, step and n are short for the integrator's method and step
     and the number of control points."""
@@ -89,140 +73,159 @@ class Bench:
     Configurations are arrays of control points (x, y, z, theta), shape (n, 4).
     """
 
-    def __init__(self, *values, **more):
+    def __init__(self, *values, grading=0.0, **more):
         self.scene = scene_of(*values, **more)
-        geometries = end_geometries(self.scene)
-        self.model = build_model(self.scene, needs_of(self.scene), geometries)
-        self.drive = EndDrive(self.scene, geometries)
-        self.terms = self.model.terms
-        if self.terms.drive is not None:
-            shared = self.terms.drive._replace(motion=self.drive.motion)
-            self.terms = self.terms._replace(drive=shared)
-        self.n = self.model.n
-        self.rows = self.model.rows
+        geometries, needs = end_geometries(self.scene), needs_of(self.scene)
+        self.model = build_model(self.scene, needs, geometries, (grading, grading))
+        self.cable = Cable.new(self.model)
+        self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)
-        self.work = workspace.new_work(self.model)
-        self.solver = workspace.new_solver(self.model)
-        self.free = self.terms.mass.free.T != 0.0  # (n, rows)
+        first_span = bspline.breaks(self.model.knots)[1]
+        self.drive = EndDrive(self.scene, geometries, first_span)
+        self.drive.live_in(self.cable.motion)
+        for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
+            if load.signal != "none":
+                row[:6] = np.array([*load.force, *load.torque])[:, None]
+            row[6] = load.frequency if load.signal == "sine" else 0.0
+        self.pull_to(0.0)
+        self.cable.point_grasps(0.0)
+        if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
+            axis = np.array(self.scene.cable.rest_curvature_axis)
+            natural = natural_vectors(self.scene, self.model, axis / np.linalg.norm(axis))
+            at = self.model.shape[layout.NATURAL]
+            self.cable.state[at : at + natural.size] = natural.ravel()
 
-    def pack(self, points):
-        """(n, 4) -> what kernels read, (rows, width)."""
-        out = np.zeros((self.rows, self.model.width))
-        out[:, : self.n] = self.model.to_rows(np.asarray(points))
-        return out
+    def pull_to(self, t):
+        """Put the anchors of the springs where they are at time t."""
+        for anchor, spring in zip(self.cable.anchors, self.model.holding.springs, strict=True):
+            place = self.drive.place_at(ENDS[spring.grasp], t)
+            anchor[:] = place[self.axes[spring.line]]
 
-    def unpack(self, rows):
-        """(rows, width) -> (n, 4), zero where there is no row."""
-        return self.model.to_columns(rows, rest=False)
+    def put(self, points):
+        """Make a configuration the present one."""
+        self.cable.x[:] = self.model.to_lines(np.asarray(points))
 
     def potentials(self, points):
-        """Stretch, bend, twist, gravity, spring energy [J]."""
-        return np.array(potentials(self.pack(points), self.terms, self.work))
+        """Energies [J] by term."""
+        self.put(points)
+        return dict(zip(layout.ENERGIES, self.cable.potentials(), strict=True))
 
     def potential(self, points):
         """Total potential energy [J]."""
-        return float(self.potentials(points).sum())
+        return sum(self.potentials(points).values())
 
     def force(self, points, rates=None, t=0.0):
         """Generalised forces on the control points, shape (n, 4)."""
-        v = np.zeros((self.n, 4)) if rates is None else rates
-        out = np.zeros((self.rows, self.model.width))
-        all_forces(
-            self.pack(points),
-            self.pack(v),
-            self.terms,
-            self.model.friction,
-            self.model.viscosity,
-            self.work,
-            self.solver,
-            t,
-            out,
-        )
-        return self.unpack(out)
+        self.put(points)
+        v = None if rates is None else self.model.to_lines(rates)
+        return self.model.to_columns(self.cable.forces(t, v), rest=False)
 
-    def stiffness(self, points):
-        """Hessian of the potential energy in x, y, z, shape (3 n, 3 n), control point by point."""
-        terms = self.terms.only(*STIFFNESS_TERMS)
-        stiffness_band(self.pack(points), terms, self.model.viscosity, self.work, self.solver)
-        return spectrum.dense(self.solver.band)
+    def stiffness(self, points, moments=False):
+        """Hessian of the potential energy in the axes of the scene, shape (n dim, n dim), control
+        point by control point; with that of the moments."""
+        self.put(points)
+        band = self.cable.stiffness()
+        if moments:
+            self.cable.add_moment_stiffness()
+        return spectrum.dense(band, 4 * len(self.axes) - 1)
 
     def mass(self):
-        """Mass matrix over all (n, rows) degrees of freedom, shape (n rows, n rows)."""
-        full = np.zeros((self.n, self.rows, self.n, self.rows))
-        for d in range(self.rows):
-            full[:, d, :, d] = mass.dense(self.terms.mass.band[d])
-        return full.reshape(self.n * self.rows, -1)
+        """Mass matrix over all (n, lines) degrees of freedom, shape (n lines, n lines)."""
+        lines = self.model.lines
+        full = np.zeros((self.n, lines, self.n, lines))
+        for line in range(lines):
+            full[:, line, :, line] = mass.dense(self.model.band(layout.MASS, line))
+        return full.reshape(self.n * lines, -1)
+
+    def held(self, t):
+        """What is held at time t: rows over all (n, lines) degrees of freedom, and their values."""
+        rows, values, columns = [], [], list(self.model.columns)
+        for row in self.model.holding.rows:
+            point, end = self.model.holding.points[row.point], ENDS[row.grasp]
+            direction = np.zeros(4)
+            if row.line < 0:
+                direction[:3] = self.drive.turned(end, t, row.body)
+            else:
+                direction[columns[row.line]] = 1.0
+            along = direction[columns]
+            full = np.zeros((self.n, self.model.lines))
+            full[point.first : point.first + 4] = np.outer(point.weights, along)
+            rows.append(full.ravel())
+            place = self.drive.place_at(end, t)[columns]
+            values.append(sum(point.weights) * along @ place)
+        return np.array(rows), np.array(values)
+
+    def free_motions(self, t):
+        """Motions Z of all (n, lines) degrees of freedom that leave what is held at time t at rest,
+        with Z^T M Z = 1, shape (n lines, free)."""
+        inverse = np.linalg.inv(np.linalg.cholesky(self.mass())).T
+        rows, _ = self.held(t)
+        if len(rows) == 0:
+            return inverse
+        return inverse @ np.linalg.svd(rows @ inverse)[2][len(rows) :].T
 
 
 class Reference:
-    """The same equations of motion, M a = f(q, v, t) with prescribed ends, by classical RK4.
+    """The same equations of motion with Lagrange multipliers, M a = f(q, v, t) + B^T lambda where
+    B(t) q = c(t) is held, by classical RK4, for ends that move smoothly from time 0 to `duration`.
 
-    It shares forces and the ends' placing with the simulator, but neither the way in which steps
-    are made nor the treatment of the prescribed ends.
+    It shares the forces and the ends' placing with the simulator, but neither the way in which
+    steps are made nor the treatment of what is held.
     """
 
-    def __init__(self, bench):
+    def __init__(self, bench, duration):
         self.bench = bench
-        self.drive = bench.drive
-        self.mask = bench.free.ravel()
-        full = bench.mass()
-        self.inverse = np.linalg.inv(full[np.ix_(self.mask, self.mask)])
-        self.coupling = full[np.ix_(self.mask, ~self.mask)]
+        self.inverse = np.linalg.inv(bench.mass())
+        self.shape = bench.held(0.0)[0].shape
+        # B and c side by side as polynomials of time, with two derivatives
+        nodes = np.cos(np.pi * (np.arange(13) + 0.5) / 13)
+        held = [bench.held(0.5 * duration * (1.0 + s)) for s in nodes]
+        values = np.stack([np.append(rows, places) for rows, places in held])
+        fitted = np.polynomial.chebyshev.chebfit(nodes, values, 12)
+        self.held = [np.polynomial.chebyshev.chebder(fitted, k) for k in range(3)]
+        self.duration = duration
 
-    def prescribed(self, q, v, t):
-        """Put positions and velocities of driven ends at time t; returns their accelerations."""
-        bench, terms = self.bench, self.bench.terms
-        self.drive.put(q, t)
-        acceleration = np.zeros((bench.n, 4))
-        if terms.drive is not None:
-            rates = []
-            for shift in (0.0, 1e-5, 2e-5):
-                rows = bench.pack(v if shift == 0.0 else 0.0 * v)
-                motion = self.drive.motion
-                driven_rates(motion, t + shift, bench.n, terms.axes, terms.mass.free, rows)
-                rates.append(bench.unpack(rows))
-            v[:] = rates[0]
-            held = ~self.mask.reshape(bench.n, bench.rows)
-            one_sided = (4.0 * rates[1] - 3.0 * rates[0] - rates[2]) / 2e-5
-            acceleration[:, : bench.rows][held] = one_sided[:, : bench.rows][held]
-        if terms.springs is not None:
-            for row, end in enumerate(("start", "end")):
-                terms.springs.anchor[row] = self.drive.pose(end, t)[0][list(terms.axes)]
-        return acceleration
+    def rows(self, t, derivative):
+        """B and c, or their derivatives, at time t."""
+        s = 2.0 * t / self.duration - 1.0
+        found = np.polynomial.chebyshev.chebval(s, self.held[derivative])
+        found = found * (2.0 / self.duration) ** derivative
+        count = int(np.prod(self.shape))
+        return found[:count].reshape(self.shape), found[count:]
 
-    def at_rest(self, v):
-        """Velocities (n, rows) with vanishing momentum of the free control points, ends moving."""
-        out = v.ravel().copy()
-        out[self.mask] = -self.inverse @ (self.coupling @ out[~self.mask])
-        return out.reshape(v.shape)
+    def impulse(self, v, wanted, rows):
+        """v with what the multipliers add to it for rows . v = wanted."""
+        shifts = self.inverse @ rows.T
+        return v + shifts @ np.linalg.solve(rows @ shifts, wanted - rows @ v)
 
-    def rate(self, t, q, v):
-        """(q', v') at time t; q and v are completed in place."""
+    def at_rest(self, q):
+        """Velocities (n, lines) that the motion of the ends gives a cable at rest at time 0."""
+        (rows, _), (turning, moving) = self.rows(0.0, 0), self.rows(0.0, 1)
+        return self.impulse(0.0 * q.ravel(), moving - turning @ q.ravel(), rows).reshape(q.shape)
+
+    def acceleration(self, t, q, v):
+        """a(t, q, v), all of shape (n, lines)."""
         bench = self.bench
-        acceleration = self.prescribed(q, v, t)[:, : bench.rows].ravel()
-        force = bench.force(q, v, t)[:, : bench.rows].ravel()
-        acceleration[self.mask] = self.inverse @ (
-            force[self.mask] - self.coupling @ acceleration[~self.mask]
-        )
-        out = np.zeros((bench.n, 4))
-        out[:, : bench.rows] = acceleration.reshape(bench.n, bench.rows)
-        return v.copy(), out
+        bench.pull_to(t)
+        columns = [bench.model.to_columns(x.T, rest=rest) for x, rest in ((q, True), (v, False))]
+        force = bench.model.to_lines(bench.force(*columns, t)).T.ravel()
+        (rows, _), (turning, _), (more, asked) = (self.rows(t, k) for k in range(3))
+        wanted = asked - more @ q.ravel() - 2.0 * turning @ v.ravel()
+        return self.impulse(self.inverse @ force, wanted, rows).reshape(q.shape)
 
     def step(self, t, q, v, tau):
         """One RK4 step; returns the new (q, v)."""
         total_q, total_v = np.zeros_like(q), np.zeros_like(v)
         dq, dv = np.zeros_like(q), np.zeros_like(v)
         for node, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-            dq, dv = self.rate(t + node * tau, q + node * tau * dq, v + node * tau * dv)
+            now = v + node * tau * dv
+            dq, dv = now, self.acceleration(t + node * tau, q + node * tau * dq, now)
             total_q += weight * dq
             total_v += weight * dv
-        q, v = q + tau / 6.0 * total_q, v + tau / 6.0 * total_v
-        self.prescribed(q, v, t + tau)
-        return q, v
+        return q + tau / 6.0 * total_q, v + tau / 6.0 * total_v
 
     def run(self, q, v, duration, steps):
         """State after `duration` in `steps` steps from time 0."""
-        q, v = q.copy(), v.copy()
         for k in range(steps):
             q, v = self.step(k * duration / steps, q, v, duration / steps)
         return q, v
@@ -254,12 +257,13 @@ def inflected(bench):
 
 
 def set_state(sim, points=None, rates=None):
-    """Overwrite configuration and velocities of a simulator whose ends are at rest."""
-    sim._set(
-        sim.control_points if points is None else np.asarray(points),
-        sim.velocities if rates is None else np.asarray(rates),
-    )
-    sim._open_account()
+    """Give a simulator a configuration and velocities, as they are while its ends are at rest."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that what is held was moved back
+        sim.start_from(
+            sim.control_points if points is None else points,
+            sim.velocities if rates is None else rates,
+        )
 
 
 def rotation(vector):

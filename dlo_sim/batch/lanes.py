@@ -1,7 +1,8 @@
 """Which scenes go to the vector lanes, eight at a time, and their stacks of arrays.
 
-`kernels.batch_splitting` steps `layout.LANES` cables of one structure together. What it cannot do
-is computed one by one; `reason_against` is the one place that decides.
+The loop of the drift/kick methods steps LANES cables of one structure together: the same code whose
+lanes are the spans of one cable. What it cannot do is computed one by one; `reason_against` is the
+one place that decides.
 """
 
 from __future__ import annotations
@@ -12,33 +13,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.compiling.pieces import code_of
 from dlo_sim.core.methods import METHODS, SPLITTING
-from dlo_sim.kernels import layout
-from dlo_sim.kernels.batch_layout import (
-    PARTS,
-    LaneLoads,
-    LaneSpanStretch,
-    LaneSprings,
-    Stack,
-    StackRecorder,
-    StackState,
-    StackWork,
-)
-from dlo_sim.kernels.batch_splitting import advance_stack
+from dlo_sim.engine import layout
+from dlo_sim.engine.grasps import ACTIVE
+from dlo_sim.methods.explicit_layout import FAILED_STEP, GOOD, GOOD_LEDGER, GOOD_ROWS, GOOD_STEP
+from dlo_sim.methods.splitting import ENGINE, advance_splitting
+from dlo_sim.simulation.arrays import Counts, Table, counts_of, line_view, new_shape, rooms
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.stepper import GUARD_STEPS
 
 Array = NDArray[np.float64]
-LANES = layout.LANES
 _OTHER_TERMS = {
-    "rest": "natural curvature",
-    "twist": "twist",
-    "frenet": "Frenet torsion",
-    "plastic": "plasticity",
-    "drive": "driven ends",
+    layout.TWISTED: "twist",
+    layout.TORSION: "Frenet torsion",
+    layout.PLASTICITY: "plasticity",
 }
+# How the rooms of the arrays are laid out (`engine.layout`); all others are rows.
+_LINES = (
+    *(layout.MASS, layout.FACTORS, layout.WEIGHT, layout.TWIST, layout.VISCOUS),
+    *(layout.HELD_SHIFT, layout.LOAD_BASIS),
+    *(layout.X, layout.W, layout.HISTORY, layout.LOADED, layout.BOOKED),
+)
+_BLOCKS = (layout.MESH, layout.NATURAL, layout.PLASTIC)
+_SHARED = (layout.MOTION,)
 
 
 @dataclass(frozen=True)
@@ -49,28 +50,19 @@ class Lane:
     """
 
     model: Model
-    state: layout.State
+    inputs: Array
+    state: Array
     method: str
     step: float
     given_step: float
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """What all lanes of a stack have in common."""
-        terms = self.model.terms
-        present = tuple(field is not None for field in terms)
-        loads = 0 if terms.loads is None else len(terms.loads.first)
-        samples = terms.lattice.xi.tobytes()
-        return (
-            self.method,
-            self.given_step,
-            self.model.n,
-            terms.axes,
-            present,
-            loads,
-            terms.lattice.xi.shape,
-            samples,
-        )
+        """What all lanes of a stack have in common. Loads may be at different places."""
+        shape = self.model.shape.copy()
+        start = int(shape[layout.LOAD_TABLE])
+        shape[start : start + int(shape[layout.LOADS])] = 0
+        return (self.method, self.given_step, shape.tobytes())
 
 
 @dataclass(frozen=True)
@@ -99,14 +91,15 @@ class Run:
 
 def reason_against(simulator: Simulator) -> str:
     """Why a scene cannot be on a vector lane; empty if it can."""
-    method = simulator.choice.method
+    method, model, cable = simulator.choice.method, simulator.model, simulator.cable
     if method.family != SPLITTING:
         return f"method {method.name}"
-    terms = simulator.model.terms
-    for name, words in _OTHER_TERMS.items():
-        if getattr(terms, name) is not None:
+    for bit, words in _OTHER_TERMS.items():
+        if model.has(bit):
             return words
-    if terms.loads is not None and terms.loads.torque.any():
+    if cable.motion[:, ACTIVE].any():
+        return "driven ends"
+    if cable.loads[:, 3:6].any():
         return "loads with a torque"
     return ""
 
@@ -115,7 +108,8 @@ def new_lane(simulator: Simulator) -> Lane:
     """The lane of a simulator at its start."""
     return Lane(
         simulator.model,
-        simulator.state,
+        simulator.cable.inputs.copy(),
+        simulator.cable.state.copy(),
         simulator.method,
         simulator.step,
         simulator.scene.integrator.step,
@@ -129,193 +123,118 @@ def run_lanes(lanes: Sequence[Lane], step: float, duration: float, times: Array)
         step: of all lanes [s]. duration: [s], covered by whole steps. times: of the samples [s],
             rising, the first one 0.
     """
-    full = [*lanes, *[lanes[-1]] * (LANES - len(lanes))]
-    stack, state, work = _stack(full, step), _state(full), _work(full[0])
-    recorder = _recorder(state, len(times), times)
-    recorder.energies[0] = state.ledger[layout.ENERGY_START]
+    stack = _Stack([*lanes, *[lanes[-1]] * (LANES - len(lanes))], times)
     method = METHODS[lanes[0].method]
-    steps = max(1, int(np.ceil(duration / step - 1e-9)))
-    advance_stack(
-        state,
-        stack,
-        work,
-        np.array(method.drift_weights),
-        np.array(method.kick_weights),
-        0,
-        steps,
-        step,
-        GUARD_STEPS,
-        recorder,
+    advance_splitting(
+        *(stack.shape, stack.model, stack.inputs, stack.state, stack.scratch, code_of(ENGINE)),
+        *(np.array(method.drift_weights), np.array(method.kick_weights)),
+        *(0, max(1, int(np.ceil(duration / step - 1e-9))), step, GUARD_STEPS),
+        *(times, stack.samples.ravel(), stack.energies.ravel(), stack.marks),
     )
-    return [_result(lane, k, step, state, recorder) for k, lane in enumerate(lanes)]
+    return [stack.run(lane, k, step) for k, lane in enumerate(lanes)]
 
 
-def _side_by_side(arrays: Sequence[Array]) -> Array:
-    """Arrays (dim, ..., n) of all lanes as (n, ..., dim LANES)."""
-    stacked = np.moveaxis(np.stack(arrays, axis=-1), 0, -2)
-    rows = np.moveaxis(stacked, -3, 0)
-    return np.ascontiguousarray(rows.reshape(*rows.shape[:-2], -1))
+class _Stack:
+    """The arrays of eight cables side by side, and a recorder that holds their start."""
+
+    def __init__(self, lanes: Sequence[Lane], times: Array) -> None:
+        one = lanes[0].model.shape
+        self._narrow, self._wide = counts_of(one, 1), counts_of(one, LANES)
+        self._one = one
+        axes = tuple(one[layout.AXES : layout.AXES + self._wide.dim])
+        shape, self._sizes = new_shape(self._wide, int(one[layout.TERMS]), axes)
+        tables = slice(layout.POINT_TABLE, layout.LOAD_TABLE + 1)
+        shape[tables] = one[tables]
+        self.shape: Table = np.concatenate((shape, one[layout.TABLES_START :]))
+        self.model = self._stacked("model", [lane.model.values for lane in lanes])
+        self.inputs = self._stacked("inputs", [lane.inputs for lane in lanes])
+        self.state = self._stacked("state", [lane.state for lane in lanes])
+        self.scratch = np.zeros(self._sizes["scratch"])
+        self._keep_start()
+        self.times = times
+        self.samples = np.zeros((len(times), self._wide.size))
+        self.samples[0] = self._at(self.state, layout.X, self._wide.size)
+        self.energies = np.zeros((len(times), LANES))
+        self.energies[0] = self._ledger[layout.ENERGY_START]
+        self.marks = np.array([1, len(times)])
+
+    @property
+    def _ledger(self) -> Array:
+        size = layout.LEDGER_ROWS * LANES
+        return self._at(self.state, layout.LEDGER, size).reshape(-1, LANES)
+
+    def _at(self, array: Array, offset: int, size: int) -> Array:
+        at = int(self.shape[offset])
+        return array[at : at + size]
+
+    def _stacked(self, name: str, arrays: Sequence[Array]) -> Array:
+        """An array of all cables from those of each."""
+        whole = np.zeros(self._sizes[name])
+        narrow, wide = rooms(self._narrow)[name], rooms(self._wide)[name]
+        for offset, size in narrow.items():
+            start, room = int(self._one[offset]), self._at(whole, offset, wide[offset])
+            parts = [array[start : start + size] for array in arrays]
+            if offset in _SHARED:
+                room[:] = parts[0]
+            elif offset in _LINES:
+                self._view(room)[:] = np.stack([self._lines(part) for part in parts], axis=-1)
+            elif offset in _BLOCKS and size:
+                spans = [_by_spans(part, self._narrow) for part in parts]
+                room[:] = np.stack(spans, axis=-1).ravel()
+            else:
+                room[:] = np.stack([part[::LANES] for part in parts], axis=-1).ravel()
+        return whole
+
+    def _lines(self, part: Array) -> Array:
+        return line_view(self._one, part, 0, len(part) // self._narrow.line)
+
+    def _view(self, lines: Array) -> Array:
+        """Lines of all cables without margins, shape (lines, n, LANES), a view."""
+        n = self._wide.n
+        by_points = lines.reshape(-1, self._wide.line // LANES, LANES)
+        return by_points[:, layout.MARGIN : layout.MARGIN + n]
+
+    def _keep_start(self) -> None:
+        """The start is the last good state so far."""
+        size = self._wide.size
+        good = self._at(self.scratch, GOOD, 2 * size + GOOD_ROWS * LANES)
+        good[:size] = self._at(self.state, layout.X, size)
+        good[size : 2 * size] = self._at(self.state, layout.W, size)
+        rows = good[2 * size :].reshape(GOOD_ROWS, LANES)
+        counted = (layout.ENERGY_ERROR, layout.EXCHANGED, layout.FLOOR)
+        rows[GOOD_LEDGER:] = self._ledger[list(counted)]
+
+    def run(self, lane: Lane, k: int, step: float) -> Run:
+        """The run of lane k. Samples after its last sane state are that state again."""
+        size = self._wide.size
+        kept = self._at(self.scratch, GOOD, 2 * size + GOOD_ROWS * LANES)
+        rows = kept[2 * size :].reshape(GOOD_ROWS, LANES)[:, k]
+        failed, simulated = int(rows[FAILED_STEP]), float(rows[GOOD_STEP] * step)
+        reached = np.searchsorted(self.times, simulated + 1e-9 * step, side="right")
+        good = min(int(self.marks[0]), int(reached))
+        samples, count = self.samples, len(self.times)
+        lines = self._view(samples.ravel())[..., k].reshape(count, -1, self._wide.n)
+        lines[good:] = self._view(kept[:size])[..., k]
+        energy = self.energies[:, k].copy()
+        energy[good:] = energy[good - 1]
+        error, exchanged, floor = rows[GOOD_LEDGER:]
+        status = Status.DIVERGED if failed else Status.OK
+        method = f"method {lane.method}, step {step:g} s"
+        return Run(
+            control_points=lane.model.to_columns(lines),
+            energy=energy,
+            good=good,
+            energy_error=float(error / max(exchanged, floor)),
+            status=status,
+            message=f"{status.value} (at {failed * step:.6g} s; {method})" if failed else "",
+            method=lane.method,
+            step=step,
+            simulated=simulated,
+            one_by_one="",
+        )
 
 
-def _of_lane(rows: Array, dim: int, k: int) -> Array:
-    """(..., n, dim LANES) of all lanes -> (..., dim, n) of lane k."""
-    apart = rows.reshape(*rows.shape[:-1], dim, LANES)[..., k]
-    return np.ascontiguousarray(np.swapaxes(apart, -1, -2))
-
-
-def _stack(lanes: Sequence[Lane], step: float) -> Stack:
-    every = [lane.model.terms for lane in lanes]
-    one = every[0]
-    n, dim = one.lattice.n, len(one.axes)
-    spans = n - 3
-    lower = _side_by_side([terms.mass.lower for terms in every])
-    upper = np.zeros_like(lower)
-    for k in range(1, 4):
-        upper[: n - k, k - 1] = lower[k:, k - 1]
-    weights = [_by_spans(terms.lattice.weights, spans) for terms in every]
-    gravity = [terms.gravity for terms in every if terms.gravity is not None]
-    decay = [terms.decay for terms in every if terms.decay is not None]
-    return Stack(
-        xi=_by_spans(one.lattice.xi, spans),
-        weights=np.ascontiguousarray(np.stack(weights, axis=-1)),
-        extraction=_by_spans(one.lattice.extraction, spans) / one.lattice.slope,
-        slope=np.tile([terms.lattice.slope for terms in every], dim),
-        band=_side_by_side([terms.mass.band for terms in every]),
-        lower=lower,
-        upper=upper,
-        inverse_diagonal=_side_by_side([terms.mass.inverse_diagonal for terms in every]),
-        stretch=_values([term and term.stiffness for term in (t.stretch for t in every)]),
-        span_stretch=_span_stretch(every),
-        bend=_values([term and term.stiffness for term in (t.bend for t in every)]),
-        gravity=_side_by_side(gravity) if gravity else None,
-        springs=_springs(every),
-        loads=_loads(every),
-        keep=np.exp(-0.5 * step * np.stack(decay, axis=-1)).ravel() if decay else None,
-        axes=one.axes,
-    )
-
-
-def _values(values: Sequence[float | None]) -> Array | None:
-    return None if values[0] is None else np.array(values, dtype=float)
-
-
-def _by_spans(blocks: Array, spans: int) -> Array:
-    """(blocks, rows, LANES) of one cable, whose lanes are spans, as (spans, rows)."""
-    rows = blocks.transpose(0, 2, 1).reshape(-1, blocks.shape[1])
-    return np.ascontiguousarray(rows[:spans])
-
-
-def _span_stretch(every: Sequence[layout.Terms]) -> LaneSpanStretch | None:
-    means = [terms.span_stretch for terms in every if terms.span_stretch is not None]
-    if not means:
-        return None
-    linear = means[0].linear.reshape(-1)[: every[0].lattice.n - 3]
-    stiffness = np.array([term.stiffness for term in means])
-    return LaneSpanStretch(stiffness, linear.copy(), np.zeros(2 * LANES))
-
-
-def _springs(every: Sequence[layout.Terms]) -> LaneSprings | None:
-    springs = [terms.springs for terms in every if terms.springs is not None]
-    if not springs:
-        return None
-    return LaneSprings(
-        _side_by_side([spring.stiffness.T for spring in springs]),
-        _side_by_side([spring.anchor.T for spring in springs]),
-    )
-
-
-def _loads(every: Sequence[layout.Terms]) -> LaneLoads | None:
-    """Each load spread on the control points, so that lanes may have it at different places."""
-    loads = [terms.loads for terms in every if terms.loads is not None]
-    if not loads:
-        return None
-    n, dim = every[0].lattice.n, len(every[0].axes)
-    spread = np.zeros((len(loads[0].first), n, dim, len(loads)))
-    for lane, load in enumerate(loads):
-        for k, first in enumerate(load.first):
-            spread[k, first : first + 4, :, lane] = np.outer(load.basis[k], load.force[k])
-    frequency = np.stack([load.frequency for load in loads], axis=-1)
-    return LaneLoads(spread.reshape(*spread.shape[:2], -1), np.ascontiguousarray(frequency))
-
-
-def _state(lanes: Sequence[Lane]) -> StackState:
-    n = lanes[0].model.n
-    position = _side_by_side([lane.state.position[:, :n] for lane in lanes])
-    w = _side_by_side([lane.state.w[:, :n] for lane in lanes])
-    return StackState(
-        position=position,
-        w=w,
-        good_position=position.copy(),
-        good_w=w.copy(),
-        good_step=np.zeros(LANES, dtype=np.int64),
-        failed_step=np.full(LANES, -1, dtype=np.int64),
-        ledger=np.ascontiguousarray(np.stack([lane.state.ledger for lane in lanes], axis=-1)),
-        booked=np.zeros(1, dtype=np.int64),
-    )
-
-
-def _work(lane: Lane) -> StackWork:
-    width = len(lane.model.axes) * LANES
-    shape = (lane.model.n, width)
-    return StackWork(
-        force=np.zeros(shape),
-        load=np.zeros(shape),
-        load_before=np.zeros(shape),
-        before=np.zeros(shape),
-        coefficients=np.zeros(3 * width),
-        gradient=np.zeros(3 * width),
-        chain=np.zeros((3, width)),
-        sums=np.zeros((2, width)),
-        parts=np.zeros((PARTS, LANES)),
-    )
-
-
-def _recorder(state: StackState, count: int, times: Array) -> StackRecorder:
-    """Room for the samples; the first is the present state."""
-    recorder = StackRecorder(
-        times=times,
-        positions=np.zeros((count, *state.position.shape)),
-        energies=np.zeros((count, LANES)),
-        next=np.ones(1, dtype=np.int64),
-        before=np.zeros_like(state.position),
-        before_w=np.zeros_like(state.w),
-    )
-    recorder.positions[0] = state.position
-    return recorder
-
-
-def _result(
-    lane: Lane,
-    k: int,
-    step: float,
-    state: StackState,
-    recorder: StackRecorder,
-) -> Run:
-    """The run of lane k. Samples after its last sane state are that state again."""
-    failed = int(state.failed_step[k])
-    simulated = float(state.good_step[k] * step)
-    reached = simulated + 1e-9 * step
-    good = min(int(recorder.next[0]), int(np.searchsorted(recorder.times, reached, side="right")))
-    dim = len(lane.model.axes)
-    rows = _of_lane(recorder.positions, dim, k)
-    rows[good:] = _of_lane(state.good_position, dim, k)
-    energy = recorder.energies[:, k].copy()
-    energy[good:] = energy[good - 1]
-    ledger = state.ledger[:, k]
-    status = Status.OK if failed < 0 else Status.DIVERGED
-    return Run(
-        control_points=lane.model.to_columns(rows),
-        energy=energy,
-        good=good,
-        energy_error=float(
-            ledger[layout.ENERGY_ERROR] / max(ledger[layout.EXCHANGED], ledger[layout.FLOOR])
-        ),
-        status=status,
-        message=""
-        if failed < 0
-        else f"{status.value} (at {failed * step:.6g} s; method {lane.method}, step {step:g} s)",
-        method=lane.method,
-        step=step,
-        simulated=simulated,
-        one_by_one="",
-    )
+def _by_spans(part: Array, counts: Counts) -> Array:
+    """Blocks of one cable, whose lanes are spans, as (spans, rows)."""
+    blocks = part.reshape(counts.blocks, -1, LANES)
+    return blocks.transpose(0, 2, 1).reshape(counts.blocks * LANES, -1)[: counts.n - 3]

@@ -1,4 +1,4 @@
-"""Clamped uniform cubic B-splines: knots, basis functions, control points <-> curve.
+"""Clamped cubic B-splines: knots, basis functions, control points <-> curve.
 
 The curve is r(u) = sum_i b_i(u) q_i with u in [0, L] the rest arc length. On every knot span only
 four basis functions are non-zero and each is a cubic in the local coordinate
@@ -16,20 +16,36 @@ ACTIVE = DEGREE + 1
 Array = NDArray[np.float64]
 
 
-def clamped_knots(control_points: int, length: float) -> Array:
-    """Knot vector of a clamped uniform cubic spline.
+def clamped_knots(
+    control_points: int, length: float, graded: tuple[float, float] = (0.0, 0.0)
+) -> Array:
+    """Knot vector of a clamped cubic spline.
 
     Args:
         control_points: number of control points n, at least 4.
         length: rest length L [m].
+        graded: g in [0, 1) of the start and of the end: spans there are about 1 - g times as long
+            as on average. With s in equal steps from 0 to 1 the breaks are L times
+            s - g sin(2 pi s) / (2 pi) for both ends, s -+ g sin(pi s) / pi for one of them.
 
     Returns:
-        Knots [m], shape (n + 4,): 0 and L with multiplicity 4, n - 4 equal steps between.
+        Knots [m], shape (n + 4,): 0 and L with multiplicity 4, n - 4 breaks between.
     """
     if control_points < ACTIVE:
         raise ValueError(f"a cubic spline needs at least 4 control points, got {control_points}")
-    breaks = np.linspace(0.0, length, control_points - DEGREE + 1)
-    return np.concatenate((np.zeros(DEGREE), breaks, np.full(DEGREE, length)))
+    s = np.linspace(0.0, length, control_points - DEGREE + 1)
+    start, end = graded
+    if start and end:
+        s = s - min(start, end) * length * np.sin(2.0 * np.pi * s / length) / (2.0 * np.pi)
+    elif start or end:
+        s = s - (start - end) * length * np.sin(np.pi * s / length) / np.pi
+    s[-1] = length
+    return np.concatenate((np.zeros(DEGREE), s, np.full(DEGREE, length)))
+
+
+def breaks(knots: Array) -> Array:
+    """Ends of the knot spans [m], shape (n_spans + 1,)."""
+    return knots[DEGREE : len(knots) - DEGREE]
 
 
 def span_polynomials(knots: Array) -> Array:
@@ -64,20 +80,20 @@ def span_polynomials(knots: Array) -> Array:
     return basis
 
 
-def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array, float]:
+def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]:
     """Span index, local coordinate xi in [-1, 1] and half span [m] of material coordinates u."""
     u = np.asarray(u, dtype=float)
-    n_spans = len(knots) - 2 * DEGREE - 1
     length = knots[-1]
     tolerance = 1e-9 * length
     if u.size and not (u.min() >= -tolerance and u.max() <= length + tolerance):  # or not a number
         raise ValueError(
             f"material coordinate outside [0, {length:g}] m: {u.min():g} .. {u.max():g}"
         )
-    width = length / n_spans
-    span = np.clip(np.floor(u / width).astype(np.int64), 0, n_spans - 1)
-    xi = 2.0 * (u - (span + 0.5) * width) / width
-    return span, np.clip(xi, -1.0, 1.0), 0.5 * width
+    ends = breaks(knots)
+    span = np.clip(np.searchsorted(ends, u, side="right") - 1, 0, len(ends) - 2)
+    half = 0.5 * (ends[span + 1] - ends[span])
+    xi = (u - 0.5 * (ends[span] + ends[span + 1])) / half
+    return span, np.clip(xi, -1.0, 1.0), half
 
 
 def active_basis(
@@ -96,7 +112,9 @@ def active_basis(
     span, xi, half = locate(knots, u)
     coefficients = span_polynomials(knots)[span]
     for _ in range(derivative):
-        coefficients = coefficients[..., 1:] * np.arange(1, coefficients.shape[-1]) / half
+        coefficients = (
+            coefficients[..., 1:] * np.arange(1, coefficients.shape[-1]) / half[:, None, None]
+        )
     values = np.zeros(coefficients.shape[:-1])
     for power in range(coefficients.shape[-1] - 1, -1, -1):
         values = values * xi[:, None] + coefficients[..., power]

@@ -1,7 +1,7 @@
 """Elastic energy of the sampled spline and its gradient: plain numpy, slow, obvious.
 
-The oracle for `dlo_sim.kernels`: it goes from strain to energy sample by sample, as the paper
-writes it, and shares nothing with the kernels but the spline and the quadrature. With t = r'(u),
+The oracle for `dlo_sim.engine`: it goes from strain to energy sample by sample, as the paper
+writes it, and shares nothing with the engine but the spline and the quadrature. With t = r'(u),
 k = r''(u), C = t x k and n the axis of the natural curvature kappa0,
 
     stretch      eps = 1 - |t|              (positive in compression)
@@ -83,10 +83,10 @@ def strains(control_points: Array, knots: Array, u: Array) -> Strains:
     return Strains(1.0 - length, np.linalg.norm(binormal, axis=1), binormal, first[:, 3])
 
 
-def samples(rule: quadrature.Quadrature, length: float) -> tuple[Array, Array]:
+def samples(rule: quadrature.Quadrature, knots: Array) -> tuple[Array, Array]:
     """Material coordinates [m] and weights [m] of a rule, shape (m,) each, without its padding."""
-    n_spans = rule.xi.shape[0]
-    u = (np.arange(n_spans)[:, None] + 0.5 * (rule.xi + 1.0)) * length / n_spans
+    ends = bspline.breaks(knots)
+    u = ends[:-1, None] + 0.5 * (rule.xi + 1.0) * np.diff(ends)[:, None]
     used = rule.weights != 0.0
     return u[used], rule.weights[used]
 
@@ -121,7 +121,7 @@ def energies(
 ) -> tuple[float, float, float]:
     """Stretching, bending and twisting energy [J]; zero for the unloaded shape."""
     length = float(knots[-1])
-    u, weights = samples(rule, length)
+    u, weights = samples(rule, knots)
     strain = strains(control_points, knots, u)
     stretch = bend = twist = 0.0
     counted = counted_stretch(strain.stretch, rule, section)
@@ -142,7 +142,7 @@ def gradient(
     d eps = -t.dt / s,   m . d(C/s^3) = [(k x m).dt + (m x t).dk] / s^3 - 3 (m.C)(t.dt) / s^5.
     """
     length = float(knots[-1])
-    u, weights = samples(rule, length)
+    u, weights = samples(rule, knots)
     strain = strains(control_points, knots, u)
     first, slopes = bspline.active_basis(knots, u, 1)
     _, curls = bspline.active_basis(knots, u, 2)

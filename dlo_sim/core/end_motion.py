@@ -1,4 +1,4 @@
-"""The motion of one end effector over a short time, as a polynomial that kernels can evaluate.
+"""The motion of one end effector over a short time, as a polynomial.
 
 Position p(t) = p0 + p1 s + p2 s^2 and orientation q(t) = exp(w1 s + w2 s^2) q0 with s = clip(t -
 start, 0, duration): before the start and after the end the end effector rests. exp is the rotation

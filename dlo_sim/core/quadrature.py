@@ -1,6 +1,6 @@
 """Where the energy integral is sampled: Gauss points per knot span, or the paper's uniform samples.
 
-Samples are grouped by knot span because a span is what the kernels vectorise over.
+Samples are grouped by knot span because a span is a vector lane of the compiled functions.
 """
 
 from __future__ import annotations
@@ -26,21 +26,22 @@ class Quadrature:
     samples: int
 
 
-def gauss(n_spans: int, length: float, points: int) -> Quadrature:
+def gauss(breaks: NDArray[np.float64], points: int) -> Quadrature:
     """`points` Gauss-Legendre points per span: exact for degree 2 points - 1 on each span."""
     xi, weights = np.polynomial.legendre.leggauss(points)
-    half = 0.5 * length / n_spans
-    shape = (n_spans, 1)
-    return Quadrature(np.tile(xi, shape), np.tile(weights * half, shape), n_spans * points)
+    half = 0.5 * np.diff(breaks)[:, None]
+    return Quadrature(np.tile(xi, (len(half), 1)), weights * half, len(half) * points)
 
 
-def uniform(n_spans: int, length: float, samples: int) -> Quadrature:
+def uniform(breaks: NDArray[np.float64], samples: int) -> Quadrature:
     """Trapezoidal rule on `samples` equally spaced points with both ends (Khalifa & Palli's n_s).
 
-    The paper does not give its weights; the trapezoidal rule is the choice made here.
+    The paper does not give its weights; the trapezoidal rule is the choice made here. Breaks are
+    to be equally spaced too.
     """
     if samples < 2:
         raise ValueError(f"uniform quadrature needs at least 2 samples, got {samples}")
+    n_spans, length = len(breaks) - 1, float(breaks[-1])
     # Position in units of a span; integers first, so that samples on a knot are found exactly.
     scaled = np.arange(samples) * n_spans / (samples - 1)
     span = np.minimum(np.floor(scaled + 1e-12).astype(int), n_spans - 1)

@@ -1,4 +1,4 @@
-"""Twist against the Frenet torsion: plain numpy, slow, obvious; the oracle for `kernels.torsion`.
+"""Twist against the Frenet torsion: plain numpy, slow, obvious; the oracle for `engine.torsion`.
 
 With t = r', k = r'', c = r''' and C = t x k the torsion of a curve is gamma = C.c / |C|^2 (Khalifa
 & Palli, eq. 6), 0/0 where the curve is straight. Regularised with a curvature floor delta [1/m]:
@@ -38,7 +38,7 @@ def energy(
     control_points: Array, knots: Array, rule: quadrature.Quadrature, GJ: float, floor: float
 ) -> float:
     """Twisting energy [J] of control points (x, y, z [m], theta [rad]), shape (n, 4)."""
-    u, weights = samples(rule, float(knots[-1]))
+    u, weights = samples(rule, knots)
     rate = bspline.evaluate(control_points, knots, u, 1)[:, 3]
     strain = rate - torsion(control_points, knots, u, floor)
     return float(0.5 * GJ * (weights * strain**2).sum())
@@ -51,7 +51,7 @@ def gradient(
 
     With D = |C|^2 + delta^2, d gamma = (C.dc + (c - 2 gamma C).dC) / D and dC = dt x k + t x dk.
     """
-    u, weights = samples(rule, float(knots[-1]))
+    u, weights = samples(rule, knots)
     first, slopes = bspline.active_basis(knots, u, 1)
     _, curls = bspline.active_basis(knots, u, 2)
     _, thirds = bspline.active_basis(knots, u, 3)

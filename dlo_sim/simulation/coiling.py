@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import math
 
-from dlo_sim.kernels import layout
+from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.cable import Cable
 
 
-def coiling_warning(scene: Scene, model: Model, state: layout.State) -> str:
+def coiling_warning(scene: Scene, cable: Cable) -> str:
     """One line if the twisting moment exceeds that of a straight cable's buckling; empty otherwise.
 
     A straight cable of length L without tension coils under a moment of 2 pi EI / L (Greenhill
     1883, ends free to turn); tension T raises that to 2 sqrt(EI (T + (pi / L)^2 EI)). The moment
     is GJ times the mean of theta', the tension that of the mean stretch; slack counts as none.
     """
-    row = model.twist_row
-    if row is None or model.terms.frenet is not None:
+    model, material = cable.model, scene.cable
+    if not model.twist or model.has(layout.TORSION):
         return ""
-    cable, n = scene.cable, model.n
-    theta = state.position[row]
-    moment = abs(theta[n - 1] - theta[0]) * cable.GJ / cable.length
-    points = state.position[: len(model.axes), :n]
-    stretched = math.dist(points[:, 0], points[:, -1]) / cable.length
-    tension = cable.EA * max(stretched - 1.0, 0.0)
-    limit = 2.0 * math.sqrt(cable.EI * (tension + (math.pi / cable.length) ** 2 * cable.EI))
+    theta, points = cable.x[-1], cable.x[:-1]
+    moment = abs(theta[-1] - theta[0]) * material.GJ / material.length
+    stretched = math.dist(points[:, 0], points[:, -1]) / material.length
+    tension = material.EA * max(stretched - 1.0, 0.0)
+    limit = 2.0 * math.sqrt(
+        material.EI * (tension + (math.pi / material.length) ** 2 * material.EI)
+    )
     if moment <= limit:
         return ""
     return (

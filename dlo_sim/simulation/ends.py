@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.one_rotation import Vector
-from dlo_sim.kernels.ends import end_points, turn
+from dlo_sim.engine import grasps
+from dlo_sim.engine.grasps import MOTION_SIZE, TWIST
+from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.geometry import ENDS, EndGeometry, given_quaternion, known_end
 
 Array = NDArray[np.float64]
-COLUMNS = 39
-TWIST, CLAMPED, HELD, SIGN = 33, 34, slice(35, 38), 38
+LEAST_THIRD = 0.01  # of a third of the first span
 NEAR = 1e-6  # lengths of the cable, and radians: beyond, a motion begins elsewhere than the end is
 
 
@@ -25,28 +26,39 @@ class EndDrive:
     """Both end effectors.
 
     Attributes:
-        motion: what the kernels read (`kernels.ends`), shape (2, 39). A row is active once its end
-            is driven by the scene or was moved by a caller.
+        motion: what compiled functions read (`engine.grasps`), shape (2, MOTION_SIZE): a view of
+            the inputs once they are there. A row is active once its end is driven by the scene or
+            was moved by a caller.
     """
 
-    def __init__(self, scene: Scene, geometries: Mapping[str, EndGeometry]) -> None:
-        self.motion = np.zeros((2, COLUMNS))
+    def __init__(
+        self, scene: Scene, geometries: Mapping[str, EndGeometry], first_span: float
+    ) -> None:
+        self.motion = np.zeros((2, MOTION_SIZE))
+        self._scene = scene
         self._geometries = geometries
         self._motions: dict[str, EndMotion] = {}
-        spans = scene.discretization.control_points - 3
-        third = scene.cable.length / spans / 3.0
+        self._third = first_span / 3.0
         self._near = NEAR * scene.cable.length
         for row, name in enumerate(ENDS):
             end, geometry = scene.ends[name], geometries[name]
-            sign = 1.0 if name == "start" else -1.0
             m = self.motion[row]
-            m[27:30] = end.offset
-            m[30:33] = sign * third * geometry.tangent
-            m[CLAMPED] = float(end.clamped)
-            m[HELD] = end.fixed
-            m[SIGN] = sign
+            m[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = end.offset
+            m[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
             self._write(name, EndMotion.resting(geometry.position, geometry.orientation))
             m[0] = float(end.driven and end.held)
+
+    def live_in(self, motion: Array) -> None:
+        """Let `motion`, a view of the inputs, be what is written to from now on."""
+        motion[:] = self.motion
+        self.motion = motion
+
+    def place_at(self, end: str, t: float) -> Array:
+        """Attachment point [m] and twist angle [rad] at time t, shape (4,)."""
+        out = np.empty(4)
+        row = ENDS.index(end)
+        between_steps.grasp_place(np.ascontiguousarray(self.motion[row]), 0, t, out)
+        return out
 
     @property
     def any_driven(self) -> bool:
@@ -64,27 +76,39 @@ class EndDrive:
 
     def turned(self, end: str, t: float, direction: Vector) -> Vector:
         """World direction at time t of one that is fixed in an end effector's frame."""
-        world: Vector = turn(self.motion[ENDS.index(end)], t, *direction)
-        return world
+        world = np.array(direction)
+        between_steps.grasp_turn(np.ascontiguousarray(self.motion[ENDS.index(end)]), 0, t, world)
+        x, y, z = world.tolist()
+        return x, y, z
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
         return rotations.rotate(self.orientation(end, t), self._geometries[end].tangent)
 
-    def put(self, points: Array, t: float) -> None:
-        """Write the prescribed entries of control points (n, 4) at time t, ends driven or not."""
+    def put(self, points: Array, t: float, anew: bool = False) -> None:
+        """Write the prescribed entries of control points (n, 4) at time t, ends driven or not.
+
+        The neighbour of a clamped end goes onto the tangent, as far along it as it is; with `anew`,
+        or where that is nowhere, a third of the first span away.
+        """
         n = len(points)
-        for row in range(2):
-            m = self.motion[row]
-            values = end_points(m, t)
-            outer, inner = (0, 1) if row == 0 else (n - 1, n - 2)
+        for name in ENDS:
+            end, start = self._scene.ends[name], name == "start"
+            outer, inner = (0, 1) if start else (n - 1, n - 2)
+            place = self.place_at(name, t)
             for axis in range(3):
-                if m[HELD][axis]:
-                    points[outer, axis] = values[axis]
-                if m[CLAMPED]:
-                    points[inner, axis] = values[3 + axis]
-            if m[CLAMPED]:
-                points[outer, 3] = values[6]
+                if end.fixed[axis]:
+                    points[outer, axis] = place[axis]
+            if end.clamped:
+                direction = self.tangent(name, t) * (1.0 if start else -1.0)
+                along = float((points[inner, :3] - place[:3]) @ direction)
+                if anew or abs(along) < LEAST_THIRD * self._third:
+                    along = self._third
+                at = place[:3] + along * direction
+                # Round-off is no reason to change the bits of a cable that goes on.
+                if anew or np.abs(points[inner, :3] - at).max() > 1e-3 * self._near:
+                    points[inner, :3] = at
+                points[outer, 3] = place[3]
 
     def place(
         self,
@@ -121,8 +145,8 @@ class EndDrive:
         # A swing towards a new orientation keeps the twist that the way there gives it.
         way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
         row = self.motion[ENDS.index(end)]
-        row[TWIST] = end_points(row, t)[6] + row[SIGN] * _twist_about(
-            way, rotations.rotate(old_orientation, row[30:33])
+        row[TWIST] = self.place_at(end, t)[3] + _twist_about(
+            way, rotations.rotate(old_orientation, self._geometries[end].tangent)
         )
         self._write(end, EndMotion.resting(place, turned, t))
         row[0] = 1.0
@@ -156,7 +180,7 @@ class EndDrive:
     def follow(self, end: str, t: float, motion: EndMotion) -> None:
         """Follow a motion from time t on; the twist goes on from where it is."""
         row = self.motion[ENDS.index(end)]
-        row[TWIST] = end_points(row, min(motion.start, t))[6]
+        row[TWIST] = self.place_at(end, min(motion.start, t))[3]
         self._write(end, motion)
         row[0] = 1.0
 
@@ -164,7 +188,7 @@ class EndDrive:
         """Rest at the poses, and with the twist, that another pair of end effectors has at t."""
         for row, end in enumerate(ENDS):
             self._write(end, EndMotion.resting(*other.pose(end, t)))
-            self.motion[row, TWIST] = end_points(other.motion[row], t)[6]
+            self.motion[row, TWIST] = other.place_at(end, t)[3]
 
     def stays_in_plane(self, end: str, axes: tuple[int, ...]) -> bool:
         """Whether this end's motion and tangent keep to the plane of two axes (true for three)."""
@@ -172,19 +196,18 @@ class EndDrive:
             return True
         (normal,) = (axis for axis in range(3) if axis not in axes)
         motion = self._motions[end]
-        row = self.motion[ENDS.index(end)]
         level = motion.position[0, normal] - self._geometries[end].position[normal]
         away = [level, *motion.position[1:, normal], *motion.rotation[:, list(axes)].ravel()]
-        tangent = rotations.rotate(motion.orientation, row[30:33])
+        tangent = rotations.rotate(motion.orientation, self._geometries[end].tangent)
         return not any(away) and abs(tangent[normal]) < 1e-15
 
     def twists(self, end: str) -> bool:
         """Whether a clamped end turns, or has turned, about its own tangent."""
         row = self.motion[ENDS.index(end)]
-        if row[CLAMPED] == 0.0:
+        if not self._scene.ends[end].clamped:
             return False
         motion = self._motions[end]
-        tangent = rotations.rotate(motion.orientation, row[30:33])
+        tangent = rotations.rotate(motion.orientation, self._geometries[end].tangent)
         return bool(abs(row[TWIST]) > 1e-12 or np.any(np.abs(motion.rotation @ tangent) > 1e-12))
 
     def restored(self) -> None:

@@ -5,9 +5,9 @@ the step, one with half as many spans again. How far the centerlines are apart i
 factor that follows from the order of convergence e(h) = C h^p: a companion that is q times finer is
 D = e(h) - e(h/q) away, so e(h) = D q^p / (q^p - 1).
 
-In time p is the method's order. In space p = 2 is taken: what is discretised worst is a clamp
-(nothing stretches or bends in its first span) and a load between knots, both of second order; where
-the spline does better (a wire on pinned ends) the estimate is too large, by 1.8 at most. Against
+In time p is the method's order. In space p = 2 is taken: what is discretised worst is a load
+between knots, of second order, and a coarse mesh beside a clamp; where the spline does better (a
+wire on pinned ends) the estimate is too large, by 1.8 at most. Against
 runs with three or four times as many spans it was 0.8 to 1.8 times the true error, in twenty runs
 of the shipped scenes with 5 to 25 control points. A coarser companion would take half the time but
 was off by factors from 0.3 to 6: with so few spans it does not follow the power of h yet.
@@ -34,12 +34,12 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT
-from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import plasticity_wanted
 from dlo_sim.scene.parameters import PARAMETERS
 from dlo_sim.simulation.geometry import Pose
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
 from dlo_sim.simulation.selection import accurate_step, safe_share
 from dlo_sim.simulation.simulator import Simulator
@@ -124,7 +124,7 @@ class ErrorEstimate:
         time_error = 0.0 if self._time is None else self._time.largest
         return DiscretizationError(time_error, self._space.largest, self._failure)
 
-    def advance_steps(self, steps: int, recorder: layout.Recorder | None = None) -> Report:
+    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance all three; the report, and a failure, is the simulator's.
 
         The simulator's state is the same bit for bit as without companions, and the looks at them

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
-from dlo_sim.kernels import layout
-from dlo_sim.kernels.observe import DIVERGED_SHARE
-from dlo_sim.simulation.account import share_open
-from dlo_sim.simulation.model import Model
+from dlo_sim.engine.account import DIVERGED_SHARE
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.stepper import Stepper
 
@@ -45,23 +44,24 @@ class Advance(NamedTuple):
 
 @dataclass(frozen=True)
 class GuardedLoop:
-    """The loop of one method on the arrays of a simulator.
+    """The loop of one method on the arrays of a cable.
 
     Attributes:
-        arrays: everything that an advance changes or that its inputs are kept in.
-        copies: room to keep them in, of the same shapes.
+        kept: room to keep a state in. unrecorded: a recorder without room.
     """
 
-    model: Model
+    cable: Cable
     stepper: Stepper
-    state: layout.State
-    work: layout.Work
-    solver: layout.Solver
-    unrecorded: layout.Recorder
-    arrays: tuple[Array, ...]
-    copies: tuple[Array, ...]
+    kept: Array
+    unrecorded: Recorder
 
-    def advance(self, first: int, steps: int, recorder: layout.Recorder | None) -> Advance:
+    @classmethod
+    def of(cls, cable: Cable, stepper: Stepper) -> GuardedLoop:
+        """The loop of a stepper on a cable."""
+        nothing = Recorder(cable.model, np.zeros(0))
+        return cls(cable, stepper, np.empty_like(cable.state), nothing)
+
+    def advance(self, first: int, steps: int, recorder: Recorder | None) -> Advance:
         """Advance by whole steps from step `first`; a failure keeps the last good state."""
         recorder = self.unrecorded if recorder is None else recorder
         self._keep()
@@ -73,29 +73,26 @@ class GuardedLoop:
         worst = self._worst_point(status)
         made = self._redo(first, made)
         reached = (first + made + 1e-9) * self.stepper.step
-        good = np.searchsorted(recorder.times, reached, side="right")
-        recorder.next[0] = min(recorder.next[0], good)
+        recorder.forget(int(np.searchsorted(recorder.times, reached, side="right")))
         done, used = self._retry(status, first + made, recorder)
         if done:
             status, made = Status.OK, made + 1
         return Advance(status, made, evaluations + used, worst)
 
     def _run(
-        self, first: int, steps: int, recorder: layout.Recorder, finer: int = 1
+        self, first: int, steps: int, recorder: Recorder, finer: int = 1
     ) -> tuple[Status, int, int]:
-        code, made, evaluations = self.stepper.advance(
-            self.state, self.work, self.solver, first, steps, recorder, finer
-        )
+        code, made, evaluations = self.stepper.advance(self.cable, first, steps, recorder, finer)
         return _STATUS[code], made, evaluations
 
     def _sane(self, step: int) -> bool:
         """Whether the state may be shown: explicit loops look at the energy only now and then."""
-        position = self.state.position
+        position = self.cable.x
         if not math.isfinite(np.vdot(position, position)):  # half the time of isfinite().all()
             return False
         if self.stepper.looked_at(step):
             return True
-        share = share_open(self.model, self.state, self.work)
+        share = self.cable.share_open()
         if share > DIVERGED_SHARE:
             # Right after a blow little has been exchanged, and near its limit a stable method errs
             # by more than half of that for a few steps. Growth does not end.
@@ -104,21 +101,18 @@ class GuardedLoop:
 
     def _passes_next_look(self, step: int) -> bool:
         """Whether the loop goes on to its next look at the energy; the state stays as it is."""
-        now = [array.copy() for array in self.arrays]
+        now = self.cable.state.copy()
         status, _, _ = self._run(step, self.stepper.until_look(step), self.unrecorded)
-        for array, copy in zip(self.arrays, now, strict=True):
-            array[...] = copy
+        self.cable.state[:] = now
         return status.ok
 
     def _keep(self) -> None:
         """Remember the state before an advance, without allocating."""
-        for array, copy in zip(self.arrays, self.copies, strict=True):
-            copy[...] = array  # half the time of copyto
+        self.kept[:] = self.cable.state
 
     def _go_back(self) -> None:
         """Take back the advance since `_keep`."""
-        for array, copy in zip(self.arrays, self.copies, strict=True):
-            array[...] = copy
+        self.cable.state[:] = self.kept
 
     def _redo(self, first: int, made: int) -> int:
         """Take back an advance that failed and do it again up to its last good state; its steps."""
@@ -131,7 +125,7 @@ class GuardedLoop:
         self._go_back()
         return 0
 
-    def _retry(self, status: Status, step: int, recorder: layout.Recorder) -> tuple[bool, int]:
+    def _retry(self, status: Status, step: int, recorder: Recorder) -> tuple[bool, int]:
         """Do one step in smaller ones where that may help; whether it did, and its evaluations.
 
         An explicit run that grew did so for many steps; implicit loops have already halved a step
@@ -139,24 +133,22 @@ class GuardedLoop:
         """
         family = self.stepper.family
         helps = IMPLICIT if status is Status.DIVERGED else CONSTRAINED
-        if family != helps or share_open(self.model, self.state, self.work) > SOUND_SHARE:
+        if family != helps or self.cable.share_open() > SOUND_SHARE:
             return False, 0
         self._keep()
-        sample, evaluations = int(recorder.next[0]), 0
+        sample, evaluations = recorder.count, 0
         for finer in RETRIES:
             status, _, used = self._run(step, 1, recorder, finer)
             evaluations += used
             if status.ok and self._sane(step + 1):
                 return True, evaluations
             self._go_back()
-            recorder.next[0] = sample
+            recorder.forget(sample)
         return False, evaluations
 
     def _worst_point(self, status: Status) -> int:
         """Control point that is least in balance, or fastest, as a step fails."""
-        n = self.model.n
-        size = np.abs(self.state.w[:, :n]).max(axis=0)
+        size = np.abs(self.cable.w).max(axis=0)
         if status is Status.NOT_CONVERGED and self.stepper.family == IMPLICIT:
-            residual = self.solver.rhs[: n * len(self.model.axes)]
-            size = np.abs(residual.reshape(n, -1)).max(axis=1)
+            size = np.abs(self.cable.unbalanced).max(axis=1)
         return int(np.argmax(np.nan_to_num(size, nan=np.inf)))

@@ -1,107 +1,79 @@
-"""Terms that only some scenes ask for: Frenet torsion and plastic bending."""
+"""Terms that only some scenes ask for: what they leave behind, and which combinations exist."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline, mass, spectrum
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.core import bspline
 from dlo_sim.core.methods import RUNGE_KUTTA, SPLITTING, ZHAI, Method
-from dlo_sim.kernels import layout
+from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, frenet_wanted, inextensible, plasticity_wanted
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.report import UndefinedTorsion
 
 Array = NDArray[np.float64]
 
 
-def frenet_term(scene: Scene, lattice: layout.Lattice) -> layout.Frenet:
-    """Twist against the Frenet torsion."""
-    shape = (lattice.xi.shape[0], 3, layout.LANES)
-    return layout.Frenet(
-        stiffness=scene.cable.GJ,
-        floor=scene.curvature_floor**2,
-        angle=np.zeros(shape),
-        angle_gradient=np.zeros(shape),
-    )
+def sample_coordinates(model: Model) -> Array:
+    """Material coordinate of every sample as a share of the length, shape (spans, samples)."""
+    ends = bspline.breaks(model.knots)
+    u = ends[:-1, None] + 0.5 * (model.rule.xi + 1.0) * np.diff(ends)[:, None]
+    return np.asarray(u / ends[-1])
 
 
-def plastic_term(scene: Scene, lattice: layout.Lattice) -> layout.Plastic:
-    """Plastic bending of a virgin cable; H = EI h / (1 - h) gives the tangent stiffness h EI."""
-    share = scene.plasticity.hardening
-    blocks, samples, lanes = lattice.xi.shape
-    return layout.Plastic(
-        stiffness=scene.cable.EI,
-        hardening=scene.cable.EI * share / (1.0 - share),
-        yield_moment=scene.cable.EI * scene.plasticity.yield_curvature,
-        curvature=np.zeros((blocks, samples, 3, lanes)),
-        tangent=np.zeros((blocks, samples, 3, lanes)),
-    )
+def _by_sample(cable: Cable, offset: int, rows: int) -> Array:
+    """Rows of every sample, a copy of shape (spans, samples, rows)."""
+    shape = cable.model.shape
+    blocks, samples = int(shape[layout.BLOCKS]), int(shape[layout.SAMPLES])
+    at = int(shape[offset])
+    values = cable.state[at : at + blocks * samples * rows * LANES]
+    lanes = values.reshape(blocks, samples, rows, LANES).transpose(0, 3, 1, 2)
+    return lanes.reshape(-1, samples, rows)[: cable.model.n - bspline.DEGREE]
 
 
-def sample_coordinates(lattice: layout.Lattice) -> Array:
-    """Material coordinate of every sample as a share of the length, shape like Lattice.xi."""
-    n_spans = lattice.n - bspline.DEGREE
-    blocks = lattice.xi.shape[0]
-    span = np.arange(blocks * layout.LANES).reshape(blocks, 1, layout.LANES)
-    return np.asarray(np.clip((span + 0.5 * (lattice.xi + 1.0)) / n_spans, 0.0, 1.0))
+def _put_by_sample(cable: Cable, offset: int, values: Array) -> None:
+    """Write what `_by_sample` reads."""
+    shape = cable.model.shape
+    blocks, (_, samples, rows) = int(shape[layout.BLOCKS]), values.shape
+    padded = np.zeros((blocks * LANES, samples, rows))
+    padded[: len(values)] = values
+    lanes = padded.reshape(blocks, LANES, samples, rows).transpose(0, 2, 3, 1)
+    at = int(shape[offset])
+    cable.state[at : at + lanes.size] = lanes.ravel()
 
 
-def carry_plastic(old: layout.Terms, new: layout.Terms) -> None:
-    """Take over another model's plastic curvature, linear between its samples."""
-    if old.plastic is None or new.plastic is None:
+def carry_plastic(old: Cable, new: Cable) -> None:
+    """Take over another cable's plastic curvature, linear between its samples."""
+    if not (old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY)):
         return
-    source, target = sample_coordinates(old.lattice), sample_coordinates(new.lattice)
-    known = old.lattice.weights != 0.0
+    source, target = sample_coordinates(old.model), sample_coordinates(new.model)
+    known = old.model.rule.weights != 0.0
     order = np.argsort(source[known], kind="stable")
-    for values, out in (
-        (old.plastic.curvature, new.plastic.curvature),
-        (old.plastic.tangent, new.plastic.tangent),
-    ):
-        for axis in range(3):
-            out[:, :, axis] = np.interp(
-                target, source[known][order], values[:, :, axis][known][order]
-            )
+    values = _by_sample(old, layout.PLASTIC, layout.PLASTIC_ROWS)
+    out = np.empty((*target.shape, layout.PLASTIC_ROWS))
+    for row in range(layout.PLASTIC_ROWS):
+        out[..., row] = np.interp(target, source[known][order], values[..., row][known][order])
+    _put_by_sample(new, layout.PLASTIC, out)
+    stiffness = new.model.bending_stiffness
+    moments = stiffness * new.model.rule.weights[..., None] * out[..., :3]
+    _put_by_sample(new, layout.NATURAL, moments)
 
 
-def with_torsion(value: float, frenet: layout.Frenet, knots: Array, inertia: layout.Mass) -> float:
-    """Upper bound of the largest frequency [rad/s] once the Frenet torsion is there.
-
-    For a bent cable gamma is linear in the third derivative across the plane of bending, with the
-    factor kappa / (kappa^2 + delta^2) <= 1 / (2 delta). So the torsion adds at most
-    GJ / (4 delta^2) integral y'''^2 and GJ integral theta'^2, and the largest eigenvalue of a sum
-    is at most the sum of the largest ones. The geometric part, which grows with the torque and
-    without bound as delta -> 0, is left out: where it matters the run diverges and says so.
-    """
-    across = frenet.stiffness / (4.0 * frenet.floor) * mass.gram(knots, 3)
-    twist = frenet.stiffness * mass.gram(knots, 1)
-    squares = value * value
-    for band, row in ((across, 0), (twist, -1)):
-        squares += _frequency(band, inertia.band[row]) ** 2
-    return float(np.sqrt(squares))
-
-
-def _frequency(stiffness: Array, inertia: Array) -> float:
-    """Largest frequency [rad/s] of one row of control points, all free; lower diagonals (4, n)."""
-    n = inertia.shape[1]
-    rows = np.zeros((n, 7))
-    for k in range(4):
-        rows[: n - k, 3 + k] = stiffness[k, : n - k]
-        rows[k:, 3 - k] = stiffness[k, : n - k]
-    return spectrum.largest_frequency(rows, inertia[None], np.ones((1, n), dtype=bool))
-
-
-def undefined_torsion(terms: layout.Terms, ledger: Array) -> UndefinedTorsion:
+def undefined_torsion(scene: Scene, cable: Cable) -> UndefinedTorsion:
     """What the ledger says about samples without torsion."""
-    if terms.frenet is None:
+    if not cable.model.has(layout.TORSION):
         return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
     return UndefinedTorsion(
-        samples=int(np.count_nonzero(terms.lattice.weights)),
-        last=int(ledger[layout.TORSION_LAST]),
-        mean=float(ledger[layout.TORSION_SUM] / max(ledger[layout.TORSION_LOOKS], 1.0)),
-        worst=int(ledger[layout.TORSION_WORST]),
-        floor=float(np.sqrt(terms.frenet.floor)),
+        samples=int(np.count_nonzero(cable.model.rule.weights)),
+        last=int(cable.entry(layout.TORSION_LAST)),
+        mean=cable.entry(layout.TORSION_SUM) / max(cable.entry(layout.TORSION_LOOKS), 1.0),
+        worst=int(cable.entry(layout.TORSION_WORST)),
+        floor=scene.curvature_floor,
     )
 
 

@@ -1,43 +1,59 @@
-"""Reactions: what the end effectors do to the cable at one instant."""
+"""Reactions: what the end effectors do to the cable."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.kernels import layout
-from dlo_sim.kernels.ends import end_wrench
-from dlo_sim.kernels.instant import missing_force
+from dlo_sim.engine import layout
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import ENDS, known_end
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.inextensible import held_force
 
 Wrench = tuple[float, float, float, float, float, float]
 
 
-def reaction(
-    model: Model,
-    state: layout.State,
-    work: layout.Work,
-    solver: layout.Solver,
-    t: float,
-    end: str,
-    chain: layout.Chain | None = None,
-) -> Wrench:
-    """Force [N] and moment about the attachment [N m] on the cable by an end effector, world frame,
-    six numbers.
+def reaction(cable: Cable, t: float, end: str, keeps_length: bool) -> Wrench:
+    """Force [N] and moment about the cable's end [N m] by an end effector, world frame, six
+    numbers, both on the cable.
 
     After a step of an implicit method it is the mean over that step, otherwise that of the instant.
-    With all other forces f known, the free DOFs accelerate by M_ff^-1 (f_f - M_fp a_p); what is
-    missing in M a = f + R on the prescribed rows is the reaction R. A spring's force counts too,
-    and so do the constraint forces of an inextensible cable (`chain`).
+    A row with the value F along its direction e does Q = F e on the quantity sum_k b_k x_k: it is a
+    force (sum_k b_k) Q and a moment (sum_k b_k (x_k - x_e)) x Q about the cable's end x_e. Springs
+    count too, and so do the constraint forces of an inextensible cable (`keeps_length`).
     """
-    row = ENDS.index(known_end(end))
-    n, terms = model.n, model.terms
-    missing = state.reaction
-    if not state.ledger[layout.REACTION]:
-        missing = np.empty_like(state.w)
-        missing_force(
-            state, terms, model.friction, model.viscosity, work, solver, chain, t, missing
-        )
-    twist = -1 if model.twist_row is None else model.twist_row
-    wrench: Wrench = end_wrench(missing, state.position, terms.springs, model.axes, n, row, twist)
-    return wrench
+    grasp = ENDS.index(known_end(end))
+    model = cable.model
+    if cable.entry(layout.HAS_REACTION):
+        forces = model.rows(cable.state, layout.REACTION, len(model.holding.rows))[:, 0]
+    else:
+        forces = held_force(cable, t) if keeps_length else cable.held_force(t)
+    force, moment = np.zeros(3), np.zeros(3)
+    points = model.to_columns(cable.x)
+    held_end = points[0 if grasp == 0 else -1, :3]
+    axes = np.array(model.axes)
+    about = 0.0
+    for k, row in enumerate(model.holding.rows):
+        if row.grasp != grasp:
+            continue
+        point = model.holding.points[row.point]
+        if point.twist:
+            about = float(forces[k])
+            continue
+        pull = np.zeros(3)
+        direction = cable.direction(k) if row.line < 0 else np.eye(len(axes))[row.line]
+        pull[axes] = forces[k] * direction
+        weights = np.array(point.weights)
+        force += weights.sum() * pull
+        arm = weights @ (points[point.first : point.first + 4, :3] - held_end)
+        moment += np.cross(arm, pull)
+    for k, spring in enumerate(model.holding.springs):
+        if spring.grasp == grasp:
+            weights = np.array(spring.point.weights)
+            value = weights @ cable.x[spring.line, spring.point.first : spring.point.first + 4]
+            force[axes[spring.line]] += spring.stiffness * (cable.anchors[k, 0] - value)
+    if about:
+        first, second = (0, 1) if grasp == 0 else (-2, -1)
+        tangent = points[second, :3] - points[first, :3]
+        moment += about * tangent / np.linalg.norm(tangent)
+    a, b, c, d, e, f = [*force.tolist(), *moment.tolist()]
+    return a, b, c, d, e, f

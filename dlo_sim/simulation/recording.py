@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.simulation.workspace import new_recorder
 
 Array = NDArray[np.float64]
 
@@ -131,12 +130,10 @@ def record_simulator(
     began = time.perf_counter() if began is None else began
     scene = simulator.scene
     estimate = ErrorEstimate(simulator) if estimated else None
-    simulator.make_ready()
     compile_s = time.perf_counter() - began
     recorder = _recorder(simulator, sample_times(duration, every))
     wall_s, report, counts = _run(estimate or simulator, duration, recorder, progress, tell)
-    count = int(recorder.next[0])
-    control_points = simulator.model.to_columns(recorder.positions[:count])
+    count, control_points = recorder.count, recorder.control_points
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     error = simulator.energy_error
@@ -146,7 +143,7 @@ def record_simulator(
         centerline=basis @ control_points[:, :, :3],
         centerline_u=u,
         energy=energies_at(
-            recorder.times[:count], recorder.energies[:count], simulator.step, every
+            recorder.times[:count], recorder.energies[:count, 0], simulator.step, every
         ),
         status=report.status.name.lower(),
         message=report.message,
@@ -185,12 +182,10 @@ def sample_times(duration: float, every: float) -> Array:
     return np.arange(count, dtype=float) * every
 
 
-def _recorder(simulator: Simulator, times: Array) -> layout.Recorder:
+def _recorder(simulator: Simulator, times: Array) -> Recorder:
     """Room for samples at these times; the first, at time zero, is the present state."""
-    recorder = new_recorder(simulator.model, times)
-    recorder.positions[0] = simulator.model.to_rows(simulator.control_points)
-    recorder.energies[0] = simulator.energy().total
-    recorder.next[0] = 1
+    recorder = Recorder(simulator.model, times)
+    recorder.put(simulator.cable, simulator.energy().total)
     return recorder
 
 
@@ -225,7 +220,7 @@ class _IterationCounts:
 def _run(
     run: Simulator | ErrorEstimate,
     duration: float,
-    recorder: layout.Recorder,
+    recorder: Recorder,
     progress: Callable[[float], None] | None,
     tell: Callable[[str], object] | None,
 ) -> tuple[float, Report, _IterationCounts]:

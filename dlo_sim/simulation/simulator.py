@@ -6,27 +6,30 @@ import math
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.kernels import layout
+from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs, needs_of, needs_of_end, needs_of_load
-from dlo_sim.simulation import optional_terms, workspace
-from dlo_sim.simulation.account import open_account
+from dlo_sim.scene.needs import Needs, inextensible, needs_of, needs_of_end, needs_of_load
+from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import ENDS, Pose, end_geometries
 from dlo_sim.simulation.guarded_loop import GuardedLoop
-from dlo_sim.simulation.model import build_model, local_axis
+from dlo_sim.simulation.inextensible import gradients as length_gradients
+from dlo_sim.simulation.model import build_model, natural_vectors
 from dlo_sim.simulation.placement import place
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
-from dlo_sim.simulation.stepper import Stepper, largest_frequency
-from dlo_sim.simulation.transfer import carry_inputs, put_state, resampled
+from dlo_sim.simulation.stepper import Stepper
+from dlo_sim.simulation.transfer import carry_inputs, resampled
 from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
@@ -41,7 +44,8 @@ class Snapshot:
     steps: int
     remainder: float
     needs: Needs
-    arrays: tuple[Array, ...]
+    state: Array
+    inputs: Array
 
 
 class Simulator(CableView):
@@ -73,45 +77,32 @@ class Simulator(CableView):
         check_named_method(scene)
         self._needs = needs
         self._geometries = end_geometries(scene, end_poses)
-        self._model = build_model(scene, needs, self._geometries)
-        self._greville = bspline.greville(self._model.knots)
-        self._pose_points = np.zeros((self._model.n, 4))
+        model = build_model(scene, needs, self._geometries)
+        self._cable = Cable.new(model)
+        self._greville = bspline.greville(model.knots)
+        self._pose_points = np.zeros((model.n, 4))
         x, y, z = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))].tolist()
         self._frame_axis = x, y, z
-        self._ends = EndDrive(scene, self._geometries)
-        self._share_drive()
-        self._state = workspace.new_state(self._model)
-        self._work = workspace.new_work(self._model)
-        self._solver = workspace.new_solver(self._model)
+        first_span = float(np.diff(bspline.breaks(model.knots))[0])
+        self._ends = EndDrive(scene, self._geometries, first_span)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self._bases: dict[bytes, tuple[NDArray[np.int64], Array, Array]] = {}
         self._steps = 0
         self._remainder = 0.0
-        self._turn_rest_axis()
-        place(
-            scene, self._geometries, self._ends, self._model, self._state, self._work, self._solver
-        )
-        frequency = largest_frequency(self._model, self._state, self._work, self._solver)
+        self._fill_inputs()
+        place(scene, self._geometries, self._ends, self._cable)
+        gradients = length_gradients(self._cable) if inextensible(scene) else None
+        frequency = largest_frequency(scene, self._cable, gradients)
         self._choice = choose(scene, frequency, unchecked_step)
-        self._stepper = Stepper(scene, self._model, self._choice)
+        self._stepper = Stepper(scene, self._choice)
         self._open_account()
-        self._loop = self._new_loop()
-        self.compile_seconds = 0.0
-        self.make_ready()
+        self._loop = GuardedLoop.of(self._cable, self._stepper)
+        started = time.perf_counter()
+        self._loop.advance(0, 0, None)
+        self.compile_seconds = time.perf_counter() - started
         self._initial = self.snapshot()
 
     # -- change ---------------------------------------------------------------------------------
-
-    def make_ready(self) -> None:
-        """Compile the step if that is still to be done, and add the time [s] to `compile_seconds`.
-
-        The first motion of an end, or the first moment, may bring in what no step contained so far.
-        `advance` makes it ready if nobody did; call this where time counts.
-        """
-        if not self._stepper.ready:
-            started = time.perf_counter()
-            self._loop.advance(self._steps, 0, None)
-            self.compile_seconds += time.perf_counter() - started
 
     def advance(self, duration: float) -> Report:
         """Advance by `duration` [s] in whole steps; what does not fill a step is carried over.
@@ -128,7 +119,7 @@ class Simulator(CableView):
         self._remainder = wanted - report.steps * self.step if report.status.ok else 0.0
         return report
 
-    def advance_steps(self, steps: int, recorder: layout.Recorder | None = None) -> Report:
+    def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance by whole steps. A failed run keeps the last good state and says why.
 
         Raises:
@@ -136,8 +127,9 @@ class Simulator(CableView):
         """
         steps, done = arguments.count("steps", steps), 0
         if recorder is not None:
-            workspace.check_recorder(recorder, self._model)
-        self.make_ready()
+            arguments.instance("recorder", recorder, Recorder, "a Recorder of the present model")
+        if recorder is not None and recorder.model is not self._model:
+            raise ValueError("recorder: is of another model; make a new one of the present model")
         evaluations = 0
         while done < steps:
             piece = min(CHUNK, steps - done)
@@ -168,14 +160,12 @@ class Simulator(CableView):
             _three(f"torque of {name}", torque, "N m"),
         )
         self._extend(needs_of_load(self._needs, self.scene, push, turn))
-        loads = self._model.terms.loads
-        assert loads is not None
-        k = self._load_index[name]
+        row = self._cable.loads[self._load_index[name]]
         if push is not None:
-            loads.force[k] = push[list(self._model.axes)]
+            row[:3] = push[:, None]
         if turn is not None:
-            loads.torque[k] = turn
-        loads.frequency[k] = 0.0
+            row[3:6] = turn[:, None]
+        row[6] = 0.0
 
     def set_end(
         self,
@@ -195,7 +185,7 @@ class Simulator(CableView):
         """
         self._ends.place(end, self.time, position, orientation, tangent)
         self._after_end_moved(end)
-        self._stepper.jump(self._state, self._work, self.time)
+        self._stepper.jump(self._cable, self._ends, self.time)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector follow a motion; afterwards it rests at its last pose.
@@ -217,7 +207,8 @@ class Simulator(CableView):
             self._steps,
             self._remainder,
             self._needs,
-            tuple(array.copy() for array in self._mutable()),
+            self._cable.state.copy(),
+            self._cable.inputs.copy(),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -234,8 +225,8 @@ class Simulator(CableView):
         if snapshot.needs != self._needs:
             self._rebuild(snapshot.needs)
         self._needs = snapshot.needs  # its warnings may differ
-        for array, saved in zip(self._mutable(), snapshot.arrays, strict=True):
-            array[:] = saved
+        self._cable.state[:] = snapshot.state
+        self._cable.inputs[:] = snapshot.inputs
         self._ends.restored()
 
     def reset(self) -> None:
@@ -259,9 +250,9 @@ class Simulator(CableView):
         given = place.copy()
         self._ends.put(place, 0.0)
         moved = np.abs(place - given).max()
-        self._set(place, speed)
+        self._cable.put(place, speed)
         self._open_account()
-        if not math.isfinite(self._state.ledger[layout.ENERGY_START]):
+        if not math.isfinite(self._cable.entry(layout.ENERGY_START)):
             self.restore(before)
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
         self._steps, self._remainder = 0, 0.0
@@ -308,36 +299,29 @@ class Simulator(CableView):
         if any(self._ends.twists(end) for end in ENDS):
             self._extend(self._needs.with_twist(self.scene))
         self._ends.put(points, 0.0)
-        self._set(points, rates)
-        optional_terms.carry_plastic(other._model.terms, self._model.terms)
+        self._cable.point_grasps(0.0)
+        self._cable.put(points, rates)
+        optional_terms.carry_plastic(other._cable, self._cable)
         self._open_account()
         self._initial = self.snapshot()
 
     # -- inside ---------------------------------------------------------------------------------
 
-    def _new_loop(self) -> GuardedLoop:
-        arrays = self._mutable()
-        return GuardedLoop(
-            self._model,
-            self._stepper,
-            self._state,
-            self._work,
-            self._solver,
-            workspace.new_recorder(self._model, np.zeros(0)),
-            arrays,
-            tuple(array.copy() for array in arrays),
-        )
-
-    def _mutable(self) -> tuple[Array, ...]:
-        kept = workspace.memory(self._model.terms, self._state, self._work)
-        return (*kept, self._ends.motion)
-
-    def _share_drive(self) -> None:
-        """Let the kernels read the ends' motion where the step contains a drive."""
-        drive = self._model.terms.drive
-        if drive is not None:
-            terms = self._model.terms._replace(drive=drive._replace(motion=self._ends.motion))
-            self._model = replace(self._model, terms=terms)
+    def _fill_inputs(self) -> None:
+        """Loads, motions, anchors and natural shape of the scene in the arrays of the cable."""
+        cable, model = self._cable, self._model
+        for row, load in zip(cable.loads, self.scene.loads, strict=False):
+            if load.signal != "none":
+                row[:3], row[3:6] = np.array(load.force)[:, None], np.array(load.torque)[:, None]
+            row[6] = load.frequency if load.signal == "sine" else 0.0
+        self._ends.live_in(cable.motion)
+        for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
+            place = self._geometries[ENDS[spring.grasp]].attachment
+            anchor[:] = place[model.axes[spring.line]]
+        booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
+        booked[:] = cable.anchors
+        cable.point_grasps(self.time if self._steps else 0.0)
+        self._turn_rest_axis()
 
     def _after_end_moved(self, end: str) -> None:
         """Bring in what a moved end needs: the drive itself, the third coordinate, twist."""
@@ -350,47 +334,41 @@ class Simulator(CableView):
 
     def _turn_rest_axis(self) -> None:
         """The natural curvature's axis turns with the start's end effector."""
-        rest = self._model.terms.rest
-        if rest is not None:
+        if self._model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
             x, y, z = self.scene.cable.rest_curvature_axis
-            turned = self._ends.turned("start", self.time, (float(x), float(y), float(z)))
-            rest.axis[:] = local_axis(np.array(turned) / math.hypot(x, y, z), self._model.axes)
+            time = self.time if self._steps else 0.0
+            turned = self._ends.turned("start", time, (float(x), float(y), float(z)))
+            axis = np.array(turned) / math.hypot(x, y, z)
+            vectors = natural_vectors(self.scene, self._model, axis)
+            at = self._model.shape[layout.NATURAL]
+            self._cable.state[at : at + vectors.size] = vectors.ravel()
 
     def _open_account(self) -> None:
-        open_account(self.scene, self._model, self._state, self._work)
-
-    def _set(self, points: Array, rates: Array) -> None:
-        """Take over control points (n, 4) and their velocities."""
-        put_state(self._model, self._state, points, rates)
+        self._cable.open_account(self.scene)
 
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
         self._needs = needs
-        self._model = build_model(self.scene, needs, self._geometries)
-        self._share_drive()
-        self._state = workspace.new_state(self._model)
-        self._work = workspace.new_work(self._model)
-        self._solver = workspace.new_solver(self._model)
-        self._stepper = Stepper(self.scene, self._model, self._choice)
-        self._loop = self._new_loop()
+        self._cable = Cable.new(build_model(self.scene, needs, self._geometries))
+        self._fill_inputs()
+        self._loop = GuardedLoop.of(self._cable, self._stepper)
 
     def _extend(self, needs: Needs) -> None:
-        """Something that was left out matters now: it comes into the step, the state stays."""
-        if needs == self._needs:
-            self._needs = needs  # its warnings may be new
+        """A term that was left out matters now: it comes into the step, the state stays."""
+        lines = (self._needs.axes, self._needs.twist, self._needs.loads)
+        if (needs.axes, needs.twist, needs.loads) == lines:
+            self._needs = needs
             return
         points, rates = self.control_points, self.velocities
-        old, ledger = self._model.terms, self._state.ledger
+        old, ledger = self._cable, self._cable.ledger.copy()
         self._rebuild(needs)
-        new = self._model.terms
-        carry_inputs(old, new)
-        optional_terms.carry_plastic(old, new)
-        self._set(points, rates)
-        self._state.ledger[:] = ledger
-        self._state.ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
-        anew = [layout.BOOKED, layout.PENDING, layout.HISTORY, layout.REACTION]
-        self._state.ledger[anew] = 0.0
-        self._turn_rest_axis()
+        carry_inputs(old, self._cable)
+        optional_terms.carry_plastic(old, self._cable)
+        self._cable.put(points, rates)
+        ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
+        self._cable.ledger[:] = ledger
+        anew = [layout.IS_BOOKED, layout.PENDING, layout.KNOWN, layout.HAS_REACTION]
+        self._cable.ledger[anew] = 0.0
 
 
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:

@@ -18,11 +18,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import mass
-from dlo_sim.kernels import layout
-from dlo_sim.kernels.instant import stiffness_band
-from dlo_sim.kernels.static import add_moment_stiffness, solve_held, static_force
-from dlo_sim.simulation.model import Model
+from dlo_sim.core import bspline, mass
+from dlo_sim.engine import layout
+from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
 
@@ -31,20 +29,28 @@ MAX_ITERATIONS = 12
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
 ROUND_OFF = 1e-6  # the same where steps do not shrink any more
 PATIENCE = 6  # steps without progress after which they do not
+NUDGE = 1e-6  # of the length
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
 
 
-def relax(model: Model, state: layout.State, work: layout.Work, solver: layout.Solver) -> bool:
-    """Move `state` to a nearby stable equilibrium at rest; true if it was reached.
+def relax(cable: Cable) -> bool:
+    """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
     Damping plays no part, and sine loads are at their value at time zero.
     """
-    search = _Search(model, state, work, solver)
-    state.w[:] = 0.0
+    search = _Search(cable)
+    cable.w[:] = 0.0
     pseudo = search.first_step()
     least, stuck, ceiling, smooth = np.inf, 0, np.inf, 0
+    last_move, nudged = np.inf, False
     for _ in range(MAX_STEPS):
         iterations, moved = search.step(pseudo)
+        if iterations == 0 and last_move < TOLERANCE and not nudged:
+            # At rest, yet not stable: a symmetric shape may be the top of a ridge.
+            search.nudge()
+            nudged, ceiling, smooth = True, np.inf, 0
+            continue
+        last_move = moved if iterations else last_move
         if iterations == 0:
             ceiling, smooth = 0.5 * pseudo, 0
             pseudo *= 0.25
@@ -70,31 +76,31 @@ class _Search:
             times its length meanwhile.
     """
 
-    def __init__(
-        self, model: Model, state: layout.State, work: layout.Work, solver: layout.Solver
-    ) -> None:
-        self._model, self._state, self._work, self._solver = model, state, work, solver
+    def __init__(self, cable: Cable) -> None:
+        self._cable, model = cable, cable.model
         self._dim = len(model.axes)
         self._length = float(model.knots[-1])
-        self._slopes, self._spans = _slopes(model.terms.lattice)
-        lattice, stretch, means = model.terms.lattice, model.terms.stretch, model.terms.span_stretch
-        self._weights = _flat(lattice.weights)[: len(self._spans)]
-        self._xi = _flat(lattice.xi)[: len(self._spans)]
-        self._means = means
-        if means is not None:
-            self._linear = means.linear.reshape(-1, 1)[: len(self._spans)]
-        term = stretch if stretch is not None else means
-        self._half_stiffness = 0.5 * (term.stiffness if term else 0.0) * self._weights
-        self._force = np.zeros_like(state.position)
+        self._ends = bspline.breaks(model.knots)
+        self._xi, self._weights = model.rule.xi, model.rule.weights
+        spans = len(self._ends) - 1
+        self._spans = np.arange(spans)[:, None] + np.arange(4)
+        polynomials = bspline.span_polynomials(model.knots)
+        powers = self._xi[..., None] ** np.arange(3)
+        own = np.einsum("skp,sjp->sjk", polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0]), powers)
+        self._slopes = own * (2.0 / np.diff(self._ends))[:, None, None]
+        self._by_span = model.has(layout.SPAN_STRETCH)
+        self._linear = np.zeros((spans, 1))
+        self._linear[[0, -1]] = 3.0
+        stretches = model.has(layout.STRETCH) or self._by_span
+        self._half_stiffness = 0.5 * (model.axial_stiffness if stretches else 0.0) * self._weights
         self.patient = 0.0
 
     def first_step(self) -> float:
         """Pseudo-time [s^2] in which the first guess moves by a percent of the length."""
-        n, dim = self._model.n, self._dim
-        free = self._model.terms.mass.free[:dim]
-        static_force(self._state.position, self._model.static_terms, self._work, self._force)
-        pull = float(np.abs(self._force[:dim, :n] * free).sum())
-        inertia = float(mass.multiply(self._model.terms.mass.band[0], np.ones(n)).sum())
+        model = self._cable.model
+        free = ~model.held_mask()[: self._dim]
+        pull = float(np.abs(self._cable.forces()[: self._dim] * free).sum())
+        inertia = float(mass.multiply(model.band(layout.MASS, 0), np.ones(model.n)).sum())
         fall = inertia * self._length / max(pull, 1e-300)
         self.patient = 100.0 * fall
         return 0.01 * fall
@@ -104,8 +110,8 @@ class _Search:
 
         The move is a share of the length.
         """
-        n, dim = self._model.n, self._dim
-        x = self._state.position
+        dim = self._dim
+        x = self._cable.x
         before = x.copy()
         tangents = self._tangents()
         stress = self._stress(tangents)
@@ -114,8 +120,8 @@ class _Search:
             change = self._correction(before, pseudo, lead - stress)
             if change is None:
                 break
-            x[:dim, :n] += change
-            moved = np.abs(x[:dim, :n] - before[:dim, :n]).max()
+            x[:dim] += change
+            moved = np.abs(x[:dim] - before[:dim]).max()
             largest = np.abs(change).max()
             if not moved < 1e3 * self._length:
                 break
@@ -128,24 +134,31 @@ class _Search:
         x[:] = before
         return 0, 0.0
 
+    def nudge(self) -> None:
+        """Move the spatial lines by a little that has no symmetry."""
+        cable = self._cable
+        push = np.random.default_rng(0).standard_normal(cable.x.shape)
+        push[self._dim :] = 0.0
+        way = cable.free_acceleration(push)
+        cable.x[:] += NUDGE * self._length / np.abs(way).max() * way
+
     def relax_twist(self) -> None:
-        """The twist row is linear: one solution at the shape found.
+        """The twist line is linear: one solution at the shape found.
 
         Where no end holds the twist there is nothing to solve: the cable keeps the one it has.
         """
-        terms, row = self._model.terms, self._model.twist_row
-        if terms.twist is None or row is None or terms.mass.free[row].all():
+        model = self._cable.model
+        if not model.twist:
             return
-        n = self._model.n
-        x = self._state.position
-        static_force(x, self._model.static_terms, self._work, self._force)
-        free = terms.mass.free[row] != 0.0
-        stiffness = mass.dense(terms.twist.stiffness)[np.ix_(free, free)]
-        x[row, :n][free] += np.linalg.solve(stiffness, self._force[row, :n][free])
+        free = ~model.held_mask()[-1]
+        if free.all():
+            return
+        stiffness = mass.dense(model.band(layout.TWIST, model.lines - 1))[np.ix_(free, free)]
+        self._cable.x[-1][free] += np.linalg.solve(stiffness, self._cable.forces()[-1][free])
 
     def _tangents(self) -> Array:
         """r' at the samples of every span, shape (spans, samples, dim)."""
-        x = self._state.position[: self._dim]
+        x = self._cable.x[: self._dim]
         return np.einsum("sjk,dsk->sjd", self._slopes, x[:, self._spans])
 
     def _stress(self, tangents: Array) -> Array:
@@ -162,59 +175,36 @@ class _Search:
 
     def _counted(self, strain: Array) -> Array:
         """The strain that counts at the samples: itself or its projection of `span_stretch`."""
-        if self._means is None:
+        if not self._by_span:
             return strain
-        share = self._means.share * self._weights
+        share = self._weights / np.diff(self._ends)[:, None]
         mean = (share * strain).sum(axis=1, keepdims=True)
         slope = (share * self._xi * strain).sum(axis=1, keepdims=True)
         return np.asarray(mean + self._linear * self._xi * slope)
 
     def _correction(self, before: Array, pseudo: float, extra: Array) -> Array | None:
-        """Newton correction of the free DOFs, shape (dim, n); None where it leads uphill."""
-        n, dim = self._model.n, self._dim
-        terms, solver = self._model.terms, self._solver
-        x = self._state.position
-        static_force(x, self._model.static_terms, self._work, self._force)
-        stiffness_band(x, self._model.stiffness_terms, self._model.viscosity, self._work, solver)
-        if terms.loads is not None and terms.loads.torque.any():
-            add_moment_stiffness(x, terms.loads, terms.axes, solver.band)
-        band = solver.band
+        """Newton correction of the spatial lines, shape (dim, n); None where it leads uphill."""
+        cable, dim = self._cable, self._dim
+        n, x = cable.model.n, cable.x
+        force = cable.forces()
+        band = cable.stiffness()
+        if cable.loads.size and cable.loads[:, 3:6].any():
+            cable.add_moment_stiffness()
         half = 4 * dim - 1
         blocks = 2.0 * np.einsum("sj,sji,sjk->sik", extra, self._slopes, self._slopes)
-        inertia = terms.mass.band[:dim]
-        rhs = np.zeros((n, dim))
-        for d in range(dim):
-            moved = mass.multiply(inertia[d], x[d, :n] - before[d, :n])
-            rhs[:, d] = self._force[d, :n] - moved / pseudo
+        inertia = cable.model.band(layout.MASS, 0)
+        moved = np.stack([mass.multiply(inertia, x[d] - before[d]) for d in range(dim)], axis=1)
+        unknowns = (force[:dim].T - moved / pseudo).ravel()
         # Row i dim + d of the matrix belongs to coordinate d of control point i.
-        by_point = band[: n * dim].reshape(n, dim, -1)
+        by_point = band.reshape(n, dim, -1)
         for i in range(4):
             for k in range(4):
                 by_point[i : i + n - 3, :, half + (k - i) * dim] += blocks[:, i, k, None]
         for k in range(4):
-            diagonal = inertia[:, k, : n - k].T / pseudo
+            diagonal = inertia[k, : n - k, None] / pseudo
             by_point[: n - k, :, half + k * dim] += diagonal
             if k:
                 by_point[k:, :, half - k * dim] += diagonal
-        free = terms.mass.free[:dim]
-        rhs *= free.T
-        flat = rhs.ravel()
-        solved, negative = solve_held(band, free, flat)
-        if not solved or negative or not np.isfinite(flat).all():
+        if cable.solve_held(unknowns) != 0 or not np.isfinite(unknowns).all():
             return None
-        return flat.reshape(n, dim).T
-
-
-def _flat(lanes: Array) -> Array:
-    """(blocks, m, LANES) -> (blocks LANES, m): one row per span."""
-    return np.asarray(lanes.transpose(0, 2, 1).reshape(-1, lanes.shape[1]))
-
-
-def _slopes(lattice: layout.Lattice) -> tuple[Array, NDArray[np.int64]]:
-    """Basis derivatives [1/m] at the samples, shape (spans, m, 4), and each span's control
-    points."""
-    spans = lattice.n - 3
-    xi = _flat(lattice.xi)[:spans, :, None]
-    parts = _flat(lattice.extraction)[:spans].reshape(spans, 1, 4, 3)
-    slopes = parts[..., 0] + xi * (parts[..., 1] + xi * parts[..., 2])
-    return slopes, np.arange(spans)[:, None] + np.arange(4)
+        return unknowns.reshape(n, dim).T

@@ -1,126 +1,104 @@
-"""Choosing and calling the compiled loop of a scene's method."""
+"""Choosing and calling the compiled loop of a scene's method: one class a family."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from dlo_sim.core import spectrum
-from dlo_sim.core.methods import (
-    CONSTRAINED,
-    IMPLICIT,
-    RUNGE_KUTTA,
-    SPLITTING,
-    ZHAI,
-    Method,
-)
-from dlo_sim.kernels import layout
-from dlo_sim.kernels.implicit import MAX_HALVINGS, advance_implicit
-from dlo_sim.kernels.instant import stiffness_band
-from dlo_sim.kernels.jit import bound
-from dlo_sim.kernels.rattle import advance_rattle
-from dlo_sim.kernels.runge_kutta import advance_runge_kutta
-from dlo_sim.kernels.splitting import advance_splitting, jump_ends
-from dlo_sim.kernels.zhai import advance_zhai
+from dlo_sim.compiling.pieces import code_of
+from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.methods import implicit, rattle, runge_kutta, splitting, zhai
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation import optional_terms
-from dlo_sim.simulation.inextensible import largest_constrained_frequency, new_chain
-from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.selection import Choice
-
-Loop = Callable[..., Any]
 
 GUARD_STEPS = 16  # explicit steps between two looks at the energy
 
 
-def largest_frequency(
-    model: Model, state: layout.State, work: layout.Work, solver: layout.Solver
-) -> float:
-    """Largest natural frequency [rad/s] of the scene linearised at its present configuration."""
-    dim = len(model.terms.axes)
-    stiffness_band(state.position, model.stiffness_terms, model.viscosity, work, solver)
-    stretches = model.terms.stretch is not None or model.terms.span_stretch is not None
-    if not stretches and dim * model.n <= spectrum.DENSE_LIMIT:
-        # Without stretching only motion that keeps the length counts.
-        return largest_constrained_frequency(model, solver.band, state.position)
-    free = model.terms.mass.free != 0.0
-    value = spectrum.largest_frequency(solver.band.copy(), model.terms.mass.band[:dim], free[:dim])
-    if model.terms.twist is not None:
-        twist = _twist_rows(model.terms.twist.stiffness)
-        row = slice(dim, dim + 1)
-        value = max(value, spectrum.largest_frequency(twist, model.terms.mass.band[row], free[row]))
-    if model.terms.frenet is not None:
-        value = optional_terms.with_torsion(
-            value, model.terms.frenet, model.knots, model.terms.mass
+class Loop(Protocol):
+    """What a family of methods does with a cable: whole steps."""
+
+    def __call__(
+        self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
+    ) -> tuple[int, int, int]:
+        """(status, steps done, force evaluations or Newton iterations)."""
+
+
+class _Explicit:
+    """A loop that looks at the energy every GUARD_STEPS steps."""
+
+    def __init__(self, loop: Any, engine: Any, *own: Any) -> None:
+        self._loop, self._engine, self._own = loop, engine, own
+
+    def __call__(
+        self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
+    ) -> tuple[int, int, int]:
+        given = (first, steps, tau, GUARD_STEPS, *recorder.arrays)
+        status, done, evaluations = self._loop.code(
+            *cable.arrays, code_of(self._engine), *self._own, *given
         )
-    return value
+        return status, done, evaluations
 
 
-def _twist_rows(band: np.ndarray) -> np.ndarray:
-    """Symmetric lower diagonals as a row-stored band."""
-    n = band.shape[1]
-    rows = np.zeros((n, 7))
-    for k in range(4):
-        rows[: n - k, 3 + k] = band[k, : n - k]
-        rows[k:, 3 - k] = band[k, : n - k]
-    return rows
+class _Implicit:
+    """A loop that looks at the energy after every step."""
+
+    def __init__(self, method: Method, scene: Scene) -> None:
+        constants = alpha_constants(method, scene.integrator.spectral_radius)
+        self._own = (
+            constants,
+            np.array(method.substeps),
+            method.conserves_energy,
+            scene.integrator.tolerance,
+            implicit.MAX_HALVINGS,
+        )
+
+    def __call__(
+        self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
+    ) -> tuple[int, int, int]:
+        status, done, iterations = implicit.advance_implicit.code(
+            *cable.arrays, code_of(implicit.ENGINE), *self._own, first, steps, tau, *recorder.arrays
+        )
+        return status, done, iterations
+
+
+def _loop(method: Method, scene: Scene) -> Loop:
+    """The loop of a method."""
+    if method.family == SPLITTING:
+        weights = np.array(method.drift_weights), np.array(method.kick_weights)
+        return _Explicit(splitting.advance_splitting, splitting.ENGINE, *weights)
+    if method.family == RUNGE_KUTTA:
+        table, nodes = _butcher_table(method)
+        return _Explicit(runge_kutta.advance_runge_kutta, runge_kutta.ENGINE, table.ravel(), nodes)
+    if method.family == ZHAI:
+        pair = scene.integrator.zhai_psi, scene.integrator.zhai_phi
+        return _Explicit(zhai.advance_zhai, zhai.ENGINE, *pair)
+    if method.family == CONSTRAINED:
+        return _Explicit(rattle.advance_rattle, rattle.ENGINE)
+    return _Implicit(method, scene)
 
 
 class Stepper:
-    """Calls one method's loop on the arrays of a simulator."""
+    """Calls one method's loop on the arrays of a cable."""
 
-    def __init__(self, scene: Scene, model: Model, choice: Choice) -> None:
-        self._model = model
-        self._code: Loop | None = None
-        self.chain: layout.Chain | None = None
-        method = choice.method
-        self.family = method.family
+    def __init__(self, scene: Scene, choice: Choice) -> None:
+        self.family = choice.method.family
         self.step = choice.step
-        self._loop: Loop
-        self._own: tuple[object, ...]  # what only this method needs
-        if method.family == SPLITTING:
-            self._loop = advance_splitting
-            self._own = (np.array(method.drift_weights), np.array(method.kick_weights))
-        elif method.family == RUNGE_KUTTA:
-            self._loop = advance_runge_kutta
-            table, nodes = _butcher_table(method)
-            self._own = (table, nodes, np.zeros((len(table), 2, model.rows, model.width)))
-        elif method.family == ZHAI:
-            self._loop = advance_zhai
-            self._own = (scene.integrator.zhai_psi, scene.integrator.zhai_phi)
-        elif method.family == CONSTRAINED:
-            self._loop = advance_rattle
-            self.chain = new_chain(model)
-            self._own = (self.chain,)
-        else:
-            self._loop = advance_implicit
-            self._own = (
-                model.friction,
-                model.viscosity,
-                np.array(method.substeps),
-                method.conserves_energy,
-                alpha_constants(method, scene.integrator.spectral_radius),
-                scene.integrator.tolerance,
-                MAX_HALVINGS,
-            )
-
-    @property
-    def ready(self) -> bool:
-        """Whether the loop's machine code has been used for this scene's arrays."""
-        return self._code is not None
+        self._loop = _loop(choice.method, scene)
 
     def looked_at(self, step: int) -> bool:
         """Whether the loop compares the energy of the state after so many steps."""
         return self.family == IMPLICIT or step % GUARD_STEPS == 0
 
-    def jump(self, state: layout.State, work: layout.Work, time: float) -> None:
+    def jump(self, cable: Cable, ends: EndDrive, time: float) -> None:
         """Let ends that were put elsewhere be there now. Implicit steps account for that exactly,
         and constraints need a step to follow.
         """
         if self.family in (SPLITTING, RUNGE_KUTTA, ZHAI):
-            jump_ends(state, self._model.terms, work, time)
+            cable.jump(time, lambda points: ends.put(points, time))
 
     def last_look(self, step: int) -> int:
         """The last such state up to there."""
@@ -131,70 +109,36 @@ class Stepper:
         return GUARD_STEPS - step % GUARD_STEPS
 
     def advance(
-        self,
-        state: layout.State,
-        work: layout.Work,
-        solver: layout.Solver,
-        first: int,
-        steps: int,
-        recorder: layout.Recorder,
-        finer: int = 1,
+        self, cable: Cable, first: int, steps: int, recorder: Recorder, finer: int = 1
     ) -> tuple[int, int, int]:
-        """(kernel status, steps done, force evaluations or Newton iterations).
+        """(status, steps done, force evaluations or Newton iterations).
 
         Every step is done in so many parts as `finer` says, of which the steps done are counted.
         """
-        span = (first * finer, steps * finer, self.step / finer)
-        arguments = self._arguments(state, work, solver, span, recorder)
-        if self._code is None:
-            self._code = bound(self._loop, *arguments)
-        done: tuple[int, int, int] = self._code(*arguments)
-        return done
-
-    def compile(
-        self,
-        state: layout.State,
-        work: layout.Work,
-        solver: layout.Solver,
-        recorder: layout.Recorder,
-    ) -> None:
-        """Make the loop's machine code ready for arrays like these."""
-        bound(self._loop, *self._arguments(state, work, solver, (0, 0, self.step), recorder))
-
-    def _arguments(
-        self,
-        state: layout.State,
-        work: layout.Work,
-        solver: layout.Solver,
-        span: tuple[int, int, float],
-        recorder: layout.Recorder,
-    ) -> tuple[object, ...]:
-        shared = (state, self._model.terms, work)
-        if self.family == IMPLICIT:
-            return (*shared, solver, *self._own, *span, recorder)
-        return (*shared, *self._own, *span, GUARD_STEPS, recorder)
+        return self._loop(cable, first * finer, steps * finer, self.step / finer, recorder)
 
 
-def alpha_constants(method: Method, spectral_radius: float) -> layout.Alpha:
-    """Constants of an implicit method.
+def alpha_constants(method: Method, spectral_radius: float) -> np.ndarray:
+    """theta, mass weight, beta, gamma and inertia of an implicit method (`methods.implicit`).
 
-    Generalised-alpha: second order, with the given spectral radius at infinite frequency
-    (Chung & Hulbert 1993, eqs. 25 and 17).
+    theta = 1 - alpha_f, mass weight = alpha_m, beta and gamma of Newmark's formulas, and
+    inertia = (1 - alpha_m) / beta. Generalised-alpha: second order, with the given spectral radius
+    at infinite frequency (Chung & Hulbert 1993, eqs. 25 and 17). theta = 1/2 means the midpoint
+    family and nothing else counts.
     """
     if method.name != "generalized_alpha":
-        return layout.Alpha(0.5, 0.5, 0.25, 0.5, 2.0)
+        return np.array([0.5, 0.5, 0.25, 0.5, 2.0])
     alpha_m = (2.0 * spectral_radius - 1.0) / (spectral_radius + 1.0)
     alpha_f = spectral_radius / (spectral_radius + 1.0)
     beta = 0.25 * (1.0 - alpha_m + alpha_f) ** 2
-    return layout.Alpha(
-        1.0 - alpha_f, alpha_m, beta, 0.5 - alpha_m + alpha_f, (1.0 - alpha_m) / beta
-    )
+    inertia = (1.0 - alpha_m) / beta
+    return np.array([1.0 - alpha_f, alpha_m, beta, 0.5 - alpha_m + alpha_f, inertia])
 
 
 def _butcher_table(method: Method) -> tuple[np.ndarray, np.ndarray]:
-    """Rows a_ij and, last, b_j, shape (s + 1, s), and the times c_i and 1 that they lead to."""
+    """Rows a_ij and, last, b_j, shape (s + 1, s), and the times c_i of the stages."""
     stages = len(method.stage_weights)
     table = np.zeros((stages + 1, stages))
     for i, row in enumerate((*method.stage_matrix, method.stage_weights)):
         table[i, : len(row)] = row
-    return table, table.sum(axis=1)
+    return table, table[:stages].sum(axis=1)

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline
+from dlo_sim.core.methods import CONSTRAINED
 from dlo_sim.core.one_rotation import Vector
-from dlo_sim.kernels import layout
-from dlo_sim.kernels.frames import control_poses, curve_frames
-from dlo_sim.kernels.observe import kinetic_energy, potentials, velocities
+from dlo_sim.engine import layout
+from dlo_sim.engine.frames import control_poses, curve_frames
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
 from dlo_sim.simulation import optional_terms
-from dlo_sim.simulation.account import balance
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.coiling import coiling_warning
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import Model
@@ -36,10 +36,7 @@ class CableView:
 
     scene: Scene
     _needs: Needs
-    _model: Model
-    _state: layout.State
-    _work: layout.Work
-    _solver: layout.Solver
+    _cable: Cable
     _ends: EndDrive
     _choice: Choice
     _stepper: Stepper
@@ -79,7 +76,16 @@ class CableView:
     @property
     def model(self) -> Model:
         """Constant arrays of the scene."""
-        return self._model
+        return self._cable.model
+
+    @property
+    def _model(self) -> Model:
+        return self._cable.model
+
+    @property
+    def cable(self) -> Cable:
+        """Its arrays."""
+        return self._cable
 
     @property
     def active_terms(self) -> tuple[str, ...]:
@@ -91,7 +97,7 @@ class CableView:
         """What switched-off terms take away from a scene that needs them, and what the model does
         not show of its present state, one line each.
         """
-        coiling = coiling_warning(self.scene, self._model, self._state)
+        coiling = coiling_warning(self.scene, self._cable)
         return (*self._needs.warnings, *([coiling] if coiling else []))
 
     @property
@@ -104,19 +110,12 @@ class CableView:
     @property
     def control_points(self) -> Array:
         """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
-        return self._model.to_columns(self._state.position)
-
-    @property
-    def state(self) -> layout.State:
-        """A copy of the state in the coordinates of the step."""
-        return layout.State(*(array.copy() for array in self._state))
+        return self._model.to_columns(self._cable.x)
 
     @property
     def velocities(self) -> Array:
         """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
-        out = np.zeros_like(self._state.w)
-        velocities(self._state.w, self._model.terms, self.time, out)
-        return self._model.to_columns(out, rest=False)
+        return self._model.to_columns(self._cable.velocities(self.time), rest=False)
 
     @property
     def greville(self) -> Array:
@@ -141,7 +140,8 @@ class CableView:
         """
         basis = self._basis(_coordinates(u))
         poses = np.empty((len(basis[0]), 7))
-        curve_frames(self.control_points, *basis, self._frame_reference(), poses)
+        reference = np.array(self._frame_reference())
+        curve_frames(self.control_points, *basis, reference, poses)
         return poses[:, 3:]
 
     def control_poses(self, out: Array) -> None:
@@ -154,36 +154,32 @@ class CableView:
         model = self._model
         if not _writable(out, (model.n, 7)):
             raise TypeError(f"out: needs np.empty(({model.n}, 7)), got {arguments.given(out)}")
-        control_poses(
-            self._state.position,
-            model.axes,
-            model.rest,
-            -1 if model.twist_row is None else model.twist_row,
-            self._ends.motion[0],
-            self.time,
-            self._frame_axis,
-            *self._basis(self._greville),
-            self._pose_points,
-            out,
-        )
+        points = self.control_points
+        reference = np.array(self._frame_reference())
+        columns, values, slopes = self._basis(self._greville)
+        control_poses(points, columns, values, slopes, reference, out)
 
     def energy(self) -> Energy:
         """Energies of the present state."""
-        parts = potentials(self._state.position, self._model.terms, self._work)
-        out = np.zeros_like(self._state.w)
-        velocities(self._state.w, self._model.terms, self.time, out)
-        kinetic = kinetic_energy(out, self._model.terms.mass, self._model.n)
-        return Energy(kinetic, *parts)
+        e = dict(zip(layout.ENERGIES, self._cable.potentials().tolist(), strict=True))
+        return Energy(
+            kinetic=self._cable.kinetic(self._cable.velocities(self.time)),
+            stretch=e["stretch"],
+            bend=e["bend"] + e["plasticity"],
+            twist=e["twist"] + e["torsion"],
+            gravity=e["gravity"],
+            spring=e["spring"],
+        )
 
     @property
     def undefined_torsion(self) -> UndefinedTorsion:
         """Where the Frenet torsion was undefined in the run so far."""
-        return optional_terms.undefined_torsion(self._model.terms, self._state.ledger)
+        return optional_terms.undefined_torsion(self.scene, self._cable)
 
     @property
     def plastic_work(self) -> float:
         """Energy [J] that plastic bending has dissipated since the start."""
-        return float(self._state.ledger[layout.PLASTIC_WORK])
+        return self._cable.entry(layout.PLASTIC_WORK)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -194,12 +190,12 @@ class CableView:
     @property
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
-        ledger = self._state.ledger
-        worst, exchanged = ledger[layout.ENERGY_ERROR], ledger[layout.EXCHANGED]
+        cable = self._cable
+        worst, exchanged = cable.entry(layout.ENERGY_ERROR), cable.entry(layout.EXCHANGED)
         if not self._stepper.looked_at(self._steps):
-            error, present = balance(self._model, self._state, self._work)
+            error, present = cable.balance()
             worst, exchanged = max(worst, error), max(exchanged, present)
-        return float(worst / max(exchanged, ledger[layout.FLOOR]))
+        return worst / max(exchanged, cable.entry(layout.FLOOR))
 
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
@@ -216,15 +212,7 @@ class CableView:
 
     def reaction_wrench(self, end: str) -> Wrench:
         """`reaction` as six plain numbers: force, then moment."""
-        return reaction(
-            self._model,
-            self._state,
-            self._work,
-            self._solver,
-            self.time,
-            end,
-            self._stepper.chain,
-        )
+        return reaction(self._cable, self.time, end, self._stepper.family == CONSTRAINED)
 
     # -- inside ---------------------------------------------------------------------------------
 
@@ -252,7 +240,7 @@ def _coordinates(u: ArrayLike) -> Array:
 
 
 def _writable(out: object, shape: tuple[int, int]) -> bool:
-    """Whether kernels can write doubles into an array of this shape."""
+    """Whether compiled functions can write doubles into an array of this shape."""
     if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float64:
         return False
     return bool(out.flags.c_contiguous and out.flags.writeable)

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.kernels import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.selection import safe_share
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.simulation.workspace import new_recorder
 from dlo_sim.tuning.setting import Setting
 
 Array = NDArray[np.float64]
@@ -99,20 +98,18 @@ class Trial:
 def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIMED) -> Trial:
     """Run a setting on a job, look at the motion, then time the same steps without looking.
 
-    No time contains what is compiled, in the constructor or once an end moves. A setting that the
-    scene refuses and a run that fails give a trial with a message.
+    A setting that the scene refuses and a run that fails give a trial with a message.
     """
     try:
         simulator = Simulator(setting.applied(job.scene))
     except SceneError as refusal:
         nothing = np.zeros((0, len(job.u), 3))
         return Trial(setting, setting.step, 0, 0, nothing, str(refusal))
-    recorder = _recorder(simulator, job)
-    began = time.perf_counter() - simulator.compile_seconds
+    recorder = Recorder(simulator.model, job.times)
+    recorder.put(simulator.cable, simulator.energy().total)
+    began = time.perf_counter()
     report, used = _run(simulator, job, recorder)
-    took = time.perf_counter() - began - simulator.compile_seconds
-    count = min(int(recorder.next[0]), len(job.times))
-    columns = simulator.model.to_columns(recorder.positions[:count])
+    took = time.perf_counter() - began
     u = np.asarray(job.u) * job.scene.cable.length
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     result = Trial(
@@ -120,7 +117,7 @@ def attempt(job: Job, setting: Setting, timed: bool = True, budget: float = TIME
         simulator.step,
         simulator.steps,
         used,
-        basis @ columns[:, :, :3],
+        basis @ recorder.control_points[:, :, :3],
         "" if report.status.ok else report.message,
         energy_error=simulator.energy_error,
         first=took / max(simulator.time, 1e-300),
@@ -194,14 +191,7 @@ def farthest(points: Array, truth: Array) -> float:
     return float(np.linalg.norm(points - truth, axis=2).max())
 
 
-def _recorder(simulator: Simulator, job: Job) -> layout.Recorder:
-    recorder = new_recorder(simulator.model, job.times)
-    recorder.positions[0] = simulator.model.to_rows(simulator.control_points)
-    recorder.next[0] = 1
-    return recorder
-
-
-def _run(simulator: Simulator, job: Job, recorder: layout.Recorder | None) -> tuple[Report, int]:
+def _run(simulator: Simulator, job: Job, recorder: Recorder | None) -> tuple[Report, int]:
     """Step over the job; the last report and all force evaluations."""
     total = int(np.ceil(job.duration / simulator.step - 1e-9))
     used = 0

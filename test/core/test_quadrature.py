@@ -17,7 +17,7 @@ def places(rule):
 @pytest.mark.parametrize("points", [1, 2, 3, 4, 10])
 @pytest.mark.parametrize("n_spans", [1, 2, 9])
 def test_gauss_is_exact_to_its_degree_and_no_further(n_spans, points):
-    rule = quadrature.gauss(n_spans, LENGTH, points)
+    rule = quadrature.gauss(np.linspace(0.0, LENGTH, n_spans + 1), points)
     assert rule.samples == n_spans * points
     assert rule.weights.sum() == pytest.approx(LENGTH, rel=1e-14)
     u = places(rule)
@@ -34,7 +34,7 @@ def test_gauss_is_exact_to_its_degree_and_no_further(n_spans, points):
     ("n_spans", "samples"), [(1, 2), (3, 7), (6, 101), (9, 10), (8, 8), (17, 4)]
 )
 def test_uniform_is_the_trapezoidal_rule_on_equal_steps(n_spans, samples):
-    rule = quadrature.uniform(n_spans, LENGTH, samples)
+    rule = quadrature.uniform(np.linspace(0.0, LENGTH, n_spans + 1), samples)
     used = rule.weights > 0
     u = np.sort(places(rule)[used])
     assert rule.samples == samples == used.sum()
@@ -48,7 +48,7 @@ def test_uniform_is_the_trapezoidal_rule_on_equal_steps(n_spans, samples):
 
 def test_a_sample_on_a_knot_counts_once_with_its_whole_weight():
     """Seven samples on three spans: every knot carries one."""
-    rule = quadrature.uniform(3, LENGTH, 7)
+    rule = quadrature.uniform(np.linspace(0.0, LENGTH, 4), 7)
     step = LENGTH / 6
     assert rule.weights.shape == (3, 3)
     assert np.allclose(rule.xi, [[-1, 0, 0], [-1, 0, 0], [-1, 0, 1]], atol=1e-15)
@@ -59,7 +59,7 @@ def test_a_sample_on_a_knot_counts_once_with_its_whole_weight():
 def test_knots_are_found_at_every_size():
     """samples = 10 spans + 1: each inner knot belongs to the span on its right, at xi = -1."""
     for n_spans in range(1, 60):
-        rule = quadrature.uniform(n_spans, LENGTH, 10 * n_spans + 1)
+        rule = quadrature.uniform(np.linspace(0.0, LENGTH, n_spans + 1), 10 * n_spans + 1)
         count = (rule.weights > 0).sum(axis=1)
         assert list(count) == [10] * (n_spans - 1) + [11]
         assert np.allclose(rule.xi[:, 0], -1.0, atol=1e-12)
@@ -67,4 +67,4 @@ def test_knots_are_found_at_every_size():
 
 def test_a_single_uniform_sample_is_refused():
     with pytest.raises(ValueError, match="at least 2 samples, got 1"):
-        quadrature.uniform(3, LENGTH, 1)
+        quadrature.uniform(np.linspace(0.0, LENGTH, 4), 1)

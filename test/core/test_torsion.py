@@ -8,7 +8,7 @@ from dlo_sim.core import bspline, quadrature, torsion
 
 N, LENGTH, GJ, FLOOR = 9, 2.0, 0.04, 0.3
 KNOTS = bspline.clamped_knots(N, LENGTH)
-RULE = quadrature.gauss(N - 3, LENGTH, 3)
+RULE = quadrature.gauss(np.linspace(0.0, LENGTH, N - 2), 3)
 GREVILLE = bspline.greville(KNOTS)
 
 

@@ -7,7 +7,7 @@ import pytest
 from cables import SOFT, simulator
 
 from dlo_sim import EndMotion, Simulator
-from dlo_sim.simulation.workspace import new_recorder
+from dlo_sim.simulation.recorder import Recorder
 
 NAN, INF = float("nan"), float("inf")
 EMPTY, NEGATIVE, HUGE = {}, -1.5, 1e300
@@ -75,7 +75,7 @@ CALLS = {
     "reaction": [(lambda sim, x: sim.reaction(x), "end", ())],
     "reaction_wrench": [(lambda sim, x: sim.reaction_wrench(x), "end", ())],
 }
-WITHOUT_ARGUMENTS = {"energy", "make_ready", "reset", "snapshot"}
+WITHOUT_ARGUMENTS = {"energy", "reset", "snapshot"}
 
 
 @pytest.fixture(scope="module")
@@ -86,9 +86,9 @@ def moving():
 
 
 def everything(sim):
-    arrays = (*sim.state, *(np.concatenate(sim.end_pose(end)) for end in ("start", "end")))
-    loads = sim.model.terms.loads
-    return sim.time, sim.active_terms, [a.tobytes() for a in (*arrays, loads.force, loads.torque)]
+    poses = [np.concatenate(sim.end_pose(end)) for end in ("start", "end")]
+    arrays = (sim.cable.state, sim.cable.inputs, *poses)
+    return sim.time, sim.active_terms, [array.tobytes() for array in arrays]
 
 
 @pytest.mark.parametrize("method", CALLS)
@@ -114,17 +114,17 @@ def test_no_method_is_left_out():
     assert public | {"__init__"} == set(CALLS) | WITHOUT_ARGUMENTS
 
 
-def test_arrays_that_kernels_write_are_of_the_model(moving):
+def test_arrays_that_compiled_functions_write_are_of_the_model(moving):
     before = everything(moving)
     other = simulator(SOFT, n=7, method="velocity_verlet")
     for call in (
-        lambda: moving.advance_steps(1, new_recorder(other.model, np.zeros(1))),
+        lambda: moving.advance_steps(1, Recorder(other.model, np.zeros(1))),
         lambda: moving.control_poses(np.zeros((6, 7), dtype=np.float32)),
         lambda: moving.control_poses(np.zeros((7, 6)).T),
         lambda: moving.control_poses(np.broadcast_to(np.zeros(7), (6, 7))),
     ):
         with pytest.raises(
-            (TypeError, ValueError), match=r"recorder: has room|out: needs np.empty"
+            (TypeError, ValueError), match=r"recorder: is of another|out: needs np.empty"
         ):
             call()
     assert everything(moving) == before

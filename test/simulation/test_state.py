@@ -209,7 +209,7 @@ def test_a_step_that_gains_energy_is_done_in_smaller_ones(monkeypatch):
 
     sim, pieces, without = jumping(), jumping(), jumping()
     assert sim.advance_steps(20).steps == 20
-    assert sim.energy_error < 0.3
+    assert sim.energy_error < 0.4
     for _ in range(20):
         assert pieces.advance_steps(1).status.ok
     assert same(everything(sim), everything(pieces))
@@ -247,7 +247,7 @@ def test_a_step_that_cannot_be_solved_keeps_the_state():
 
 
 def test_a_step_that_is_solved_in_part_keeps_the_state_before_it(monkeypatch):
-    monkeypatch.setattr("dlo_sim.simulation.stepper.MAX_HALVINGS", 1)
+    monkeypatch.setattr("dlo_sim.methods.implicit.MAX_HALVINGS", 1)
     values = {"loads.tip.signal": "sine", "terms.out_of_plane": "on"}
     force = {"loads.tip.force": [0.0, 0.0, 10**0.25]}
     sim = simulator(SOFT, values, force, n=12, method="energy_momentum", step=0.1)

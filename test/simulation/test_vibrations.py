@@ -6,6 +6,7 @@ from cables import FLAT, FREE, FULL, SOFT, Bench, set_state, simulator, straight
 
 from dlo_sim.core import bspline, mass
 from dlo_sim.core.damping import damping_ratio
+from dlo_sim.engine import layout
 
 EA, EI, GJ, MU, LENGTH = 60.0, 0.02, 0.015, 0.1, 1.0  # of the scene SOFT
 PINNED = {"start.clamped": False, "end.fixed": [True, True, True]}
@@ -15,15 +16,16 @@ ZEROS = (2.40482556, 5.52007811, 8.65372791)  # of the Bessel function J0
 
 def modes(bench, axis, points=None):
     """Natural frequencies [rad/s], ascending, and shapes (n, k), of motion along one axis."""
-    free = bench.free[:, axis]
     points = straight(bench) if points is None else points
-    stiffness = bench.stiffness(points).reshape(bench.n, 3, bench.n, 3)[:, axis, :, axis]
-    inertia = bench.mass().reshape(bench.n, bench.rows, bench.n, bench.rows)[:, axis, :, axis]
-    factor = np.linalg.inv(np.linalg.cholesky(inertia[np.ix_(free, free)]))
-    values, vectors = np.linalg.eigh(factor @ stiffness[np.ix_(free, free)] @ factor.T)
-    shapes = np.zeros((bench.n, free.sum()))
-    shapes[free] = factor.T @ vectors
-    return np.sqrt(np.abs(values)), shapes
+    n, dim, line = bench.n, len(bench.axes), bench.axes.index(axis)
+    stiffness = bench.stiffness(points).reshape(n, dim, n, dim)[:, line, :, line]
+    free = bench.free_motions(0.0).reshape(n, bench.model.lines, -1)[:, line]
+    basis, sizes, _ = np.linalg.svd(free)
+    basis = basis[:, : int((sizes > 1e-9 * sizes[0]).sum())] if len(sizes) else np.eye(n)
+    inertia = mass.dense(bench.model.band(layout.MASS, line))
+    factor = np.linalg.inv(np.linalg.cholesky(basis.T @ inertia @ basis))
+    values, vectors = np.linalg.eigh(factor @ basis.T @ stiffness @ basis @ factor.T)
+    return np.sqrt(np.abs(values)), basis @ factor.T @ vectors
 
 
 def relative_errors(values, exact, axis, counts, mode=0):

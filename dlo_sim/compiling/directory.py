@@ -1,0 +1,215 @@
+"""Where machine code is kept, and who is trusted with it.
+
+Loading machine code means running it, so it is only loaded from where nobody but this user and root
+could have put it (`trust_problem`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import logging
+import os
+import pickle
+import platform
+import stat
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import llvmlite
+import numba
+from llvmlite.binding import get_host_cpu_name
+from numba import config
+
+LOGGER = "dlo_sim.compiling"
+COMPILED_ROOMS = ("compiling", "engine", "methods", "terms")
+
+_log = logging.getLogger(LOGGER)
+_said: set[str] = set()
+_turn = threading.RLock()  # numba's setting is process-wide
+_SEAL = hashlib.sha256().digest_size
+
+
+def base_directory() -> Path:
+    """The user's directory of machine code of every version, without symbolic links."""
+    base = os.environ.get("DLO_SIM_CACHE") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return (Path(base).expanduser() / "dlo_sim").resolve()
+
+
+@functools.cache
+def digest() -> str:
+    """Of the sources of all compiled functions and their place, the compiler and the machine.
+
+    numba looks only at the file of the function itself; one that calls another file's function
+    would go stale after an upgrade. It looks at the file's place too: two installations would go on
+    replacing each other's.
+    """
+    found = hashlib.sha256()
+    root = Path(__file__).parents[1]
+    versions = numba.__version__, llvmlite.__version__, platform.python_version()
+    for part in (*versions, platform.machine(), get_host_cpu_name(), config.OPT, root):
+        found.update(f"{part}\n".encode())
+    for source in sorted(path for room in COMPILED_ROOMS for path in (root / room).glob("*.py")):
+        found.update(f"{source.parent.name}/{source.name}\n".encode())
+        found.update(hashlib.sha256(source.read_bytes()).digest())
+    return found.hexdigest()[:16]
+
+
+def trust_problem(path: Path) -> str:
+    """Why another user could have put machine code there; an empty string if none could.
+
+    The path, which holds no symbolic links, and every directory above it must belong to root or to
+    this user, and no other user may write to them. Hence a directory that root made is trusted,
+    such as that of an image, and one of another user is not. Two exceptions:
+    - a directory above may be writable by everyone if it is sticky, as /tmp is: nobody can replace
+      another user's entries there;
+    - a group may write if it is the owner's private group (`_private`), a common default.
+
+    Access lists are not read. An entry that lets another user write appears in the mode as write
+    permission of the group, so it goes unnoticed where the group is the owner's private one.
+    """
+    if not hasattr(os, "geteuid"):  # a system without modes: home directories are protected
+        return ""
+    holds_directory = False
+    for place in (path, *path.parents):
+        try:
+            status = place.lstat()
+        except OSError as error:
+            return f"{place} cannot be inspected ({error.strerror})"
+        mode = status.st_mode
+        if status.st_uid not in (0, os.geteuid()):
+            return f"{place} belongs to another user (uid {status.st_uid})"
+        by_group = mode & stat.S_IWGRP and not _private(status.st_uid, status.st_gid)
+        sticky = holds_directory and mode & stat.S_ISVTX
+        if (by_group or mode & stat.S_IWOTH) and not sticky:
+            return f"others may write to {place} (mode {stat.S_IMODE(mode):04o})"
+        holds_directory = stat.S_ISDIR(mode)
+    return ""
+
+
+@functools.cache
+def _private(user: int, group: int) -> bool:
+    """Whether a group is a user's private one: it has the user's name, and the system lists no
+    other user in it, nor one whose primary group it is."""
+    import grp
+    import pwd
+
+    try:
+        name, found = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
+    except KeyError:
+        return False
+    primary = {entry.pw_name for entry in pwd.getpwall() if entry.pw_gid == group}
+    return found.gr_name == name and primary.union(found.gr_mem) <= {name}
+
+
+@contextlib.contextmanager
+def kept(name: str) -> Iterator[None]:
+    """Inside, numba finds the machine code kept under this name; new machine code is kept.
+
+    numba itself sees only a new, private directory: what is kept is one file, put there whole and
+    read only if it is trusted and its checksum agrees. Whatever else is there is compiled again and
+    replaced. Its setting is process-wide and belongs to the user, so it is put back.
+    """
+    path = base_directory() / digest() / name
+    with _turn, tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        found = _read(path)
+        for relative, content in found.items():
+            (folder / relative).parent.mkdir(exist_ok=True)
+            (folder / relative).write_bytes(content)
+        if not found:
+            _say(path.parent)
+        before = config.CACHE_DIR
+        config.CACHE_DIR = place
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before
+        files = [file for file in folder.rglob("*") if file.is_file()]
+        made = {str(file.relative_to(folder)): file.read_bytes() for file in files}
+        if made != found and not _obstacle(path.parent):
+            with contextlib.suppress(OSError):  # the disk may have become full
+                _write(path, made)
+
+
+class _Telling(logging.Handler):
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        super().__init__()
+        self._tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._tell(record.getMessage())
+
+
+@contextlib.contextmanager
+def compiling_told_to(tell: Callable[[str], object]) -> Iterator[None]:
+    """Inside, `tell` gets the line that says that something is compiled."""
+    handler = _Telling(tell)
+    level = _log.level
+    _log.addHandler(handler)
+    _log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        _log.removeHandler(handler)
+        _log.setLevel(level)
+
+
+def _read(path: Path) -> dict[str, bytes]:
+    """The files kept in one; none if it is missing, damaged or another user could have put it."""
+    try:
+        if trust_problem(path):
+            return {}
+        content = path.read_bytes()
+    except OSError:
+        return {}
+    seal, data = content[:_SEAL], content[_SEAL:]
+    if hashlib.sha256(data).digest() != seal:
+        return {}
+    files: dict[str, bytes] = pickle.loads(data)
+    return files
+
+
+def _write(path: Path, files: dict[str, bytes]) -> None:
+    """Keep files in one that is whole or absent, for this user to write and for all to read.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    data = pickle.dumps(files)
+    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as partial:
+        try:
+            partial.write(hashlib.sha256(data).digest() + data)
+            partial.flush()
+            os.chmod(partial.name, 0o644)
+            os.replace(partial.name, path)
+        except BaseException:
+            os.unlink(partial.name)
+            raise
+
+
+def _obstacle(directory: Path) -> str:
+    """Why nothing can be kept in a directory, which is made if it is missing; empty if it can."""
+    try:
+        for place in (*reversed(directory.parents), directory):
+            place.mkdir(mode=0o755, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        return f"{directory} cannot be written ({error.strerror})"
+    return trust_problem(directory)
+
+
+def _say(directory: Path) -> None:
+    """Say, once per process, that something is compiled, and why every start will if so."""
+    obstacle = _obstacle(directory)
+    told, level = f"once per installation, some 10 s, kept in {directory.parent}", logging.INFO
+    if obstacle:
+        told = f"at every start: {obstacle}; set DLO_SIM_CACHE to a directory of your own"
+        level = logging.WARNING
+    if told not in _said:
+        _said.add(told)
+        _log.log(level, "compiling, %s", told)

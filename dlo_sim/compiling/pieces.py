@@ -1,0 +1,100 @@
+"""How functions become machine code: once per installation, whatever the scene.
+
+A `part` is compiled into the functions that call it. A `Piece` has a signature of arrays and
+numbers, is compiled at its first use, and kept on disk; loops take pieces as arguments, so that
+their machine code does not contain that of the pieces again. Terms that a scene lacks are skipped
+at run time by the bits of `engine.layout.TERMS`: a predictable branch per eight spans.
+
+Settings: error_model numpy (a division by zero gives inf, which the guards see, not an exception);
+fastmath {contract} (fused multiply-add only; NaN and the order of sums keep their meaning).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numba import config, njit, types
+from numba.core.errors import NumbaExperimentalFeatureWarning
+
+from dlo_sim.compiling.directory import kept
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+
+REALS = types.Array(types.float64, 1, "C")
+WHOLES = types.Array(types.int64, 1, "C")
+MATRIX = types.Array(types.float64, 2, "C")
+STRIDED = types.Array(types.float64, 2, "A")
+STRIDED_WHOLES = types.Array(types.int64, 2, "A")
+NUMBERS = types.CPointer(types.float64)
+TABLE = types.CPointer(types.int64)
+REAL = types.float64
+WHOLE = types.int64
+NOTHING = types.void
+TRUTH = types.boolean
+COUNTS = types.UniTuple(types.int64, 3)
+
+# It is issued wherever functions of a fixed signature are arguments, at run time too.
+warnings.filterwarnings("ignore", "First-class function", NumbaExperimentalFeatureWarning)
+
+part: Callable[[F], F] = njit(**_OPTIONS)
+
+
+class Piece:
+    """A compiled function of a fixed signature.
+
+    Attributes:
+        kind: its type, for signatures of functions that take it as an argument.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+        self.__doc__ = function.__doc__
+        self.function = function
+        self.kind = types.FunctionType(signature)
+        self._signature = signature
+        self._code: Callable[..., Any] | None = None
+
+    @property
+    def code(self) -> Callable[..., Any]:
+        """The machine code, compiled or read from disk at its first use."""
+        if self._code is None:
+            if config.DISABLE_JIT:
+                self._code = self.function
+            else:
+                self._code = self._compiled()
+        return self._code
+
+    def _compiled(self) -> Callable[..., Any]:
+        function = self.function
+        try:
+            with kept(f"{function.__module__}.{function.__qualname__}"):
+                return njit(self._signature, cache=True, **_OPTIONS)(function)
+        except OSError:  # no room for files, not even for a moment
+            return njit(self._signature, **_OPTIONS)(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the machine code."""
+        return self.code(*arguments)
+
+
+def piece(result: Any, *arguments: Any) -> Callable[[Callable[..., Any]], Piece]:
+    """Make a function a piece; arguments that are pieces are named by themselves."""
+    found = types.Tuple(result) if isinstance(result, tuple) else result
+    return lambda function: Piece(function, found(*[_kind(given) for given in arguments]))
+
+
+def _kind(given: Any) -> Any:
+    if isinstance(given, tuple):
+        # numba 0.58 takes a tuple that begins with a function for one of like functions.
+        return types.Tuple([types.int64, *[_kind(one) for one in given]])
+    return given.kind if isinstance(given, Piece) else given
+
+
+def code_of(given: Any) -> Any:
+    """Machine code of a piece; of a tuple of pieces their number, then that of each."""
+    if isinstance(given, tuple):
+        return len(given), *[code_of(one) for one in given]
+    return given.code

@@ -1,0 +1,271 @@
+"""The linear system of one cable: band matrix over all spatial unknowns, what is held in it, LU.
+
+Unknown (control point i, line d) has index i dim + d; storage as in `engine.tangent`. A control
+point that a clamp holds across its tangent is turned into the frame of the clamp, tangent first:
+its rows by the directions along which the force of the clamp acts, its columns by those that its
+end has. What is held is then held unknown by unknown.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, load, store
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.layout import (
+    DIM,
+    DIRECTION_ROWS,
+    HELD,
+    LINE,
+    MARGIN,
+    SPRING,
+    SPRING_ROWS,
+    SPRINGS,
+    N,
+)
+from dlo_sim.engine.tables import is_twist, line_of, own_of, point_of, spring_first, spring_line
+
+PADDING = 16  # zeros before and behind a vector of all unknowns
+
+
+@part
+def width_of(dim):
+    """Entries of a row of the matrix: 8 dim - 1 and zeros, whole vectors."""
+    return 16 if dim == 2 else 32
+
+
+@part
+def clear_band(shape, band):
+    """band = 0."""
+    for at in range(shape[N] * shape[DIM] * width_of(shape[DIM])):
+        band[at] = 0.0
+
+
+@part
+def add_lines(shape, model, matrix, scale, band):
+    """band += scale times a matrix of seven lines, the same on every spatial line."""
+    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    half, row = 4 * dim - 1, width_of(dim)
+    for k in range(7):
+        for i in range(max(3 - k, 0), min(n, n + 3 - k)):
+            value = scale * model[matrix + k * width + MARGIN + i]
+            for d in range(dim):
+                band[(i * dim + d) * row + (k - 3) * dim + half] += value
+
+
+@part
+def add_springs(shape, model, scale, band):
+    """band += scale times the stiffness of the springs."""
+    dim = shape[DIM]
+    half = 4 * dim - 1
+    for s in range(shape[SPRINGS]):
+        at = shape[SPRING] + SPRING_ROWS * LANES * s
+        first = spring_first(shape, s)
+        line = spring_line(shape, s)
+        for k in range(4):
+            for other in range(4):
+                value = model[at + k * LANES] * model[at + other * LANES]
+                to = ((first + k) * dim + line) * width_of(dim) + (other - k) * dim + half
+                band[to] += scale * model[at + 4 * LANES] * value
+
+
+@part
+def own_point(shape, k):
+    """Control point that row k holds, -1 if there is none or if it is of the twist."""
+    point = point_of(shape, k)
+    if is_twist(shape, point) == 1:
+        return -1
+    return own_of(shape, point)
+
+
+@part
+def frame_of(shape, k, directions):
+    """Tangent, and one or two directions across, of the clamp whose rows begin at k."""
+    at = DIRECTION_ROWS * LANES * k
+    if shape[DIM] == 2:
+        c0, c1 = directions[at], directions[at + LANES]
+        return (c1, -c0, 0.0), (c0, c1, 0.0), (0.0, 0.0, 1.0)
+    a = directions[at], directions[at + LANES], directions[at + 2 * LANES]
+    at += DIRECTION_ROWS * LANES
+    b = directions[at], directions[at + LANES], directions[at + 2 * LANES]
+    t = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return t, a, b
+
+
+@part
+def clamps_here(shape, k):
+    """Whether the rows of a clamp of a control point of its own begin at k."""
+    if line_of(shape, k) >= 0 or own_point(shape, k) < 0:
+        return False
+    if k == 0 or shape[DIM] == 2:
+        return True
+    same = point_of(shape, k - 1) == point_of(shape, k)
+    return not same
+
+
+@part
+def into_frame(f, v0, v1, v2):
+    """Components of a vector in a frame."""
+    return (
+        f[0][0] * v0 + f[0][1] * v1 + f[0][2] * v2,
+        f[1][0] * v0 + f[1][1] * v1 + f[1][2] * v2,
+        f[2][0] * v0 + f[2][1] * v1 + f[2][2] * v2,
+    )
+
+
+@part
+def out_of_frame(f, v0, v1, v2):
+    """A vector from its components in a frame."""
+    return (
+        f[0][0] * v0 + f[1][0] * v1 + f[2][0] * v2,
+        f[0][1] * v0 + f[1][1] * v1 + f[2][1] * v2,
+        f[0][2] * v0 + f[1][2] * v1 + f[2][2] * v2,
+    )
+
+
+@part
+def turn_entries(dim, f, inward, numbers, at, apart):
+    """Turn dim numbers, `apart` from each other, into a frame or out of it."""
+    v0, v1 = numbers[at], numbers[at + apart]
+    v2 = numbers[at + 2 * apart] if dim == 3 else 0.0
+    u = into_frame(f, v0, v1, v2) if inward else out_of_frame(f, v0, v1, v2)
+    numbers[at] = u[0]
+    numbers[at + apart] = u[1]
+    if dim == 3:
+        numbers[at + 2 * apart] = u[2]
+
+
+@part
+def turn_vector(shape, directions, inward, numbers):
+    """Turn a vector of all unknowns into the frames of the clamps, or back."""
+    dim = shape[DIM]
+    for k in range(shape[HELD]):
+        if clamps_here(shape, k):
+            f = frame_of(shape, k, directions)
+            turn_entries(dim, f, inward, numbers, own_point(shape, k) * dim, 1)
+
+
+@part
+def hold(shape, rows, columns, band):
+    """Turn the matrix into the frames of the clamps, and the equations of what is held into 'no
+    change' (their residual is 0 already). `rows`, `columns`: directions of the held rows.
+    """
+    dim, n = shape[DIM], shape[N]
+    half, width = 4 * dim - 1, width_of(dim)
+    for k in range(shape[HELD]):
+        if clamps_here(shape, k):
+            i = own_point(shape, k)
+            low, high = max(i - 3, 0) * dim, min(i + 4, n) * dim
+            f, g = frame_of(shape, k, rows), frame_of(shape, k, columns)
+            for c in range(low, high):
+                turn_entries(dim, f, True, band, i * dim * width + c - i * dim + half, width - 1)
+            for r in range(low, high):
+                turn_entries(dim, g, True, band, r * width + i * dim - r + half, 1)
+            for d in range(1, dim):
+                hold_unknown(dim, i * dim + d, band)
+    for k in range(shape[HELD]):
+        line = line_of(shape, k)
+        if 0 <= line < dim and own_point(shape, k) >= 0:
+            hold_unknown(dim, own_point(shape, k) * dim + line, band)
+
+
+@part
+def hold_unknown(dim, r, band):
+    """Equation r: no change."""
+    row = r * width_of(dim)
+    for c in range(8 * dim):
+        band[row + c] = 0.0
+    band[row + 4 * dim - 1] = 1.0
+
+
+@part
+def clear_held(shape, numbers):
+    """Set the entries of what is held to zero; the vector is in the frames of the clamps."""
+    dim = shape[DIM]
+    for k in range(shape[HELD]):
+        i = own_point(shape, k)
+        line = line_of(shape, k)
+        if i < 0 or line == dim:
+            continue
+        if line >= 0:
+            numbers[i * dim + line] = 0.0
+        elif clamps_here(shape, k):
+            for d in range(1, dim):
+                numbers[i * dim + d] = 0.0
+
+
+@part
+def eliminate(band, size, dim):
+    """LU in place without pivoting; false if a pivot vanishes or is not finite.
+
+    The matrix is inertia plus stiffness; where it is not close to positive definite the step is too
+    long anyway and is retried shorter. Rows are worked on in whole vectors: beyond the matrix there
+    are zeros.
+    """
+    half, width = 4 * dim - 1, width_of(dim)
+    for r in range(size):
+        at = r * width + half
+        pivot = band[at]
+        if not abs(pivot) > 0.0 or pivot - pivot != 0.0:
+            return False
+        inverse = 1.0 / pivot
+        band[at] = inverse
+        near, far = load(band, at + 1), load(band, at + 1)
+        if dim > 2:
+            far = load(band, at + 1 + LANES)
+        for below in range(1, min(half, size - 1 - r) + 1):
+            to = (r + below) * width + half - below
+            factor = band[to] * inverse
+            band[to] = factor
+            store(band, to + 1, load(band, to + 1) - factor * near)
+            if dim > 2:
+                store(band, to + 1 + LANES, load(band, to + 1 + LANES) - factor * far)
+    return True
+
+
+@part
+def substitute(band, size, dim, x):
+    """Solve with the factors of `eliminate`, in place.
+
+    Before and behind x stand `PADDING` zeros each, so that all sums have a length that the compiler
+    knows.
+    """
+    if dim == 2:
+        substitute_rows(band, size, 7, 16, x)
+    elif dim == 3:
+        substitute_rows(band, size, 11, 32, x)
+    else:
+        substitute_rows(band, size, 15, 32, x)
+
+
+@part
+def substitute_rows(band, size, half, width, x):
+    """`substitute` for one half bandwidth and width.
+
+    Every sum ends with the newest unknown, so that the rest of it is done while that one is being
+    computed.
+    """
+    for r in range(size):
+        at, value = r * width, x[r]
+        for k in range(half):
+            value -= band[at + k] * x[r - half + k]
+        x[r] = value
+    for r in range(size - 1, -1, -1):
+        at, value = r * width + half, x[r]
+        for k in range(half, 0, -1):
+            value -= band[at + k] * x[r + k]
+        x[r] = value * band[at]
+
+
+@part
+def substitute_eight(band, size, dim, x):
+    """`substitute` for eight right-hand sides."""
+    half, width = 4 * dim - 1, width_of(dim)
+    for r in range(size):
+        value = load(x, r * LANES)
+        for k in range(max(half - r, 0), half):
+            value -= band[r * width + k] * load(x, (r - half + k) * LANES)
+        store(x, r * LANES, value)
+    for r in range(size - 1, -1, -1):
+        value = load(x, r * LANES)
+        for k in range(min(half, size - 1 - r), 0, -1):
+            value -= band[r * width + half + k] * load(x, (r + k) * LANES)
+        store(x, r * LANES, value * band[r * width + half])

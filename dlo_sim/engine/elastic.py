@@ -1,0 +1,254 @@
+"""Assembly of what the terms are: through the samples of every span, eight spans at a time.
+
+It forms t = r' and k = r'' at a sample, asks the terms for the derivatives of their densities, and
+gathers them on the control points. It knows the terms only by their bits; planar and spatial
+cables, one cable and eight side by side are one code.
+
+Stretching by span: a span that is bent cannot keep |r'| = 1 at all of its samples, and a thin
+cable, a million times stiffer along itself than across, would rather not bend at all (membrane
+locking). So the strain counts by its projection on one number a span, and on a linear function in
+the first and the last: n - 1 numbers, as many as r' has degrees of freedom along a straight cable.
+With m = 1/h integral eps du, l = 1/h integral eps xi du, f = 3 where linear, else 0, the energy is
+EA h/2 (m^2 + f l^2) and the strain that counts at a sample m + f xi l.
+
+Source: assumed natural strains, Bucalem & Bathe 1993, Int. J. Numer. Meth. Eng. 36, 3729-3754; for
+splines the B-bar projection of Elguedj et al. 2008, Comput. Methods Appl. Mech. Eng. 197,
+2732-2762.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, load, store, zero
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.layout import (
+    AXIAL,
+    BEND,
+    BENDING,
+    BLOCKS,
+    CURVED,
+    DIM,
+    HEAD,
+    LINE,
+    LINEAR,
+    MARGIN,
+    MESH,
+    NATURAL,
+    NATURAL_ROWS,
+    PADDING,
+    QUADRATURE,
+    SAMPLE,
+    SAMPLES,
+    SHARE,
+    SLOPE,
+    SPAN_STRETCH,
+    STRETCH,
+    STRIDE,
+    TERMS,
+    XI,
+)
+from dlo_sim.terms import bend, natural_curvature, stretch
+
+
+@part
+def block_of(shape, b):
+    """Offset of block b of the mesh."""
+    return shape[MESH] + b * (HEAD + SAMPLE * shape[SAMPLES]) * LANES
+
+
+@part
+def sample_of(block, j):
+    """Offset of sample j of a block."""
+    return block + (HEAD + SAMPLE * j) * LANES
+
+
+@part
+def coefficients(x, at, stride, model, block):
+    """A, B, C of one line of r' (or theta') on the spans of a block."""
+    q0, q1 = load(x, at), load(x, at + stride)
+    q2, q3 = load(x, at + 2 * stride), load(x, at + 3 * stride)
+    row = block
+    a = load(model, row) * q0 + load(model, row + 3 * LANES) * q1
+    a += load(model, row + 6 * LANES) * q2 + load(model, row + 9 * LANES) * q3
+    row += LANES
+    b = load(model, row) * q0 + load(model, row + 3 * LANES) * q1
+    b += load(model, row + 6 * LANES) * q2 + load(model, row + 9 * LANES) * q3
+    row += LANES
+    c = load(model, row) * q0 + load(model, row + 3 * LANES) * q1
+    c += load(model, row + 6 * LANES) * q2 + load(model, row + 9 * LANES) * q3
+    return a, b, c
+
+
+@part
+def curve(shape, model, x, b, straight):
+    """A, B, C of all spatial lines; `straight` times a unit tangent where there is no span."""
+    at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
+    block = block_of(shape, b)
+    p0 = coefficients(x, at, stride, model, block)
+    p0 = p0[0] + straight * load(model, block + PADDING * LANES), p0[1], p0[2]
+    p1 = coefficients(x, at + width, stride, model, block)
+    p2 = zero(), zero(), zero()
+    if shape[DIM] == 3:
+        p2 = coefficients(x, at + 2 * width, stride, model, block)
+    return p0, p1, p2
+
+
+@part
+def tangent_at(p, xi):
+    """t = r' at a local coordinate."""
+    return (
+        p[0][0] + xi * (p[0][1] + xi * p[0][2]),
+        p[1][0] + xi * (p[1][1] + xi * p[1][2]),
+        p[2][0] + xi * (p[2][1] + xi * p[2][2]),
+    )
+
+
+@part
+def bending_at(p, xi, slope):
+    """k = r'' at a local coordinate."""
+    two = 2.0 * xi
+    return (
+        slope * (p[0][1] + two * p[0][2]),
+        slope * (p[1][1] + two * p[1][2]),
+        slope * (p[2][1] + two * p[2][2]),
+    )
+
+
+@part
+def dot(a, b):
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@part
+def gathered_sample(g, on_t, on_k, xi):
+    """Gradient on A, B, C of one line with that of one sample added; on_k carries the slope."""
+    return g[0] + on_t, g[1] + (xi * on_t + on_k), g[2] + xi * (xi * on_t + 2.0 * on_k)
+
+
+@part
+def scatter(g, at, stride, model, block, scale, out):
+    """out += scale times the gradient g on A, B, C of one line."""
+    for k in range(4):
+        row = block + 3 * k * LANES
+        f = load(model, row) * g[0] + load(model, row + LANES) * g[1]
+        f += load(model, row + 2 * LANES) * g[2]
+        to = at + k * stride
+        store(out, to, load(out, to) + scale * f)
+
+
+@part
+def scatter_lines(shape, model, b, g0, g1, g2, scale, out):
+    """`scatter` of all spatial lines."""
+    at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
+    block = block_of(shape, b)
+    scatter(g0, at, stride, model, block, scale, out)
+    scatter(g1, at + width, stride, model, block, scale, out)
+    if shape[DIM] == 3:
+        scatter(g2, at + 2 * width, stride, model, block, scale, out)
+
+
+@part
+def natural_at(shape, state, b, j):
+    """Weight EI times the natural curvature vector of sample j of block b."""
+    at = shape[NATURAL] + (b * shape[SAMPLES] + j) * NATURAL_ROWS * LANES
+    return load(state, at), load(state, at + LANES), load(state, at + 2 * LANES)
+
+
+@part
+def span_strains(shape, model, block, p):
+    """m and l of the spans of a block."""
+    mean, slope = zero(), zero()
+    share = load(model, block + SHARE * LANES)
+    for j in range(shape[SAMPLES]):
+        at = sample_of(block, j)
+        xi = load(model, at + XI * LANES)
+        t = tangent_at(p, xi)
+        f = share * load(model, at + QUADRATURE * LANES) * stretch.strain(dot(t, t))
+        mean += f
+        slope += xi * f
+    return mean, slope
+
+
+@part
+def elastic_force(shape, model, state, x, out):
+    """out -= dU/dq of stretching, bending and natural curvature."""
+    terms = shape[TERMS]
+    if not terms & (STRETCH | SPAN_STRETCH | BEND):
+        return
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        axial, bending = load(model, block + AXIAL * LANES), load(model, block + BENDING * LANES)
+        s = load(model, block + SLOPE * LANES)
+        p = curve(shape, model, x, b, 1.0)
+        mean, linear = zero(), zero()
+        if terms & SPAN_STRETCH:
+            mean, linear = span_strains(shape, model, block, p)
+            linear = linear * load(model, block + LINEAR * LANES)
+        g0 = g1 = g2 = (zero(), zero(), zero())
+        for j in range(shape[SAMPLES]):
+            at = sample_of(block, j)
+            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            t, k = tangent_at(p, xi), bending_at(p, xi, s)
+            c = dot(t, t)
+            on_c, on_d, on_h = zero(), zero(), zero()
+            if terms & STRETCH:
+                on_c += stretch.gradient(axial, c, stretch.strain(c))
+            if terms & SPAN_STRETCH:
+                on_c += stretch.gradient(axial, c, mean + xi * linear)
+            if terms & BEND:
+                more = bend.gradient(bending, c, dot(t, k), dot(k, k))
+                on_c += more[0]
+                on_d += more[1]
+                on_h += more[2]
+            on_c, on_d, on_h = 2.0 * w * on_c, w * on_d, 2.0 * w * on_h
+            t0, k0 = on_c * t[0] + on_d * k[0], on_h * k[0] + on_d * t[0]
+            t1, k1 = on_c * t[1] + on_d * k[1], on_h * k[1] + on_d * t[1]
+            t2, k2 = on_c * t[2] + on_d * k[2], on_h * k[2] + on_d * t[2]
+            if terms & CURVED:
+                n = natural_at(shape, state, b, j)
+                more_c, on_e = natural_curvature.gradient(n, t, k, c)
+                kn, nt = natural_curvature.cross(k, n), natural_curvature.cross(n, t)
+                t0 += 2.0 * more_c * t[0] + on_e * kn[0]
+                t1 += 2.0 * more_c * t[1] + on_e * kn[1]
+                t2 += 2.0 * more_c * t[2] + on_e * kn[2]
+                k0 += on_e * nt[0]
+                k1 += on_e * nt[1]
+                k2 += on_e * nt[2]
+            g0 = gathered_sample(g0, t0, s * k0, xi)
+            g1 = gathered_sample(g1, t1, s * k1, xi)
+            g2 = gathered_sample(g2, t2, s * k2, xi)
+        scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
+
+
+@part
+def elastic_energy(shape, model, state, x):
+    """Stretching and bending energy [J] (natural curvature counts as bending), to be gathered."""
+    terms = shape[TERMS]
+    stretching, bent = zero(), zero()
+    if not terms & (STRETCH | SPAN_STRETCH | BEND):
+        return stretching, bent
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        axial, bending = load(model, block + AXIAL * LANES), load(model, block + BENDING * LANES)
+        s = load(model, block + SLOPE * LANES)
+        p = curve(shape, model, x, b, 1.0)
+        if terms & SPAN_STRETCH:
+            mean, slope = span_strains(shape, model, block, p)
+            f = mean * mean + load(model, block + LINEAR * LANES) * slope * slope
+            # lanes without a span have no length
+            length = 1.0 / (
+                load(model, block + SHARE * LANES) + load(model, block + PADDING * LANES)
+            )
+            stretching += 0.5 * axial * length * f
+        for j in range(shape[SAMPLES]):
+            at = sample_of(block, j)
+            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            t, k = tangent_at(p, xi), bending_at(p, xi, s)
+            c = dot(t, t)
+            if terms & STRETCH:
+                stretching += w * stretch.energy(axial, c)
+            if terms & BEND:
+                bent += w * bend.energy(bending, t, k, c)
+            if terms & CURVED:
+                bent += natural_curvature.energy(natural_at(shape, state, b, j), t, k, c)
+    return stretching, bent

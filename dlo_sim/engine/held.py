@@ -1,0 +1,414 @@
+"""What is held: rows of the form direction . sum_k b_k x_k = target, as many as a scene asks for.
+
+A held point is four basis values b at a material coordinate (positions: they sum to 1; of r': to
+0), or a control point of its own. A held row is a point, a grasp, and a direction: of an axis, or
+one that turns with the grasp. So a fixed end is up to three rows of the first control point, a
+clamp two rows more across its tangent at the second one, whose distance along the tangent stays
+free, and a grasp in the middle the same with basis values. Nothing else knows about ends.
+
+The mass matrix is that of the free cable. With the rows B, the shifts Z = M^-1 B^T of the points
+and S = B Z, small and dense, Y = Z S^-1 carries the cable along with what is held, and
+P = 1 - Y B projects onto motions that leave it at rest. The momentum variable is w = P v: forces
+act on it as P M^-1 f, and v = w + Y (rates of the targets). For rows of fixed direction a drift
+over dt is exactly x += dt w + Y (change of the targets). Where directions turn, the impulses of a
+drift act along the directions at its begin so that it ends on the rows of its end, and w is
+projected onto those: RATTLE (Andersen 1983), symmetric and of second order.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, first, load, store, zero
+from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine.grasps import MOTION_SIZE, place, rates, turned
+from dlo_sim.engine.layout import (
+    AHEAD,
+    AXES,
+    DIM,
+    DIRECTION,
+    DIRECTION_ROWS,
+    DRIVE_WORK,
+    GRASPS,
+    HELD,
+    HELD_BODY,
+    HELD_PRODUCT,
+    HELD_SHIFT,
+    HELD_WEIGHTS,
+    INVERSE,
+    LEDGER,
+    LINE,
+    LINES,
+    MARGIN,
+    MOTION,
+    MOVED,
+    PARTS,
+    POINT_ROWS,
+    POINTS,
+    PULL,
+    RATES,
+    STRIDE,
+    SYSTEM,
+    TARGETS,
+)
+from dlo_sim.engine.lines import kinetic
+from dlo_sim.engine.tables import first_of_point, grasp_of, line_of, own_of, point_of
+
+
+@part
+def grasps_move(shape, inputs):
+    """Whether any grasp moves or was moved."""
+    for g in range(shape[GRASPS]):
+        if inputs[shape[MOTION] + MOTION_SIZE * g] != 0.0:
+            return True
+    return False
+
+
+@part
+def point_value(shape, model, point, line, x):
+    """sum_k b_k x_k of a held point on one line."""
+    width, stride = shape[LINE], shape[STRIDE]
+    own = own_of(shape, point)
+    if own >= 0:
+        return load(x, line * width + (MARGIN + own) * stride)
+    at = line * width + (MARGIN + first_of_point(shape, point)) * stride
+    weight = shape[HELD_WEIGHTS] + POINT_ROWS * LANES * point
+    f = load(model, weight) * load(x, at)
+    f += load(model, weight + LANES) * load(x, at + stride)
+    f += load(model, weight + 2 * LANES) * load(x, at + 2 * stride)
+    return f + load(model, weight + 3 * LANES) * load(x, at + 3 * stride)
+
+
+@part
+def row_value(shape, model, k, directions, at, x):
+    """direction . sum_k b_k x_k of row k; its direction is four rows of `directions` at `at`."""
+    point = point_of(shape, k)
+    line = line_of(shape, k)
+    if line >= 0:
+        return point_value(shape, model, point, line, x)
+    f = zero()
+    for d in range(shape[DIM]):
+        to = at + (DIRECTION_ROWS * k + d) * LANES
+        f += load(directions, to) * point_value(shape, model, point, d, x)
+    return f
+
+
+@part
+def shift_line(shape, model, point, line, scale, x):
+    """x += scale times the shift of a held point, on one line."""
+    width, stride = shape[LINE], shape[STRIDE]
+    at, start = shape[HELD_SHIFT] + width * point, MARGIN * stride
+    if stride == 1:
+        factor = first(scale)
+        for b in range(shape[PARTS]):
+            to = start + LANES * b
+            store(x, line * width + to, load(x, line * width + to) + factor * load(model, at + to))
+    else:
+        for b in range(shape[PARTS]):
+            to = start + LANES * b
+            store(x, line * width + to, load(x, line * width + to) + scale * load(model, at + to))
+
+
+@part
+def shift_row(shape, model, k, directions, at, scale, x):
+    """x += scale times the shift of row k along its direction."""
+    point = point_of(shape, k)
+    line = line_of(shape, k)
+    if line >= 0:
+        shift_line(shape, model, point, line, scale, x)
+        return
+    for d in range(shape[DIM]):
+        to = at + (DIRECTION_ROWS * k + d) * LANES
+        shift_line(shape, model, point, d, scale * load(directions, to), x)
+
+
+@part
+def through_inverse(shape, matrix, at, values, scale, out, to):
+    """out = scale times the matrix times the rows `values`, at offset `to` of out."""
+    held = shape[HELD]
+    for k in range(held):
+        f = zero()
+        for j in range(held):
+            f += load(matrix, at + (held * k + j) * LANES) * load(values, shape[RATES] + j * LANES)
+        store(out, to + k * LANES, scale * f)
+
+
+@part
+def add_shifts(shape, model, state, scratch, scale, x):
+    """x += scale Y times the rows RATES."""
+    through_inverse(shape, state, shape[INVERSE], scratch, scale, scratch, shape[SYSTEM])
+    for k in range(shape[HELD]):
+        f = load(scratch, shape[SYSTEM] + k * LANES)
+        shift_row(shape, model, k, state, shape[DIRECTION], f, x)
+
+
+@part
+def project(shape, model, state, scratch, x, out, to):
+    """x <- P x; what was taken out, S^-1 B x, goes to the rows of `out` at `to`."""
+    held, directions = shape[HELD], shape[DIRECTION]
+    values_along(shape, model, state, scratch, x)
+    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, out, to)
+    for k in range(held):
+        shift_row(shape, model, k, state, directions, -load(out, to + k * LANES), x)
+    for k in range(held):
+        pin(shape, k, zero(), x)
+
+
+@part
+def pin(shape, k, value, x):
+    """Give a control point that row k holds along an axis its value to the last bit."""
+    line = line_of(shape, k)
+    own = own_of(shape, point_of(shape, k))
+    if line >= 0 and own >= 0:
+        stride = shape[STRIDE]
+        at = line * shape[LINE] + (MARGIN + own) * stride
+        if stride == 1:
+            x[at] = first(value)
+        else:
+            store(x, at, value)
+
+
+@part
+def aim(shape, model, inputs, scratch, t):
+    """Targets and directions of all rows at time t, into scratch."""
+    dim = shape[DIM]
+    for k in range(shape[HELD]):
+        point = point_of(shape, k)
+        line = line_of(shape, k)
+        grasp = shape[MOTION] + MOTION_SIZE * grasp_of(shape, k)
+        share = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + 4) * LANES]
+        a = place(inputs, grasp, t)
+        if line == dim:
+            store(scratch, shape[TARGETS] + k * LANES, share * a[3])
+        elif line >= 0:
+            store(scratch, shape[TARGETS] + k * LANES, share * component(a, shape[AXES + line]))
+        else:
+            body = shape[HELD_BODY] + DIRECTION_ROWS * LANES * k
+            v = turned(inputs, grasp, t, model[body], model[body + LANES], model[body + 2 * LANES])
+            target = 0.0
+            for d in range(dim):
+                axis = shape[AXES + d]
+                to = shape[AHEAD] + (DIRECTION_ROWS * k + d) * LANES
+                store(scratch, to, component3(v, axis))
+                target += component3(v, axis) * component(a, axis)
+            store(scratch, shape[TARGETS] + k * LANES, share * target)
+
+
+@part
+def component(a, axis):
+    """One of the first three of four numbers."""
+    return a[0] if axis == 0 else (a[1] if axis == 1 else a[2])
+
+
+@part
+def component3(a, axis):
+    """One of three numbers."""
+    return a[0] if axis == 0 else (a[1] if axis == 1 else a[2])
+
+
+@part
+def directions_turn(shape, state, scratch):
+    """Whether the directions ahead differ from those of the state."""
+    for k in range(shape[HELD]):
+        if line_of(shape, k) < 0:
+            for d in range(shape[DIM]):
+                at = (DIRECTION_ROWS * k + d) * LANES
+                if state[shape[DIRECTION] + at] != scratch[shape[AHEAD] + at]:
+                    return True
+    return False
+
+
+@part
+def alignment(shape, k, j, a, at_a, b, at_b):
+    """Direction of row k among `a` . direction of row j among `b`, 0 between space and twist."""
+    line_k = line_of(shape, k)
+    line_j = line_of(shape, j)
+    to_k, to_j = at_a + DIRECTION_ROWS * LANES * k, at_b + DIRECTION_ROWS * LANES * j
+    dim = shape[DIM]
+    if line_k >= 0 and line_j >= 0:
+        return zero() + (1.0 if line_k == line_j else 0.0)
+    if line_k == dim or line_j == dim:
+        return zero()
+    if line_k >= 0:
+        return load(b, to_j + line_k * LANES)
+    if line_j >= 0:
+        return load(a, to_k + line_j * LANES)
+    f = zero()
+    for d in range(dim):
+        f += load(a, to_k + d * LANES) * load(b, to_j + d * LANES)
+    return f
+
+
+@part
+def fill_system(shape, model, scratch, a, at_a, b, at_b):
+    """S of the rows of directions `a` and impulses of directions `b`, into scratch."""
+    held = shape[HELD]
+    for k in range(held):
+        p = point_of(shape, k)
+        for j in range(held):
+            q = point_of(shape, j)
+            product = load(model, shape[HELD_PRODUCT] + (shape[POINTS] * p + q) * LANES)
+            f = product * alignment(shape, k, j, a, at_a, b, at_b)
+            store(scratch, shape[SYSTEM] + (held * k + j) * LANES, f)
+
+
+@part
+def invert(shape, scratch, out, to):
+    """Inverse of the system in scratch into `out` at `to`, by Gauss-Jordan elimination.
+
+    It is nearly symmetric and positive definite, so it needs no pivoting.
+    """
+    held, at = shape[HELD], shape[SYSTEM]
+    for k in range(held * held):
+        store(out, to + k * LANES, 0.0)
+    for k in range(held):
+        store(out, to + (held + 1) * k * LANES, 1.0)
+    for k in range(held):
+        inverse = 1.0 / load(scratch, at + (held + 1) * k * LANES)
+        for j in range(held):
+            one = (held * k + j) * LANES
+            store(scratch, at + one, load(scratch, at + one) * inverse)
+            store(out, to + one, load(out, to + one) * inverse)
+        for i in range(held):
+            if i != k:
+                factor = load(scratch, at + (held * i + k) * LANES)
+                for j in range(held):
+                    one, other = (held * k + j) * LANES, (held * i + j) * LANES
+                    f = load(scratch, at + other) - factor * load(scratch, at + one)
+                    store(scratch, at + other, f)
+                    store(out, to + other, load(out, to + other) - factor * load(out, to + one))
+
+
+@part
+def turn_to_aim(shape, model, state, scratch):
+    """Take over the directions ahead, and the inverse that belongs to them."""
+    for at in range(shape[HELD] * DIRECTION_ROWS * LANES):
+        state[shape[DIRECTION] + at] = scratch[shape[AHEAD] + at]
+    directions = shape[DIRECTION]
+    fill_system(shape, model, scratch, state, directions, state, directions)
+    invert(shape, scratch, state, shape[INVERSE])
+
+
+@part
+def defects(shape, model, directions, at, scratch, x):
+    """How far each row is from its target, into the rows RATES."""
+    for k in range(shape[HELD]):
+        f = load(scratch, shape[TARGETS] + k * LANES) - row_value(
+            shape, model, k, directions, at, x
+        )
+        store(scratch, shape[RATES] + k * LANES, f)
+
+
+@part
+def values_along(shape, model, state, scratch, x):
+    """B x along the directions of the state, into the rows RATES."""
+    for k in range(shape[HELD]):
+        f = row_value(shape, model, k, state, shape[DIRECTION], x)
+        store(scratch, shape[RATES] + k * LANES, f)
+
+
+@part
+def add_moved(shape, state, scratch, share):
+    """MOVED += a share of the rows RATES."""
+    for k in range(shape[HELD]):
+        at = shape[MOVED] + k * LANES
+        store(state, at, load(state, at) + share * load(scratch, shape[RATES] + k * LANES))
+
+
+@piece(
+    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS),
+    *(NUMBERS, NUMBERS, REAL, REAL),
+)
+def carry(shape, model, inputs, state, scratch, x, w, t, dt):
+    """Drift over dt to time t: x += dt w, and what is held to its place, with all that hangs on it.
+
+    What is held moved by the rows MOVED (added to): the mean of its way along the directions before
+    and after. What the impulses along turning directions change in the energy of w is the work of
+    the grasps: booked here.
+    """
+    held = shape[HELD]
+    width = shape[LINE] * shape[LINES]
+    moves = grasps_move(shape, inputs)
+    turn = False
+    energy = zero()
+    if moves:
+        aim(shape, model, inputs, scratch, t)
+        turn = directions_turn(shape, state, scratch)
+        defects(shape, model, scratch, shape[AHEAD], scratch, x)
+        add_moved(shape, state, scratch, 0.5 if turn else 1.0)
+        if turn:
+            energy = kinetic(shape, model, w)
+            values_along(shape, model, state, scratch, x)
+            add_moved(shape, state, scratch, -0.5)
+    for at in range(0, width, LANES):
+        store(x, at, load(x, at) + dt * load(w, at))
+    if not moves:
+        return
+    defects(shape, model, scratch, shape[AHEAD], scratch, x)
+    if turn and dt == 0.0:
+        turn_to_aim(shape, model, state, scratch)  # a jump goes along the new directions
+    elif turn:
+        fill_system(shape, model, scratch, scratch, shape[AHEAD], state, shape[DIRECTION])
+        invert(shape, scratch, state, shape[INVERSE])
+    add_shifts(shape, model, state, scratch, 1.0, x)
+    if turn:
+        if dt != 0.0:
+            add_shifts(shape, model, state, scratch, 1.0 / dt, w)
+        values_along(shape, model, state, scratch, x)
+        add_moved(shape, state, scratch, 0.5)
+        turn_to_aim(shape, model, state, scratch)
+        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+        at = shape[LEDGER] + DRIVE_WORK * LANES
+        store(state, at, load(state, at) + kinetic(shape, model, w) - energy)
+    for k in range(held):
+        pin(shape, k, load(scratch, shape[TARGETS] + k * LANES), x)
+
+
+@part
+def target_rates(shape, model, inputs, state, scratch, x, t):
+    """Rates of the targets at fixed shape, into the rows RATES: s e.A' - e'.(b.x - s A)."""
+    for k in range(shape[HELD]):
+        point = point_of(shape, k)
+        line = line_of(shape, k)
+        grasp = shape[MOTION] + MOTION_SIZE * grasp_of(shape, k)
+        share = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + 4) * LANES]
+        v = rates(inputs, grasp, t)
+        rate = 0.0
+        if inputs[grasp] == 0.0:
+            pass
+        elif line == shape[DIM]:
+            rate = share * v[3]
+        elif line >= 0:
+            rate = share * component((v[0], v[1], v[2], 0.0), shape[AXES + line])
+        else:
+            body = shape[HELD_BODY] + DIRECTION_ROWS * LANES * k
+            e = turned(inputs, grasp, t, model[body], model[body + LANES], model[body + 2 * LANES])
+            spin = (
+                v[4 + 1] * e[2] - v[4 + 2] * e[1],
+                v[4 + 2] * e[0] - v[4] * e[2],
+                v[4] * e[1] - v[4 + 1] * e[0],
+            )
+            a = place(inputs, grasp, t)
+            for d in range(shape[DIM]):
+                axis = shape[AXES + d]
+                arm = first(point_value(shape, model, point, d, x)) - share * component(a, axis)
+                rate += share * component3(e, axis) * component((v[0], v[1], v[2], 0.0), axis)
+                rate -= component3(spin, axis) * arm
+        store(scratch, shape[RATES] + k * LANES, rate)
+
+
+@part
+def add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v):
+    """v += Y (rates of the targets at time t): the velocity from the momentum variable."""
+    if not grasps_move(shape, inputs):
+        return
+    target_rates(shape, model, inputs, state, scratch, x, t)
+    add_shifts(shape, model, state, scratch, 1.0, v)
+
+
+@part
+def pulled(shape, state):
+    """Minus the work that what moved the held rows did since it was booked, by the last pull."""
+    f = zero()
+    for k in range(shape[HELD]):
+        at = k * LANES
+        f += load(state, shape[PULL] + at) * load(state, shape[MOVED] + at)
+    return f

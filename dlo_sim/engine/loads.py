@@ -1,0 +1,146 @@
+"""Point wrenches: forces and moments at material coordinates, as the inputs say.
+
+A force F at u adds b_i(u) F. A moment m turns the tangent: its virtual work on
+d phi = t x dt / |t|^2 gives b_i'(u) (m x t) / |t|^2, and its axial part m.t / |t| turns theta.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.compiling.lanes import LANES, load, store
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.layout import (
+    AXES,
+    DIM,
+    LINE,
+    LINES,
+    LOAD,
+    LOAD_BASIS,
+    LOAD_POINT,
+    LOAD_POINT_ROWS,
+    LOAD_ROWS,
+    LOAD_TABLE,
+    LOADS,
+    MARGIN,
+    NOTES,
+    PARTS,
+    STRIDE,
+)
+
+TORQUE, FREQUENCY = 3, 6  # rows of a load behind its force
+
+
+@part
+def amplitude(frequency, t):
+    """1 for a constant load, sin(2 pi f t) otherwise."""
+    return 1.0 if frequency == 0.0 else np.sin(2.0 * np.pi * frequency * t)
+
+
+@part
+def load_force(shape, model, inputs, scratch, x, t, out):
+    """out += generalised forces of the point wrenches at time t."""
+    width, stride = shape[LINE], shape[STRIDE]
+    start = MARGIN * stride
+    for k in range(shape[LOADS]):
+        at = shape[LOAD] + LOAD_ROWS * LANES * k
+        factors = shape[NOTES]
+        for lane in range(LANES):  # eight cables may have eight frequencies
+            scratch[factors + lane] = amplitude(inputs[at + FREQUENCY * LANES + lane], t)
+        factor = load(scratch, factors)
+        basis = shape[LOAD_BASIS] + width * k
+        for d in range(shape[DIM]):
+            f = factor * load(inputs, at + shape[AXES + d] * LANES)
+            for b in range(shape[PARTS]):
+                to = start + LANES * b
+                here = d * width + to
+                store(out, here, load(out, here) + f * load(model, basis + to))
+        if stride == 1:
+            add_moment(shape, model, inputs, x, k, scratch[factors], out)
+
+
+@part
+def moment_of(shape, inputs, k):
+    """Amplitude of the moment of a load, world frame."""
+    at = shape[LOAD] + (LOAD_ROWS * k + TORQUE) * LANES
+    return inputs[at], inputs[at + LANES], inputs[at + 2 * LANES]
+
+
+@part
+def load_tangent(shape, model, x, k):
+    """r' (world) at the material coordinate of a load."""
+    at = shape[LOAD_POINT] + (LOAD_POINT_ROWS * k + 4) * LANES
+    to = MARGIN + shape[shape[LOAD_TABLE] + k]
+    t0 = t1 = t2 = 0.0
+    for d in range(shape[DIM]):
+        f = 0.0
+        for q in range(4):
+            f += model[at + q * LANES] * x[d * shape[LINE] + to + q]
+        axis = shape[AXES + d]
+        if axis == 0:
+            t0 = f
+        elif axis == 1:
+            t1 = f
+        else:
+            t2 = f
+    return t0, t1, t2
+
+
+@part
+def add_moment(shape, model, inputs, x, k, factor, out):
+    """out += generalised forces of the moment of one load of one cable."""
+    m = moment_of(shape, inputs, k)
+    m0, m1, m2 = factor * m[0], factor * m[1], factor * m[2]
+    if m0 == 0.0 and m1 == 0.0 and m2 == 0.0:
+        return
+    t0, t1, t2 = load_tangent(shape, model, x, k)
+    c = t0 * t0 + t1 * t1 + t2 * t2
+    g = (m1 * t2 - m2 * t1) / c, (m2 * t0 - m0 * t2) / c, (m0 * t1 - m1 * t0) / c
+    basis = shape[LOAD_POINT] + LOAD_POINT_ROWS * LANES * k
+    to = MARGIN + shape[shape[LOAD_TABLE] + k]
+    for d in range(shape[DIM]):
+        axis = shape[AXES + d]
+        value = g[0] if axis == 0 else (g[1] if axis == 1 else g[2])
+        for q in range(4):
+            out[d * shape[LINE] + to + q] += model[basis + (4 + q) * LANES] * value
+    if shape[LINES] > shape[DIM]:
+        axial = (m0 * t0 + m1 * t1 + m2 * t2) / np.sqrt(c)
+        for q in range(4):
+            out[shape[DIM] * shape[LINE] + to + q] += model[basis + q * LANES] * axial
+
+
+@part
+def add_load_stiffness(shape, model, inputs, x, t, scale, band):
+    """band -= scale times the derivative of the load forces: moments turn with the tangent."""
+    dim = shape[DIM]
+    half, row = 4 * dim - 1, 16 * (dim - 1)
+    for k in range(shape[LOADS]):
+        m = moment_of(shape, inputs, k)
+        if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
+            continue
+        factor = amplitude(inputs[shape[LOAD] + (LOAD_ROWS * k + FREQUENCY) * LANES], t)
+        tangent = load_tangent(shape, model, x, k)
+        ic = 1.0 / (tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2)
+        slope = shape[LOAD_POINT] + (LOAD_POINT_ROWS * k + 4) * LANES
+        first = shape[shape[LOAD_TABLE] + k]
+        for i in range(dim):
+            for j in range(dim):
+                a, c = shape[AXES + i], shape[AXES + j]
+                b, e = (a + 1) % 3, (a + 2) % 3
+                g = at3(m, b) * at3(tangent, e) - at3(m, e) * at3(tangent, b)
+                # d/dt_c of (m x t)_a / |t|^2
+                value = -2.0 * g * at3(tangent, c) * ic * ic
+                if a != c:
+                    sign = -1.0 if (c - a) % 3 == 1 else 1.0
+                    value += sign * at3(m, 3 - a - c) * ic
+                for q in range(4):
+                    for other in range(4):
+                        to = ((first + q) * dim + i) * row + (other - q) * dim + j - i + half
+                        f = model[slope + q * LANES] * model[slope + other * LANES]
+                        band[to] -= scale * factor * value * f
+
+
+@part
+def at3(v, k):
+    """Component k of a vector."""
+    return v[0] if k == 0 else (v[1] if k == 1 else v[2])

@@ -1,0 +1,119 @@
+"""Plastic bending: a plastic curvature vector per quadrature point, with its flow rule.
+
+With the curvature vector kappa = C / |t|^3 (C = t x k, t = r', k = r'') and the plastic curvature p
+the stored energy per rest length is EI/2 |kappa - p|^2 + H/2 |p|^2. The bending term holds
+EI/2 |kappa|^2 and `terms.natural_curvature`, of the vector EI p, the mixed part; what remains is
+(EI + H)/2 |p|^2. Yield and flow (rate independent, linear kinematic hardening, return mapping) act
+once per step at the step's end configuration: an operator split, first order in the step.
+
+Objectivity: p is kept in world coordinates, normal to the tangent, and is carried along by the
+smallest rotation that takes the old tangent to the new one. That follows every motion but a spin of
+the cable about its own axis, in which p keeps its direction in the world. Carrying changes the
+energy by second order in the rotation of one step; the ledger counts it as dissipated. Three
+dimensions only.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, load, root, size, store, zero
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.elastic import bending_at, block_of, curve, dot, sample_of, tangent_at
+from dlo_sim.engine.layout import (
+    BENDING,
+    BLOCKS,
+    DISSIPATED,
+    HARDENING,
+    LEDGER,
+    NATURAL,
+    NATURAL_ROWS,
+    PLASTIC,
+    PLASTIC_ROWS,
+    PLASTIC_WORK,
+    QUADRATURE,
+    SAMPLES,
+    SCALES,
+    SLOPE,
+    XI,
+    YIELD_MOMENT,
+)
+from dlo_sim.engine.lines import gathered
+from dlo_sim.terms.natural_curvature import cross
+from dlo_sim.terms.viscosity import combined
+
+TINY = 1e-300
+
+
+@part
+def three(array, at):
+    """Three rows."""
+    return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
+
+
+@part
+def store_three(array, at, v):
+    """Write three rows."""
+    store(array, at, v[0])
+    store(array, at + LANES, v[1])
+    store(array, at + 2 * LANES, v[2])
+
+
+@part
+def plastic_energy(shape, model, state):
+    """(EI + H)/2 |p|^2, integrated [J], to be gathered."""
+    sum_ = zero()
+    hardening = load(model, shape[SCALES] + HARDENING * LANES)
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        half = 0.5 * (load(model, block + BENDING * LANES) + hardening)
+        for j in range(shape[SAMPLES]):
+            p = three(state, shape[PLASTIC] + (b * shape[SAMPLES] + j) * PLASTIC_ROWS * LANES)
+            sum_ += load(model, sample_of(block, j) + QUADRATURE * LANES) * half * dot(p, p)
+    return sum_
+
+
+@part
+def plastic_flow(shape, model, state, x):
+    """Carry the plastic curvature to the shape x and let it flow.
+
+    The forces have to be computed anew afterwards.
+    """
+    hardening = load(model, shape[SCALES] + HARDENING * LANES)
+    yield_moment = load(model, shape[SCALES] + YIELD_MOMENT * LANES)
+    carried, flowed = zero(), zero()
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        stiffness = load(model, block + BENDING * LANES)
+        s = load(model, block + SLOPE * LANES)
+        whole = stiffness + hardening
+        curve_ = curve(shape, model, x, b, 1.0)
+        for j in range(shape[SAMPLES]):
+            at = sample_of(block, j)
+            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            t, k = tangent_at(curve_, xi), bending_at(curve_, xi, s)
+            inverse = 1.0 / dot(t, t)
+            f = inverse * root(inverse)
+            kappa = combined(f, cross(t, k), 0.0, t)
+            t = combined(root(inverse), t, 0.0, k)
+            to = shape[PLASTIC] + (b * shape[SAMPLES] + j) * PLASTIC_ROWS * LANES
+            p, before = three(state, to), three(state, to + 3 * LANES)
+            # smallest rotation from the old tangent to t, applied to p normal to the old one
+            h = combined(1.0, before, 1.0, t)
+            f = 2.0 * dot(t, p) / (dot(h, h) + TINY)
+            carried -= w * stiffness * f * dot(h, kappa)
+            p = combined(1.0, p, -f, h)
+            # relative moment EI (kappa - p) - H p against the yield moment
+            m = combined(stiffness, kappa, -whole, p)
+            moment = root(dot(m, m))
+            over = moment - yield_moment
+            flow = 0.5 * (over + size(over)) / (whole + TINY)  # lanes without a span have none
+            p = combined(1.0, p, flow / (moment + TINY), m)
+            store_three(state, to, p)
+            store_three(state, to + 3 * LANES, t)
+            natural = shape[NATURAL] + (b * shape[SAMPLES] + j) * NATURAL_ROWS * LANES
+            store_three(state, natural, combined(w * stiffness, p, 0.0, t))
+            flowed += w * flow * (yield_moment + 0.5 * whole * flow)
+    lost, ledger = gathered(shape, flowed), shape[LEDGER]
+    at = ledger + DISSIPATED * LANES
+    store(state, at, load(state, at) + lost + gathered(shape, carried))
+    at = ledger + PLASTIC_WORK * LANES
+    store(state, at, load(state, at) + lost)

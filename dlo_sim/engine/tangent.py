@@ -1,0 +1,285 @@
+"""Exact Jacobian of the discrete gradient by the new configuration, into a band matrix.
+
+With both configurations the same it is half the Hessian of the elastic energy. What viscosity gains
+by the change of the geometry within the step is left out. One cable only.
+
+Entry (r, c) of the matrix over all spatial unknowns, control point i and line d at i dim + d, is
+stored at r width + c - r + 4 dim - 1, width 16 in a plane and 32 in space, so that a row operation
+runs over whole vectors.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, load, root, store, zero
+from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine.discrete import mean
+from dlo_sim.engine.elastic import (
+    bending_at,
+    block_of,
+    curve,
+    dot,
+    natural_at,
+    sample_of,
+    span_strains,
+    tangent_at,
+)
+from dlo_sim.engine.layout import (
+    AXIAL,
+    BEND,
+    BENDING,
+    BLOCKS,
+    CURVED,
+    DIM,
+    LINEAR,
+    QUADRATURE,
+    SAMPLES,
+    SHARE,
+    SLOPE,
+    SPAN_STRETCH,
+    STRETCH,
+    TERMS,
+    XI,
+    N,
+)
+from dlo_sim.terms import bend, natural_curvature, stretch, viscosity
+from dlo_sim.terms.viscosity import combined
+
+# Rows of the scratch of a sample: midpoint vectors and the factors of the Jacobian's dyads.
+T, K, X1, Y1, X2, Y2, X3, DIAGONAL = 0, 3, 6, 9, 12, 15, 18, 21
+KN, NT, XE, SKEW = 24, 27, 30, 33  # of the natural curvature
+NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C = 36, 39, 40, 41, 42  # of viscosity
+SAMPLE_ROWS = 43
+# Behind the samples: moments 1, xi, xi^2, xi^3 of the directions of force, strain and flow.
+FORCE_MOMENTS, STRAIN_MOMENTS, FLOW_MOMENTS, MOMENT_ROWS = 0, 12, 24, 36
+
+
+@part
+def keep(array, at, v):
+    """Write three rows."""
+    store(array, at, v[0])
+    store(array, at + LANES, v[1])
+    store(array, at + 2 * LANES, v[2])
+
+
+@part
+def add_moments(array, at, f, t, xi):
+    """Add f t times 1, xi, xi^2, xi^3 to moments."""
+    for p in range(4):
+        for i in range(3):
+            to = at + (3 * p + i) * LANES
+            store(array, to, load(array, to) + f * t[i])
+        f = f * xi
+
+
+@part
+def factor_samples(shape, model, state, b, p, q, viscous, scratch):
+    """Factors of the Jacobian's dyads at all samples of a block, and moments of its spans."""
+    terms = shape[TERMS]
+    block = block_of(shape, b)
+    axial, bending = load(model, block + AXIAL * LANES), load(model, block + BENDING * LANES)
+    s = load(model, block + SLOPE * LANES)
+    moments = shape[SAMPLES] * SAMPLE_ROWS * LANES
+    strain, linear = zero(), zero()
+    if terms & SPAN_STRETCH:
+        m0, l0 = span_strains(shape, model, block, p)
+        m1, l1 = span_strains(shape, model, block, q)
+        strain = 0.5 * (m0 + m1)
+        linear = 0.5 * load(model, block + LINEAR * LANES) * (l0 + l1)
+        for row in range(MOMENT_ROWS):
+            store(scratch, moments + row * LANES, 0.0)
+    for j in range(shape[SAMPLES]):
+        at, z = sample_of(block, j), j * SAMPLE_ROWS * LANES
+        xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+        ta, ka, tb, kb = (
+            tangent_at(p, xi),
+            bending_at(p, xi, s),
+            tangent_at(q, xi),
+            bending_at(q, xi, s),
+        )
+        c0, c1 = dot(ta, ta), dot(tb, tb)
+        s0, s1 = root(c0), root(c1)
+        on_c, on_d, on_h = zero(), zero(), zero()
+        cc, cd, ch, dc, dd, hc = zero(), zero(), zero(), zero(), zero(), zero()
+        t, k = mean(ta, tb), mean(ka, kb)
+        if terms & STRETCH:
+            counted = 0.5 * (stretch.strain(c0) + stretch.strain(c1))
+            on_c += stretch.mean_gradient(axial, s0, s1, counted)
+            fixed, changed = stretch.mean_hessian(axial, s0, s1, counted)
+            cc += fixed + changed
+        if terms & SPAN_STRETCH:
+            counted = strain + xi * linear
+            on_c += stretch.mean_gradient(axial, s0, s1, counted)
+            cc += stretch.mean_hessian(axial, s0, s1, counted)[0]
+            both = combined(1.0, ta, 1.0, tb)
+            add_moments(scratch, moments + FORCE_MOMENTS * LANES, w / (s0 + s1), both, xi)
+            add_moments(scratch, moments + STRAIN_MOMENTS * LANES, w / s1, tb, xi)
+            f = w / root(dot(both, both))
+            add_moments(scratch, moments + FLOW_MOMENTS * LANES, f, both, xi)
+        if terms & BEND:
+            d0, h0, d1, h1 = dot(ta, ka), dot(ka, ka), dot(tb, kb), dot(kb, kb)
+            more = bend.mean_gradient(bending, c0, d0, h0, c1, d1, h1)
+            on_c += more[0]
+            on_d += more[1]
+            on_h += more[2]
+            slopes = bend.mean_hessian(bending, c0, d0, h0, c1, d1, h1)
+            cc += slopes[0]
+            cd, ch, dc, dd, hc = slopes[1], slopes[2], slopes[3], slopes[4], slopes[5]
+        # d/dc1 of a function of (c1, d1, h1) is 2 r'_1 on r', and so on.
+        keep(scratch, z + T * LANES, t)
+        keep(scratch, z + K * LANES, k)
+        keep(scratch, z + X1 * LANES, combined(4.0 * w * cc, tb, 2.0 * w * cd, kb))
+        keep(scratch, z + Y1 * LANES, combined(2.0 * w * cd, tb, 4.0 * w * ch, kb))
+        keep(scratch, z + X2 * LANES, combined(2.0 * w * dc, tb, w * dd, kb))
+        keep(scratch, z + Y2 * LANES, combined(w * dd, tb, 0.0, kb))
+        keep(scratch, z + X3 * LANES, combined(4.0 * w * hc, tb, 0.0, kb))
+        keep(scratch, z + DIAGONAL * LANES, (w * on_c, 0.5 * w * on_d, w * on_h))
+        if terms & CURVED:
+            factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch)
+        if viscous != 0.0:
+            ratio, n, inverse = viscosity.curvature_of(t, k)
+            g = zero()
+            if terms & BEND:
+                g = viscous * w * bending * inverse * inverse
+            along = 4.0 * g * dot(n, n)
+            if terms & STRETCH:
+                along += viscous * w * axial * inverse
+            keep(scratch, z + NORMAL * LANES, n)
+            keep(scratch, z + VISCOUS * LANES, (g, along, ratio))
+            store(scratch, z + INVERSE_C * LANES, inverse)
+
+
+@part
+def factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
+    """What the natural curvature adds to the factors of a sample."""
+    n = natural_at(shape, state, b, j)
+    c0, c1 = dot(ta, ta), dot(tb, tb)
+    e0, e1 = natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
+    on_c, on_e = natural_curvature.mean_gradient(c0, c1, e0, e1)
+    cc, ce, ec = natural_curvature.mean_hessian(c0, c1, e0, e1)
+    kn, nt = natural_curvature.cross(kb, n), natural_curvature.cross(n, tb)
+    more = combined(4.0 * cc, tb, 2.0 * ce, kn)
+    for i in range(3):
+        to = z + (X1 + i) * LANES
+        store(scratch, to, load(scratch, to) + more[i])
+        to = z + (Y1 + i) * LANES
+        store(scratch, to, load(scratch, to) + 2.0 * ce * nt[i])
+    store(scratch, z + DIAGONAL * LANES, load(scratch, z + DIAGONAL * LANES) + on_c)
+    keep(scratch, z + KN * LANES, natural_curvature.cross(k, n))
+    keep(scratch, z + NT * LANES, natural_curvature.cross(n, t))
+    keep(scratch, z + XE * LANES, combined(2.0 * ec, tb, 0.0, tb))
+    keep(scratch, z + SKEW * LANES, combined(0.5 * on_e, n, 0.0, n))
+
+
+@piece(
+    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL),
+    *(NUMBERS, NUMBERS),
+)
+def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
+    """band += scale times the Jacobian of the discrete gradient between x0 and x1 by x1.
+
+    `viscous` is beta over the time in which x1 moves by one; 0 leaves viscosity out.
+    """
+    dim = shape[DIM]
+    for b in range(shape[BLOCKS]):
+        p, q = curve(shape, model, x0, b, 1.0), curve(shape, model, x1, b, 1.0)
+        factor_samples(shape, model, state, b, p, q, viscous, scratch)
+        for i in range(dim):
+            for j in range(dim):
+                add_entry(shape, model, b, i, j, viscous, scale, scratch, band)
+
+
+@part
+def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
+    """Entry (i, j) of the Jacobian's blocks of all spans of a block, into the band matrix."""
+    terms, dim = shape[TERMS], shape[DIM]
+    block = block_of(shape, b)
+    s = load(model, block + SLOPE * LANES)
+    unit = 1.0 if i == j else 0.0
+    h00 = h01 = h02 = h10 = h11 = h12 = h20 = h21 = h22 = zero()
+    for sample in range(shape[SAMPLES]):
+        z = sample * SAMPLE_ROWS * LANES
+        y = load(model, sample_of(block, sample) + XI * LANES)
+        t, k = load(scratch, z + (T + i) * LANES), load(scratch, z + (K + i) * LANES)
+        x2, y2 = load(scratch, z + (X2 + j) * LANES), load(scratch, z + (Y2 + j) * LANES)
+        mixed = unit * load(scratch, z + (DIAGONAL + 1) * LANES)
+        tt = t * load(scratch, z + (X1 + j) * LANES) + k * x2
+        tt += unit * load(scratch, z + DIAGONAL * LANES)
+        tk = t * load(scratch, z + (Y1 + j) * LANES) + k * y2 + mixed
+        kt = k * load(scratch, z + (X3 + j) * LANES) + t * x2 + mixed
+        kk = t * y2 + unit * load(scratch, z + (DIAGONAL + 2) * LANES)
+        if terms & CURVED:
+            e = load(scratch, z + (XE + j) * LANES)
+            tt += load(scratch, z + (KN + i) * LANES) * e
+            kt += load(scratch, z + (NT + i) * LANES) * e
+            if i != j:
+                # ([n]_x)_ij = - eps_ijk n_k
+                skew = load(scratch, z + (SKEW + 3 - i - j) * LANES)
+                if (j - i) % 3 != 1:
+                    skew = -skew
+                tk += skew
+                kt -= skew
+        if viscous != 0.0:
+            t_j = load(scratch, z + (T + j) * LANES)
+            n_i = load(scratch, z + (NORMAL + i) * LANES)
+            n_j = load(scratch, z + (NORMAL + j) * LANES)
+            g, q = load(scratch, z + VISCOUS * LANES), load(scratch, z + RATIO * LANES)
+            inverse = load(scratch, z + INVERSE_C * LANES)
+            more = viscosity.tangent_blocks(g, q, n_i, n_j, t, t_j, unit, inverse)
+            tt += more[0] + load(scratch, z + ALONG * LANES) * t * t_j
+            tk += more[1]
+            kt += more[2]
+            kk += more[3]
+        tk, kt, kk = s * tk, s * kt, s * s * kk
+        a, c = y * tt, tk + tk
+        h00 += tt
+        h01 += a + tk
+        h02 += y * (a + c)
+        h10 += a + kt
+        m = y * (a + tk + kt) + kk
+        h11 += m
+        h12 += y * (m + y * tk + kk)
+        h20 += y * (a + kt + kt)
+        h21 += y * (m + y * kt + kk)
+        h22 += y * y * (y * (a + c + kt + kt) + 4.0 * kk)
+    if terms & SPAN_STRETCH:
+        f = 0.5 * load(model, block + AXIAL * LANES) * load(model, block + SHARE * LANES)
+        linear = load(model, block + LINEAR * LANES)
+        moments = shape[SAMPLES] * SAMPLE_ROWS * LANES
+        left, right = moments + FORCE_MOMENTS * LANES, moments + STRAIN_MOMENTS * LANES
+        for flow in range(2 if viscous != 0.0 else 1):
+            if flow == 1:
+                left = right = moments + FLOW_MOMENTS * LANES
+                f = 2.0 * viscous * f
+            h00 += dyad(scratch, left, right, i, j, 0, 0, f, linear)
+            h01 += dyad(scratch, left, right, i, j, 0, 1, f, linear)
+            h02 += dyad(scratch, left, right, i, j, 0, 2, f, linear)
+            h10 += dyad(scratch, left, right, i, j, 1, 0, f, linear)
+            h11 += dyad(scratch, left, right, i, j, 1, 1, f, linear)
+            h12 += dyad(scratch, left, right, i, j, 1, 2, f, linear)
+            h20 += dyad(scratch, left, right, i, j, 2, 0, f, linear)
+            h21 += dyad(scratch, left, right, i, j, 2, 1, f, linear)
+            h22 += dyad(scratch, left, right, i, j, 2, 2, f, linear)
+    half, width = 4 * dim - 1, 16 * (dim - 1)
+    spans = min(LANES, shape[N] - 3 - LANES * b)
+    to = shape[SAMPLES] * SAMPLE_ROWS * LANES + MOMENT_ROWS * LANES
+    for k in range(4):
+        row = block + 3 * k * LANES
+        e0, e1, e2 = load(model, row), load(model, row + LANES), load(model, row + 2 * LANES)
+        r0 = scale * (e0 * h00 + e1 * h10 + e2 * h20)
+        r1 = scale * (e0 * h01 + e1 * h11 + e2 * h21)
+        r2 = scale * (e0 * h02 + e1 * h12 + e2 * h22)
+        for other in range(4):
+            row = block + 3 * other * LANES
+            f = r0 * load(model, row) + r1 * load(model, row + LANES)
+            store(scratch, to, f + r2 * load(model, row + 2 * LANES))
+            at = ((LANES * b + k) * dim + i) * width + (other - k) * dim + j - i + half
+            for span in range(spans):
+                band[at + dim * width * span] += scratch[to + span]
+
+
+@part
+def dyad(array, left, right, i, j, p, q, f, linear):
+    """f (L_p,i R_q,j + linear L_p+1,i R_q+1,j) of two sets of moments."""
+    one = load(array, left + (3 * p + i) * LANES) * load(array, right + (3 * q + j) * LANES)
+    two = load(array, left + (3 * p + 3 + i) * LANES) * load(array, right + (3 * q + 3 + j) * LANES)
+    return f * (one + linear * two)

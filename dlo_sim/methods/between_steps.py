@@ -1,0 +1,295 @@
+"""What a simulator asks of its cable between steps: velocities, forces, stiffness, reactions, the
+account. Pieces for callers from Python.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, bare, first, load, shifted, store
+from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, TRUTH, WHOLE, WHOLES, part, piece
+from dlo_sim.engine import account
+from dlo_sim.engine.band import (
+    add_springs,
+    clear_band,
+    clear_held,
+    eliminate,
+    hold,
+    substitute,
+    turn_vector,
+    width_of,
+)
+from dlo_sim.engine.discrete import discrete_force
+from dlo_sim.engine.forces import energies, forces
+from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
+from dlo_sim.engine.held import (
+    aim,
+    carry,
+    grasps_move,
+    project,
+    row_value,
+    target_rates,
+    through_inverse,
+    turn_to_aim,
+)
+from dlo_sim.engine.layout import (
+    AHEAD,
+    BETA,
+    DIM,
+    DIRECTION,
+    GRASPS,
+    HELD,
+    INVERSE,
+    LINES,
+    MASS,
+    MOTION,
+    NOTES,
+    RATES,
+    SYSTEM,
+    TERMS,
+    TWIST,
+    TWISTED,
+    V0,
+    V1,
+    VISCOUS,
+    N,
+    W,
+    X,
+)
+from dlo_sim.engine.lines import (
+    add,
+    add_differences,
+    add_product,
+    clear,
+    copy,
+    kinetic,
+    mass_of,
+    solve_mass,
+)
+from dlo_sim.engine.loads import add_load_stiffness, load_force
+from dlo_sim.engine.sampling import velocities
+from dlo_sim.engine.springs import move_anchors
+from dlo_sim.engine.tables import grasp_of
+from dlo_sim.engine.tangent import add_tangent
+from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES, residual_of
+from dlo_sim.methods.works import evaluate
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL)
+def turn_to(shape, model, inputs, state, scratch, t):
+    """Directions of the state: those of the grasps at time t."""
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch = bare(state), bare(scratch)
+    if shape[HELD]:
+        aim(shape, model, inputs, scratch, t)
+        turn_to_aim(shape, model, state, scratch)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS)
+def keep_free_motion(shape, model, state, scratch):
+    """W holds velocities: leave of them what keeps the grasps at rest."""
+    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    if shape[HELD]:
+        project(shape, model, state, scratch, shifted(state, shape[W]), scratch, shape[SYSTEM])
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL, REALS)
+def velocity(shape, model, inputs, state, scratch, t, out):
+    """Velocities of all control points at time t into the lines of `out`."""
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    velocities(shape, model, inputs, bare(state), bare(scratch), t, bare(out))
+
+
+@piece(REAL, WHOLES, REALS, REALS)
+def kinetic_energy(shape, model, v):
+    """v^T M v / 2 [J] of one cable."""
+    return first(kinetic(bare(shape), bare(model), bare(v)))
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, energies)
+def open_account(shape, model, state, scratch, look):
+    """Open the energy account at the present state."""
+    account.open_account(bare(shape), bare(model), bare(state), bare(scratch), look)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, energies)
+def measure(shape, model, state, scratch, look):
+    """Kinetic energy of w into the notes, potential energies into the ledger."""
+    account.measure(bare(shape), bare(model), bare(state), bare(scratch), look)
+
+
+@piece(NOTHING, REALS, WHOLE, REAL, REALS)
+def grasp_place(inputs, at, t, out):
+    """Attachment point (3) and twist angle of the grasp at an offset of the inputs, at time t."""
+    a = place(bare(inputs), at, t)
+    out[0], out[1], out[2], out[3] = a[0], a[1], a[2], a[3]
+
+
+@piece(NOTHING, REALS, WHOLE, REAL, REALS)
+def grasp_turn(inputs, at, t, direction):
+    """A direction in the gripper's frame <- in the world at time t, in place."""
+    v = turned(bare(inputs), at, t, direction[0], direction[1], direction[2])
+    direction[0], direction[1], direction[2] = v[0], v[1], v[2]
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, forces, REAL, REALS)
+def all_forces(shape, model, inputs, state, scratch, forces, t, out):
+    """Potential and load forces at the present configuration into the lines of `out`."""
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch, out = bare(state), bare(scratch), bare(out)
+    x = shifted(state, shape[X])
+    forces(shape, model, state, x, out)
+    load_force(shape, model, inputs, scratch, x, t, out)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, add_tangent)
+def stiffness(shape, model, state, scratch, add_tangent):
+    """Hessian of the potential energy of the spatial lines into BAND."""
+    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
+    clear_band(shape, band)
+    factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
+    add_tangent(shape, model, state, x, x, 0.0, 2.0, factors, band)
+    add_springs(shape, model, 1.0, band)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS)
+def moment_stiffness(shape, model, inputs, state, scratch):
+    """Add the stiffness of moments at time zero, which turn with the cable, to BAND."""
+    shape, scratch, state = bare(shape), bare(scratch), bare(state)
+    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
+    add_load_stiffness(shape, bare(model), bare(inputs), x, 0.0, 1.0, band)
+
+
+@piece(WHOLE, WHOLES, REALS, REALS, REALS)
+def solve_held(shape, state, scratch, unknowns):
+    """Solve BAND y = unknowns in place with what is held kept: number of negative pivots, or -1.
+
+    For a symmetric matrix that is the number of its negative eigenvalues.
+    """
+    shape, state, scratch, y = bare(shape), bare(state), bare(scratch), bare(unknowns)
+    dim = shape[DIM]
+    size, width = shape[N] * dim, width_of(dim)
+    band, directions = shifted(scratch, shape[BAND]), shifted(state, shape[DIRECTION])
+    hold(shape, directions, directions, band)
+    if not eliminate(band, size, dim):
+        return -1
+    z = residual_of(shape, scratch)
+    for r in range(size):
+        z[r] = y[r]
+    turn_vector(shape, directions, True, z)
+    clear_held(shape, z)
+    substitute(band, size, dim, z)
+    turn_vector(shape, directions, False, z)
+    for r in range(size):
+        y[r] = z[r]
+    negative = 0
+    for r in range(size):
+        if band[r * width + 4 * dim - 1] < 0.0:
+            negative += 1
+    return negative
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, TRUTH)
+def free_acceleration(shape, model, state, scratch, lines, keep):
+    """P M^-1 f of forces in lines, in place; with `keep` false without P."""
+    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    x = bare(lines)
+    solve_mass(shape, model, x)
+    if keep and shape[HELD]:
+        project(shape, model, state, scratch, x, scratch, shape[SYSTEM])
+
+
+RATE_STEP = 1e-6  # [s] of the difference that gives the acceleration of what is held
+
+
+@part
+def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
+    """out += accelerations of the held rows that their grasps prescribe at time t.
+
+    Central differences of the rates inside the present motion of a grasp, one-sided at its borders:
+    a jump of velocity from one motion to the next is an impulse, not an acceleration to report.
+    With the rates R(x, t) of the rows e.(b x), e.(b x'') is the rate of R - e.(b v) at fixed v.
+    """
+    x, v = shifted(state, shape[X]), shifted(scratch, shape[V0])
+    moved = shifted(scratch, shape[V1])
+    velocities(shape, model, inputs, state, scratch, t, v)
+    for g in range(shape[GRASPS]):
+        at = shape[MOTION] + MOTION_SIZE * g
+        begin, duration = inputs[at + START], inputs[at + DURATION]
+        inside = begin - RATE_STEP <= t <= begin + duration + RATE_STEP
+        if inputs[at] == 0.0 or duration <= 4.0 * RATE_STEP or not inside:
+            continue
+        low = min(max(t - RATE_STEP, begin), begin + duration - 2.0 * RATE_STEP)
+        for side in range(2):
+            time = low + 2.0 * RATE_STEP * side
+            copy(shape, x, moved)
+            add(shape, time - t, v, moved)
+            aim(shape, model, inputs, scratch, time)
+            target_rates(shape, model, inputs, state, scratch, moved, time)
+            for k in range(shape[HELD]):
+                if grasp_of(shape, k) == g:
+                    f = load(scratch, shape[RATES] + k * LANES)
+                    f = f - row_value(shape, model, k, scratch, shape[AHEAD], v)
+                    out[k] += (2.0 * side - 1.0) * first(f) / (2.0 * RATE_STEP)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL, REALS, REALS)
+def held_force(shape, model, inputs, state, scratch, t, force, out):
+    """Forces [N] (moments [N m] of the twist) of the grasps on the held rows at one instant: `out`,
+    shape (held,). `force`: lines of all other forces f, overwritten.
+
+    The rows ask for B M^-1 (f + B^T out) = the accelerations that the grasps prescribe.
+    """
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch, f, out = bare(state), bare(scratch), bare(force), bare(out)
+    held = shape[HELD]
+    solve_mass(shape, model, f)
+    for k in range(held):
+        out[k] = -first(row_value(shape, model, k, state, shape[DIRECTION], f))
+    if grasps_move(shape, inputs):
+        add_held_accelerations(shape, model, inputs, state, scratch, t, out)
+    for k in range(held):
+        store(scratch, shape[RATES] + k * LANES, out[k])
+    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, shape[SYSTEM])
+    for k in range(held):
+        out[k] = scratch[shape[SYSTEM] + k * LANES]
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, discrete_force, REALS, REALS)
+def damping_forces(shape, model, inputs, state, scratch, discrete_force, v, out):
+    """out += forces of the linear damping and of the viscosity at velocities v, lines."""
+    shape, model, state = bare(shape), bare(model), bare(state)
+    scratch, v, out = bare(scratch), bare(v), bare(out)
+    for line in range(shape[LINES]):
+        matrix = shape[VISCOUS] + mass_of(shape, line) - shape[MASS]
+        add_product(shape, model, matrix, line, -1.0, v, out)
+    beta = model[shape[BETA]]
+    if beta != 0.0:
+        x, spare = shifted(state, shape[X]), shifted(scratch, shape[V1])
+        notes = shifted(scratch, shape[NOTES])
+        clear(shape, spare)
+        discrete_force(shape, model, state, x, x, v, beta, spare, notes)
+        add(shape, 1.0, spare, out)
+        clear(shape, spare)
+        discrete_force(shape, model, state, x, x, v, 0.0, spare, notes)
+        add(shape, -1.0, spare, out)
+        if shape[TERMS] & TWISTED:
+            add_differences(shape, model, shape[TWIST], shape[DIM], -beta, v, out)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, carry, REAL)
+def jump(shape, model, inputs, state, scratch, carry, t):
+    """Put what is held in no time where it is at t. What does that does the change of the potential
+    energy, which the caller books: the trapezoidal rule knows nothing of so long a way.
+    """
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch = bare(state), bare(scratch)
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
+    move_anchors(shape, inputs, state, t)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, evaluate, forces, REAL)
+def settle(shape, model, inputs, state, scratch, evaluate, forces, t):
+    """Book the work up to time t."""
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    evaluate(shape, model, inputs, bare(state), bare(scratch), forces, t)

@@ -1,0 +1,65 @@
+"""Scratch of the implicit step."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, shifted
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.band import PADDING
+from dlo_sim.engine.layout import FIRST_OWN
+from dlo_sim.engine.tangent import MOMENT_ROWS, SAMPLE_ROWS
+
+MOST_CORRECTIONS = 14  # of one step with one matrix
+
+START = FIRST_OWN  # lines: configuration, velocity at the begin of the step
+START_V = FIRST_OWN + 1
+CHANGE = FIRST_OWN + 2  # lines: change over the step
+MIDDLE = FIRST_OWN + 3  # lines: configuration at theta
+SEEN = FIRST_OWN + 4  # lines: tau times the velocity that damping sees
+COAST = FIRST_OWN + 5  # lines: the part of it that is no share of the change
+DAMPING_FORCE = FIRST_OWN + 6  # lines
+INERTIA = FIRST_OWN + 7  # lines: M (a change - b velocity - c acceleration)
+TWIST_LATEST = FIRST_OWN + 8  # lines
+TWIST_REST = FIRST_OWN + 9  # lines
+TWIST_SUM = FIRST_OWN + 10  # lines
+LINES_HERE = 11
+BAND = FIRST_OWN + 11  # matrix over all unknowns
+RESIDUAL_ROOM = FIRST_OWN + 12  # all unknowns between zeros (`residual_of`)
+BALANCE = FIRST_OWN + 13  # all unknowns: the residual that a correction was solved for
+STEP = FIRST_OWN + 14  # all unknowns: a correction in world coordinates
+CORRECTIONS = FIRST_OWN + 15  # corrections so far, each with 1 / its square
+FACTORS_OF_SAMPLES = FIRST_OWN + 16  # `engine.tangent`
+TWIST_MATRIX = FIRST_OWN + 17  # 7 n
+OLD_DIRECTION = FIRST_OWN + 18  # directions of what is held at the begin of the step
+OLD_INVERSE = FIRST_OWN + 19
+MIDDLE_DIRECTION = FIRST_OWN + 20
+FORCE_OF_HELD = FIRST_OWN + 21  # rows, held
+TRAVEL = FIRST_OWN + 23  # lines: change of the free motion over the step
+TWIST_HELD = FIRST_OWN + 22  # n: 1 where the twist is held
+
+
+@part
+def residual_of(shape, scratch):
+    """The residual over all unknowns."""
+    return shifted(scratch, shape[RESIDUAL_ROOM] + PADDING)
+
+
+def implicit_rooms(n: int, dim: int, samples: int, held: int, size: int) -> dict[int, int]:
+    """Sizes of the scratch by its offset."""
+    unknowns = n * dim
+    rooms = dict.fromkeys(range(START, START + LINES_HERE), size)
+    directions = held * 4 * LANES
+    return rooms | {
+        BAND: unknowns * 16 * (dim - 1) + 16 * LANES,
+        RESIDUAL_ROOM: unknowns + 2 * PADDING,
+        BALANCE: unknowns,
+        STEP: unknowns,
+        CORRECTIONS: MOST_CORRECTIONS * (unknowns + 1),
+        FACTORS_OF_SAMPLES: (samples * SAMPLE_ROWS + MOMENT_ROWS + 1) * LANES,
+        TWIST_MATRIX: 7 * n,
+        OLD_DIRECTION: directions,
+        OLD_INVERSE: held * held * LANES,
+        MIDDLE_DIRECTION: directions,
+        FORCE_OF_HELD: held * LANES,
+        TWIST_HELD: n,
+        TRAVEL: size,
+    }

@@ -1,0 +1,331 @@
+"""Constraints of an inextensible cable: that its length is kept, and the equations to keep it.
+
+Constraint j is g = (sum_d x_d^T A x_d - 1) / 2 = (|r'|^2 - 1) / 2, at an end or as a mean over a
+knot span, quadratic in its four control points with a constant A (CONSTRAINTS in model) whose rows
+sum to zero, so only differences of control points count. With G = dg/dq and the rows B of what is
+held (`engine.held`) a correction u solves
+    M u + G^T mu + B^T kappa = 0,    G u = - defects of the lengths,    B u = 0.
+Without the held rows that is a band matrix (`engine.band`) once every multiplier stands behind the
+last control point that its constraint touches; they, few and dense, are held by what unit forces on
+them do (RESPONSE).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.compiling.lanes import LANES, load, shifted, store
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.band import eliminate, substitute, substitute_eight, width_of
+from dlo_sim.engine.layout import (
+    DIM,
+    DIRECTION,
+    DIRECTION_ROWS,
+    HELD,
+    HELD_WEIGHTS,
+    LINE,
+    MARGIN,
+    MASS,
+    POINT_ROWS,
+    RATES,
+    N,
+)
+from dlo_sim.engine.lines import clear
+from dlo_sim.engine.tables import first_of_point, line_of, own_of, point_of
+from dlo_sim.methods.explicit_layout import (
+    BLANK,
+    CONSTRAINT_ENTRIES,
+    CONSTRAINTS,
+    CORRECTION,
+    EIGHT_SIDES,
+    HELD_SYSTEM,
+    HOLDING_FORCE,
+    MULTIPLIERS,
+    RESPONSE,
+    SADDLE,
+)
+
+MAX_ITERATIONS = 40
+TOLERANCE = 1e-13  # on (|r'|^2 - 1) / 2
+ROUND_OFF = 1e-15  # times coordinates over control point distance: what r' is not known better than
+HOPELESS = 0.5  # violation from which iterations do not come back
+
+
+@part
+def unknowns(shape):
+    """Coordinates and multipliers."""
+    return shape[N] * (shape[DIM] + 1) + 1
+
+
+@part
+def slot(shape, j):
+    """Place of the multiplier of constraint j, behind the last control point that it touches."""
+    dim, n = shape[DIM], shape[N]
+    if j == 0:
+        return 2 * dim + 1
+    if j == n - 2:
+        return n * (dim + 1)
+    return (j + 2) * (dim + 1) + dim
+
+
+@part
+def first_point(shape, j):
+    """First of the four control points of constraint j."""
+    return min(max(j - 1, 0), shape[N] - 4)
+
+
+@part
+def gradient(shape, model, x, j, d):
+    """dg_j / dq of line d at the four control points of constraint j."""
+    at = d * shape[LINE] + MARGIN + first_point(shape, j)
+    m = shape[CONSTRAINTS] + CONSTRAINT_ENTRIES * j
+    e1, e2, e3 = x[at + 1] - x[at], x[at + 2] - x[at], x[at + 3] - x[at]
+    return (
+        model[m + 1] * e1 + model[m + 2] * e2 + model[m + 3] * e3,
+        model[m + 5] * e1 + model[m + 6] * e2 + model[m + 7] * e3,
+        model[m + 9] * e1 + model[m + 10] * e2 + model[m + 11] * e3,
+        model[m + 13] * e1 + model[m + 14] * e2 + model[m + 15] * e3,
+    )
+
+
+@part
+def along_gradient(shape, model, x, moved, j):
+    """G_j moved."""
+    total = 0.0
+    for d in range(shape[DIM]):
+        g = gradient(shape, model, x, j, d)
+        at = d * shape[LINE] + MARGIN + first_point(shape, j)
+        total += g[1] * (moved[at + 1] - moved[at])
+        total += g[2] * (moved[at + 2] - moved[at])
+        total += g[3] * (moved[at + 3] - moved[at])
+    return total
+
+
+@part
+def prepare(shape, model, scratch):
+    """Write what never changes of the matrix into BLANK: masses, and ones in unused places."""
+    dim, n = shape[DIM], shape[N]
+    apart, half, width = dim + 1, 4 * dim + 3, width_of(dim + 1)
+    blank = shifted(scratch, shape[BLANK])
+    for at in range(unknowns(shape) * width):
+        blank[at] = 0.0
+    for i in range(n):
+        for d in range(dim):
+            for k in range(max(-3, -i), min(4, n - i)):
+                value = model[shape[MASS] + (3 + k) * shape[LINE] + MARGIN + i]
+                blank[(i * apart + d) * width + k * apart + half] = value
+    for i in (0, 2):
+        blank[(i * apart + dim) * width + half] = 1.0
+
+
+@part
+def factorize(shape, model, state, scratch, x):
+    """Matrix at configuration x, and RESPONSE to forces along the present directions; whether that
+    went well.
+    """
+    dim, n = shape[DIM], shape[N]
+    apart, half, width = dim + 1, 4 * dim + 3, width_of(dim + 1)
+    band, blank = shifted(scratch, shape[SADDLE]), shifted(scratch, shape[BLANK])
+    for at in range(0, unknowns(shape) * width, LANES):
+        store(band, at, load(blank, at))
+    for j in range(n - 1):
+        place, first = slot(shape, j), first_point(shape, j)
+        for d in range(dim):
+            g = gradient(shape, model, x, j, d)
+            for k in range(2 if j == n - 2 else 0, 2 if j == 0 else 4):
+                r = (first + k) * apart + d
+                value = g[0] if k == 0 else (g[1] if k == 1 else (g[2] if k == 2 else g[3]))
+                band[r * width + place - r + half] = value
+                band[place * width + r - place + half] = value
+    good = eliminate(band, unknowns(shape), apart)
+    respond(shape, model, state, scratch)
+    return good
+
+
+@part
+def share(shape, model, k, directions, at, q, d):
+    """Coefficient of coordinate d of the q-th control point of held row k."""
+    line = line_of(shape, k)
+    point = point_of(shape, k)
+    weight = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + q) * LANES]
+    if line >= 0:
+        return weight if line == d else 0.0
+    return weight * directions[at + (DIRECTION_ROWS * k + d) * LANES]
+
+
+@part
+def first_held(shape, k):
+    """First of the four control points of held row k."""
+    return first_of_point(shape, point_of(shape, k))
+
+
+@part
+def held_value(shape, model, state, k, u):
+    """B_k u."""
+    dim, line = shape[DIM], line_of(shape, k)
+    point = point_of(shape, k)
+    own = own_of(shape, point)
+    f = 0.0
+    if line == dim:
+        pass  # the twist has no constraint
+    elif own >= 0 and line >= 0:
+        f = u[own * (dim + 1) + line]
+    elif own >= 0:
+        at = shape[DIRECTION] + DIRECTION_ROWS * k * LANES
+        for d in range(dim):
+            f += state[at + d * LANES] * u[own * (dim + 1) + d]
+    else:
+        for q in range(4):
+            at = (first_held(shape, k) + q) * (dim + 1)
+            for d in range(dim):
+                f += share(shape, model, k, state, shape[DIRECTION], q, d) * u[at + d]
+    return f
+
+
+@part
+def column(shape, k):
+    """Offset of the response to a unit force on held row k."""
+    return shape[RESPONSE] + k * (-(-unknowns(shape) // LANES) * LANES)
+
+
+@part
+def respond(shape, model, state, scratch):
+    """Solutions for a unit force on each held row, found eight at a time, into RESPONSE."""
+    dim, count, directions = shape[DIM], unknowns(shape), shape[DIRECTION]
+    x = shifted(scratch, shape[EIGHT_SIDES])
+    for start in range(0, shape[HELD], LANES):
+        end = min(start + LANES, shape[HELD])
+        for at in range(0, count * LANES, LANES):
+            store(x, at, 0.0)
+        for k in range(start, end):
+            for q in range(4):
+                for d in range(dim):
+                    r = (first_held(shape, k) + q) * (dim + 1) + d
+                    value = share(shape, model, k, state, directions, q, d)
+                    x[r * LANES + k - start] += value
+        substitute_eight(shifted(scratch, shape[SADDLE]), count, dim + 1, x)
+        for k in range(start, end):
+            to = column(shape, k)
+            for r in range(count):
+                scratch[to + r] = x[r * LANES + k - start]
+
+
+@part
+def prepare_holding(shape, model, state, scratch):
+    """What unit forces on the held rows do to them along the present directions, factorised.
+
+    It is nearly symmetric and positive definite, so it needs no pivoting.
+    """
+    held, matrix = shape[HELD], shifted(scratch, shape[HELD_SYSTEM])
+    for k in range(held):
+        for j in range(held):
+            u = shifted(scratch, column(shape, j))
+            matrix[held * k + j] = held_value(shape, model, state, k, u)
+        if line_of(shape, k) == shape[DIM]:
+            matrix[(held + 1) * k] = 1.0
+    for r in range(held):
+        inverse = 1.0 / matrix[(held + 1) * r]
+        for below in range(r + 1, held):
+            factor = matrix[held * below + r] * inverse
+            matrix[held * below + r] = factor
+            for c in range(r + 1, held):
+                matrix[held * below + c] -= factor * matrix[held * r + c]
+
+
+@part
+def solve_holding(shape, scratch, x):
+    """Solve with the factors of `prepare_holding`, in place."""
+    held, matrix = shape[HELD], shifted(scratch, shape[HELD_SYSTEM])
+    for r in range(held):
+        for c in range(r):
+            x[r] -= matrix[held * r + c] * x[c]
+    for r in range(held - 1, -1, -1):
+        for c in range(r + 1, held):
+            x[r] -= matrix[held * r + c] * x[c]
+        x[r] /= matrix[(held + 1) * r]
+
+
+@part
+def solve(shape, model, state, scratch, force_scale):
+    """Solve for the right-hand side in MULTIPLIERS, in place, with B u = 0.
+
+    force_scale times the multipliers of the held rows is added to HOLDING_FORCE.
+    """
+    dim, held, count = shape[DIM], shape[HELD], unknowns(shape)
+    u, forces = shifted(scratch, shape[MULTIPLIERS]), shifted(scratch, shape[RATES])
+    substitute(shifted(scratch, shape[SADDLE]), count, dim + 1, u)
+    for k in range(held):
+        forces[k] = held_value(shape, model, state, k, u)
+    solve_holding(shape, scratch, forces)
+    for k in range(held):
+        x = shifted(scratch, column(shape, k))
+        for at in range(0, count, LANES):
+            store(u, at, load(u, at) - forces[k] * load(x, at))
+        scratch[shape[HOLDING_FORCE] + k * LANES] += force_scale * forces[k]
+    for k in range(held):
+        line = line_of(shape, k)
+        own = own_of(shape, point_of(shape, k))
+        if 0 <= line < dim and own >= 0:
+            u[own * (dim + 1) + line] = 0.0
+
+
+@part
+def clear_multipliers(shape, scratch):
+    """MULTIPLIERS = 0."""
+    for r in range(unknowns(shape)):
+        scratch[shape[MULTIPLIERS] + r] = 0.0
+
+
+@part
+def add_solution(shape, scratch, scale, out):
+    """out += scale times the coordinates of the solution."""
+    dim = shape[DIM]
+    for i in range(shape[N]):
+        for d in range(dim):
+            u = scratch[shape[MULTIPLIERS] + i * (dim + 1) + d]
+            out[d * shape[LINE] + MARGIN + i] += scale * u
+
+
+@part
+def violation(shape, model, scratch, x):
+    """Write -g into the places of the multipliers; returns the largest |g|."""
+    worst = 0.0
+    clear_multipliers(shape, scratch)
+    for j in range(shape[N] - 1):
+        value = 0.5 * (along_gradient(shape, model, x, x, j) - 1.0)
+        scratch[shape[MULTIPLIERS] + slot(shape, j)] = -value
+        worst = max(worst, abs(value))
+    return worst
+
+
+@part
+def resolution(shape, model, x):
+    """Violation that a cable at these coordinates is not known better than."""
+    reach = 0.0
+    for d in range(shape[DIM]):
+        for i in range(shape[N]):
+            reach = max(reach, abs(x[d * shape[LINE] + MARGIN + i]))
+    return TOLERANCE + ROUND_OFF * reach * np.sqrt(model[shape[CONSTRAINTS]])
+
+
+@part
+def keep_length(shape, model, state, scratch, x, force_scale):
+    """Move x onto its lengths by the matrix factorised last; true if that succeeded.
+
+    Chord iteration. The sum of all corrections is left in CORRECTION: the difference of the
+    coordinates may have no digits.
+    """
+    correction = shifted(scratch, shape[CORRECTION])
+    clear(shape, correction)
+    allowed = resolution(shape, model, x)
+    worst = violation(shape, model, scratch, x)
+    for _ in range(MAX_ITERATIONS):
+        if worst <= allowed:
+            return True
+        solve(shape, model, state, scratch, force_scale)
+        add_solution(shape, scratch, 1.0, x)
+        add_solution(shape, scratch, 1.0, correction)
+        worst = violation(shape, model, scratch, x)
+        if not worst < HOPELESS:
+            return False
+    return worst <= allowed

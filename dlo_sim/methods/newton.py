@@ -1,0 +1,201 @@
+"""The iteration of an implicit step: first guess, sharpened corrections, search along them, and a
+look at what was found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.compiling.lanes import LANES, shifted
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.band import own_point, substitute, turn_vector
+from dlo_sim.engine.layout import (
+    DIM,
+    DIRECTION,
+    HELD,
+    HISTORY,
+    KNOWN,
+    LEDGER,
+    LENGTH,
+    LENGTH_BEFORE,
+    LINE,
+    MARGIN,
+    SIZE,
+    N,
+)
+from dlo_sim.methods.implicit_layout import BALANCE, BAND, CORRECTIONS, STEP, residual_of
+
+TRUSTED = 0.5  # largest share by which a correction may be repeated
+SMALLEST = 1e-300  # square of a correction
+
+
+@part
+def parabola(tau, last, before):
+    """Weights of the present configuration, the last and the last but one in the value at tau of
+    the parabola through them; `last` and `before` are the lengths of the last two steps.
+    """
+    both = last + before
+    return (
+        (tau + last) * (tau + both) / (last * both),
+        -tau * (tau + both) / (last * before),
+        tau * (tau + last) / (both * before),
+    )
+
+
+@part
+def predict(shape, state, x, w, tau):
+    """First guess of the spatial lines: the parabola through the last three configurations, the
+    last configuration where undamped motion, for which the step is far too long, turns its sign
+    from step to step, or constant w.
+
+    Shifts the history: its first entry becomes the present configuration, the second the one
+    before.
+    """
+    ledger, size = shape[LEDGER], shape[SIZE]
+    near, far = shifted(state, shape[HISTORY]), shifted(state, shape[HISTORY] + size)
+    known = state[ledger + KNOWN * LANES] >= 2.0
+    last, before_last = state[ledger + LENGTH * LANES], state[ledger + LENGTH_BEFORE * LANES]
+    count = shape[DIM] * shape[LINE]
+    back = False
+    a = b = c = 0.0
+    if known:
+        once, twice = 0.0, 0.0
+        for at in range(count):
+            once += (x[at] - near[at]) ** 2
+            twice += (x[at] - far[at]) ** 2
+        back = tau == last == before_last and twice < once
+        a, b, c = parabola(tau, last, before_last)
+    for at in range(count):
+        now, before = x[at], near[at]
+        if back:
+            x[at] = before
+        elif known:
+            x[at] = a * now + b * before + c * far[at]
+        else:
+            x[at] = now + tau * w[at]
+        far[at] = before
+        near[at] = now
+    state[ledger + LENGTH_BEFORE * LANES] = last
+    state[ledger + LENGTH * LANES] = tau
+
+
+@part
+def largest(shape, x):
+    """Largest coordinate."""
+    value = 0.0
+    for at in range(shape[DIM] * shape[LINE]):
+        value = max(value, abs(x[at]))
+    return value
+
+
+@part
+def apply_step(shape, state, scratch, number, share, x, change):
+    """x and `change` += share of the correction of this number."""
+    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    step = shifted(scratch, shape[STEP])
+    correction = shifted(scratch, shape[CORRECTIONS] + number * (n * dim + 1))
+    for r in range(n * dim):
+        step[r] = share * correction[r]
+    turn_vector(shape, shifted(state, shape[DIRECTION]), False, step)
+    for d in range(dim):
+        at = d * width + MARGIN
+        for i in range(n):
+            x[at + i] += step[i * dim + d]
+            change[at + i] += step[i * dim + d]
+
+
+@part
+def correct(shape, state, scratch, known, x, change):
+    """Solve for the correction, sharpen it by the `known` ones since the matrix was made, apply it
+    to x and to `change`.
+
+    Broyden's method: each correction tells what the matrix misses along it. With z the solution for
+    the present residual and s_j the corrections, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the
+    last, then s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
+
+    Returns |residual . correction| entry by entry and as a whole, the energy defect
+    |residual . change| that the residual would leave, and the largest entry of the correction.
+    """
+    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    size = n * dim
+    z, balance = residual_of(shape, scratch), shifted(scratch, shape[BALANCE])
+    corrections = shifted(scratch, shape[CORRECTIONS])
+    for r in range(size):
+        balance[r] = z[r]
+    substitute(shifted(scratch, shape[BAND]), size, dim, z)
+    for j in range(known):
+        s = shifted(corrections, j * (size + 1))
+        along = dot(s, z, size) * s[size]
+        if j + 1 < known:
+            following = shifted(corrections, (j + 1) * (size + 1))
+            for r in range(size):
+                z[r] += along * following[r]
+        elif abs(along) < TRUSTED:
+            for r in range(size):
+                z[r] /= 1.0 - along
+    s = shifted(corrections, known * (size + 1))
+    energy, slope, largest_entry = 0.0, 0.0, 0.0
+    for r in range(size):
+        s[r] = z[r]
+        energy += abs(z[r] * balance[r])
+        slope += z[r] * balance[r]
+        largest_entry = max(largest_entry, abs(z[r]))
+    s[size] = 1.0 / max(dot(z, z, size), SMALLEST)
+    apply_step(shape, state, scratch, known, 1.0, x, change)
+    step, defect = shifted(scratch, shape[STEP]), 0.0
+    for d in range(dim):
+        at = d * width + MARGIN
+        for i in range(n):
+            step[i * dim + d] = change[at + i]
+    turn_vector(shape, shifted(state, shape[DIRECTION]), True, step)
+    for r in range(size):
+        defect += abs(step[r] * balance[r])
+    return energy, abs(slope), defect, largest_entry
+
+
+@part
+def shortened(before, after):
+    """Share of a correction at which the residual along it would vanish, by the secant."""
+    share = before / (before - after)
+    return min(max(share, 0.1), 0.5) if share > 0.0 and share < np.inf else 0.1
+
+
+@part
+def turned_over(shape, x, start, change):
+    """Whether an edge of the control polygon turned by more than a right angle in the step.
+
+    Not where an end was put elsewhere in no time: smaller steps would not help.
+    """
+    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    jump, shortest = 0.0, np.inf
+    found = False
+    for i in range(MARGIN, MARGIN + n - 1):
+        along, length = 0.0, 0.0
+        for d in range(dim):
+            at = d * width + i
+            edge = start[at + 1] - start[at]
+            along += edge * (x[at + 1] - x[at])
+            length += edge * edge
+        shortest = min(shortest, length)
+        found = found or along <= 0.0
+    for k in range(shape[HELD]):
+        own = own_point(shape, k)
+        if own >= 0:
+            for d in range(dim):
+                jump = max(jump, abs(change[d * width + MARGIN + own]))
+    return found and not 4.0 * jump * jump > shortest
+
+
+@part
+def dot(a, b, size):
+    """a . b, in four sums that do not wait for each other."""
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+    whole = size - size % 4
+    for r in range(0, whole, 4):
+        s0 += a[r] * b[r]
+        s1 += a[r + 1] * b[r + 1]
+        s2 += a[r + 2] * b[r + 2]
+        s3 += a[r + 3] * b[r + 3]
+    for r in range(whole, size):
+        s0 += a[r] * b[r]
+    return (s0 + s1) + (s2 + s3)

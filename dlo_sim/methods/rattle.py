@@ -1,0 +1,236 @@
+"""RATTLE: an inextensible cable stepped explicitly, its length kept by constraints.
+
+Stretching is left out and replaced by n - 1 constraints: the mean of g = (|r'|^2 - 1) / 2 over
+every knot span is 0, and so is g at u = 0 and u = L. That is one constraint per axial degree of
+freedom of a straight cable, so nothing stretches and bending does not lock. A step is one of the
+velocity Verlet method (`methods.splitting`, held rows included) with two corrections, of the
+positions behind the drift and of the velocities at the end,
+    M u = - G(q0)^T mu - B0^T kappa,    g(q1 + u) = 0,    B1 u = 0;    q1 += u,  w += u / tau
+    M u = - G(q1)^T nu - B1^T kappa,    G(q1) (v1 + u) = 0,    B1 u = 0;    w1 += u:
+second order, symmetric and symplectic on the constraint manifold. `methods.length_constraints`
+solves both.
+
+Source: Andersen 1983, J. Comput. Phys. 52; Hairer, Lubich & Wanner 2006, VII.1.4.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, bare, load, shifted, zero
+from dlo_sim.compiling.pieces import (
+    COUNTS,
+    NOTHING,
+    REAL,
+    REALS,
+    TRUTH,
+    WHOLE,
+    WHOLES,
+    part,
+    piece,
+)
+from dlo_sim.engine.account import book
+from dlo_sim.engine.held import add_velocity_of_held, grasps_move
+from dlo_sim.engine.layout import (
+    DIM,
+    DIVERGED,
+    DRIVE_WORK,
+    FORCE,
+    HELD,
+    LINE,
+    MARGIN,
+    MOVED,
+    NOT_CONVERGED,
+    OK,
+    N,
+    W,
+    X,
+)
+from dlo_sim.engine.lines import add, copy
+from dlo_sim.engine.sampling import begin_sample
+from dlo_sim.methods.explicit_layout import CORRECTION, HOLDING_FORCE, MEAN, MULTIPLIERS, STEP_MOVED
+from dlo_sim.methods.length_constraints import (
+    add_solution,
+    along_gradient,
+    clear_multipliers,
+    factorize,
+    first_point,
+    gradient,
+    keep_length,
+    prepare,
+    prepare_holding,
+    slot,
+    solve,
+)
+from dlo_sim.methods.splitting import ENGINE, decay_flow, drift
+
+MOST_PROJECTIONS = 20
+
+
+@part
+def matrix_here(shape, model, state, scratch):
+    """All that a correction from the present configuration needs; whether that went well."""
+    good = factorize(shape, model, state, scratch, shifted(state, shape[X]))
+    prepare_holding(shape, model, state, scratch)
+    return good
+
+
+@part
+def fix_velocity(shape, model, inputs, state, scratch, t, tau):
+    """Take out of w what would change lengths, with the matrix of the present configuration."""
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    v = shifted(scratch, shape[MEAN])
+    copy(shape, w, v)
+    add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v)
+    clear_multipliers(shape, scratch)
+    for j in range(shape[N] - 1):
+        value = along_gradient(shape, model, x, v, j)
+        scratch[shape[MULTIPLIERS] + slot(shape, j)] = -value
+    solve(shape, model, state, scratch, 1.0 / tau)
+    add_solution(shape, scratch, 1.0, w)
+
+
+@part
+def keep_moved(shape, state, scratch):
+    """How far what is held moved in this step, before it is booked."""
+    for at in range(shape[HELD] * LANES):
+        scratch[shape[STEP_MOVED] + at] = state[shape[MOVED] + at]
+        scratch[shape[HOLDING_FORCE] + at] = 0.0
+
+
+@part
+def book_constraints(shape, state, scratch):
+    """Work that grasps do against the constraint forces."""
+    f = zero()
+    for k in range(shape[HELD]):
+        at = k * LANES
+        force = scratch[shape[HOLDING_FORCE] + at]
+        f -= force * load(scratch, shape[STEP_MOVED] + at)
+    book(shape, state, DRIVE_WORK, f)
+
+
+@part
+def rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t0, tau):
+    """One step from a configuration whose matrix and forces are there; true if solved."""
+    x, w, force = shifted(state, shape[X]), shifted(state, shape[W]), shifted(scratch, shape[FORCE])
+    add(shape, 0.5 * tau, force, w)
+    moves = grasps_move(shape, inputs)
+    drift(shape, model, inputs, state, scratch, carry, t0 + tau, tau)
+    keep_moved(shape, state, scratch)
+    if moves:
+        prepare_holding(shape, model, state, scratch)
+    if not keep_length(shape, model, state, scratch, x, 1.0 / (tau * tau)):
+        return False
+    add(shape, 1.0 / tau, shifted(scratch, shape[CORRECTION]), w)
+    evaluate(shape, model, inputs, state, scratch, forces, t0 + tau)
+    add(shape, 0.5 * tau, force, w)
+    good = matrix_here(shape, model, state, scratch)
+    fix_velocity(shape, model, inputs, state, scratch, t0 + tau, tau)
+    if moves:
+        book_constraints(shape, state, scratch)
+    return good
+
+
+@piece(
+    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE),
+    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
+)
+def advance_rattle(
+    shape,
+    model,
+    inputs,
+    state,
+    scratch,
+    engine,
+    first_step,
+    steps,
+    tau,
+    guard,
+    times,
+    samples,
+    powers,
+    marks,
+):
+    """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
+
+    A step whose constraints cannot be met ends the run.
+    """
+    _, forces, look, carry, evaluate, update, end_sample = engine
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch = bare(state), bare(scratch)
+    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    evaluations = 0
+    if steps > 0:
+        evaluate(shape, model, inputs, state, scratch, forces, first_step * tau)
+        prepare(shape, model, scratch)
+        if not matrix_here(shape, model, state, scratch):
+            return NOT_CONVERGED, 0, 0
+    for step in range(first_step, first_step + steps):
+        t0 = step * tau
+        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        decay_flow(shape, model, state, scratch, 0.5 * tau)
+        if not rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t0, tau):
+            return NOT_CONVERGED, step - first_step, evaluations
+        decay_flow(shape, model, state, scratch, 0.5 * tau)
+        evaluations += 1
+        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
+            return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(
+                shape,
+                model,
+                inputs,
+                state,
+                scratch,
+                look,
+                update,
+                times,
+                samples,
+                powers,
+                marks,
+                t0,
+                tau,
+            )
+    return OK, steps, evaluations
+
+
+@piece(TRUTH, WHOLES, REALS, REALS, REALS)
+def to_rest_length(shape, model, state, scratch):
+    """Move a configuration to rest length by the least kinetic distance; true if done."""
+    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    prepare(shape, model, scratch)
+    x = shifted(state, shape[X])
+    for _ in range(MOST_PROJECTIONS):
+        if not matrix_here(shape, model, state, scratch):
+            return False
+        if keep_length(shape, model, state, scratch, x, 0.0):
+            return True
+    return False
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REALS, REALS)
+def add_constraint_force(shape, model, state, scratch, v, acceleration, force):
+    """force += - G^T lambda of the present motion, all of them lines.
+
+    `acceleration`: that of the cable without constraints of its length; lambda follows from
+    G a = - |dr'/dt|^2, the second derivative of the constraints.
+    """
+    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    v, acceleration, force = bare(v), bare(acceleration), bare(force)
+    x = shifted(state, shape[X])
+    prepare(shape, model, scratch)
+    matrix_here(shape, model, state, scratch)
+    clear_multipliers(shape, scratch)
+    for j in range(shape[N] - 1):
+        value = along_gradient(shape, model, v, v, j)
+        value += along_gradient(shape, model, x, acceleration, j)
+        scratch[shape[MULTIPLIERS] + slot(shape, j)] = -value
+    solve(shape, model, state, scratch, 0.0)
+    for j in range(shape[N] - 1):
+        multiplier = scratch[shape[MULTIPLIERS] + slot(shape, j)]
+        at = MARGIN + first_point(shape, j)
+        for d in range(shape[DIM]):
+            g = gradient(shape, model, x, j, d)
+            to = d * shape[LINE] + at
+            force[to] -= g[0] * multiplier
+            force[to + 1] -= g[1] * multiplier
+            force[to + 2] -= g[2] * multiplier
+            force[to + 3] -= g[3] * multiplier

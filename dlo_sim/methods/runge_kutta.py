@@ -1,0 +1,214 @@
+"""The one loop that executes every explicit Runge-Kutta method (see `core.methods`).
+
+It integrates x' = w + Y (rates of the targets), w' = P M^-1 f + P' v - decay w (`engine.held`,
+`methods.turning`). At the end of a step what is held is put to its place, which mends what the step
+was off by. The forces there are the first stage of the next step.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
+from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
+from dlo_sim.engine.account import book, write
+from dlo_sim.engine.held import add_velocity_of_held, grasps_move, project
+from dlo_sim.engine.layout import (
+    DAMPED,
+    DECAY,
+    DISSIPATED,
+    DIVERGED,
+    DRIVE_WORK,
+    FORCE,
+    HELD,
+    LEDGER,
+    LINE,
+    LINES,
+    LOADS,
+    OK,
+    PLASTICITY,
+    SIZE,
+    SYSTEM,
+    TERMS,
+    W,
+    X,
+)
+from dlo_sim.engine.lines import add, clear, copy, form, gathered, mass_of, solve_mass
+from dlo_sim.engine.loads import load_force
+from dlo_sim.engine.plasticity import plastic_flow
+from dlo_sim.engine.sampling import begin_sample
+from dlo_sim.engine.springs import move_anchors
+from dlo_sim.methods.explicit_layout import MEAN, W_BEGIN, W_RATES, X_BEGIN, X_RATES
+from dlo_sim.methods.splitting import ENGINE
+from dlo_sim.methods.turning import add_turning, face
+
+
+@part
+def add_decay(shape, model, state, out):
+    """out += - decay w of the external damping."""
+    if not shape[TERMS] & DAMPED:
+        return
+    for line in range(shape[LINES]):
+        rate = load(model, shape[DECAY] + line * LANES)
+        for at in range(line * shape[LINE], (line + 1) * shape[LINE], LANES):
+            store(out, at, load(out, at) - rate * load(state, shape[W] + at))
+
+
+@part
+def lose_energy(shape, model, state, dt):
+    """Book dt times the power of the external damping, decay w^T M w of every line."""
+    if not shape[TERMS] & DAMPED:
+        return
+    w = shifted(state, shape[W])
+    for line in range(shape[LINES]):
+        power = gathered(shape, form(shape, model, mass_of(shape, line), line, w))
+        book(shape, state, DISSIPATED, dt * load(model, shape[DECAY] + line * LANES) * power)
+
+
+@part
+def accelerate(shape, model, inputs, state, scratch, forces, t):
+    """Acceleration of w at the present configuration into FORCE, unknown to the account."""
+    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
+    forces(shape, model, state, x, force)
+    if shape[LOADS]:
+        load_force(shape, model, inputs, scratch, x, t, force)
+    solve_mass(shape, model, force)
+    if shape[HELD]:
+        project(shape, model, state, scratch, force, scratch, shape[SYSTEM])
+
+
+@part
+def keep_rates(shape, model, inputs, state, scratch, t, stage):
+    """Rates of (x, w) at the present state and acceleration into those of a stage.
+
+    Returns the power that turning grasps have besides.
+    """
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x_rate = shifted(scratch, shape[X_RATES] + stage * shape[SIZE])
+    w_rate = shifted(scratch, shape[W_RATES] + stage * shape[SIZE])
+    copy(shape, w, x_rate)
+    add_velocity_of_held(shape, model, inputs, state, scratch, x, t, x_rate)
+    copy(shape, shifted(scratch, shape[FORCE]), w_rate)
+    power = add_turning(shape, model, inputs, state, scratch, x, w, t, w_rate)
+    add_decay(shape, model, state, w_rate)
+    return power
+
+
+@part
+def add_rates(shape, scratch, rates, stages, table, row, scale, out):
+    """out += scale sum_j table[row, j] (rate of stage j)."""
+    for j in range(stages):
+        weight = scale * table[row * stages + j]
+        if weight != 0.0:
+            add(shape, weight, shifted(scratch, shape[rates] + j * shape[SIZE]), out)
+
+
+@part
+def to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau):
+    """State of a stage at time t."""
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    copy(shape, shifted(scratch, shape[X_BEGIN]), x)
+    copy(shape, shifted(scratch, shape[W_BEGIN]), w)
+    add_rates(shape, scratch, X_RATES, stages, table, stage, tau, x)
+    add_rates(shape, scratch, W_RATES, stages, table, stage, tau, w)
+    face(shape, model, inputs, state, scratch, t)
+    move_anchors(shape, inputs, state, t)
+
+
+@part
+def to_end(shape, model, inputs, state, scratch, carry, stages, table, t, tau):
+    """State at the end of the step, at time t, with what is held at its place."""
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    mean = shifted(scratch, shape[MEAN])
+    clear(shape, mean)
+    add_rates(shape, scratch, X_RATES, stages, table, stages, 1.0, mean)
+    copy(shape, shifted(scratch, shape[X_BEGIN]), x)
+    copy(shape, shifted(scratch, shape[W_BEGIN]), w)
+    booked = load(state, shape[LEDGER] + DRIVE_WORK * LANES)
+    carry(shape, model, inputs, state, scratch, x, mean, t, tau)
+    write(shape, state, DRIVE_WORK, booked)  # the mean rate is no motion of its own
+    add_rates(shape, scratch, W_RATES, stages, table, stages, tau, w)
+    if grasps_move(shape, inputs):
+        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+    move_anchors(shape, inputs, state, t)
+
+
+@piece(
+    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE, REALS, REALS),
+    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
+)
+def advance_runge_kutta(
+    shape,
+    model,
+    inputs,
+    state,
+    scratch,
+    engine,
+    table,
+    nodes,
+    first_step,
+    steps,
+    tau,
+    guard,
+    times,
+    samples,
+    powers,
+    marks,
+):
+    """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
+    `advance_splitting` does.
+
+    `table`: rows a_ij and, last, b_j, shape (s + 1, s) flattened; `nodes`: c_i, shape (s,).
+    """
+    _, forces, look, carry, evaluate, update, end_sample = engine
+    stages = len(nodes)
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch, table = bare(state), bare(scratch), bare(table)
+    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    evaluations, power = 0, zero()
+    fresh = False  # the rates of stage 0 are those of the present state
+    for step in range(first_step, first_step + steps):
+        t0, t1 = step * tau, (step + 1) * tau
+        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        if not fresh:
+            evaluate(shape, model, inputs, state, scratch, forces, t0)
+            power = keep_rates(shape, model, inputs, state, scratch, t0, 0)
+            evaluations += 1
+        copy(shape, shifted(state, shape[X]), shifted(scratch, shape[X_BEGIN]))
+        copy(shape, shifted(state, shape[W]), shifted(scratch, shape[W_BEGIN]))
+        weight = tau * table[stages * stages]
+        lose_energy(shape, model, state, weight)
+        book(shape, state, DRIVE_WORK, weight * power)
+        for stage in range(1, stages):
+            t = (step + nodes[stage]) * tau
+            to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau)
+            accelerate(shape, model, inputs, state, scratch, forces, t)
+            power = keep_rates(shape, model, inputs, state, scratch, t, stage)
+            weight = tau * table[stages * stages + stage]
+            lose_energy(shape, model, state, weight)
+            book(shape, state, DRIVE_WORK, weight * power)
+        to_end(shape, model, inputs, state, scratch, carry, stages, table, t1, tau)
+        evaluate(shape, model, inputs, state, scratch, forces, t1)
+        power = keep_rates(shape, model, inputs, state, scratch, t1, 0)
+        evaluations += stages
+        fresh = True
+        if shape[TERMS] & PLASTICITY:
+            plastic_flow(shape, model, state, shifted(state, shape[X]))
+            fresh = False
+        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
+            return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(
+                shape,
+                model,
+                inputs,
+                state,
+                scratch,
+                look,
+                update,
+                times,
+                samples,
+                powers,
+                marks,
+                t0,
+                tau,
+            )
+    return OK, steps, evaluations

@@ -1,0 +1,166 @@
+"""The one loop that executes every drift/kick method (see `core.methods`).
+
+A step is: for each stage, drift by c_i tau w, then kick w by d_i tau P M^-1 f. What is held is
+placed at the stage's own time, and the cable carried along exactly (`engine.held`). External
+damping is an exactly solved flow of its own, half before and half after the drift/kick step, and
+only offered for methods without negative weights.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store
+from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
+from dlo_sim.engine.account import book, update_account
+from dlo_sim.engine.forces import energies, forces
+from dlo_sim.engine.held import carry
+from dlo_sim.engine.layout import (
+    DAMPED,
+    DECAY,
+    DISSIPATED,
+    DIVERGED,
+    FORCE,
+    IS_BOOKED,
+    LEDGER,
+    LINE,
+    LINES,
+    MARGIN,
+    NOTES,
+    OK,
+    PARTS,
+    PLASTICITY,
+    STRIDE,
+    TERMS,
+    W,
+    X,
+)
+from dlo_sim.engine.lines import add, form, gathered, mass_of
+from dlo_sim.engine.plasticity import plastic_flow
+from dlo_sim.engine.sampling import begin_sample, end_sample
+from dlo_sim.engine.springs import move_anchors
+from dlo_sim.methods.sane_cables import keep_sane
+from dlo_sim.methods.works import evaluate, foresee_work, has_work
+
+
+@part
+def decay_flow(shape, model, state, scratch, dt):
+    """Exact flow of the external damping over dt."""
+    if not shape[TERMS] & DAMPED:
+        return
+    w, factors = shifted(state, shape[W]), shape[NOTES]
+    for line in range(shape[LINES]):
+        rates = shape[DECAY] + line * LANES
+        if line == 0 or model[rates] != model[rates - LANES] or shape[STRIDE] > 1:
+            for lane in range(LANES):
+                scratch[factors + lane] = np.exp(-model[rates + lane] * dt)
+        factor = load(scratch, factors)
+        energy = gathered(shape, form(shape, model, mass_of(shape, line), line, w))
+        book(shape, state, DISSIPATED, 0.5 * energy * (1.0 - factor * factor))
+        start = line * shape[LINE] + MARGIN * shape[STRIDE]
+        for b in range(shape[PARTS]):
+            at = start + LANES * b
+            store(w, at, factor * load(w, at))
+
+
+ENGINE = (forces, energies, carry, evaluate, update_account, end_sample)
+"""The pieces that a loop of an explicit method calls."""
+
+
+@part
+def drift(shape, model, inputs, state, scratch, carry, t, dt):
+    """Move every control point over dt to time t: at rate w, and what is held to its place."""
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    carry(shape, model, inputs, state, scratch, x, w, t, dt)
+    move_anchors(shape, inputs, state, t)
+
+
+@piece(
+    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE, REALS, REALS),
+    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
+)
+def advance_splitting(
+    shape,
+    model,
+    inputs,
+    state,
+    scratch,
+    engine,
+    drift_weights,
+    kick_weights,
+    first_step,
+    steps,
+    tau,
+    guard,
+    times,
+    samples,
+    powers,
+    marks,
+):
+    """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
+
+    A step begins and ends at (step + c) tau, so that the end of a step is the start of the next one
+    to the last bit. Every `guard` steps (counted from time zero, so that splitting a run into calls
+    changes nothing) the energy account is checked; of eight cables side by side also at the end,
+    and the loop goes on while one of them is sane.
+    """
+    _, forces, look, carry, evaluate, update, end_sample = engine
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch = bare(state), bare(scratch)
+    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    w, force = shifted(state, shape[W]), shifted(scratch, shape[FORCE])
+    evaluations = 0
+    fresh = False  # FORCE holds the acceleration of the present state
+    works, eight = has_work(shape, inputs), shape[STRIDE] > 1
+    if steps > 0 and works and drift_weights[0] != 0.0:
+        if state[shape[LEDGER] + IS_BOOKED * LANES] == 0.0:
+            evaluate(shape, model, inputs, state, scratch, forces, first_step * tau)
+    for step in range(first_step, first_step + steps):
+        t0 = step * tau
+        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        elapsed = 0.0
+        decay_flow(shape, model, state, scratch, 0.5 * tau)
+        for stage in range(len(drift_weights)):
+            c = drift_weights[stage]
+            if c != 0.0:
+                elapsed += c
+                drift(shape, model, inputs, state, scratch, carry, (step + elapsed) * tau, c * tau)
+                fresh = False
+            if kick_weights[stage] != 0.0:
+                if not fresh:
+                    t = (step + elapsed) * tau
+                    evaluate(shape, model, inputs, state, scratch, forces, t)
+                    evaluations += 1
+                    fresh = True
+                add(shape, kick_weights[stage] * tau, force, w)
+        if works and not fresh:
+            foresee_work(shape, model, inputs, state)
+        decay_flow(shape, model, state, scratch, 0.5 * tau)
+        if shape[TERMS] & PLASTICITY:
+            plastic_flow(shape, model, state, shifted(state, shape[X]))
+            fresh = False
+        if (step + 1) % guard == 0 or (eight and step + 1 == first_step + steps):
+            if works and not fresh:
+                evaluate(shape, model, inputs, state, scratch, forces, (step + 1) * tau)
+            sane = update(shape, model, state, scratch, look)
+            if eight:
+                sane = keep_sane(shape, state, scratch, step + 1)
+            if not sane:
+                return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(
+                shape,
+                model,
+                inputs,
+                state,
+                scratch,
+                look,
+                update,
+                times,
+                samples,
+                powers,
+                marks,
+                t0,
+                tau,
+            )
+    return OK, steps, evaluations

@@ -1,0 +1,105 @@
+"""Directions of what is held, for methods that evaluate forces at times of their own.
+
+Where a grasp turns, so do the rows that it holds, and with them the projection P = 1 - Y B: the
+momentum variable w = P v follows w' = P M^-1 f + P' v with
+    P' v = - P M^-1 B'^T S^-1 B v - Y B' w.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, load, store, zero
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.grasps import MOTION_SIZE, rates, turned
+from dlo_sim.engine.held import (
+    aim,
+    component3,
+    directions_turn,
+    grasps_move,
+    project,
+    row_value,
+    shift_row,
+    target_rates,
+    through_inverse,
+    turn_to_aim,
+)
+from dlo_sim.engine.layout import (
+    AHEAD,
+    AXES,
+    DIM,
+    DIRECTION,
+    DIRECTION_ROWS,
+    HELD,
+    HELD_BODY,
+    INVERSE,
+    MOTION,
+    RATES,
+    SYSTEM,
+)
+from dlo_sim.engine.tables import grasp_of, line_of
+
+
+@part
+def face(shape, model, inputs, state, scratch, t):
+    """Take over the directions that what is held has at time t."""
+    if grasps_move(shape, inputs):
+        aim(shape, model, inputs, scratch, t)
+        if directions_turn(shape, state, scratch):
+            turn_to_aim(shape, model, state, scratch)
+
+
+@part
+def turns(shape, k):
+    """Whether row k has a direction that turns with its grasp."""
+    return line_of(shape, k) < 0
+
+
+@part
+def direction_rates(shape, model, inputs, scratch, t):
+    """e' = omega x e of the rows that turn, into the rows AHEAD; whether any does."""
+    found = False
+    for k in range(shape[HELD]):
+        grasp = shape[MOTION] + MOTION_SIZE * grasp_of(shape, k)
+        if not turns(shape, k):
+            continue
+        body = shape[HELD_BODY] + DIRECTION_ROWS * LANES * k
+        e = turned(inputs, grasp, t, model[body], model[body + LANES], model[body + 2 * LANES])
+        v = rates(inputs, grasp, t)
+        spin = (v[5] * e[2] - v[6] * e[1], v[6] * e[0] - v[4] * e[2], v[4] * e[1] - v[5] * e[0])
+        moves = inputs[grasp] != 0.0
+        for d in range(shape[DIM]):
+            rate = component3(spin, shape[AXES + d]) if moves else 0.0
+            store(scratch, shape[AHEAD] + (DIRECTION_ROWS * k + d) * LANES, rate)
+            found = found or rate != 0.0
+    return found
+
+
+@part
+def add_turning(shape, model, inputs, state, scratch, x, w, t, out):
+    """out += P' v, for an acceleration P M^-1 f and the directions of time t.
+
+    Returns the power w^T M P' v = - (B' w) . (S^-1 B v) that the motion w takes from the grasps.
+    """
+    power = zero()
+    if not grasps_move(shape, inputs):
+        return power
+    if not direction_rates(shape, model, inputs, scratch, t):
+        return power
+    held, system, ahead = shape[HELD], shape[SYSTEM], shape[AHEAD]
+    target_rates(shape, model, inputs, state, scratch, x, t)
+    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, system)
+    for k in range(held):
+        if turns(shape, k):
+            f = load(scratch, system + k * LANES)
+            shift_row(shape, model, k, scratch, ahead, -f, out)
+            power -= f * row_value(shape, model, k, scratch, ahead, w)
+    project(shape, model, state, scratch, out, scratch, system)
+    for k in range(held):
+        rate = zero()
+        if turns(shape, k):
+            rate = row_value(shape, model, k, scratch, ahead, w)
+        store(scratch, shape[RATES] + k * LANES, rate)
+    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, system)
+    for k in range(held):
+        f = -load(scratch, system + k * LANES)
+        shift_row(shape, model, k, state, shape[DIRECTION], f, out)
+    return power

@@ -1,0 +1,175 @@
+"""The twist line of an implicit step: linear, so one symmetric solve by the midpoint rule."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import first, shifted
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.layout import (
+    BETA,
+    DAMPED,
+    DIM,
+    FORCE,
+    HELD,
+    LINE,
+    LOADS,
+    MARGIN,
+    MASS,
+    NEW_LOAD,
+    TERMS,
+    TWIST,
+    VISCOUS,
+    N,
+)
+from dlo_sim.engine.lines import (
+    add_differences,
+    add_product,
+    clear,
+    difference_form,
+    form,
+    gathered,
+)
+from dlo_sim.engine.loads import load_force
+from dlo_sim.engine.tables import line_of, own_of, point_of
+from dlo_sim.methods.implicit_layout import (
+    CHANGE,
+    DAMPING_FORCE,
+    MIDDLE,
+    START,
+    START_V,
+    TWIST_HELD,
+    TWIST_LATEST,
+    TWIST_MATRIX,
+    TWIST_REST,
+    TWIST_SUM,
+)
+
+REFINEMENTS = 3  # of the solution for a cable that is free to spin
+
+
+@part
+def mark_held(shape, held):
+    """1 in `held` at control points whose twist is held, else 0; whether an end of the cable is."""
+    n = shape[N]
+    for i in range(n):
+        held[i] = 0.0
+    for k in range(shape[HELD]):
+        if line_of(shape, k) == shape[DIM]:
+            point = point_of(shape, k)
+            held[own_of(shape, point)] = 1.0
+    return held[0] + held[n - 1] > 0.0
+
+
+@part
+def factorize(shape, is_held, matrix):
+    """LDL^T in place of the matrix (4 lower diagonals, lines of n entries); what is held becomes
+    the identity with a right-hand side of zero: its inverse diagonal is 0."""
+    n = shape[N]
+    for i in range(n):
+        held = is_held[i] != 0.0
+        diagonal = matrix[i]
+        for k in range(min(3, i), 0, -1):
+            value = 0.0 if held or is_held[i - k] != 0.0 else matrix[k * n + i - k]
+            for m in range(k + 1, min(3, i) + 1):
+                value -= matrix[m * n + i - m] * matrix[4 * n + (m - k - 1) * n + i - k]
+            matrix[k * n + i - k] = value  # L D
+        for k in range(1, min(3, i) + 1):
+            scaled = matrix[k * n + i - k] * matrix[i - k]
+            diagonal -= scaled * matrix[k * n + i - k]
+            matrix[4 * n + (k - 1) * n + i] = scaled
+        matrix[i] = 0.0 if held else 1.0 / diagonal
+
+
+@part
+def solve(shape, matrix, x):
+    """Solve in place with the factors; entries of what is held become 0."""
+    n = shape[N]
+    for i in range(n):
+        value = x[i]
+        for k in range(1, min(3, i) + 1):
+            value -= matrix[4 * n + (k - 1) * n + i] * x[i - k]
+        x[i] = value
+    for i in range(n - 1, -1, -1):
+        value = x[i] * matrix[i]
+        for k in range(1, min(3, n - 1 - i) + 1):
+            value -= matrix[4 * n + (k - 1) * n + i + k] * x[i + k]
+        x[i] = value
+
+
+@part
+def system(shape, model, tau, beta, matrix):
+    """2 / tau^2 M + (1/2 + beta / tau) K + C / tau as lower diagonals."""
+    n, width = shape[N], shape[LINE]
+    damped = 1.0 / tau if shape[TERMS] & DAMPED else 0.0
+    for k in range(4):
+        for i in range(n - k):
+            at = (3 + k) * width + MARGIN + i
+            value = 2.0 / (tau * tau) * model[shape[MASS] + 7 * width + at]
+            value += (0.5 + beta) * model[shape[TWIST] + at]
+            matrix[k * n + i] = value + damped * model[shape[VISCOUS] + 7 * width + at]
+
+
+@part
+def solve_twist(shape, model, inputs, scratch, x, t0, tau):
+    """Step of the twist line from t0. Returns the energy lost in that line beyond what the part
+    that grasps prescribe already lost.
+
+    CHANGE holds that part; FORCE the forces of the new shape. It completes the line of x, CHANGE,
+    FORCE and NEW_LOAD.
+    """
+    line, width = shape[DIM], shape[LINE]
+    at = line * width
+    force, load = shifted(scratch, shape[FORCE]), shifted(scratch, shape[NEW_LOAD])
+    start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
+    speed = shifted(scratch, shape[START_V])
+    if shape[LOADS]:
+        # The moments of the midpoint, whose method this line has.
+        middle, moment = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[DAMPING_FORCE])
+        for k in range(at):
+            middle[k] = start[k] + 0.5 * change[k]
+        clear(shape, moment)
+        load_force(shape, model, inputs, scratch, middle, t0 + 0.5 * tau, moment)
+        for k in range(at, at + width):
+            force[k] += moment[k] - load[k]
+            load[k] = moment[k]
+    mass, viscous = shape[MASS] + 7 * width, shape[VISCOUS] + 7 * width
+    beta = model[shape[BETA]] / tau if shape[TERMS] & DAMPED else 0.0
+    a = 2.0 / (tau * tau)
+    matrix = shifted(scratch, shape[TWIST_MATRIX])
+    system(shape, model, tau, beta, matrix)
+    is_held = shifted(scratch, shape[TWIST_HELD])
+    spins = not mark_held(shape, is_held)
+    factorize(shape, is_held, matrix)
+    latest, rest = shifted(scratch, shape[TWIST_LATEST]), shifted(scratch, shape[TWIST_REST])
+    sum_ = shifted(scratch, shape[TWIST_SUM])
+    lost = 0.0
+    if shape[TERMS] & DAMPED:
+        lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
+    add_differences(shape, model, shape[TWIST], line, -1.0, start, force)
+    for k in range(at, at + width):
+        rest[k] = force[k]
+        sum_[k] = 0.0
+    add_differences(shape, model, shape[TWIST], line, -0.5 - beta, change, rest)
+    add_product(shape, model, mass, line, -a, change, rest)
+    add_product(shape, model, mass, line, 2.0 / tau, speed, rest)
+    # The inertia of a free spin is lost beside a large stiffness in the factors, but not in the
+    # residual, whose differences do not see a spin: refinements bring it back.
+    for _ in range(1 + REFINEMENTS if spins else 1):
+        for k in range(at, at + width):
+            latest[k] = rest[k]
+        solve(shape, matrix, shifted(latest, at + MARGIN))
+        for k in range(at, at + width):
+            sum_[k] += latest[k]
+        add_product(shape, model, mass, line, -a, latest, rest)
+        add_differences(shape, model, shape[TWIST], line, -0.5 - beta, latest, rest)
+        if shape[TERMS] & DAMPED:
+            add_product(shape, model, viscous, line, -1.0 / tau, latest, rest)
+    for k in range(at, at + width):
+        x[k] += sum_[k]
+        change[k] += sum_[k]
+    add_differences(shape, model, shape[TWIST], line, -0.5 - beta, change, force)
+    if shape[TERMS] & DAMPED:
+        add_product(shape, model, viscous, line, -1.0 / tau, sum_, force)
+        lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau
+        twisted = first(gathered(shape, difference_form(shape, model, shape[TWIST], line, change)))
+        lost += beta * twisted
+    return lost

@@ -1,0 +1,141 @@
+"""The loop of Zhai's explicit two-step method (see `core.zhai`).
+
+One force evaluation per step. The acceleration of the step before is part of the state; the first
+step takes the present one in its place. What is held is placed at the end of the step, carrying
+the cable along the directions of its middle.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
+from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
+from dlo_sim.engine.account import book, write
+from dlo_sim.engine.held import grasps_move, project
+from dlo_sim.engine.layout import (
+    DIVERGED,
+    DRIVE_WORK,
+    FORCE,
+    HISTORY,
+    KNOWN,
+    LEDGER,
+    OK,
+    PLASTICITY,
+    SIZE,
+    SYSTEM,
+    TERMS,
+    W,
+    X,
+)
+from dlo_sim.engine.plasticity import plastic_flow
+from dlo_sim.engine.sampling import begin_sample
+from dlo_sim.engine.springs import move_anchors
+from dlo_sim.methods.explicit_layout import MEAN
+from dlo_sim.methods.runge_kutta import add_decay, lose_energy
+from dlo_sim.methods.splitting import ENGINE
+from dlo_sim.methods.turning import add_turning, face
+
+
+@part
+def accelerate(shape, model, inputs, state, scratch, evaluate, forces, t):
+    """All of w' at the present state into FORCE; work into the ledger.
+
+    Returns the power that turning grasps have besides.
+    """
+    x, w, force = shifted(state, shape[X]), shifted(state, shape[W]), shifted(scratch, shape[FORCE])
+    evaluate(shape, model, inputs, state, scratch, forces, t)
+    power = add_turning(shape, model, inputs, state, scratch, x, w, t, force)
+    add_decay(shape, model, state, force)
+    return power
+
+
+@part
+def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
+    """Positions and w at time t, the end of the step; the present acceleration becomes the one
+    before.
+    """
+    x, w, mean = shifted(state, shape[X]), shifted(state, shape[W]), shifted(scratch, shape[MEAN])
+    force, before = shifted(scratch, shape[FORCE]), shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+    known = state[shape[LEDGER] + KNOWN * LANES] != 0.0
+    for at in range(0, shape[SIZE], LANES):
+        a, v = load(force, at), load(w, at)
+        b = load(before, at) if known else a
+        store(mean, at, v + tau * ((0.5 + psi) * a - psi * b))
+        store(w, at, v + tau * ((1.0 + phi) * a - phi * b))
+        store(before, at, a)
+    write(shape, state, KNOWN, 1.0)
+    face(shape, model, inputs, state, scratch, t - 0.5 * tau)
+    booked = load(state, shape[LEDGER] + DRIVE_WORK * LANES)
+    carry(shape, model, inputs, state, scratch, x, mean, t, tau)
+    write(shape, state, DRIVE_WORK, booked)  # the mean rate is no motion of its own
+    move_anchors(shape, inputs, state, t)
+    if grasps_move(shape, inputs):
+        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+
+
+@piece(
+    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE, REAL, REAL),
+    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
+)
+def advance_zhai(
+    shape,
+    model,
+    inputs,
+    state,
+    scratch,
+    engine,
+    psi,
+    phi,
+    first_step,
+    steps,
+    tau,
+    guard,
+    times,
+    samples,
+    powers,
+    marks,
+):
+    """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
+    `advance_splitting` does.
+    """
+    _, forces, look, carry, evaluate, update, end_sample = engine
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch = bare(state), bare(scratch)
+    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    evaluations, power = 0, zero()
+    fresh = False  # FORCE holds w' of the present state
+    for step in range(first_step, first_step + steps):
+        t0, t1 = step * tau, (step + 1) * tau
+        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        if not fresh:
+            power = accelerate(shape, model, inputs, state, scratch, evaluate, forces, t0)
+            evaluations += 1
+        lose_energy(shape, model, state, 0.5 * tau)
+        two_step(shape, model, inputs, state, scratch, carry, psi, phi, t1, tau)
+        lose_energy(shape, model, state, 0.5 * tau)
+        before = power
+        power = accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
+        book(shape, state, DRIVE_WORK, 0.5 * tau * (before + power))
+        evaluations += 1
+        fresh = True
+        if shape[TERMS] & PLASTICITY:
+            plastic_flow(shape, model, state, shifted(state, shape[X]))
+            fresh = False
+        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
+            return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(
+                shape,
+                model,
+                inputs,
+                state,
+                scratch,
+                look,
+                update,
+                times,
+                samples,
+                powers,
+                marks,
+                t0,
+                tau,
+            )
+    return OK, steps, evaluations

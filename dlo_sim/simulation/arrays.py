@@ -1,0 +1,196 @@
+"""The four arrays of a cable and the whole numbers that say what is where (`engine.layout`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.engine import layout
+from dlo_sim.engine.grasps import MOTION_SIZE
+from dlo_sim.methods.explicit_layout import CONSTRAINT_ENTRIES, CONSTRAINTS, explicit_rooms
+from dlo_sim.methods.implicit_layout import implicit_rooms
+
+Array = NDArray[np.float64]
+Table = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How much of everything a cable, or eight of them side by side, has."""
+
+    dim: int
+    lines: int
+    n: int
+    samples: int
+    points: int
+    held: int
+    springs: int
+    grasps: int
+    loads: int
+    plastic: bool
+    curved: bool
+    constraints: int = 0
+    stride: int = 1
+
+    @property
+    def parts(self) -> int:
+        """Vectors that cover the control points of a line."""
+        return -(-self.n * self.stride // LANES)
+
+    @property
+    def blocks(self) -> int:
+        """Vectors of spans."""
+        return -(-(self.n - 3) * self.stride // LANES)
+
+    @property
+    def line(self) -> int:
+        """Entries of a line with its margins, whole vectors."""
+        return LANES * (self.parts + -(-2 * layout.MARGIN * self.stride // LANES))
+
+    @property
+    def size(self) -> int:
+        """Entries of all lines."""
+        return self.line * self.lines
+
+
+def rooms(counts: Counts) -> dict[str, dict[int, int]]:
+    """Entries of everything in each of the four arrays, by its offset's place in the shape."""
+    c = counts
+    samples = c.blocks * c.samples * LANES
+    return {
+        "model": {
+            layout.MESH: c.blocks * (layout.HEAD + layout.SAMPLE * c.samples) * LANES,
+            layout.MASS: 14 * c.line,
+            layout.FACTORS: 14 * c.line,
+            layout.WEIGHT: c.dim * c.line,
+            layout.TWIST: 7 * c.line,
+            layout.VISCOUS: 14 * c.line,
+            layout.BETA: LANES,
+            layout.DECAY: c.lines * LANES,
+            layout.HELD_WEIGHTS: c.points * layout.POINT_ROWS * LANES,
+            layout.HELD_SHIFT: c.points * c.line,
+            layout.HELD_PRODUCT: c.points * c.points * LANES,
+            layout.HELD_BODY: c.held * layout.DIRECTION_ROWS * LANES,
+            layout.SPRING: c.springs * layout.SPRING_ROWS * LANES,
+            layout.LOAD_BASIS: c.loads * c.line,
+            layout.LOAD_POINT: c.loads * layout.LOAD_POINT_ROWS * LANES,
+            layout.SCALES: layout.SCALE_ROWS * LANES,
+            CONSTRAINTS: c.constraints * CONSTRAINT_ENTRIES,
+        },
+        "inputs": {
+            layout.MOTION: c.grasps * MOTION_SIZE,
+            layout.LOAD: c.loads * layout.LOAD_ROWS * LANES,
+        },
+        "state": {
+            layout.X: c.size,
+            layout.W: c.size,
+            layout.HISTORY: 3 * c.size,
+            layout.LOADED: c.size,
+            layout.BOOKED: c.size,
+            layout.DIRECTION: c.held * layout.DIRECTION_ROWS * LANES,
+            layout.INVERSE: c.held * c.held * LANES,
+            layout.PULL: c.held * LANES,
+            layout.MOVED: c.held * LANES,
+            layout.REACTION: c.held * LANES,
+            layout.ANCHOR: c.springs * LANES,
+            layout.ANCHOR_BOOKED: c.springs * LANES,
+            layout.LEDGER: layout.LEDGER_ROWS * LANES,
+            layout.NATURAL: samples * layout.NATURAL_ROWS if c.curved else 0,
+            layout.PLASTIC: samples * layout.PLASTIC_ROWS if c.plastic else 0,
+        },
+        "scratch": {
+            layout.FORCE: c.size,
+            layout.NEW_LOAD: c.size,
+            layout.V0: c.size,
+            layout.V1: c.size,
+            layout.BEFORE: c.size,
+            layout.RATES: c.held * LANES,
+            layout.TARGETS: c.held * LANES,
+            layout.AHEAD: c.held * layout.DIRECTION_ROWS * LANES,
+            layout.SYSTEM: c.held * max(c.held, 1) * LANES,
+            layout.NOTES: layout.NOTE_ROWS * LANES,
+            **implicit_rooms(c.n, c.dim, c.samples, c.held, c.size),
+            **explicit_rooms(c.n, c.dim, c.held, c.size, c.constraints, c.stride),
+        },
+    }
+
+
+def new_shape(counts: Counts, terms: int, axes: tuple[int, ...]) -> tuple[Table, dict[str, int]]:
+    """Counts and offsets without tables, and the sizes of the four arrays."""
+    c = counts
+    shape = np.zeros(layout.TABLES_START, dtype=np.int64)
+    dimension = {
+        layout.DIM: c.dim,
+        layout.LINES: c.lines,
+        layout.N: c.n,
+        layout.STRIDE: c.stride,
+        layout.LINE: c.line,
+        layout.SIZE: c.size,
+        layout.BLOCKS: c.blocks,
+        layout.PARTS: c.parts,
+        layout.SAMPLES: c.samples,
+        layout.TERMS: terms,
+        layout.POINTS: c.points,
+        layout.HELD: c.held,
+        layout.SPRINGS: c.springs,
+        layout.GRASPS: c.grasps,
+        layout.LOADS: c.loads,
+    }
+    for index, value in dimension.items():
+        shape[index] = value
+    shape[layout.AXES : layout.AXES + c.dim] = axes
+    sizes = {}
+    for name, fields in rooms(counts).items():
+        at = 0
+        for index, size in fields.items():
+            shape[index] = at
+            at += size
+        # loads of whole vectors at the end of the last line stay inside
+        sizes[name] = at + LANES
+    return shape, sizes
+
+
+def counts_of(shape: Table, stride: int) -> Counts:
+    """Counts of a cable's shape, for so many of its kind side by side."""
+    counted = {
+        "dim": layout.DIM,
+        "lines": layout.LINES,
+        "n": layout.N,
+        "samples": layout.SAMPLES,
+        "points": layout.POINTS,
+        "held": layout.HELD,
+        "springs": layout.SPRINGS,
+        "grasps": layout.GRASPS,
+        "loads": layout.LOADS,
+    }
+    terms = int(shape[layout.TERMS])
+    return Counts(
+        **{name: int(shape[index]) for name, index in counted.items()},
+        plastic=bool(terms & layout.PLASTICITY),
+        curved=bool(terms & layout.CURVED),
+        stride=stride,
+    )
+
+
+def with_table(shape: Table, index: int, rows: list[tuple[int, ...]]) -> Table:
+    """The shape with a table of whole numbers behind it."""
+    extended = shape.copy()
+    extended[index] = len(shape)
+    flat = [entry for row in rows for entry in row]
+    return np.concatenate((extended, np.array(flat, dtype=np.int64)))
+
+
+def rows_of(shape: Table, array: Array, offset: int, count: int) -> Array:
+    """Rows of an array as a view, shape (count, LANES)."""
+    at = shape[offset]
+    return array[at : at + count * LANES].reshape(count, LANES)
+
+
+def line_view(shape: Table, array: Array, at: int, count: int) -> Array:
+    """Lines of one cable as a view without margins, shape (count, n)."""
+    width, n = shape[layout.LINE], shape[layout.N]
+    lines = array[at : at + count * width].reshape(count, width)
+    return lines[:, layout.MARGIN : layout.MARGIN + n]

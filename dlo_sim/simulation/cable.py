@@ -1,0 +1,276 @@
+"""The arrays of one simulated cable, and what compiled functions do with them between steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.engine import layout
+from dlo_sim.engine.discrete import discrete_force
+from dlo_sim.engine.forces import energies, forces
+from dlo_sim.engine.grasps import MOTION_SIZE
+from dlo_sim.engine.held import carry
+from dlo_sim.engine.tangent import add_tangent
+from dlo_sim.methods import between_steps
+from dlo_sim.methods.implicit_layout import BALANCE, BAND
+from dlo_sim.methods.works import evaluate
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.arrays import line_view
+from dlo_sim.simulation.model import Model
+
+Array = NDArray[np.float64]
+CREEP = 1e-6  # of the length per second: motion slower than that exchanges no energy
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A model with its inputs, state and scratch.
+
+    Attributes:
+        inputs: what callers change. state: what steps change. scratch: what no step needs of the
+            one before.
+    """
+
+    model: Model
+    inputs: Array
+    state: Array
+    scratch: Array
+
+    @classmethod
+    def new(cls, model: Model) -> Cable:
+        """All zeros."""
+        return cls(model, *(model.new(name) for name in ("inputs", "state", "scratch")))
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """shape, model, inputs, state, scratch: the first arguments of the compiled functions."""
+        return self.model.shape, self.model.values, self.inputs, self.state, self.scratch
+
+    @property
+    def _inner(self) -> tuple[Any, ...]:
+        """The same without the inputs."""
+        return self.model.shape, self.model.values, self.state, self.scratch
+
+    # -- views ----------------------------------------------------------------------------------
+
+    @property
+    def x(self) -> Array:
+        """Positions, a view of shape (lines, n)."""
+        return self.model.view(self.state, layout.X)
+
+    @property
+    def w(self) -> Array:
+        """Momentum variable w = P v (`engine.held`), a view of shape (lines, n)."""
+        return self.model.view(self.state, layout.W)
+
+    @property
+    def motion(self) -> Array:
+        """Motions of the grasps (`engine.grasps`), a view of shape (grasps, MOTION_SIZE)."""
+        at, count = self.model.shape[layout.MOTION], self.model.shape[layout.GRASPS]
+        return self.inputs[at : at + count * MOTION_SIZE].reshape(count, MOTION_SIZE)
+
+    @property
+    def loads(self) -> Array:
+        """Force, torque and frequency of each load, a view of shape (loads, 7, LANES)."""
+        count = int(self.model.shape[layout.LOADS])
+        rows = self.model.rows(self.inputs, layout.LOAD, count * layout.LOAD_ROWS)
+        return rows.reshape(count, layout.LOAD_ROWS, LANES)
+
+    @property
+    def anchors(self) -> Array:
+        """Where the springs pull to, a view of shape (springs, LANES)."""
+        return self.model.rows(self.state, layout.ANCHOR, int(self.model.shape[layout.SPRINGS]))
+
+    @property
+    def ledger(self) -> Array:
+        """The account, a view of shape (LEDGER_ROWS, LANES); of one cable lane 0 counts."""
+        return self.model.rows(self.state, layout.LEDGER, layout.LEDGER_ROWS)
+
+    def entry(self, row: int) -> float:
+        """An entry of the account."""
+        return float(self.state[self.model.shape[layout.LEDGER] + row * LANES])
+
+    def direction(self, k: int) -> Array:
+        """Direction of held row k in the spatial lines, shape (dim,)."""
+        rows = self.model.rows(self.state, layout.DIRECTION, len(self.model.holding.rows) * 4)
+        return rows[4 * k : 4 * k + len(self.model.axes), 0]
+
+    def place(self, grasp: int, t: float) -> Array:
+        """Attachment point [m] and twist angle [rad] of a grasp at time t, shape (4,)."""
+        out, at = np.empty(4), int(self.model.shape[layout.MOTION]) + grasp * MOTION_SIZE
+        between_steps.grasp_place(self.inputs, at, t, out)
+        return out
+
+    # -- state ----------------------------------------------------------------------------------
+
+    def point_grasps(self, t: float) -> None:
+        """Directions of what is held: those of the grasps at time t."""
+        between_steps.turn_to(*self.arrays, t)
+
+    def put(self, points: Array, rates: Array) -> None:
+        """Take over control points (n, 4) and their velocities; nothing of before is known."""
+        self.x[:] = self.model.to_lines(points)
+        self.w[:] = self.model.to_lines(rates)
+        between_steps.keep_free_motion(*self._inner)
+        at, size = self.model.shape[layout.HISTORY], self.model.shape[layout.SIZE]
+        self.state[at : at + 3 * size] = 0.0
+        self.ledger[[layout.KNOWN, layout.IS_BOOKED, layout.PENDING, layout.HAS_REACTION]] = 0.0
+
+    def velocities(self, t: float) -> Array:
+        """Velocities of all control points at time t, lines of shape (lines, n)."""
+        out = self._lines()
+        between_steps.velocity(*self.arrays, t, out)
+        return self.shown(out)
+
+    def kinetic(self, lines: Array | None = None) -> float:
+        """Kinetic energy [J] of velocities in lines, by default of w."""
+        if lines is None:
+            at, size = self.model.shape[layout.W], self.model.shape[layout.SIZE]
+            return float(
+                between_steps.kinetic_energy(
+                    self.model.shape, self.model.values, self.state[at : at + size]
+                )
+            )
+        return float(
+            between_steps.kinetic_energy(self.model.shape, self.model.values, self.padded(lines))
+        )
+
+    # -- account --------------------------------------------------------------------------------
+
+    def open_account(self, scene: Scene) -> None:
+        """Begin the account at the present state."""
+        cable = scene.cable
+        self.ledger[:] = 0.0
+        self.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
+        between_steps.open_account(*self._inner, energies.code)
+
+    def potentials(self) -> Array:
+        """Potential energies [J] in the order of `layout.ENERGIES`."""
+        between_steps.measure(*self._inner, energies.code)
+        first = layout.ENERGY
+        return self.ledger[first : first + len(layout.ENERGIES), 0].copy()
+
+    def balance(self) -> tuple[float, float]:
+        """|energy - work done + energy lost| [J] now, and the largest energy exchanged so far
+        [J].
+        """
+        parts, kinetic = self.potentials(), self.kinetic()
+        first = layout.ENERGY_BEGIN
+        start = self.ledger[first : first + len(parts), 0]
+        works = self.entry(layout.LOAD_WORK), self.entry(layout.DRIVE_WORK)
+        error = kinetic + float(parts.sum()) - self.entry(layout.ENERGY_START) - sum(works)
+        error += self.entry(layout.DISSIPATED) - self.entry(layout.PENDING)
+        largest = float(np.abs(parts - start).max())
+        exchanged = max(self.entry(layout.EXCHANGED), kinetic, largest, *np.abs(works))
+        return abs(error), exchanged
+
+    def share_open(self) -> float:
+        """|energy - work done + energy lost| as a share of the energy exchanged so far."""
+        error, exchanged = self.balance()
+        return error / max(exchanged, self.entry(layout.FLOOR))
+
+    # -- forces ---------------------------------------------------------------------------------
+
+    def forces(self, t: float = 0.0, rates: Array | None = None) -> Array:
+        """Potential and load forces at the present configuration, lines (lines, n); with `rates`,
+        velocities in lines, those of the damping too.
+        """
+        out = self._lines()
+        between_steps.all_forces(*self.arrays, forces.code, t, out)
+        if rates is not None and self.model.has(layout.DAMPED):
+            v = self.padded(rates)
+            between_steps.damping_forces(*self.arrays, discrete_force.code, v, out)
+        return self.shown(out)
+
+    def held_force(self, t: float, force: Array | None = None) -> Array:
+        """Forces of the grasps on the held rows at time t, shape (held,), where all others are
+        `force`, lines, by default those of the present motion.
+        """
+        lines = self.padded(self.forces(t, self.velocities(t)) if force is None else force)
+        held = np.zeros(int(self.model.shape[layout.HELD]))
+        between_steps.held_force(*self.arrays, t, lines, held)
+        return held
+
+    def stiffness(self) -> Array:
+        """Hessian of the potential energy of the spatial lines: the band matrix of scratch, a view
+        of shape (n dim, width); entry (r, c) at [r, c - r + 4 dim - 1].
+        """
+        between_steps.stiffness(*self._inner, add_tangent.code)
+        return self.band
+
+    @property
+    def band(self) -> Array:
+        """The band matrix of scratch."""
+        shape = self.model.shape
+        dim, n = int(shape[layout.DIM]), int(shape[layout.N])
+        width = 16 * (dim - 1)
+        at = shape[BAND]
+        return self.scratch[at : at + n * dim * width].reshape(n * dim, width)
+
+    @property
+    def unbalanced(self) -> Array:
+        """What the last correction of an implicit step was solved for [N], shape (n, dim)."""
+        shape = self.model.shape
+        count, at = int(shape[layout.N] * shape[layout.DIM]), shape[BALANCE]
+        return self.scratch[at : at + count].reshape(self.model.n, -1)
+
+    def add_moment_stiffness(self) -> None:
+        """Add the stiffness of moments at time zero to the band matrix (unsymmetric)."""
+        between_steps.moment_stiffness(*self.arrays)
+
+    def solve_held(self, unknowns: Array) -> int:
+        """Solve band x = unknowns in place with what is held kept; negative pivots, or -1."""
+        return int(between_steps.solve_held(self.model.shape, self.state, self.scratch, unknowns))
+
+    def free_acceleration(self, force: Array, keep: bool = True) -> Array:
+        """P M^-1 f of forces in lines (lines, n); with `keep` false without P."""
+        lines = self.padded(force)
+        between_steps.free_acceleration(*self._inner, lines, keep)
+        return self.shown(lines)
+
+    @property
+    def shifts(self) -> Array:
+        """M^-1 times the basis values of every held point, a view of shape (points, n)."""
+        at, count = int(self.model.shape[layout.HELD_SHIFT]), len(self.model.holding.points)
+        return line_view(self.model.shape, self.model.values, at, count)
+
+    def jump(self, t: float, put: Callable[[Array], None]) -> None:
+        """Put what is held in no time where it is at t; that is the work of the grasps.
+
+        `put` writes what is held to control points (n, 4), and what is free only where a neighbour
+        of a clamp came too near.
+        """
+        if self.entry(layout.IS_BOOKED):
+            between_steps.settle(*self.arrays, evaluate.code, forces.code, t)
+        before = self.potentials().sum()
+        between_steps.jump(*self.arrays, carry.code, t)
+        points = self.model.to_columns(self.x)
+        put(points)
+        self.x[:] = self.model.to_lines(points)
+        self.ledger[layout.DRIVE_WORK] += self.potentials().sum() - before
+        self.ledger[layout.IS_BOOKED] = 0.0
+        held, springs = (int(self.model.shape[k]) for k in (layout.HELD, layout.SPRINGS))
+        self.model.rows(self.state, layout.MOVED, held)[:] = 0.0
+        self.model.rows(self.state, layout.ANCHOR_BOOKED, springs)[:] = self.anchors
+
+    # -- inside ---------------------------------------------------------------------------------
+
+    def _lines(self) -> Array:
+        return np.zeros(int(self.model.shape[layout.SIZE]))
+
+    def shown(self, lines: Array) -> Array:
+        """Lines without margins, a view of shape (lines, n)."""
+        width = int(self.model.shape[layout.LINE])
+        begin = layout.MARGIN
+        return lines.reshape(-1, width)[:, begin : begin + self.model.n]
+
+    def padded(self, lines: Array) -> Array:
+        """Lines (lines, n) with margins."""
+        out = self._lines()
+        self.shown(out)[:] = lines
+        return out

@@ -1,0 +1,135 @@
+"""Largest natural frequency of a cable linearised at its present configuration."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import mass, spectrum
+from dlo_sim.engine import layout
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.model import Model
+
+Array = NDArray[np.float64]
+DENSE_LIMIT = 700  # unknowns up to which a dense solution is instant
+ITERATIONS = 120
+
+
+def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) -> float:
+    """Largest natural frequency omega [rad/s] of K x = omega^2 M x of motions that keep what is
+    held, at the present configuration.
+
+    Up to DENSE_LIMIT unknowns by a dense eigenvalue solution, beyond by Lanczos iteration, whose
+    estimate is from below and converges first at this end of the spectrum. `lengths`: gradients of
+    further constraints on the spatial unknowns, control point by control point, shape (m, n dim);
+    without stretching only motion that keeps the length counts.
+    """
+    model = cable.model
+    dim = len(model.axes)
+    if dim * model.n <= DENSE_LIMIT or lengths is not None:
+        value = _dense(cable, lengths)
+    else:
+        value = _lanczos(cable)
+    if model.twist:
+        held = model.held_mask()[dim]
+        band, inertia = model.band(layout.TWIST, dim), model.band(layout.MASS, dim)
+        value = max(value, spectrum.largest_of_line(band, inertia, ~held))
+    if model.has(layout.TORSION):
+        value = with_torsion(value, scene, model)
+    return value
+
+
+def held_rows(model: Model, state: Array) -> Array:
+    """Held rows on the spatial unknowns, control point by control point, shape (m, n dim)."""
+    dim, rows = len(model.axes), []
+    at = model.shape[layout.DIRECTION]
+    for k, row in enumerate(model.holding.rows):
+        point = model.holding.points[row.point]
+        if point.twist:
+            continue
+        direction = np.eye(dim)[row.line] if row.line >= 0 else np.zeros(dim)
+        if row.line < 0:
+            first = at + k * layout.DIRECTION_ROWS * 8
+            direction = state[first : first + 8 * dim : 8]
+        line = np.zeros((model.n, dim))
+        line[point.first : point.first + 4] = np.outer(point.weights, direction)
+        rows.append(line.ravel())
+    return np.array(rows).reshape(len(rows), model.n * dim)
+
+
+def _dense(cable: Cable, lengths: Array | None) -> float:
+    model = cable.model
+    dim, n = len(model.axes), model.n
+    stiffness = spectrum.dense(cable.stiffness(), 4 * dim - 1)
+    inertia = np.zeros((n * dim, n * dim))
+    for d in range(dim):
+        inertia[d::dim, d::dim] = mass.dense(model.band(layout.MASS, d))
+    rows = held_rows(model, cable.state)
+    if lengths is not None:
+        rows = np.concatenate((rows, lengths))
+    return spectrum.largest_of_dense(stiffness, inertia, rows)
+
+
+def _lanczos(cable: Cable) -> float:
+    """Lanczos in the M inner product, reorthogonalised, on w = P v."""
+    model = cable.model
+    dim, n = len(model.axes), model.n
+    half = 4 * dim - 1
+    band = cable.stiffness()[:, : 2 * half + 1].copy()
+
+    def apply(x: Array) -> Array:
+        flat = np.concatenate((np.zeros(half), x[:dim].T.ravel(), np.zeros(half)))
+        windows = np.lib.stride_tricks.sliding_window_view(flat, 2 * half + 1)
+        force = np.zeros_like(x)
+        force[:dim] = np.einsum("rc,rc->r", band, windows).reshape(n, dim).T
+        return cable.free_acceleration(force)
+
+    def weigh(x: Array) -> Array:
+        return np.stack([mass.multiply(model.band(layout.MASS, d), x[d]) for d in range(len(x))])
+
+    x = np.random.default_rng(0).standard_normal((model.lines, n))
+    x[dim:] = 0.0
+    x = cable.free_acceleration(weigh(x))
+    basis: list[Array] = []
+    images: list[Array] = []
+    diagonal: list[float] = []
+    beside: list[float] = []
+    image = weigh(x)
+    norm = float(np.sqrt(np.vdot(x, image)))
+    for _ in range(ITERATIONS):
+        x, image = x / norm, image / norm
+        basis.append(x)
+        images.append(image)
+        y = apply(x)
+        diagonal.append(float(np.vdot(y, image)))
+        for old, old_image in zip(basis, images, strict=True):
+            y = y - np.vdot(y, old_image) * old
+        image = weigh(y)
+        norm = float(np.sqrt(max(float(np.vdot(y, image)), 0.0)))
+        if norm < 1e-12 * abs(diagonal[-1]):
+            break
+        beside.append(norm)
+        x = y
+    off = beside[: len(diagonal) - 1]
+    matrix = np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1)
+    return float(np.sqrt(max(np.linalg.eigvalsh(matrix).max(), 0.0)))
+
+
+def with_torsion(value: float, scene: Scene, model: Model) -> float:
+    """Upper bound of the largest frequency [rad/s] once the Frenet torsion is there.
+
+    For a bent cable gamma is linear in the third derivative across the plane of bending, with the
+    factor kappa / (kappa^2 + delta^2) <= 1 / (2 delta). So the torsion adds at most
+    GJ / (4 delta^2) integral y'''^2 and GJ integral theta'^2, and the largest eigenvalue of a sum
+    is at most the sum of the largest ones. The geometric part, which grows with the torque and
+    without bound as delta -> 0, is left out: where it matters the run diverges and says so.
+    """
+    stiffness, floor = scene.cable.GJ, scene.curvature_floor**2
+    across = stiffness / (4.0 * floor) * mass.gram(model.knots, 3)
+    twist = stiffness * mass.gram(model.knots, 1)
+    free = np.ones(model.n, dtype=bool)
+    squares = value * value
+    for band, line in ((across, 0), (twist, model.lines - 1)):
+        squares += spectrum.largest_of_line(band, model.band(layout.MASS, line), free) ** 2
+    return float(np.sqrt(squares))

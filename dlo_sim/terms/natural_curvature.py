@@ -1,0 +1,64 @@
+"""Natural curvature: - e / c^(3/2) with e = n . (r' x r'') and the vector n = EI kappa0 [N m].
+
+It is what bending gains by a cable that is bent at rest, or by plastic flow:
+EI/2 |kappa - kappa0|^2 without its constant EI/2 kappa0^2.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import root
+from dlo_sim.compiling.pieces import part
+
+
+@part
+def cross(a, b):
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@part
+def triple(n, t, k):
+    """e = n . (t x k)."""
+    b = cross(t, k)
+    return n[0] * b[0] + n[1] * b[1] + n[2] * b[2]
+
+
+@part
+def energy(n, t, k, c):
+    """- e / c^(3/2)."""
+    return -triple(n, t, k) / (c * root(c))
+
+
+@part
+def gradient(n, t, k, c):
+    """d/dc, and d/de by which e's own gradients k x n (on r') and n x t (on r'') are multiplied."""
+    inverse = 1.0 / c
+    f = inverse * root(inverse)
+    return 1.5 * f * triple(n, t, k) * inverse, -f
+
+
+@part
+def mean_gradient(c0, c1, e0, e1):
+    """Divided differences in c and e."""
+    s0, s1 = root(c0), root(c1)
+    numerator = c0 + s0 * s1 + c1
+    denominator = c0 * s0 * c1 * s1 * (s0 + s1)
+    return (
+        0.5 * (e0 + e1) * numerator / denominator,
+        -0.5 * (1.0 / (c0 * s0) + 1.0 / (c1 * s1)),
+    )
+
+
+@part
+def mean_hessian(c0, c1, e0, e1):
+    """Of the divided differences by (c1, e1): cc, ce, ec."""
+    s0, s1 = root(c0), root(c1)
+    numerator = c0 + s0 * s1 + c1
+    denominator = c0 * s0 * c1 * s1 * (s0 + s1)
+    slope = numerator * c0 * s0 * c1 * (3.0 * s0 + 4.0 * s1) / (denominator * denominator)
+    slope -= (s0 + 2.0 * s1) / denominator
+    return (
+        -0.25 * (e0 + e1) * slope / s1,
+        0.5 * numerator / denominator,
+        0.75 / (c1 * c1 * s1),
+    )

@@ -1,0 +1,59 @@
+"""Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt).
+
+The rate of the curvature vector is the corotational one, so a rigid motion costs nothing and every
+other dissipates. With P the projector normal to t = r', the curvature vector n = P k / c and
+q = t.k / c, a motion (dt, dk) of (r', r'') has the corotational increment
+rho = (P (dk - q dt) - 2 n (t.dt)) / c.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.pieces import part
+
+
+@part
+def dot(a, b):
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@part
+def combined(f, a, g, b):
+    """f a + g b."""
+    return f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2]
+
+
+@part
+def curvature_of(t, k):
+    """q, the curvature vector n, and 1 / c."""
+    inverse = 1.0 / dot(t, t)
+    q = dot(t, k) * inverse
+    return q, combined(inverse, k, -q * inverse, t), inverse
+
+
+@part
+def bending(stiffness, t, k, moved_t, moved_k):
+    """Stress on r' and on r'' of beta EI / tau times rho, and the energy that it takes."""
+    q, n, inverse = curvature_of(t, k)
+    a = combined(1.0, moved_k, -q, moved_t)
+    along = dot(t, moved_t)
+    rho = combined(1.0, a, -dot(t, a) * inverse, t)
+    rho = combined(inverse, rho, -2.0 * along * inverse, n)
+    g = stiffness * inverse
+    return combined(-2.0 * g * dot(n, rho), t, -g * q, rho), g, rho, stiffness * dot(rho, rho)
+
+
+@part
+def tangent_blocks(g, q, n_i, n_j, t_i, t_j, unit, inverse):
+    """Entry (i, j) of the derivatives of that stress by the motion: tt, tk, kt, kk.
+
+    g is beta EI / tau / c^2. The change of the geometry within the step is left out.
+    """
+    project = unit - t_i * t_j * inverse
+    normal = n_i * t_j + t_i * n_j
+    return (
+        g * (q * q * project + 2.0 * q * normal),
+        -g * (q * project + 2.0 * t_i * n_j),
+        -g * (q * project + 2.0 * n_i * t_j),
+        g * project,
+    )

@@ -1,0 +1,193 @@
+"""The discrete gradient: exact change of the energy, no resultant, and its tangent."""
+
+import numpy as np
+import pytest
+from cables import BY_SPAN, FLAT, FULL, Bench, wild
+from differences import assert_limit
+
+from dlo_sim.compiling.lanes import bare, shifted
+from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, WHOLES, piece
+from dlo_sim.core import spectrum
+from dlo_sim.engine import layout
+from dlo_sim.engine.band import clear_band
+from dlo_sim.engine.discrete import discrete_force
+from dlo_sim.engine.tangent import add_tangent
+from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES
+
+LOOSE = {"end.spring": [0.0, 0.0, 0.0], "end.pose_topic": "", "damping.mass": 1e-300}
+ELASTIC = FULL | FLAT | LOOSE
+STRAIGHT_AT_REST = {"cable.rest_curvature": [1e-12]}
+BETA_OVER_TAU = 0.4
+
+
+@piece(NOTHING, WHOLES, *[REALS] * 5, REAL, discrete_force, REALS, REALS)
+def forces_between(shape, model, state, x0, x1, moved, viscous, discrete_force, out, lost):
+    x0, x1, moved = bare(x0), bare(x1), bare(moved)
+    out, lost = bare(out), bare(lost)
+    discrete_force(bare(shape), bare(model), bare(state), x0, x1, moved, viscous, out, lost)
+
+
+@piece(NOTHING, WHOLES, *[REALS] * 4, REAL, add_tangent, REALS)
+def tangent_between(shape, model, state, x0, x1, viscous, add_tangent, scratch):
+    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    band, factors = shifted(scratch, shape[BAND]), shifted(scratch, shape[FACTORS_OF_SAMPLES])
+    clear_band(shape, band)
+    add_tangent(shape, model, state, bare(x0), bare(x1), viscous, 1.0, factors, band)
+
+
+class Between(Bench):
+    """What acts between two configurations."""
+
+    def padded(self, points):
+        """Control points as the bare lines that compiled functions read."""
+        out = np.zeros(int(self.model.shape[layout.SIZE]))
+        self.model.view(out, layout.X)[:] = self.model.to_lines(points)
+        return out
+
+    def between(self, first, second, viscous=0.0):
+        """Force on the axes of the scene, shape (n, dim), and the energy lost."""
+        given = [self.padded(points) for points in (first, second, second - first)]
+        out, lost = np.zeros_like(given[0]), np.zeros(8)
+        model = self.model
+        forces_between(
+            *(model.shape, model.values, self.cable.state, *given, viscous),
+            *(discrete_force.code, out, lost),
+        )
+        return model.view(out, layout.X)[: len(self.axes)].T.copy(), float(lost[0])
+
+    def tangent(self, first, second, viscous=0.0):
+        """d (minus force) / d second, shape (n dim, n dim)."""
+        model, cable = self.model, self.cable
+        ends = self.padded(first), self.padded(second)
+        code = add_tangent.code
+        tangent_between(model.shape, model.values, cable.state, *ends, viscous, code, cable.scratch)
+        return spectrum.dense(cable.band, 4 * len(self.axes) - 1)
+
+    def elastic(self, points):
+        """Stretching and bending energy [J]."""
+        parts = self.potentials(points)
+        return parts["stretch"] + parts["bend"]
+
+
+PLANE = FLAT | {
+    "cable.length": 1.0,
+    "cable.diameter": 0.02,
+    "cable.linear_density": 0.1,
+    "cable.axial_stiffness": 60.0,
+    "cable.bending_stiffness": 0.02,
+    "cable.rest_curvature": [0.5, -1.0, 2.0],
+}
+KINDS = {
+    "by_sample": (ELASTIC, {}),
+    "graded_by_span": (ELASTIC | BY_SPAN, {"grading": 0.5}),
+    "planar": (PLANE, {}),
+}
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def bench(request):
+    values, more = KINDS[request.param]
+    bench = Between(values, n=12, **more)
+    assert len(bench.axes) == (2 if request.param == "planar" else 3)
+    assert bench.model.has(layout.CURVED)
+    return bench
+
+
+def pair(bench, seed=0, size=0.02):
+    """Two configurations that a step of this size leads from one to the other."""
+    first = wild(bench, seed, size=0.02)
+    second = first + wild(bench, seed + 10, size=size) - wild(bench, seed, size=0.0)
+    for points in (first, second):
+        points[:, [d for d in range(3) if d not in bench.axes]] = 0.0
+        points[:, 3] = 0.0
+    return first, second
+
+
+@pytest.mark.parametrize("size", [1e-1, 1e-2, 1e-3])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_it_gives_the_exact_change_of_the_energy(bench, seed, size):
+    """g . (q1 - q0) = U1 - U0 with stretching, bending and natural curvature."""
+    first, second = pair(bench, seed, size)
+    moved = (second - first)[:, list(bench.axes)]
+    change = bench.elastic(second) - bench.elastic(first)
+    scale = bench.elastic(first) + bench.elastic(second)
+    assert abs(change) > 1e-4 * scale
+    assert abs(np.sum(bench.between(first, second)[0] * moved) + change) < 1e-13 * scale
+    # The force at the midpoint does not have the property: it is the gradient, not a difference.
+    middle = 0.5 * (first + second)
+    assert abs(np.sum(bench.between(middle, middle)[0] * moved) + change) > 1e-9 * scale
+
+
+def test_it_is_symmetric_and_tends_to_the_gradient(bench):
+    first, second = pair(bench)
+    forward, backward = bench.between(first, second)[0], bench.between(second, first)[0]
+    exact = bench.force(first)[:, list(bench.axes)]
+    size = np.abs(exact).max()
+    assert np.abs(forward - backward).max() < 1e-12 * size
+    assert np.abs(bench.between(first, first)[0] - exact).max() < 1e-12 * size
+    near = first + 1e-7 * (second - first)
+    halfway = bench.force(0.5 * (first + near))[:, list(bench.axes)]
+    assert np.abs(bench.between(first, near)[0] - halfway).max() < 1e-10 * size
+
+
+@pytest.mark.parametrize("viscous", [0.0, BETA_OVER_TAU])
+@pytest.mark.parametrize("stretch", [{}, BY_SPAN], ids=["by_sample", "by_span"])
+def test_it_has_no_resultant(stretch, viscous):
+    """No force and no moment about the midpoint configuration: momenta are conserved. (Viscosity
+    damps the spin about the tangent, which is a moment.)"""
+    bench = Between(ELASTIC, STRAIGHT_AT_REST, stretch, n=12)
+    first, second = wild(bench, 0), wild(bench, 1)
+    force = bench.between(first, second, viscous)[0]
+    scale = np.abs(force).sum()
+    middle = 0.5 * (first + second)[:, :3]
+    assert scale > 0.1
+    assert np.abs(force.sum(axis=0)).max() < 1e-13 * scale
+    if not viscous:
+        assert np.abs(np.cross(middle, force).sum(axis=0)).max() < 1e-12 * scale
+
+
+def test_energy_lost_is_the_work_of_the_viscous_forces(bench):
+    first, second = pair(bench)
+    plain, nothing = bench.between(first, second)
+    damped, lost = bench.between(first, second, BETA_OVER_TAU)
+    assert nothing == 0.0
+    taken = -np.sum((damped - plain) * (second - first)[:, list(bench.axes)])
+    assert lost > 1e-6
+    assert lost == pytest.approx(taken, rel=1e-10)
+
+
+def test_its_tangent_is_its_derivative(bench):
+    first, second = pair(bench, size=5e-3)
+    axes = list(bench.axes)
+
+    def force(moved):
+        points = second.copy()
+        points[:, axes] = moved
+        return bench.between(first, points)[0].ravel()
+
+    exact = -bench.tangent(first, second)
+    assert np.abs(exact - exact.T).max() > 1e-6 * np.abs(exact).max()
+    shape = len(exact), bench.n, len(axes)
+    assert_limit(exact.reshape(shape), force, second[:, axes].copy(), bound=1e-7)
+
+
+def test_its_tangent_with_viscosity_where_nothing_moves(bench):
+    """Viscosity is linearised about the geometry of the step, which is exact for no increment."""
+    points, _ = pair(bench)
+    axes = list(bench.axes)
+
+    def force(moved):
+        second = points.copy()
+        second[:, axes] = moved
+        return bench.between(points, second, BETA_OVER_TAU)[0].ravel()
+
+    exact, plain = -bench.tangent(points, points, BETA_OVER_TAU), -bench.tangent(points, points)
+    assert np.abs(exact - plain).max() > 0.3 * np.abs(plain).max()
+    shape = len(exact), bench.n, len(axes)
+    assert_limit(exact.reshape(shape), force, points[:, axes].copy(), bound=1e-6)
+
+
+def test_with_both_configurations_the_same_the_tangent_is_half_the_stiffness(bench):
+    points, _ = pair(bench)
+    expected = 0.5 * bench.stiffness(points)
+    assert np.abs(bench.tangent(points, points) - expected).max() < 1e-12 * np.abs(expected).max()

@@ -1,0 +1,179 @@
+"""Energies and forces: equal to the oracle, minus the gradient, unmoved by rigid motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cables import BY_SPAN, FLAT, FULL, SOFT, Bench, inflected, rotation, straight, wild
+from differences import assert_limit
+
+from dlo_sim.core import elasticity
+from dlo_sim.engine import layout
+
+GAUSS = {"discretization.quadrature": "gauss", "discretization.samples": 3}
+UNIFORM = {"discretization.quadrature": "uniform", "discretization.samples": 41}
+NO_SPRINGS = {"end.spring": [1e-12, 0.0, 0.0]}
+STRAIGHT_AT_REST = {"cable.rest_curvature": [1e-12]}
+GRADED = {"grading": 0.6}
+# 1, 2, 8, 9 and 17 spans: one lane, some lanes, all lanes, one lane of a second and a third block.
+SIZES = [4, 5, 11, 12, 20]
+SHAPES = {"wild": wild, "straight": straight, "inflected": inflected}
+MESHES = {
+    "gauss": (GAUSS, {}),
+    "uniform": (UNIFORM, {}),
+    "graded": (GAUSS, GRADED),
+    "by_span": (BY_SPAN, {}),
+    "graded_by_span": (BY_SPAN, GRADED),
+}
+
+
+def section_of(bench):
+    """What the oracle multiplies the strains of a bench with."""
+    cable = bench.scene.cable
+    return elasticity.Section(
+        cable.EA,
+        cable.EI,
+        cable.GJ if bench.model.twist else 0.0,
+        cable.rest_curvature,
+        cable.rest_curvature_axis,
+        by_span=bench.model.has(layout.SPAN_STRETCH),
+    )
+
+
+def oracle(bench, function, points, **changes):
+    """Energies or gradient of the oracle."""
+    section = replace(section_of(bench), **changes)
+    return function(points, bench.model.knots, bench.model.rule, section)
+
+
+@pytest.fixture(scope="module", params=[4, 8], ids=["n4", "n8"])
+def bench(request):
+    return Bench(FULL, n=request.param)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("n", SIZES)
+def test_energies_and_forces_equal_the_oracle(n, mesh):
+    values, more = MESHES[mesh]
+    n = max(n, 5) if "span" in mesh else n
+    bench = Bench(FULL, FLAT, NO_SPRINGS, values, n=n, **more)
+    assert bench.model.has(layout.SPAN_STRETCH) == ("span" in mesh)
+    natural = oracle(bench, elasticity.energies, straight(bench))[1]
+    for seed in range(3):
+        points = wild(bench, seed, size=0.2 * bench.greville[2])
+        stretch, bend, twist = oracle(bench, elasticity.energies, points)
+        found = bench.potentials(points)
+        assert found["stretch"] == pytest.approx(stretch, rel=1e-11)
+        assert found["bend"] == pytest.approx(bend - natural, rel=1e-11)
+        assert found["twist"] == pytest.approx(twist, rel=1e-11)
+        expected = -oracle(bench, elasticity.gradient, points)
+        scale = np.abs(expected).max(axis=0)
+        assert np.all(np.abs(bench.force(points) - expected) < 1e-11 * scale)
+        # The natural curvature takes part: without it the forces are others.
+        without = -oracle(bench, elasticity.gradient, points, rest_curvature=(0.0,))
+        assert np.abs(without - expected).max() > 1e-5 * np.abs(expected).max()
+
+
+def test_samples_on_knots_equal_the_oracle():
+    """Uniform samples that fall on every knot, with padded lanes: 9 spans, 19 samples."""
+    rule = {"discretization.quadrature": "uniform", "discretization.samples": 19}
+    bench = Bench(SOFT, FLAT, rule, n=12)
+    points = wild(bench, 5) * [1, 1, 1, 0]
+    expected = -oracle(bench, elasticity.gradient, points)
+    assert np.abs(bench.force(points) - expected).max() < 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_force_is_minus_the_gradient_of_the_energy(bench, shape):
+    """All terms at once: stretch, bend, natural curvature, twist, gravity, springs."""
+    points = SHAPES[shape](bench)
+    parts = bench.potentials(points)
+    present = ("stretch", "bend", "twist", "gravity", "spring")
+    assert shape != "wild" or all(parts[name] for name in present)
+    rises = shape != "straight"  # no energy, no round-off
+    assert_limit(-bench.force(points), bench.potential, points, bound=1e-8, rises=rises)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    ("mesh", "grading"), [({}, 0.0), ({"discretization.stretch": "span"}, 0.6)]
+)
+@pytest.mark.parametrize("part", ["stretch", "bend", "twist", "gravity", "spring"])
+def test_each_term_alone_is_a_gradient(mesh, grading, part, shape):
+    """A term is isolated by taking the force difference that its stiffness makes."""
+    key, value = {
+        "stretch": ("cable.axial_stiffness", 120.0),
+        "bend": ("cable.bending_stiffness", 0.05),
+        "twist": ("cable.torsional_stiffness", 0.04),
+        "gravity": ("gravity", [1.0, 2.0, -3.0]),
+        "spring": ("end.spring", [3.0, 70.0, 5.0]),
+    }[part]
+    bench, other = (Bench(FULL, mesh, one, n=8, grading=grading) for one in ({}, {key: value}))
+    points = SHAPES[shape](bench)
+    points[:, :3] *= 1.02  # a straight cable is stretched and twisted as well
+    points[:, 3] += 0.7 * bench.greville**2
+    change = other.force(points) - bench.force(points)
+    assert_limit(
+        -change, lambda p: other.potential(p) - bench.potential(p), points, bound=3e-8, tiny=1e-12
+    )
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_elastic_forces_of_a_cable_have_no_resultant(shape):
+    """Sum of forces and moment about the origin vanish, of a cable straight at rest."""
+    bench = Bench(FULL, FLAT, NO_SPRINGS, STRAIGHT_AT_REST, n=12, **GRADED)
+    points = SHAPES[shape](bench)
+    force = bench.force(points)[:, :3]
+    if shape == "straight":
+        assert np.abs(force).max() < 1e-10
+        return
+    scale = np.abs(force).sum()
+    assert scale > 0.1
+    assert np.abs(force.sum(axis=0)).max() < 1e-13 * scale
+    assert np.abs(np.cross(points[:, :3], force).sum(axis=0)).max() < 1e-12 * scale
+    assert abs(bench.force(points)[:, 3].sum()) < 1e-12
+
+
+def test_rigid_motion_of_a_bent_cable_costs_no_energy_and_turns_the_force():
+    bench = Bench(FULL, FLAT, NO_SPRINGS, STRAIGHT_AT_REST, n=12)
+    points = wild(bench)
+    turn = rotation([0.7, -1.1, 0.4])
+    moved = points.copy()
+    moved[:, :3] = points[:, :3] @ turn.T + [2.0, -1.0, 0.5]
+    moved[:, 3] += 0.3
+    before, after = bench.potentials(points), bench.potentials(moved)
+    for name in ("stretch", "bend", "twist"):
+        assert after[name] == pytest.approx(before[name], rel=1e-12)
+    expected = bench.force(points)
+    expected[:, :3] = expected[:, :3] @ turn.T
+    assert np.abs(bench.force(moved) - expected).max() < 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("more", [{}, GRADED], ids=["uniform", "graded"])
+def test_weight_of_cable_and_end_masses(more):
+    masses = {"start.mass": 0.2, "end.mass": 0.3}
+    bench = Bench(FULL, masses, {"gravity": [0.0, 3.0, -9.81]}, n=9, **more)
+    weightless = Bench(FULL, FLAT, masses, n=9, **more)
+    points = wild(bench)
+    weight = bench.force(points) - weightless.force(points)
+    assert np.allclose(weight.sum(axis=0), [0, 3.0 * 0.6, -9.81 * 0.6, 0], rtol=1e-11, atol=1e-12)
+    # First moment along the cable: mu L^2 / 2 + m_end L.
+    moment = bench.greville @ weight
+    assert np.allclose(moment[1:3], np.array([3.0, -9.81]) * (0.1 / 2 + 0.3), rtol=1e-11)
+
+
+def test_springs_pull_each_end_to_its_anchor():
+    bench = Bench(FULL, n=8)
+    loose = Bench(FULL, NO_SPRINGS, n=8)
+    points = wild(bench)
+    pull = bench.force(points) - loose.force(points)
+    expected = -np.array([30.0, 20.0, 10.0]) * (points[-1, :3] - [1.0, 0.0, 0.0])
+    assert np.allclose(pull[-1, :3], expected, rtol=1e-9)
+    assert np.abs(pull[:-1]).max() < 1e-9
+
+
+def test_an_even_stretch_by_span_is_exact():
+    bench = Bench(SOFT, BY_SPAN, FLAT, n=9)
+    points = straight(bench) * [1.01, 1.0, 1.0, 1.0]
+    exact = 0.5 * bench.scene.cable.EA * 1e-4
+    assert bench.potentials(points)["stretch"] == pytest.approx(exact, rel=1e-12)

@@ -1,0 +1,84 @@
+"""Planar scenes compute with two coordinates: same energies, forces, stiffness as in space."""
+
+import numpy as np
+import pytest
+from cables import SOFT, Bench, wild
+
+from dlo_sim.core import elasticity
+
+# Normal of the plane -> a direction in it. Both right-handed and left-handed pairs of axes occur.
+PLANES = {0: [0.0, 0.8, 0.6], 1: [0.8, 0.0, 0.6], 2: [0.6, 0.8, 0.0]}
+
+
+def values(normal):
+    """A scene that stays in the plane, with every term that a plane admits."""
+    along = np.array(PLANES[normal])
+    axis = np.eye(3)[normal]
+    across = np.cross(axis, along)
+    return SOFT | {
+        "end.position": list(along),
+        "end.spring": [0.0 if d == normal else 20.0 + d for d in range(3)],
+        "gravity": list(-9.81 * across),
+        "cable.rest_curvature": [0.5, -1.0, 2.0],
+        "cable.rest_curvature_axis": list(axis),
+        "loads.tip.position": 0.7,
+        "loads.tip.signal": "constant",
+        "loads.tip.force": list(0.4 * across - 0.3 * along),
+        "loads.tip.torque": list(0.05 * axis),
+    }
+
+
+def in_plane(bench, normal, seed=0):
+    points = wild(bench, seed)
+    points[:, :3] = np.outer(bench.greville, PLANES[normal])
+    points[:, :3] += 0.03 * np.random.default_rng(seed).normal(size=(bench.n, 3))
+    points[:, normal] = points[:, 3] = 0.0
+    return points
+
+
+@pytest.fixture(scope="module", params=PLANES)
+def pair(request):
+    """The planar bench, the same scene in space, and the plane's normal."""
+    scene = values(request.param)
+    return Bench(scene, n=12), Bench(scene, {"terms.out_of_plane": "on"}, n=12), request.param
+
+
+def test_two_coordinates_are_enough(pair):
+    planar, spatial, normal = pair
+    assert len(planar.axes) == 2
+    assert normal not in planar.axes
+    assert len(spatial.axes) == 3
+
+
+def test_energies_and_forces_equal_those_in_space(pair):
+    planar, spatial, normal = pair
+    points = in_plane(planar, normal)
+    found, expected = planar.potentials(points), spatial.potentials(points)
+    assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)
+    assert np.count_nonzero(list(expected.values())) == 4
+    force = spatial.force(points)
+    assert np.abs(force[:, normal]).max() < 1e-12
+    assert np.abs(planar.force(points) - force).max() < 1e-12 * np.abs(force).max()
+
+
+def test_elastic_forces_equal_the_oracle(pair):
+    planar, _, normal = pair
+    knots, rule = planar.model.knots, planar.model.rule
+    first, second = (in_plane(planar, normal, seed) for seed in (0, 1))
+    # The oracle knows bending only: take the change of force that a change of EI makes.
+    stiff = Bench(values(normal), {"cable.bending_stiffness": 0.05}, n=12)
+    axis = tuple(np.eye(3)[normal])
+    bend = elasticity.Section(EI=0.03, rest_curvature=(0.5, -1.0, 2.0), rest_axis=axis)
+    for points in (first, second):
+        found = stiff.force(points) - planar.force(points)
+        expected = -elasticity.gradient(points, knots, rule, bend)
+        assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
+
+
+def test_stiffness_equals_that_in_space(pair):
+    planar, spatial, normal = pair
+    points = in_plane(planar, normal)
+    full = spatial.stiffness(points).reshape(12, 3, 12, 3)
+    axes = list(planar.axes)
+    expected = full[:, axes][:, :, :, axes].reshape(24, 24)
+    assert np.abs(planar.stiffness(points) - expected).max() < 1e-12 * np.abs(expected).max()

@@ -1,0 +1,115 @@
+"""Internal (Kelvin-Voigt) damping at one instant."""
+
+import numpy as np
+import pytest
+from cables import BY_SPAN, FLAT, FULL, Bench, inflected, straight, wild
+
+from dlo_sim.core import bspline
+from dlo_sim.core.elasticity import samples
+from dlo_sim.engine import layout
+
+BETA = 3e-3
+STIFF = FULL | {"damping.mass": 1e-300, "damping.stiffness": BETA}
+PLAIN = FLAT | {"end.spring": [1e-12, 0.0, 0.0], "cable.rest_curvature": [1e-12]}
+
+
+@pytest.fixture(scope="module", params=[({}, 0.0), (BY_SPAN, 0.5)], ids=["by_sample", "by_span"])
+def bench(request):
+    stretch, grading = request.param
+    bench = Bench(STIFF, PLAIN, stretch, n=9, grading=grading)
+    assert bench.model.has(layout.SPAN_STRETCH) == bool(stretch)
+    return bench
+
+
+def viscous(bench, points, rates):
+    return bench.force(points, rates) - bench.force(points)
+
+
+def some_rates(seed):
+    return np.random.default_rng(seed).normal(size=(9, 4))
+
+
+def rigid(points, spin, drift):
+    """Velocities of a rigid motion; the twist turns along."""
+    rates = np.zeros((9, 4))
+    rates[:, :3] = np.cross(spin, points[:, :3]) + drift
+    rates[:, 3] = 0.7
+    return rates
+
+
+def test_a_bent_cable_that_moves_on_is_not_damped(bench):
+    points = wild(bench)
+    scale = np.abs(viscous(bench, points, some_rates(0))).max()
+    assert scale > 1e-2
+    assert np.abs(viscous(bench, points, rigid(points, np.zeros(3), [1, -2, 3]))).max() < 1e-12
+
+
+def test_a_plane_curve_that_turns_in_its_plane_is_not_damped(bench):
+    points = inflected(bench)
+    scale = np.abs(viscous(bench, points, some_rates(0))).max()
+    found = viscous(bench, points, rigid(points, np.array([0.0, 2.0, 0.0]), np.zeros(3)))
+    assert np.abs(found).max() < 1e-12 * scale
+
+
+@pytest.mark.parametrize("spin", [[0.4, -1.3, 0.8], [0.0, 2.0, 0.0], [-3.0, 0.1, 0.2]])
+def test_a_rigid_motion_is_damped_by_its_spin_about_the_tangent_alone(bench, spin):
+    """Loss = beta integral EI kappa^2 w_t^2 du: the rate of the curvature does not follow w_t."""
+    points, cable = wild(bench), bench.scene.cable
+    u, weights = samples(bench.model.rule, bench.model.knots)
+    first, second = (bspline.evaluate(points[:, :3], bench.model.knots, u, d) for d in (1, 2))
+    speed = np.linalg.norm(first, axis=1)
+    curvature = np.linalg.norm(np.cross(first, second), axis=1) / speed**3
+    along = first @ spin / speed
+    expected = BETA * cable.EI * np.sum(weights * curvature**2 * along**2)
+    rates = rigid(points, np.array(spin), [1.0, -2.0, 3.0])
+    assert -np.sum(viscous(bench, points, rates) * rates) == pytest.approx(expected, rel=1e-9)
+
+
+def test_motion_never_gains_energy(bench):
+    """The matrix of the viscous forces is symmetric and has no negative eigenvalue."""
+    points = wild(bench)
+    matrix = np.zeros((36, 36))
+    for column in range(36):
+        rates = np.zeros(36)
+        rates[column] = 1.0
+        matrix[:, column] = -viscous(bench, points, rates.reshape(9, 4)).ravel()
+    assert np.abs(matrix - matrix.T).max() < 1e-12 * np.abs(matrix).max()
+    values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    assert values[0] > -1e-14 * values[-1]
+    assert values[7] > 1e-8 * values[-1]  # only rigid motions (seven with the twist) may be free
+
+
+def test_viscous_forces_have_no_resultant(bench):
+    force = viscous(bench, wild(bench), some_rates(1))[:, :3]
+    assert np.abs(force.sum(axis=0)).max() < 1e-12 * np.abs(force).sum()
+
+
+def test_unstressed_cable_has_beta_times_its_stiffness(bench):
+    points = straight(bench)
+    rates = some_rates(2)
+    found = viscous(bench, points, rates)
+    expected = -BETA * bench.stiffness(points) @ rates[:, :3].ravel()
+    assert np.abs(found[:, :3].ravel() - expected).max() < 1e-11 * np.abs(expected).max()
+    turned = np.zeros((9, 4))
+    turned[:, 3] = rates[:, 3]
+    assert np.allclose(found[:, 3], BETA * bench.force(turned + points)[:, 3], rtol=1e-11)
+
+
+def test_viscosity_is_linear_in_the_rates_and_in_beta():
+    points, rates = wild(Bench(STIFF, PLAIN, n=9)), some_rates(3)
+    single, double = (Bench(STIFF, PLAIN, {"damping.stiffness": b}, n=9) for b in (BETA, 2 * BETA))
+    once = viscous(single, points, rates)
+    assert np.allclose(viscous(double, points, rates), 2 * once, rtol=1e-9, atol=1e-12)
+    assert np.allclose(viscous(single, points, -3 * rates), -3 * once, rtol=1e-9, atol=1e-12)
+
+
+def test_external_damping_slows_rigid_motion_too():
+    """alpha on the momentum (twist included), drag on the velocity along the cable."""
+    values = {"damping.mass": 0.8, "damping.air_drag": 0.05, "end.mass": 0.4}
+    bench = Bench(STIFF, PLAIN, values, n=9)
+    rates = np.tile([0.3, -1.0, 2.0, 5.0], (9, 1))
+    found = viscous(bench, wild(bench), rates).sum(axis=0)
+    expected = -np.array([0.3, -1.0, 2.0]) * (0.8 * (0.1 + 0.4) + 0.05 * 1.0)
+    assert np.allclose(found[:3], expected, rtol=1e-10)
+    inertia = 0.1 * 0.02**2 / 8
+    assert found[3] == pytest.approx(-5.0 * 0.8 * inertia, rel=1e-9)
