@@ -313,6 +313,13 @@ def add_moved(shape, state, scratch, share):
         store(state, at, load(state, at) + share * load(scratch, shape[RATES] + k * LANES))
 
 
+@part
+def forget_moved(shape, state):
+    """MOVED counts from here."""
+    for at in range(shape[HELD] * LANES):
+        state[shape[MOVED] + at] = 0.0
+
+
 @piece(
     *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS),
     *(NUMBERS, NUMBERS, REAL, REAL),
@@ -405,10 +412,11 @@ def add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v):
 
 
 @part
-def pulled(shape, state):
-    """Minus the work that what moved the held rows did since it was booked, by the last pull."""
+def pulled(shape, state, rows, at):
+    """The last pull times rows at `at`: minus the work that what moves the held rows by these does,
+    or minus its power if these are their rates.
+    """
     f = zero()
     for k in range(shape[HELD]):
-        at = k * LANES
-        f += load(state, shape[PULL] + at) * load(state, shape[MOVED] + at)
+        f += load(state, shape[PULL] + k * LANES) * load(rows, at + k * LANES)
     return f

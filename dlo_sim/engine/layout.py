@@ -73,6 +73,7 @@ ANCHOR = 60  # rows, springs: where they pull to [m]
 ANCHOR_BOOKED = 63  # the same up to which work is booked
 LEDGER = 61
 NATURAL = 62  # 3 rows a sample of every block: weight EI times its natural curvature vector
+RATES_BEFORE = 65  # rows, held: rates of the targets that the velocities belong to
 PLASTIC = 64  # 6 rows a sample of every block: plastic curvature and the tangent it belongs to
 # -- shape: offsets in scratch ------------------------------------------------------------------
 FORCE = 70

@@ -40,6 +40,8 @@ from dlo_sim.engine.layout import (
     MOVED,
     NOT_CONVERGED,
     OK,
+    RATES,
+    RATES_BEFORE,
     N,
     W,
     X,
@@ -79,7 +81,10 @@ def fix_velocity(shape, model, inputs, state, scratch, t, tau):
     x, w = shifted(state, shape[X]), shifted(state, shape[W])
     v = shifted(scratch, shape[MEAN])
     copy(shape, w, v)
-    add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v)
+    if grasps_move(shape, inputs):
+        add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v)
+        for at in range(shape[HELD] * LANES):
+            state[shape[RATES_BEFORE] + at] = scratch[shape[RATES] + at]
     clear_multipliers(shape, scratch)
     for j in range(shape[N] - 1):
         value = along_gradient(shape, model, x, v, j)
@@ -93,18 +98,30 @@ def keep_moved(shape, state, scratch):
     """How far what is held moved in this step, before it is booked."""
     for at in range(shape[HELD] * LANES):
         scratch[shape[STEP_MOVED] + at] = state[shape[MOVED] + at]
-        scratch[shape[HOLDING_FORCE] + at] = 0.0
 
 
 @part
-def book_constraints(shape, state, scratch):
-    """Work that grasps do against the constraint forces."""
+def book_impulse(shape, state, scratch, tau):
+    """Book the work that grasps do against the constraint forces of one correction, a force over
+    tau, and forget these.
+
+    An impulse works by the mean of the velocities before and after, the rates RATES_BEFORE and the
+    mean rate over the step: so what sets the cable in motion at once is booked exactly.
+    """
     f = zero()
     for k in range(shape[HELD]):
         at = k * LANES
-        force = scratch[shape[HOLDING_FORCE] + at]
-        f -= force * load(scratch, shape[STEP_MOVED] + at)
+        way = load(scratch, shape[STEP_MOVED] + at) + tau * load(state, shape[RATES_BEFORE] + at)
+        f -= 0.5 * scratch[shape[HOLDING_FORCE] + at] * way
     book(shape, state, DRIVE_WORK, f)
+    clear_holding_force(shape, scratch)
+
+
+@part
+def clear_holding_force(shape, scratch):
+    """HOLDING_FORCE = 0."""
+    for at in range(shape[HELD] * LANES):
+        scratch[shape[HOLDING_FORCE] + at] = 0.0
 
 
 @part
@@ -115,17 +132,20 @@ def rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t
     moves = grasps_move(shape, inputs)
     drift(shape, model, inputs, state, scratch, carry, t0 + tau, tau)
     keep_moved(shape, state, scratch)
+    clear_holding_force(shape, scratch)
     if moves:
         prepare_holding(shape, model, state, scratch)
     if not keep_length(shape, model, state, scratch, x, 1.0 / (tau * tau)):
         return False
+    if moves:
+        book_impulse(shape, state, scratch, tau)
     add(shape, 1.0 / tau, shifted(scratch, shape[CORRECTION]), w)
     evaluate(shape, model, inputs, state, scratch, forces, t0 + tau)
     add(shape, 0.5 * tau, force, w)
     good = matrix_here(shape, model, state, scratch)
     fix_velocity(shape, model, inputs, state, scratch, t0 + tau, tau)
     if moves:
-        book_constraints(shape, state, scratch)
+        book_impulse(shape, state, scratch, tau)
     return good
 
 

@@ -2,15 +2,16 @@
 
 It integrates x' = w + Y (rates of the targets), w' = P M^-1 f + P' v - decay w (`engine.held`,
 `methods.turning`). At the end of a step what is held is put to its place, which mends what the step
-was off by. The forces there are the first stage of the next step.
+was off by: x <- x + Y (targets - B x), w <- P w. The work of the grasps follows from the power at
+the stages. The forces at the end are the first stage of the next step.
 """
 
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
-from dlo_sim.engine.account import book, write
-from dlo_sim.engine.held import add_velocity_of_held, grasps_move, project
+from dlo_sim.engine.account import book
+from dlo_sim.engine.held import add_velocity_of_held, forget_moved, grasps_move, project, pulled
 from dlo_sim.engine.layout import (
     DAMPED,
     DECAY,
@@ -19,24 +20,25 @@ from dlo_sim.engine.layout import (
     DRIVE_WORK,
     FORCE,
     HELD,
-    LEDGER,
     LINE,
     LINES,
     LOADS,
     OK,
     PLASTICITY,
+    PULL,
+    RATES,
     SIZE,
     SYSTEM,
     TERMS,
     W,
     X,
 )
-from dlo_sim.engine.lines import add, clear, copy, form, gathered, mass_of, solve_mass
+from dlo_sim.engine.lines import add, copy, form, gathered, mass_of, solve_mass
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.plasticity import plastic_flow
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
-from dlo_sim.methods.explicit_layout import MEAN, W_BEGIN, W_RATES, X_BEGIN, X_RATES
+from dlo_sim.methods.explicit_layout import W_BEGIN, W_RATES, X_BEGIN, X_RATES
 from dlo_sim.methods.splitting import ENGINE
 from dlo_sim.methods.turning import add_turning, face
 
@@ -72,22 +74,25 @@ def accelerate(shape, model, inputs, state, scratch, forces, t):
         load_force(shape, model, inputs, scratch, x, t, force)
     solve_mass(shape, model, force)
     if shape[HELD]:
-        project(shape, model, state, scratch, force, scratch, shape[SYSTEM])
+        project(shape, model, state, scratch, force, state, shape[PULL])
 
 
 @part
 def keep_rates(shape, model, inputs, state, scratch, t, stage):
     """Rates of (x, w) at the present state and acceleration into those of a stage.
 
-    Returns the power that turning grasps have besides.
+    Returns the power of the grasps.
     """
     x, w = shifted(state, shape[X]), shifted(state, shape[W])
     x_rate = shifted(scratch, shape[X_RATES] + stage * shape[SIZE])
     w_rate = shifted(scratch, shape[W_RATES] + stage * shape[SIZE])
     copy(shape, w, x_rate)
-    add_velocity_of_held(shape, model, inputs, state, scratch, x, t, x_rate)
+    power = zero()
+    if grasps_move(shape, inputs):
+        add_velocity_of_held(shape, model, inputs, state, scratch, x, t, x_rate)
+        power -= pulled(shape, state, scratch, shape[RATES])
     copy(shape, shifted(scratch, shape[FORCE]), w_rate)
-    power = add_turning(shape, model, inputs, state, scratch, x, w, t, w_rate)
+    power += add_turning(shape, model, inputs, state, scratch, x, w, t, w_rate)
     add_decay(shape, model, state, w_rate)
     return power
 
@@ -116,19 +121,12 @@ def to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau)
 @part
 def to_end(shape, model, inputs, state, scratch, carry, stages, table, t, tau):
     """State at the end of the step, at time t, with what is held at its place."""
+    to_stage(shape, model, inputs, state, scratch, stages, table, stages, t, tau)
     x, w = shifted(state, shape[X]), shifted(state, shape[W])
-    mean = shifted(scratch, shape[MEAN])
-    clear(shape, mean)
-    add_rates(shape, scratch, X_RATES, stages, table, stages, 1.0, mean)
-    copy(shape, shifted(scratch, shape[X_BEGIN]), x)
-    copy(shape, shifted(scratch, shape[W_BEGIN]), w)
-    booked = load(state, shape[LEDGER] + DRIVE_WORK * LANES)
-    carry(shape, model, inputs, state, scratch, x, mean, t, tau)
-    write(shape, state, DRIVE_WORK, booked)  # the mean rate is no motion of its own
-    add_rates(shape, scratch, W_RATES, stages, table, stages, tau, w)
+    carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
+    forget_moved(shape, state)  # the stages know the work
     if grasps_move(shape, inputs):
         project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
-    move_anchors(shape, inputs, state, t)
 
 
 @piece(

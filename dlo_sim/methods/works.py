@@ -6,7 +6,7 @@ from dlo_sim.compiling.lanes import LANES, load, shifted, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine.account import book, write
 from dlo_sim.engine.forces import forces
-from dlo_sim.engine.held import grasps_move, project, pulled
+from dlo_sim.engine.held import forget_moved, grasps_move, project, pulled
 from dlo_sim.engine.layout import (
     BOOKED,
     DRIVE_WORK,
@@ -65,12 +65,12 @@ def evaluate(shape, model, inputs, state, scratch, forces, t):
     solve_mass(shape, model, force)
     half = zero()
     if works and is_booked:
-        half = pulled(shape, state)
+        half = pulled(shape, state, state, shape[MOVED])
     if shape[HELD]:
         project(shape, model, state, scratch, force, state, shape[PULL])
     if works:
         if is_booked:
-            done = -0.5 * (half + pulled(shape, state))
+            done = -0.5 * (half + pulled(shape, state, state, shape[MOVED]))
             if shape[SPRINGS]:
                 done += anchor_work(shape, model, state, before, x)
             book(shape, state, DRIVE_WORK, done)
@@ -81,8 +81,7 @@ def evaluate(shape, model, inputs, state, scratch, forces, t):
 def remember(shape, state, x, before):
     """Work counts from here."""
     copy(shape, x, before)
-    for at in range(shape[HELD] * LANES):
-        state[shape[MOVED] + at] = 0.0
+    forget_moved(shape, state)
     book_anchors(shape, state)
     write(shape, state, IS_BOOKED, 1.0)
     write(shape, state, PENDING, 0.0)
@@ -93,7 +92,7 @@ def foresee_work(shape, model, inputs, state):
     """Work since the last evaluation with the forces of that: for a step that ends with a drift."""
     if has_work(shape, inputs):
         x, before = shifted(state, shape[X]), shifted(state, shape[BOOKED])
-        done = -pulled(shape, state)
+        done = -pulled(shape, state, state, shape[MOVED])
         if shape[LOADS]:
             done += way_times(shape, shifted(state, shape[LOADED]), x, before)
         if shape[SPRINGS]:

@@ -1,19 +1,18 @@
 """The loop of Zhai's explicit two-step method (see `core.zhai`).
 
 One force evaluation per step. The acceleration of the step before is part of the state; the first
-step takes the present one in its place. What is held is placed at the end of the step, carrying
-the cable along the directions of its middle.
+step takes the present one in its place. What is held drifts as in `engine.held`; the accelerations
+go along, projected onto the directions at the end of the step.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
+from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
-from dlo_sim.engine.account import book, write
+from dlo_sim.engine.account import write
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.layout import (
     DIVERGED,
-    DRIVE_WORK,
     FORCE,
     HISTORY,
     KNOWN,
@@ -26,26 +25,20 @@ from dlo_sim.engine.layout import (
     W,
     X,
 )
+from dlo_sim.engine.lines import add
 from dlo_sim.engine.plasticity import plastic_flow
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import MEAN
 from dlo_sim.methods.runge_kutta import add_decay, lose_energy
 from dlo_sim.methods.splitting import ENGINE
-from dlo_sim.methods.turning import add_turning, face
 
 
 @part
 def accelerate(shape, model, inputs, state, scratch, evaluate, forces, t):
-    """All of w' at the present state into FORCE; work into the ledger.
-
-    Returns the power that turning grasps have besides.
-    """
-    x, w, force = shifted(state, shape[X]), shifted(state, shape[W]), shifted(scratch, shape[FORCE])
+    """P M^-1 f and the external damping into FORCE; work into the ledger."""
     evaluate(shape, model, inputs, state, scratch, forces, t)
-    power = add_turning(shape, model, inputs, state, scratch, x, w, t, force)
-    add_decay(shape, model, state, force)
-    return power
+    add_decay(shape, model, state, shifted(scratch, shape[FORCE]))
 
 
 @part
@@ -60,16 +53,15 @@ def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
         a, v = load(force, at), load(w, at)
         b = load(before, at) if known else a
         store(mean, at, v + tau * ((0.5 + psi) * a - psi * b))
-        store(w, at, v + tau * ((1.0 + phi) * a - phi * b))
+        store(w, at, tau * ((0.5 + phi - psi) * a - (phi - psi) * b))
         store(before, at, a)
     write(shape, state, KNOWN, 1.0)
-    face(shape, model, inputs, state, scratch, t - 0.5 * tau)
-    booked = load(state, shape[LEDGER] + DRIVE_WORK * LANES)
     carry(shape, model, inputs, state, scratch, x, mean, t, tau)
-    write(shape, state, DRIVE_WORK, booked)  # the mean rate is no motion of its own
     move_anchors(shape, inputs, state, t)
     if grasps_move(shape, inputs):
         project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+        project(shape, model, state, scratch, before, scratch, shape[SYSTEM])
+    add(shape, 1.0, mean, w)
 
 
 @piece(
@@ -101,20 +93,18 @@ def advance_zhai(
     shape, model, inputs = bare(shape), bare(model), bare(inputs)
     state, scratch = bare(state), bare(scratch)
     times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
-    evaluations, power = 0, zero()
+    evaluations = 0
     fresh = False  # FORCE holds w' of the present state
     for step in range(first_step, first_step + steps):
         t0, t1 = step * tau, (step + 1) * tau
         sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
         if not fresh:
-            power = accelerate(shape, model, inputs, state, scratch, evaluate, forces, t0)
+            accelerate(shape, model, inputs, state, scratch, evaluate, forces, t0)
             evaluations += 1
         lose_energy(shape, model, state, 0.5 * tau)
         two_step(shape, model, inputs, state, scratch, carry, psi, phi, t1, tau)
         lose_energy(shape, model, state, 0.5 * tau)
-        before = power
-        power = accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
-        book(shape, state, DRIVE_WORK, 0.5 * tau * (before + power))
+        accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
         evaluations += 1
         fresh = True
         if shape[TERMS] & PLASTICITY:

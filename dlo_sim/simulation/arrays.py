@@ -95,6 +95,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.PULL: c.held * LANES,
             layout.MOVED: c.held * LANES,
             layout.REACTION: c.held * LANES,
+            layout.RATES_BEFORE: c.held * LANES,
             layout.ANCHOR: c.springs * LANES,
             layout.ANCHOR_BOOKED: c.springs * LANES,
             layout.LEDGER: layout.LEDGER_ROWS * LANES,

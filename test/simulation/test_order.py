@@ -103,18 +103,26 @@ def test_reference_is_converged():
         coarse, fine = reference(damping, steps=1200), reference(damping)
         off, rate = np.abs(coarse[0] - fine[0]), np.abs(coarse[1] - fine[1])
         assert off[:, :3].max() < 4e-11
-        assert rate[:, :3].max() < 2e-8
+        assert rate[:, :3].max() < 2e-8  # measured 1.1e-8
         assert off[:, 3].max() < 3e-8
         assert np.abs(fine[0] - straight(Bench(FULL, n=6)))[:, :3].max() > 0.05
         assert np.abs(fine[0][:, 3]).max() > 0.3
 
 
+def assert_order(method, orders):
+    """Of rk4 the shape's error of fourth order is small, so that the fifth still shows: measured
+    4.6, 4.3, 4.2."""
+    assert orders.min() > method.order - 0.1
+    assert orders.max() < method.order + (0.7 if method.name == "rk4" else 0.1)
+
+
 @PAIRS
 def test_shape_has_the_declared_order(method, damping):
     orders, first = convergence(method, damping)
-    assert np.abs(orders[:, 0] - method.order).max() < 0.1
-    assert np.abs(orders[:, 1] - method.order).max() < 0.5
-    assert first[0] < {2: 4e-6, 4: 5e-8}[method.order]
+    assert_order(method, orders[:, 0])
+    assert np.abs(orders[:, 1] - method.order).max() < 0.05
+    assert first[0] < {2: 4e-6, 4: 1e-8}[method.order]
+    # The first span of a clamp is free and rings: measured 9.5e-4 and 2.4e-5.
     assert first[1] < {2: 1e-3, 4: 3e-5}[method.order]
 
 
@@ -128,8 +136,8 @@ def test_twist_has_the_declared_order(method, damping):
 @pytest.mark.parametrize("method", SAME_EQUATIONS, ids=lambda method: method.name)
 def test_order_holds_with_springs_that_are_moved(method):
     orders, first = convergence(method, "undamped", springs_move=True)
-    assert np.abs(orders[:, 0] - method.order).max() < 0.1
-    assert first[0] < {2: 4e-6, 4: 5e-8}[method.order]
+    assert_order(method, orders[:, 0])
+    assert first[0] < {2: 4e-6, 4: 1e-8}[method.order]
 
 
 @pytest.mark.parametrize("method", SAME_EQUATIONS, ids=lambda method: method.name)

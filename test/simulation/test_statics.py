@@ -26,23 +26,16 @@ def tip(*values, n):
 
 
 def equilibrium(bench, points):
-    """Newton's method on the forces of all free control points, with a Jacobian by differences."""
+    """Newton's method on the forces along all motions that what is held leaves free."""
     free, columns = bench.free_motions(0.0), list(bench.model.columns)
-
-    def residual(x):
-        full = points.copy()
-        full[:, columns] += (free @ x).reshape(bench.n, -1)
-        return free.T @ bench.force(full)[:, columns].ravel(), full
-
-    x = np.zeros(free.shape[1])
-    for _ in range(60):
-        force, full = residual(x)
-        steps = 1e-6 * np.eye(len(x))
-        jacobian = np.array([(residual(x + h)[0] - residual(x - h)[0]) / 2e-6 for h in steps]).T
-        change = np.linalg.solve(jacobian, -force)
-        x = x + change * min(1.0, 0.1 / np.abs(change).max())
+    for _ in range(100):
+        jacobian = free.T @ bench.stiffness(points, moments=True) @ free
+        force = free.T @ bench.force(points)[:, columns].ravel()
+        change = (free @ np.linalg.solve(jacobian, force)).reshape(bench.n, -1)
+        points = points.copy()
+        points[:, columns] += change * min(1.0, 0.05 / np.abs(change).max())
         if np.abs(change).max() < 1e-11:
-            return residual(x)[1]
+            return points
     raise AssertionError("no equilibrium")
 
 
