@@ -34,7 +34,6 @@ HELD = 14  # held rows
 SPRINGS = 15  # rows held through a stiffness
 GRASPS = 16
 LOADS = 17
-BORDER = 18  # held rows that are not at a control point of their own
 
 # -- shape: offsets in model --------------------------------------------------------------------
 MESH = 20

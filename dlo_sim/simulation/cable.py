@@ -119,6 +119,7 @@ class Cable:
         between_steps.keep_free_motion(*self._inner)
         at, size = self.model.shape[layout.HISTORY], self.model.shape[layout.SIZE]
         self.state[at : at + 3 * size] = 0.0
+        self.model.rows(self.state, layout.RATES_BEFORE, len(self.model.holding.rows))[:] = 0.0
         self.ledger[[layout.KNOWN, layout.IS_BOOKED, layout.PENDING, layout.HAS_REACTION]] = 0.0
 
     def velocities(self, t: float) -> Array:

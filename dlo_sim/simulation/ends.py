@@ -60,11 +60,6 @@ class EndDrive:
         between_steps.grasp_place(np.ascontiguousarray(self.motion[row]), 0, t, out)
         return out
 
-    @property
-    def any_driven(self) -> bool:
-        """Whether an end moves, or may move."""
-        return bool(self.motion[:, 0].any())
-
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
         """Position [m] and quaternion of an end effector at time t."""
         motion = self._motions[known_end(end)]
