@@ -388,28 +388,33 @@ def finish_step(
         lost += solve_twist(shape, model, inputs, scratch, x, t0, tau)
         hold_of_twist(shape, model, scratch, tau)
     work = 0.0
+    ahead = shifted(scratch, shape[SEEN])
+    for at in range(shape[SIZE]):
+        ahead[at] = 2.0 / tau * change[at] - speed[at]
     if moves:
+        if newmark:
+            carry_inertia(shape, model, state, scratch, constants, tau)
         for k in range(held):
             f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], change)
             work += first(f * load(scratch, shape[FORCE_OF_HELD] + k * LANES))
         work += held_energy(shape, model, state, scratch, speed, True)
+        work -= held_energy(shape, model, state, scratch, ahead, False)
     copy(shape, change, travel)
     if newmark and moves:
         project(shape, model, state, scratch, travel, scratch, shape[SYSTEM])
     acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
     beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
     for at in range(shape[SIZE]):
-        w0, v0, a0 = w[at], speed[at], acceleration[at]
+        w0, a0 = w[at], acceleration[at]
         if newmark and at < shape[DIM] * shape[LINE]:
             a1 = (travel[at] / tau - w0 - tau * (0.5 - beta) * a0) / (tau * beta)
             w[at] = w0 + tau * ((1.0 - gamma) * a0 + gamma * a1)
             acceleration[at] = a1
         else:
-            w[at] = 2.0 / tau * change[at] - v0
+            w[at] = ahead[at]
             if dissipates:
                 acceleration[at] = (w[at] - w0) / tau
     if moves:
-        work -= held_energy(shape, model, state, scratch, w, False)
         project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
         if dissipates:
             project(shape, model, state, scratch, acceleration, scratch, shape[SYSTEM])
@@ -426,6 +431,30 @@ def finish_step(
         store(state, at, load(state, at) + share)
     state[shape[LEDGER] + HAS_REACTION * LANES] = 1.0
     state[shape[LEDGER] + KNOWN * LANES] += 1.0
+
+
+@part
+def carry_inertia(shape, model, state, scratch, constants, tau):
+    """Add to FORCE_OF_HELD the inertia of what moving grasps carry: the accelerations of the
+    generalised-alpha method are those of the free motion alone.
+    """
+    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+    push = shifted(scratch, shape[INERTIA])
+    weight, beta = constants[INERTIA_WEIGHT], constants[NEWMARK_BETA]
+    c = weight * (0.5 - beta) - constants[MASS_WEIGHT]
+    clear(shape, push)
+    for at in range(shape[DIM] * shape[LINE]):
+        gain = (change[at] - tau * speed[at]) / (tau * tau)
+        push[at] = (2.0 - weight) * gain + c * acceleration[at]
+    for k in range(shape[HELD]):
+        f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], push)
+        store(scratch, shape[RATES] + k * LANES, f)
+    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, shape[SYSTEM])
+    for k in range(shape[HELD]):
+        at = shape[FORCE_OF_HELD] + k * LANES
+        f = load(scratch, shape[SYSTEM] + k * LANES)
+        store(scratch, at, load(scratch, at) + f)
 
 
 @part

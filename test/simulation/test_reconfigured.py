@@ -32,7 +32,7 @@ def test_the_same_scene_goes_on_as_before():
     sim = swinging(8)
     other = sim.reconfigured(other_scene(8))
     assert np.array_equal(other.control_points, sim.control_points)
-    assert np.allclose(other.velocities, sim.velocities, rtol=0, atol=1e-13)
+    assert np.allclose(other.velocities, sim.velocities, rtol=0, atol=1e-14)  # as w, projected anew
     assert np.abs(sim.velocities).max() > 1.0
     sim.set_load("tip", force=[0.0, 0.0, 0.0])
     sim.advance_steps(100)
@@ -63,11 +63,11 @@ def test_a_simulator_built_before_takes_over_what_changed_since():
     early.take_over(sim)
     for one, other in ((early, now), (early.reconfigured(early.scene), now)):
         assert np.array_equal(one.control_points, other.control_points)
-        assert np.allclose(one.velocities, other.velocities, rtol=0, atol=1e-13)
+        assert np.allclose(one.velocities, other.velocities, rtol=0, atol=1e-14)
         assert np.array_equal(one.end_pose("start")[0], [0.01, 0.0, 0.02])
     assert early.advance_steps(100).status.ok
     now.advance_steps(100)
-    assert np.allclose(early.control_points, now.control_points, rtol=0, atol=1e-12)
+    assert np.array_equal(early.control_points, now.control_points)
 
 
 def test_a_stiffness_changes_between_steps():

@@ -209,7 +209,7 @@ def test_a_step_that_gains_energy_is_done_in_smaller_ones(monkeypatch):
 
     sim, pieces, without = jumping(), jumping(), jumping()
     assert sim.advance_steps(20).steps == 20
-    assert sim.energy_error < 0.4
+    assert sim.energy_error < 0.36  # measured 0.348; the free first span takes up more of a jump
     for _ in range(20):
         assert pieces.advance_steps(1).status.ok
     assert same(everything(sim), everything(pieces))
