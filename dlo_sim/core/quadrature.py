@@ -33,6 +33,26 @@ def gauss(breaks: NDArray[np.float64], points: int) -> Quadrature:
     return Quadrature(np.tile(xi, (len(half), 1)), weights * half, len(half) * points)
 
 
+def with_ends(rule: Quadrature, ends: tuple[bool, bool]) -> Quadrature:
+    """A Gauss rule with a sample at u = 0, u = L, or both: Gauss-Radau points in the first and the
+    last span, as many as before, exact for degree 2 points - 2.
+
+    Nodes are the roots of P_m + P_{m-1}, weights (1 - xi) / (m P_{m-1})^2 (Abramowitz & Stegun
+    25.4.31).
+    """
+    points = rule.xi.shape[1]
+    basis = np.polynomial.legendre.Legendre.basis
+    nodes = np.sort((basis(points) + basis(points - 1)).roots().real)
+    nodes[0] = -1.0
+    weights = (1.0 - nodes) / (points * basis(points - 1)(nodes)) ** 2
+    xi, shares = rule.xi.copy(), rule.weights.copy()
+    if ends[0]:
+        xi[0], shares[0] = nodes, 0.5 * weights * shares[0].sum()
+    if ends[1]:
+        xi[-1], shares[-1] = -nodes[::-1], 0.5 * weights[::-1] * shares[-1].sum()
+    return Quadrature(xi, shares, rule.samples)
+
+
 def uniform(breaks: NDArray[np.float64], samples: int) -> Quadrature:
     """Trapezoidal rule on `samples` equally spaced points with both ends (Khalifa & Palli's n_s).
 

@@ -215,10 +215,20 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
     return sum(bit for bit, there in present.items() if there)
 
 
+FEWEST_WITH_ENDS = 3  # Gauss points a span from which one may move to an end without harm
+
+
 def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
-    choice = scene.discretization
-    rule = quadrature.uniform if choice.quadrature == "uniform" else quadrature.gauss
-    return rule(bspline.breaks(knots), choice.samples)
+    """The scene's rule. Stretching by span has a sample at a clamp: without one nothing keeps r'
+    there from turning over, as the length of the first span is free.
+    """
+    choice, breaks = scene.discretization, bspline.breaks(knots)
+    if choice.quadrature == "uniform":
+        return quadrature.uniform(breaks, choice.samples)
+    rule = quadrature.gauss(breaks, choice.samples)
+    if choice.stretch == "span" and choice.samples >= FEWEST_WITH_ENDS:
+        return quadrature.with_ends(rule, (scene.start.clamped, scene.end.clamped))
+    return rule
 
 
 def _with_tables(shape: Table, scene: Scene, holding: Holding, knots: Array, loads: int) -> Table:

@@ -30,6 +30,22 @@ def test_gauss_is_exact_to_its_degree_and_no_further(n_spans, points):
     assert np.sum(rule.weights * legendre**2) < 1e-12
 
 
+@pytest.mark.parametrize("points", [3, 4, 10])
+@pytest.mark.parametrize("ends", [(True, False), (False, True), (True, True)])
+def test_a_sample_at_an_end_costs_one_degree(points, ends):
+    gauss = quadrature.gauss(np.linspace(0.0, LENGTH, 6), points)
+    rule = quadrature.with_ends(gauss, ends)
+    assert (rule.xi[0, 0] == -1.0, rule.xi[-1, -1] == 1.0) == ends
+    assert np.array_equal(rule.xi[1:-1], gauss.xi[1:-1])
+    u = places(rule)
+    for degree in range(2 * points - 1):
+        exact = LENGTH ** (degree + 1) / (degree + 1)
+        assert np.sum(rule.weights * u**degree) == pytest.approx(exact, rel=1e-12)
+    for span in np.flatnonzero([ends[0], *[False] * 3, ends[1]]):
+        moment = rule.weights[span] @ rule.xi[span] ** (2 * points - 1)
+        assert abs(moment) > 1e-6  # an odd power: 0 if it were exact
+
+
 @pytest.mark.parametrize(
     ("n_spans", "samples"), [(1, 2), (3, 7), (6, 101), (9, 10), (8, 8), (17, 4)]
 )
