@@ -11,7 +11,7 @@ from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import ENDS, end_geometries
+from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.model import build_model, natural_vectors
 from dlo_sim.simulation.simulator import Simulator
 
@@ -75,7 +75,7 @@ class Bench:
 
     def __init__(self, *values, grading=0.0, **more):
         self.scene = scene_of(*values, **more)
-        geometries, needs = end_geometries(self.scene), needs_of(self.scene)
+        geometries, needs = geometries_of(self.scene), needs_of(self.scene)
         self.model = build_model(self.scene, needs, geometries, (grading, grading))
         self.cable = Cable.new(self.model)
         self.n, self.axes = self.model.n, self.model.axes
@@ -98,7 +98,7 @@ class Bench:
     def pull_to(self, t):
         """Put the anchors of the springs where they are at time t."""
         for anchor, spring in zip(self.cable.anchors, self.model.holding.springs, strict=True):
-            place = self.drive.place_at(ENDS[spring.grasp], t)
+            place = self.drive.place_at(list(self.scene.holders)[spring.grasp], t)
             anchor[:] = place[self.axes[spring.line]]
 
     def put(self, points):
@@ -141,7 +141,7 @@ class Bench:
         """What is held at time t: rows over all (n, lines) degrees of freedom, and their values."""
         rows, values, columns = [], [], list(self.model.columns)
         for row in self.model.holding.rows:
-            point, end = self.model.holding.points[row.point], ENDS[row.grasp]
+            point, end = self.model.holding.points[row.point], list(self.scene.holders)[row.grasp]
             direction = np.zeros(4)
             if row.line < 0:
                 direction[:3] = self.drive.turned(end, t, row.body)

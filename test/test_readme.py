@@ -156,10 +156,13 @@ def test_table_of_topics_is_complete(node_page):
             "end.fixed": [True, True, True],
             "loads.names": ["start", "end", "force"],
             "loads.force.type": "force",
+            "grasps.names": ["hand"],
+            "grasps.hand.pose_topic": "~/hand/pose",
         }
     )
     wanted = {(entry.topic, "in", entry.type) for entry in input_topics(scene)}
     wanted |= {(topic, "out", kind) for topic, kind in output_topics(scene).items()}
+    wanted = {(topic.replace("hand", "<name>"), *more) for topic, *more in wanted}
     shown = set()
     for names, direction, kind, meaning in table_rows(section(node_page, "Topics")):
         shown |= {(name, direction, kind) for name in named(names)}
@@ -183,17 +186,20 @@ def test_every_wrench_has_its_sign_and_frame(node_page):
 def test_table_of_services_is_complete(node_page, checkout):
     tree = ast.parse((checkout / "dlo_sim" / "ros" / "node.py").read_text(encoding="utf-8"))
     offered = {
-        (ast.literal_eval(call.args[1]), ast.unparse(call.args[0]))
+        (
+            re.sub("{.*?}", "<name>", ast.unparse(call.args[1]).strip("f'")),
+            ast.unparse(call.args[0]),
+        )
         for call in ast.walk(tree)
         if isinstance(call, ast.Call) and ast.unparse(call.func) == "self.create_service"
     }
     rows = table_rows(section(node_page, "Services"))
     assert {(named(name)[0], kind.rpartition("/")[2]) for name, kind, _ in rows} == offered
-    assert len(offered) == 3
+    assert len(offered) == 5
 
 
 def test_parameters_named_in_the_text_exist(checkout):
-    known = {row.key for row in scene_parameters(("<name>", "force"))}
+    known = {row.key for row in scene_parameters(("<name>", "force"), ("<name>",))}
     groups = {key.partition(".")[0] for key in known if "." in key}
     text = "\n".join((checkout / page).read_text(encoding="utf-8") for page in PAGES)
     text = re.sub(r"<!-- parameters:begin.*?parameters:end -->", "", text, flags=re.DOTALL)

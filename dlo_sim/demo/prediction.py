@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.replay.bags import Bag
 from dlo_sim.session import cdr
-from dlo_sim.session.topics import CONTROL_POINTS, REACTIONS, resolved
+from dlo_sim.session.topics import CONTROL_POINTS, REACTION, resolved
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def read_prediction(bag: Path, length: float, origin_ns: int) -> Prediction:
     stamps: list[int] = []
     points: list[Array] = []
     forces: list[tuple[float, ...]] = []
-    poses, reaction = resolved(CONTROL_POINTS), resolved(REACTIONS["start"])
+    poses, reaction = resolved(CONTROL_POINTS), resolved(REACTION.format("start"))
     for message in Bag(bag).messages({poses: cdr.POSE_ARRAY, reaction: cdr.WRENCH_STAMPED}):
         if message.topic == poses:
             decoded = cdr.decode_pose_array(message.data)

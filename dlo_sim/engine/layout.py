@@ -34,6 +34,7 @@ HELD = 14  # held rows
 SPRINGS = 15  # rows held through a stiffness
 GRASPS = 16
 LOADS = 17
+BORDER = 18  # held rows between control points, the last ones (`engine.border`)
 
 # -- shape: offsets in model --------------------------------------------------------------------
 MESH = 20
@@ -94,6 +95,12 @@ SPRING_TABLE = 82  # a spring row: first control point, grasp, line
 LOAD_TABLE = 83  # a load: first control point
 POINT_ENTRIES, ROW_ENTRIES, SPRING_ENTRIES = 3, 3, 3
 POINT_ROWS, DIRECTION_ROWS, SPRING_ROWS, LOAD_ROWS, LOAD_POINT_ROWS = 5, 4, 5, 7, 8
+BORDER_FORCES = 84  # 4 dim entries a border row: along what it pushes, of its control points
+BORDER_CONDITIONS = 85  # the same: what it keeps
+BORDER_GRAM = 86  # border x border
+BORDER_SHIFTS = 87  # a padded vector of all unknowns a border row
+BORDER_SYSTEM = 88  # border x border
+BORDER_SPARE = 89  # all unknowns
 FIRST_OWN = 90  # offsets of what one family of methods needs in scratch, see there
 TABLES_START = 150
 

@@ -17,12 +17,15 @@ from dlo_sim.engine.band import (
     turn_vector,
     width_of,
 )
+from dlo_sim.engine.border import keep_border, set_border, solve_border, stiffen_border
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
 from dlo_sim.engine.held import (
+    add_shifts,
     aim,
     carry,
+    defects,
     grasps_move,
     project,
     row_value,
@@ -81,6 +84,19 @@ def turn_to(shape, model, inputs, state, scratch, t):
     if shape[HELD]:
         aim(shape, model, inputs, scratch, t)
         turn_to_aim(shape, model, state, scratch)
+
+
+@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL)
+def place_held(shape, model, inputs, state, scratch, t):
+    """Move the cable by the least kinetic distance to where it is held at time t."""
+    shape, model, inputs = bare(shape), bare(model), bare(inputs)
+    state, scratch = bare(state), bare(scratch)
+    x = shifted(state, shape[X])
+    if shape[HELD]:
+        aim(shape, model, inputs, scratch, t)
+        turn_to_aim(shape, model, state, scratch)
+        defects(shape, model, state, shape[DIRECTION], scratch, x)
+        add_shifts(shape, model, state, scratch, 1.0, x)
 
 
 @piece(NOTHING, WHOLES, REALS, REALS, REALS)
@@ -159,25 +175,30 @@ def moment_stiffness(shape, model, inputs, state, scratch):
     add_load_stiffness(shape, bare(model), bare(inputs), x, 0.0, 1.0, band)
 
 
-@piece(WHOLE, WHOLES, REALS, REALS, REALS)
-def solve_held(shape, state, scratch, unknowns):
+@piece(WHOLE, WHOLES, REALS, REALS, REALS, REALS)
+def solve_held(shape, model, state, scratch, unknowns):
     """Solve BAND y = unknowns in place with what is held kept: number of negative pivots, or -1.
 
     For a symmetric matrix that is the number of its negative eigenvalues.
     """
-    shape, state, scratch, y = bare(shape), bare(state), bare(scratch), bare(unknowns)
+    shape, model, state = bare(shape), bare(model), bare(state)
+    scratch, y = bare(scratch), bare(unknowns)
     dim = shape[DIM]
     size, width = shape[N] * dim, width_of(dim)
     band, directions = shifted(scratch, shape[BAND]), shifted(state, shape[DIRECTION])
     hold(shape, directions, directions, band)
+    set_border(shape, model, scratch, directions, directions)
+    stiffen_border(shape, scratch, band)
     if not eliminate(band, size, dim):
         return -1
+    solve_border(shape, scratch, band)
     z = residual_of(shape, scratch)
     for r in range(size):
         z[r] = y[r]
     turn_vector(shape, directions, True, z)
     clear_held(shape, z)
     substitute(band, size, dim, z)
+    keep_border(shape, scratch, z)
     turn_vector(shape, directions, False, z)
     for r in range(size):
         y[r] = z[r]

@@ -51,6 +51,7 @@ from dlo_sim.engine.band import (
     own_point,
     turn_vector,
 )
+from dlo_sim.engine.border import balance_border, set_border, solve_border, stiffen_border
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import add_weight, energies
 from dlo_sim.engine.held import (
@@ -65,10 +66,12 @@ from dlo_sim.engine.held import (
     row_value,
     through_inverse,
     turn_to_aim,
+    values_along,
 )
 from dlo_sim.engine.layout import (
     AHEAD,
     BETA,
+    BORDER,
     DAMPED,
     DIM,
     DIRECTION,
@@ -241,6 +244,7 @@ def balance(shape, model, state, scratch, a, b, c):
                 d = 1 if clamps_here(shape, k) else 2
             store(scratch, shape[FORCE_OF_HELD] + k * LANES, -residual[own * dim + d])
     clear_held(shape, residual)
+    balance_border(shape, scratch, residual, shifted(scratch, shape[FORCE_OF_HELD]))
     return inertia
 
 
@@ -269,7 +273,11 @@ def newton_matrix(
     add_load_stiffness(shape, model, inputs, middle, t + theta * tau, theta, band)
     rows = shifted(scratch, shape[MIDDLE_DIRECTION])
     hold(shape, rows, shifted(state, shape[DIRECTION]), band)
-    return eliminate(band, shape[N] * shape[DIM], shape[DIM])
+    stiffen_border(shape, scratch, band)
+    if not eliminate(band, shape[N] * shape[DIM], shape[DIM]):
+        return False
+    solve_border(shape, scratch, band)
+    return True
 
 
 @piece(
@@ -298,7 +306,7 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
         add_velocity_of_held(shape, model, inputs, state, scratch, x, t0, speed)
     predict(shape, state, x, w, tau)
     if not moves:
-        keep_held(shape, state, start, x)
+        keep_held(shape, model, state, scratch, start, x)
     if moves:
         aim(shape, model, inputs, scratch, t0 + 0.5 * tau)
         for k in range(shape[HELD]):
@@ -313,6 +321,11 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
         for k in range(shape[HELD]):
             pin(shape, k, load(scratch, shape[TARGETS] + k * LANES), x)
         move_anchors(shape, inputs, state, t0 + tau)
+    middle_rows, end_rows = (
+        shifted(scratch, shape[MIDDLE_DIRECTION]),
+        shifted(state, shape[DIRECTION]),
+    )
+    set_border(shape, model, scratch, middle_rows, end_rows)
     difference(shape, x, start, change)
     clear(shape, coast)
     if newmark:
@@ -341,9 +354,9 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
 
 
 @part
-def keep_held(shape, state, start, x):
-    """Leave control points that are held where they are: a parabola through equal numbers is not
-    equal to them, and what it is off by would grow from step to step.
+def keep_held(shape, model, state, scratch, start, x):
+    """Leave what is held where it is: a parabola through equal numbers is not equal to them, and
+    what it is off by would grow from step to step.
     """
     width, dim = shape[LINE], shape[DIM]
     for k in range(shape[HELD]):
@@ -358,6 +371,10 @@ def keep_held(shape, state, start, x):
                 away += state[e + d * LANES] * (x[d * width + at] - start[d * width + at])
             for d in range(dim):
                 x[d * width + at] -= away * state[e + d * LANES]
+    if shape[BORDER]:
+        difference(shape, start, x, shifted(scratch, shape[CHANGE]))
+        values_along(shape, model, state, scratch, shifted(scratch, shape[CHANGE]))
+        add_shifts(shape, model, state, scratch, 1.0, x)
 
 
 @part

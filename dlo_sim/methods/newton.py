@@ -9,6 +9,7 @@ import numpy as np
 from dlo_sim.compiling.lanes import LANES, shifted
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine.band import own_point, substitute, turn_vector
+from dlo_sim.engine.border import keep_border
 from dlo_sim.engine.layout import (
     DIM,
     DIRECTION,
@@ -123,6 +124,7 @@ def correct(shape, state, scratch, known, x, change):
     for r in range(size):
         balance[r] = z[r]
     substitute(shifted(scratch, shape[BAND]), size, dim, z)
+    keep_border(shape, scratch, z)
     for j in range(known):
         s = shifted(corrections, j * (size + 1))
         along = dot(s, z, size) * s[size]

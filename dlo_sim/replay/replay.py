@@ -25,7 +25,7 @@ from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.simulator_protocol import SimulatorFactory
 from dlo_sim.session.time_base import SECOND
-from dlo_sim.session.topics import DIAGNOSTICS, REACTIONS, input_topics, output_topics, resolved
+from dlo_sim.session.topics import DIAGNOSTICS, REACTION, input_topics, output_topics, resolved
 
 __all__ = ["ReplayError", "ReplaySummary", "replay_bag"]
 
@@ -124,9 +124,12 @@ def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[s
             "the scene listens to no topic: give an end a pose_topic or add a load with a topic"
         )
     for end, topic in compare.items():
-        if end not in scene.ends:
-            raise ReplayError(f"compare '{end}': the ends are start and end")
-        if not scene.ends[end].held:
+        if end not in scene.holders:
+            known = ", ".join(scene.holders)
+            raise ReplayError(
+                f"compare '{end}': nothing of that name holds the cable; give {known}"
+            )
+        if not scene.holders[end].held:
             raise ReplayError(
                 f"compare '{end}': this end is free and has no reaction; hold it or do not compare"
             )
@@ -171,9 +174,9 @@ class _Replay:
         self._inputs = {entry.topic for entry in self._session.inputs}
         self._names = {topic: resolved(topic) for topic in output_topics(scene)}
         # Without an output only what is compared has to be computed.
-        self._wanted = None if writer is not None else [REACTIONS[end] for end in compare]
+        self._wanted = None if writer is not None else [REACTION.format(end) for end in compare]
         self._recordings = {resolved(topic): Recording(end) for end, topic in compare.items()}
-        self._predictions = {REACTIONS[end]: Recording(end) for end in compare}
+        self._predictions = {REACTION.format(end): Recording(end) for end in compare}
         self._next_diagnostics_ns: int | None = None
 
     def execute(self, wanted: Mapping[str, str]) -> None:
@@ -295,7 +298,7 @@ class _Replay:
     def _compare(self) -> None:
         """Fill in the comparison of every end asked for."""
         for recording in self._recordings.values():
-            prediction = self._predictions[REACTIONS[recording.end]]
+            prediction = self._predictions[REACTION.format(recording.end)]
             strange = recording.frames - {"", self._scene.frame_id}
             if strange:
                 self.summary.warnings.append(

@@ -6,10 +6,12 @@ shares.
 """
 
 import time
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter as NodeParameter
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
@@ -117,6 +119,10 @@ class CableNode(GuardedNode):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        for grasp in self._session.scene.grasps:
+            answer = partial(self._on_grasp, f"grasps.{grasp.name}.taken")
+            self.create_service(Trigger, f"~/{grasp.name}/take", partial(answer, True))
+            self.create_service(Trigger, f"~/{grasp.name}/release", partial(answer, False))
 
     def _keep_time(self, scene: Scene) -> None:
         """Ticks on the node's clock; diagnostics on a clock that runs when /clock does not."""
@@ -279,6 +285,15 @@ class CableNode(GuardedNode):
             if response.success
             else "the cable has not been placed yet; wait for the first pose, or unpause once"
         )
+        return response
+
+    def _on_grasp(
+        self, key: str, taken: bool, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        """~/<name>/take, ~/<name>/release: set the parameter of a grasp."""
+        (result,) = self.set_parameters([NodeParameter(key, NodeParameter.Type.BOOL, taken)])
+        response.success = result.successful
+        response.message = result.reason or f"{key}: {str(taken).lower()}"
         return response
 
     # -- diagnostics ----------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter as NodeParameter
 
 from dlo_sim.ros.guarded_node import one_line
 from dlo_sim.scene.checking import check_value, unknown_key
-from dlo_sim.scene.description import Scene, scene_parameters
+from dlo_sim.scene.description import Scene, parameters_of_scene, scene_parameters
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 from dlo_sim.scene.parameter import Parameter
 from dlo_sim.scene.refusal import shown
@@ -77,8 +77,7 @@ class SceneParameters(Generic[Prepared]):
         """
         self._node = node
         self.scene = scene_from_overrides(node)
-        names = tuple(load.name for load in self.scene.loads)
-        self._rows = {row.key: row for row in scene_parameters(names)}
+        self._rows = {row.key: row for row in parameters_of_scene(self.scene)}
         values = scene_values(self.scene)
         for key, row in self._rows.items():
             _declare(node, row, values[key])

@@ -121,8 +121,8 @@ class Torsion:
 
 
 @dataclass(frozen=True)
-class End:
-    """One end of the cable, `start` (u = 0) or `end` (u = L), and what holds it."""
+class Holder:
+    """What holds the cable at one place."""
 
     position: Vector = parameter(
         ORIGIN,
@@ -147,8 +147,8 @@ class End:
     )
     tangent: Vector = parameter(
         ORIGIN,
-        "Direction of the cable (from start towards end) at this end, in the end-effector's "
-        "frame; zeros = from start.position to end.position.",
+        "Direction of the cable (from start towards end) here, in the end-effector's frame; "
+        "zeros = from start.position to end.position.",
         "",
         -1.0e6,
         1.0e6,
@@ -163,10 +163,9 @@ class End:
     frame: str = parameter(
         "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
     )
-    mass: float = parameter(0.0, "Point mass at this end.", "kg", 0.0, 1.0e4)
     pose_topic: str = parameter(
         "",
-        "Topic (PoseStamped) of the end-effector that moves this end; empty = it stands still.",
+        "Topic (PoseStamped) of the end-effector; empty = it stands still.",
         read_only=True,
     )
     pose_timeout: float = parameter(
@@ -187,13 +186,43 @@ class End:
 
     @property
     def held(self) -> bool:
-        """Whether anything (a fixed axis or a spring) ties this end to its end-effector."""
+        """Whether anything (a fixed axis or a spring) ties the cable to the end-effector."""
         return any(self.fixed) or any(self.spring)
 
     @property
     def driven(self) -> bool:
-        """Whether poses from a topic move this end."""
+        """Whether poses from a topic move the end-effector."""
         return bool(self.pose_topic)
+
+
+@dataclass(frozen=True)
+class End(Holder):
+    """One end of the cable, `start` (u = 0) or `end` (u = L), and what holds it."""
+
+    mass: float = parameter(0.0, "Point mass at this end.", "kg", 0.0, 1.0e4)
+
+
+@dataclass(frozen=True)
+class Grasp(Holder):
+    """A gripper that holds the cable between its ends, and can take and release it."""
+
+    name: str = ""
+    at: float = parameter(
+        0.5,
+        "Where on the cable it holds: 0 at start, 1 at end; negative = the point nearest to the "
+        "gripper when it takes the cable.",
+        "",
+        -1.0,
+        1.0,
+    )
+    taken: bool = parameter(
+        True,
+        "Whether it holds the cable; what is taken while the simulation runs is held where it is.",
+    )
+    clamped: bool = parameter(
+        False,
+        "Direction of the cable held by the gripper too, its roll not; needs all three axes fixed.",
+    )
 
 
 @dataclass(frozen=True)

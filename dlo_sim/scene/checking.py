@@ -1,4 +1,4 @@
-"""Whether a value is possible for its parameter, and a name for a load.
+"""Whether a value is possible for its parameter, and a name for a load or a grasp.
 
 Every refusal is one line that names the key, the value and the cure.
 """
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dlo_sim.scene.parameter import Parameter, Value
 from dlo_sim.scene.refusal import SceneError, brief, nearest, refusal, shown
 
-_LOAD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST_TEXT = 255
 
 
@@ -96,19 +96,22 @@ def _check_number(row: Parameter, value: object, key: str) -> float | int:
     return value if row.element_kind == "integer" else float(value)
 
 
-def check_load_names(names: Sequence[str]) -> None:
-    """Refuse load names that cannot be part of a key, and duplicates.
+def check_names(group: str, names: Sequence[str], reserved: Sequence[str] = ()) -> None:
+    """Refuse names of loads or grasps that cannot be part of a key, and duplicates.
 
     Raises:
         SceneError: naming the first bad one.
     """
     for name in names:
-        if not _LOAD_NAME.fullmatch(name) or name == "names":
+        taken = ("names", *reserved)
+        if not _NAME.fullmatch(name) or name in taken:
             raise refusal(
-                "loads.names", name, "is not a name; use letters, digits and _ (but not 'names')"
+                f"{group}.names",
+                name,
+                f"is not a name; use letters, digits and _ (but not {', '.join(map(repr, taken))})",
             )
         if list(names).count(name) > 1:
-            raise refusal("loads.names", name, "is there twice; name each load once")
+            raise refusal(f"{group}.names", name, "is there twice; give each its own name")
 
 
 def unknown_key(key: str, value: object, known: Mapping[str, Parameter]) -> SceneError:
@@ -117,11 +120,11 @@ def unknown_key(key: str, value: object, known: Mapping[str, Parameter]) -> Scen
     if members:
         return refusal(key, value, f"stands for a group of keys; give {members[0]} and so on")
     parts = key.split(".")
-    if len(parts) == 3 and parts[0] == "loads":
-        names = [str(name.split(".")[1]) for name in known if name.count(".") == 2]
-        if parts[1] not in names:
+    if len(parts) == 3 and f"{parts[0]}.names" in known:
+        group, name, _ = parts
+        if not any(row.startswith(f"{group}.{name}.") for row in known):
             return SceneError(
-                f"{key}: {brief(value)} belongs to a load that is not in loads.names; "
-                f"add '{parts[1]}' to loads.names"
+                f"{key}: {brief(value)} belongs to a name that is not in {group}.names; "
+                f"add '{name}' to {group}.names"
             )
     return SceneError(f"{key}: {brief(value)} is for no known key{nearest(key, known)}")

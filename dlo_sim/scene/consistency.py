@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from dlo_sim.scene.cable import Cable, End, Load, Vector
+from dlo_sim.scene.cable import Cable, End, Holder, Load, Vector
 from dlo_sim.scene.computation import Discretization
 from dlo_sim.scene.refusal import refusal, shown
 
@@ -15,7 +15,7 @@ _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 is a step that is chosen
 _LARGEST_STRETCH = 2.0  # held ends farther apart than this many lengths are surely a mistake
 
-Ends = Mapping[str, End]
+Holders = Mapping[str, Holder]
 
 
 def _norm(vector: Vector) -> float:
@@ -78,8 +78,8 @@ def check_discretization(discretization: Discretization) -> None:
         )
 
 
-def check_end(name: str, end: End) -> None:
-    """Refuse springs, clamps and topics that would do nothing at this end."""
+def check_holder(name: str, end: Holder) -> None:
+    """Refuse springs, clamps and topics that would do nothing."""
     for axis in range(3):
         if end.fixed[axis] and end.spring[axis] > 0.0:
             raise refusal(
@@ -98,12 +98,12 @@ def check_end(name: str, end: End) -> None:
         raise refusal(
             f"{name}.pose_topic",
             end.pose_topic,
-            f"would move nothing, since this end is free; set {name}.fixed: [true, true, true] or "
+            f"would move nothing, since it holds nothing; set {name}.fixed: [true, true, true] or "
             f"remove {name}.pose_topic",
         )
 
 
-def check_placement(ends: Ends, length: float, shape: str) -> None:
+def check_placement(ends: Mapping[str, End], length: float, shape: str) -> None:
     """Refuse ends that give the initial shape or a clamp no direction, or are too far apart."""
     start, end = ends["start"], ends["end"]
     gap = math.dist(start.position, end.position)
@@ -133,16 +133,14 @@ def check_placement(ends: Ends, length: float, shape: str) -> None:
         )
 
 
-def check_frames(world: str, ends: Ends) -> None:
-    """Refuse a frame name that means two of the world, the start and the end."""
-    for name, end in ends.items():
-        if end.frame and end.frame == world:
-            raise refusal(
-                f"{name}.frame", end.frame, "is also frame_id; give the end-effector's own frame"
-            )
-    end = ends["end"]
-    if end.frame and end.frame == ends["start"].frame:
-        raise refusal("end.frame", end.frame, "is also start.frame; give each end its own frame")
+def check_frames(world: str, holders: Holders) -> None:
+    """Refuse a frame name that means two of the world and the end-effectors."""
+    seen = {world: "frame_id"}
+    for name, holder in holders.items():
+        frame = holder.frame
+        if frame and seen.setdefault(frame, f"{name}.frame") != f"{name}.frame":
+            cure = "give the end-effector's own frame"
+            raise refusal(f"{name}.frame", frame, f"is also {seen[frame]}; {cure}")
 
 
 def check_load(load: Load) -> None:
@@ -166,9 +164,9 @@ def check_load(load: Load) -> None:
         raise refusal(f"{key}.torque", load.torque, f"would be ignored; set {key}.type to wrench")
 
 
-def check_topics(ends: Ends, loads: Sequence[Load]) -> None:
+def check_topics(holders: Holders, loads: Sequence[Load]) -> None:
     """Refuse topic names that are not well formed, and topics with two meanings."""
-    inputs = [(f"{n}.pose_topic", e.pose_topic, "pose") for n, e in ends.items()]
+    inputs = [(f"{n}.pose_topic", e.pose_topic, "pose") for n, e in holders.items()]
     inputs += [(f"loads.{load.name}.topic", load.input_topic, load.type) for load in loads]
     seen: dict[str, tuple[str, str]] = {}
     for key, topic, kind in inputs:

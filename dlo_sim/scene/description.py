@@ -12,8 +12,18 @@ from functools import lru_cache
 from typing import Any
 
 from dlo_sim.scene import consistency
-from dlo_sim.scene.cable import Cable, Damping, End, Load, Plasticity, Torsion, Vector
-from dlo_sim.scene.checking import check_load_names, check_value, unknown_key
+from dlo_sim.scene.cable import (
+    Cable,
+    Damping,
+    End,
+    Grasp,
+    Holder,
+    Load,
+    Plasticity,
+    Torsion,
+    Vector,
+)
+from dlo_sim.scene.checking import check_names, check_value, unknown_key
 from dlo_sim.scene.computation import (
     Accuracy,
     Discretization,
@@ -26,7 +36,8 @@ from dlo_sim.scene.computation import (
 from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_parameters
 from dlo_sim.scene.refusal import SceneError, brief
 
-_LOAD_NAMES = "loads.names"
+# Groups with a block for each name, and the names that mean something else.
+_NAMED: dict[str, tuple[str, ...]] = {"loads": (), "grasps": ("start", "end")}
 # Parameters that every ROS node has; a scene file may set them, the scene does not need them.
 _ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
 
@@ -53,6 +64,11 @@ class Scene:
     loads: tuple[Load, ...] = parameter(
         (), "Names of the loads; each has a block `loads.<name>`.", read_only=True
     )
+    grasps: tuple[Grasp, ...] = parameter(
+        (),
+        "Names of the grippers between the ends; each has a block `grasps.<name>`.",
+        read_only=True,
+    )
     initial: Initial = Initial()
     integrator: Integrator = Integrator()
     inputs: Inputs = Inputs()
@@ -70,6 +86,11 @@ class Scene:
         """Both ends by name."""
         return {"start": self.start, "end": self.end}
 
+    @property
+    def holders(self) -> dict[str, Holder]:
+        """All that can hold the cable by name: both ends, then the grasps."""
+        return {**self.ends, **{grasp.name: grasp for grasp in self.grasps}}
+
     def load(self, name: str) -> Load:
         """The load of this name.
 
@@ -82,12 +103,28 @@ class Scene:
         names = ", ".join(load.name for load in self.loads) or "none"
         raise KeyError(f"no load '{name}' in this scene (its loads: {names})")
 
+    def grasp(self, name: object) -> Grasp:
+        """The grasp of this name.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        for grasp in self.grasps:
+            if grasp.name == name:
+                return grasp
+        names = ", ".join(grasp.name for grasp in self.grasps) or "none"
+        raise ValueError(f"no grasp {name!r} in this scene (its grasps: {names})")
+
+    def holder_keys(self) -> list[tuple[str, Holder]]:
+        """`holders` by the keys of their blocks."""
+        return [*self.ends.items(), *((f"grasps.{grasp.name}", grasp) for grasp in self.grasps)]
+
     def with_values(self, values: Mapping[str, object]) -> "Scene":
         """A scene with these parameters changed, all checked together.
 
         Args:
-            values: dotted key -> value, for example `{"cable.length": 2.0}`; loads that
-                `loads.names` no longer holds are dropped.
+            values: dotted key -> value, for example `{"cable.length": 2.0}`; loads and grasps
+                that are no longer named are dropped.
 
         Raises:
             SceneError: if a key is unknown or the scene would be impossible.
@@ -102,27 +139,36 @@ class Scene:
         """
         consistency.check_cable(self.cable)
         consistency.check_discretization(self.discretization)
-        for name, end in self.ends.items():
-            consistency.check_end(name, end)
+        for key, holder in self.holder_keys():
+            consistency.check_holder(key, holder)
         consistency.check_placement(self.ends, self.cable.length, self.initial.shape)
-        consistency.check_frames(self.frame_id, self.ends)
+        consistency.check_frames(self.frame_id, dict(self.holder_keys()))
         for load in self.loads:
             consistency.check_load(load)
-        consistency.check_topics(self.ends, self.loads)
+        consistency.check_topics(dict(self.holder_keys()), self.loads)
         consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)
 
 
-def default_scene(load_names: tuple[str, ...] = ()) -> Scene:
-    """The scene of an empty file, with these loads."""
+def default_scene(load_names: tuple[str, ...] = (), grasp_names: tuple[str, ...] = ()) -> Scene:
+    """The scene of an empty file, with these loads and grasps."""
     loads = tuple(Load(name, position=0.0 if name == "start" else 1.0) for name in load_names)
-    return replace(Scene(), loads=loads)
+    return replace(Scene(), loads=loads, grasps=tuple(Grasp(name=name) for name in grasp_names))
 
 
 @lru_cache(maxsize=16)
-def scene_parameters(load_names: tuple[str, ...] = ()) -> tuple[Parameter, ...]:
-    """Every parameter of a scene with these loads, with its default."""
-    rows = parameters_of(default_scene(load_names))
-    return tuple(replace(row, default=()) if row.key == _LOAD_NAMES else row for row in rows)
+def scene_parameters(
+    load_names: tuple[str, ...] = (), grasp_names: tuple[str, ...] = ()
+) -> tuple[Parameter, ...]:
+    """Every parameter of a scene with these loads and grasps, with its default."""
+    names = {f"{group}.names" for group in _NAMED}
+    rows = parameters_of(default_scene(load_names, grasp_names))
+    return tuple(replace(row, default=()) if row.key in names else row for row in rows)
+
+
+def parameters_of_scene(scene: Scene) -> tuple[Parameter, ...]:
+    """Every parameter of a scene, with its default."""
+    loads, grasps = (tuple(item.name for item in group) for group in (scene.loads, scene.grasps))
+    return scene_parameters(loads, grasps)
 
 
 def scene_from_values(values: Mapping[str, object]) -> Scene:
@@ -134,8 +180,9 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
     Raises:
         SceneError: unknown key, wrong type, out of range, or an impossible scene.
     """
-    names = _load_names(mapping("values", values))
-    known = {row.key: row for row in scene_parameters(names)}
+    given = mapping("values", values)
+    names = [_names(group, given) for group in _NAMED]
+    known = {row.key: row for row in scene_parameters(*names)}
     checked: dict[str, Any] = {}
     for key, value in values.items():
         if not isinstance(key, str):
@@ -144,7 +191,7 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
             checked[key] = check_value(known[key], value)
         elif not _ROS_KEYS.fullmatch(key):
             raise unknown_key(key, value, known)
-    scene = with_parameters(default_scene(names), checked)
+    scene = with_parameters(default_scene(*names), checked)
     scene.check()
     return scene
 
@@ -161,15 +208,13 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
-    """The values with changes, without the blocks of loads that `loads.names` no longer holds."""
-    if _LOAD_NAMES not in changes:
-        return {**values, **changes}
-    dropped = set(_load_names(values)) - set(_load_names(changes))
-    left = {
-        key: value
-        for key, value in values.items()
-        if not (key.startswith("loads.") and key.split(".")[1] in dropped)
-    }
+    """The values with changes, without the blocks of loads and grasps that are no longer named."""
+    left = dict(values)
+    for group in _NAMED:
+        if f"{group}.names" in changes:
+            dropped = set(_names(group, values)) - set(_names(group, changes))
+            blocks = tuple(f"{group}.{name}." for name in dropped)
+            left = {key: value for key, value in left.items() if not key.startswith(blocks)}
     return {**left, **changes}
 
 
@@ -184,9 +229,10 @@ def mapping(name: str, values: object) -> dict[str, object]:
     return dict(values)
 
 
-def _load_names(values: Mapping[str, object]) -> tuple[str, ...]:
-    row = next(row for row in scene_parameters() if row.key == _LOAD_NAMES)
+def _names(group: str, values: Mapping[str, object]) -> tuple[str, ...]:
+    """The names that values give to a group."""
+    row = next(row for row in scene_parameters() if row.key == f"{group}.names")
     names = check_value(row, values.get(row.key, row.default))
     texts = tuple(str(name) for name in names)  # type: ignore[union-attr]
-    check_load_names(texts)
+    check_names(group, texts, _NAMED[group])
     return texts

@@ -7,7 +7,7 @@ from dlo_sim.scene.refusal import shown
 __all__ = ["PARAMETERS", "markdown_table", "scene_parameters"]
 
 PARAMETERS: tuple[Parameter, ...] = scene_parameters()
-"""Every parameter but those of the loads, which depend on `loads.names`."""
+"""Every parameter but those of loads and grasps, which depend on their names."""
 
 
 def markdown_table() -> str:
@@ -16,7 +16,7 @@ def markdown_table() -> str:
         "| parameter | type | default | unit | range | meaning |",
         "|---|---|---|---|---|---|",
     ]
-    lines += [_markdown_row(row) for row in scene_parameters(("<name>",))]
+    lines += [_markdown_row(row) for row in scene_parameters(("<name>",), ("<name>",))]
     return "\n".join(lines)
 
 

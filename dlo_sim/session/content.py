@@ -38,7 +38,7 @@ class ContentCheck:
     def __init__(self, scene: Scene) -> None:
         self._limits = scene.inputs
         self._frames: dict[str, str] = {scene.frame_id: "", "": ""}
-        for name, end in scene.ends.items():
+        for name, end in scene.holders.items():
             if end.frame:
                 self._frames.setdefault(end.frame, name)
 

@@ -8,6 +8,7 @@ same messages give the same bits however the advance is cut into ticks.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 from dlo_sim.core.end_motion import EndMotion
@@ -69,13 +70,14 @@ class Drive:
         self.estimate: ErrorEstimate | None = None
         self._live = live
         self._too_slow = False
+        self._regrasped = False  # since the simulator was built
         self._scene = scene
         self._factory = factory
         self.paths = {
             name: GripperPath(
                 name, round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND), note
             )
-            for name, end in scene.ends.items()
+            for name, end in scene.holders.items()
             if end.driven
         }
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
@@ -126,8 +128,9 @@ class Drive:
         """
         origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
         poses = {name: path.begin(origin) for name, path in self.paths.items()}
-        if poses:
+        if poses or self._regrasped:
             self.simulator = self._factory(self._scene, end_poses=poses)
+            self._regrasped = False
         else:
             self.simulator.reset()
         if self._estimating:
@@ -249,11 +252,14 @@ class Drive:
     def prepare(self, scene: Scene) -> Prepared:
         """What `reconfigure` needs for another scene with the same driven ends and loads.
 
-        Nothing is changed, and `advance` may go on meanwhile in another thread.
+        Nothing is changed, and `advance` may go on meanwhile in another thread. The simulator goes
+        on itself where grasps only take or release the cable.
 
         Raises:
             ValueError: the simulator refuses the scene.
         """
+        if scene == _as_taken(self._scene, scene):
+            return Prepared(self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
         if not _estimated(scene, self._live):
@@ -268,6 +274,9 @@ class Drive:
         Taking over the state takes a small part of the time that building took.
         """
         old, grid = self.simulator, self.grid
+        if prepared.simulator is old:
+            self._take_and_release(scene)
+            return
         self.simulator, self.estimate = prepared
         self._scene, self._too_slow = scene, False
         if grid is not None:
@@ -276,11 +285,20 @@ class Drive:
                 self.estimate.take_over()
             self._continue_motions(grid, old.time)
         for name, path in self.paths.items():
-            end = scene.ends[name]
+            end = scene.holders[name]
             path.configure(round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND))
         for schedule in self.schedules.values():
             schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
             schedule.resend(self._driven)
+
+    def _take_and_release(self, scene: Scene) -> None:
+        """Let the grasps hold what another scene, which differs in that alone, says."""
+        for before, grasp in zip(self._scene.grasps, scene.grasps, strict=True):
+            if grasp.taken and not before.taken:
+                self._driven.take(grasp.name)
+            elif before.taken and not grasp.taken:
+                self._driven.release(grasp.name)
+        self._scene, self._regrasped = scene, True
 
     def _continue_motions(self, old: StepGrid, old_time: float) -> None:
         """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
@@ -298,6 +316,13 @@ class Drive:
             self._knots[name], self._motions[name] = last, segment.motion
             self._driven.set_motion(name, segment.motion)
         self.index = 0
+
+
+def _as_taken(scene: Scene, other: Scene) -> Scene:
+    """A scene whose grasps hold the cable as those of another scene."""
+    taken = {grasp.name: grasp.taken for grasp in other.grasps}
+    grasps = tuple(replace(g, taken=taken.get(g.name, g.taken)) for g in scene.grasps)
+    return replace(scene, grasps=grasps)
 
 
 def _estimated(scene: Scene, live: bool) -> bool:

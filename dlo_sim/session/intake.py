@@ -69,7 +69,7 @@ class _Topic:
         """Take what the scene says about the targets."""
         targets = [entry.target for entry in self.entries]
         if self.is_pose:
-            self.record.timeout = min(scene.ends[target].pose_timeout for target in targets)
+            self.record.timeout = min(scene.holders[target].pose_timeout for target in targets)
         else:
             self.loads = tuple(scene.load(target) for target in targets)
             self.record.timeout = min(load.timeout for load in self.loads)

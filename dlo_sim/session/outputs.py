@@ -2,10 +2,10 @@
 
 SIGN AND FRAME OF EVERY OUTPUT (all in the world frame `frame_id`; the stamp is the time at which
 the state holds)
-- `~/start/reaction`, `~/end/reaction` (WrenchStamped, only for an end that is held): force [N] and
-  torque [N m] acting ON THE CABLE BY THE END EFFECTOR, torque about the attachment point, axes of
-  the world. It includes what moves the point mass `<end>.mass`. A force-torque sensor in the wrist
-  that measures the load of the cable on the robot reads the NEGATIVE of it.
+- `~/start/reaction`, `~/end/reaction`, `~/<grasp>/reaction` (WrenchStamped, not for a free end):
+  force [N] and torque [N m] acting ON THE CABLE BY THE END EFFECTOR, torque about the attachment
+  point, axes of the world. It includes what moves the point mass `<end>.mass`. A force-torque
+  sensor in the wrist that measures the load of the cable on the robot reads the NEGATIVE of it.
 - `~/control_points` (PoseArray): control point i, which lies near but not on the cable, with the
   material frame of the cable at the control point's material coordinate: x axis = tangent from
   start to end.
@@ -31,7 +31,7 @@ from dlo_sim.session.topics import (
     CONTROL_POINTS,
     CONTROL_POLYGON,
     DIAGNOSTICS,
-    REACTIONS,
+    REACTION,
     output_topics,
 )
 
@@ -83,7 +83,9 @@ class Outputs:
             CENTERLINE: self._encode_centerline,
             CONTROL_POLYGON: self._encode_control_polygon,
         }
-        encoders |= {t: partial(self._encode_reaction, end) for end, t in REACTIONS.items()}
+        encoders |= {
+            REACTION.format(name): partial(self._encode_reaction, name) for name in scene.holders
+        }
         self._topics = tuple(
             (topic, message_type, encoders[topic])
             for topic, message_type in output_topics(scene).items()

@@ -38,7 +38,7 @@ class Pacing:
     def configure(self, scene: Scene, step: float) -> None:
         """Take the limits from this scene and the step [s] of its simulator."""
         inputs = scene.inputs
-        timeouts = [end.pose_timeout for end in scene.ends.values() if end.driven]
+        timeouts = [end.pose_timeout for end in scene.holders.values() if end.driven]
         self._grid = OutputGrid(scene.rate)
         self._latency_ns = round(inputs.latency * SECOND)
         self.most_steps = max(1, round(max(inputs.catch_up, 1.0 / scene.rate) / step))

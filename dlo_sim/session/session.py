@@ -29,11 +29,11 @@ from dlo_sim.session.time_base import TimeBase, Verdict
 from dlo_sim.session.topics import (
     DEFAULT_NAMING,
     MARKERS,
-    OUTPUTS,
     InputTopic,
     Naming,
     input_topics,
     output_topics,
+    possible_outputs,
 )
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
@@ -75,7 +75,8 @@ class Session:
         self._time = TimeBase(scene.inputs.time)
         self._naming = naming
         self.inputs = tuple(e._replace(topic=naming.topic(e.topic)) for e in input_topics(scene))
-        naming.check((*((e.topic, e.type) for e in input_topics(scene)), *OUTPUTS.items()))
+        given = [(entry.topic, entry.type) for entry in input_topics(scene)]
+        naming.check((*given, *possible_outputs(scene).items()))
         self.journal = Journal([entry.topic for entry in self.inputs])
         self._intake = Intake(scene, self.inputs, self._time, self.journal)
         self._drive = Drive(scene, simulator_factory, self.journal.event, live)
@@ -172,7 +173,7 @@ class Session:
         fresh, self._given_out = state != self._given_out, state
         markers, self._markers_due = self._markers_due, False
         due = set(again)
-        for topic in OUTPUTS if wanted is None else wanted:
+        for topic in output_topics(self.scene) if wanted is None else wanted:
             if markers if topic in MARKERS else fresh:
                 due.add(topic)
         found = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)
@@ -251,7 +252,8 @@ class Session:
                 f"{changed}: cannot change while the session runs; restart with the new scene"
             )
         prepared = self._drive.prepare(scene)
-        _look_at(prepared.simulator, scene)
+        if prepared.simulator is not self._drive.simulator:
+            _look_at(prepared.simulator, scene)
         return prepared
 
     def reconfigure(self, scene: Scene, prepared: Prepared | None = None) -> None:
@@ -359,7 +361,7 @@ class Session:
         missing = self._drive.without_pose if not self.started else self._waiting
         if missing:
             order = "first" if not self.started else "next"
-            topics = [self._naming.topic(self.scene.ends[name].pose_topic) for name in missing]
+            topics = [self._naming.topic(self.scene.holders[name].pose_topic) for name in missing]
             return f"waiting for the {order} pose on {', '.join(dict.fromkeys(topics))}"
         return ""
 
@@ -381,7 +383,8 @@ def _look_at(simulator: CableSimulator, scene: Scene) -> None:
 def _wiring(scene: Scene) -> dict[str, object]:
     """Everything that a running session cannot change: key -> value."""
     found: dict[str, object] = {"frame_id": scene.frame_id}
-    found |= {f"{name}.pose_topic": end.pose_topic for name, end in scene.ends.items()}
+    found |= {f"{key}.pose_topic": holder.pose_topic for key, holder in scene.holder_keys()}
     found["loads.names"] = tuple(load.name for load in scene.loads)
+    found["grasps.names"] = tuple(grasp.name for grasp in scene.grasps)
     found |= {f"loads.{load.name}.topic": load.input_topic for load in scene.loads}
     return found | {f"loads.{load.name}.type": load.type for load in scene.loads}

@@ -15,23 +15,25 @@ CENTERLINE = "~/centerline"
 CONTROL_POLYGON = "~/control_polygon"
 DIAGNOSTICS = "/diagnostics"
 MARKERS = (CENTERLINE, CONTROL_POLYGON)
-REACTIONS = {"start": "~/start/reaction", "end": "~/end/reaction"}
-
-OUTPUTS = {
-    CONTROL_POINTS: cdr.POSE_ARRAY,
-    **dict.fromkeys(REACTIONS.values(), cdr.WRENCH_STAMPED),
-    **dict.fromkeys(MARKERS, cdr.MARKER),
-    DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
-}
-"""Topic -> ROS type of everything that any scene publishes, in the order of publication."""
+REACTION = "~/{}/reaction"
 
 _INPUTS = {"pose": cdr.POSE_STAMPED, "wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
 
 
 def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
-    free = {REACTIONS[name] for name, end in scene.ends.items() if not end.held}
-    return {topic: kind for topic, kind in OUTPUTS.items() if topic not in free}
+    free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
+    return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}
+
+
+def possible_outputs(scene: Scene) -> dict[str, str]:
+    """Topic -> ROS type of all that it publishes once its free ends are held as well."""
+    return {
+        CONTROL_POINTS: cdr.POSE_ARRAY,
+        **dict.fromkeys(map(REACTION.format, scene.holders), cdr.WRENCH_STAMPED),
+        **dict.fromkeys(MARKERS, cdr.MARKER),
+        DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
+    }
 
 
 class InputTopic(NamedTuple):
@@ -40,7 +42,7 @@ class InputTopic(NamedTuple):
     Attributes:
         topic: its name; as in the scene (`~/...`), or on the wire.
         kind: `pose`, `wrench` or `force`.
-        target: `start` or `end` for a pose, the load's name otherwise.
+        target: what holds the cable for a pose, the load's name otherwise.
     """
 
     topic: str
@@ -55,7 +57,9 @@ class InputTopic(NamedTuple):
 
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
     """Every topic that this scene listens to, poses first; a topic may drive several targets."""
-    found = [InputTopic(e.pose_topic, "pose", name) for name, e in scene.ends.items() if e.driven]
+    found = [
+        InputTopic(e.pose_topic, "pose", name) for name, e in scene.holders.items() if e.driven
+    ]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
     return tuple(found)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.engine import layout
+from dlo_sim.engine.border import border_rooms
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.methods.explicit_layout import CONSTRAINT_ENTRIES, CONSTRAINTS, explicit_rooms
 from dlo_sim.methods.implicit_layout import implicit_rooms
@@ -32,6 +33,7 @@ class Counts:
     loads: int
     plastic: bool
     curved: bool
+    border: int = 0
     constraints: int = 0
     stride: int = 1
 
@@ -113,6 +115,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.AHEAD: c.held * layout.DIRECTION_ROWS * LANES,
             layout.SYSTEM: c.held * max(c.held, 1) * LANES,
             layout.NOTES: layout.NOTE_ROWS * LANES,
+            **border_rooms(c.n * c.dim, 4 * c.dim, c.border),
             **implicit_rooms(c.n, c.dim, c.samples, c.held, c.size),
             **explicit_rooms(c.n, c.dim, c.held, c.size, c.constraints, c.stride),
         },
@@ -139,6 +142,7 @@ def new_shape(counts: Counts, terms: int, axes: tuple[int, ...]) -> tuple[Table,
         layout.SPRINGS: c.springs,
         layout.GRASPS: c.grasps,
         layout.LOADS: c.loads,
+        layout.BORDER: c.border,
     }
     for index, value in dimension.items():
         shape[index] = value
@@ -166,6 +170,7 @@ def counts_of(shape: Table, stride: int) -> Counts:
         "springs": layout.SPRINGS,
         "grasps": layout.GRASPS,
         "loads": layout.LOADS,
+        "border": layout.BORDER,
     }
     terms = int(shape[layout.TERMS])
     return Counts(

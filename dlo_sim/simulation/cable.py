@@ -112,9 +112,14 @@ class Cable:
         """Directions of what is held: those of the grasps at time t."""
         between_steps.turn_to(*self.arrays, t)
 
-    def put(self, points: Array, rates: Array) -> None:
-        """Take over control points (n, 4) and their velocities; nothing of before is known."""
+    def put(self, points: Array, rates: Array, time: float | None = None) -> None:
+        """Take over control points (n, 4) and their velocities; nothing of before is known.
+
+        With a time, points held between control points go to where they are held then.
+        """
         self.x[:] = self.model.to_lines(points)
+        if time is not None and self.model.holding.border:
+            between_steps.place_held(*self.arrays, time)
         self.w[:] = self.model.to_lines(rates)
         between_steps.keep_free_motion(*self._inner)
         at, size = self.model.shape[layout.HISTORY], self.model.shape[layout.SIZE]
@@ -169,6 +174,15 @@ class Cable:
         largest = float(np.abs(parts - start).max())
         exchanged = max(self.entry(layout.EXCHANGED), kinetic, largest, *np.abs(works))
         return abs(error), exchanged
+
+    def settle(self, t: float) -> None:
+        """Book the work up to time t that a step has left for the next one."""
+        if self.entry(layout.IS_BOOKED):
+            between_steps.settle(*self.arrays, evaluate.code, forces.code, t)
+
+    def present_energy(self) -> float:
+        """Kinetic energy of w and potential energy [J]."""
+        return self.kinetic() + float(self.potentials().sum())
 
     def share_open(self) -> float:
         """|energy - work done + energy lost| as a share of the energy exchanged so far."""
@@ -226,7 +240,7 @@ class Cable:
 
     def solve_held(self, unknowns: Array) -> int:
         """Solve band x = unknowns in place with what is held kept; negative pivots, or -1."""
-        return int(between_steps.solve_held(self.model.shape, self.state, self.scratch, unknowns))
+        return int(between_steps.solve_held(*self._inner, unknowns))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
         """P M^-1 f of forces in lines (lines, n); with `keep` false without P."""
@@ -246,8 +260,7 @@ class Cable:
         `put` writes what is held to control points (n, 4), and what is free only where a neighbour
         of a clamp came too near.
         """
-        if self.entry(layout.IS_BOOKED):
-            between_steps.settle(*self.arrays, evaluate.code, forces.code, t)
+        self.settle(t)
         before = self.potentials().sum()
         between_steps.jump(*self.arrays, carry.code, t)
         points = self.model.to_columns(self.x)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +14,7 @@ from dlo_sim.engine import grasps
 from dlo_sim.engine.grasps import MOTION_SIZE, TWIST
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.geometry import ENDS, EndGeometry, given_quaternion, known_end
+from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
 
 Array = NDArray[np.float64]
 LEAST_THIRD = 0.01  # of a third of the first span
@@ -23,30 +22,35 @@ NEAR = 1e-6  # lengths of the cable, and radians: beyond, a motion begins elsewh
 
 
 class EndDrive:
-    """Both end effectors.
+    """All end effectors of a scene: those of the ends, then those of the grasps.
 
     Attributes:
-        motion: what compiled functions read (`engine.grasps`), shape (2, MOTION_SIZE): a view of
-            the inputs once they are there. A row is active once its end is driven by the scene or
-            was moved by a caller.
+        motion: what compiled functions read (`engine.grasps`), shape (holders, MOTION_SIZE): a view
+            of the inputs once they are there. A row is active once its end effector is driven by
+            the scene or was moved by a caller.
     """
 
-    def __init__(
-        self, scene: Scene, geometries: Mapping[str, EndGeometry], first_span: float
-    ) -> None:
-        self.motion = np.zeros((2, MOTION_SIZE))
+    def __init__(self, scene: Scene, geometries: Geometries, first_span: float) -> None:
         self._scene = scene
-        self._geometries = geometries
+        self._geometries = dict(geometries)
+        self._rows = {name: row for row, name in enumerate(scene.holders)}
+        self.motion = np.zeros((len(self._rows), MOTION_SIZE))
         self._motions: dict[str, EndMotion] = {}
         self._third = first_span / 3.0
         self._near = NEAR * scene.cable.length
-        for row, name in enumerate(ENDS):
-            end, geometry = scene.ends[name], geometries[name]
-            m = self.motion[row]
-            m[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = end.offset
-            m[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
+        for name, holder in scene.holders.items():
+            geometry = geometries[name]
+            self.hold(name, geometry)
             self._write(name, EndMotion.resting(geometry.position, geometry.orientation))
-            m[0] = float(end.driven and end.held)
+            self.motion[self._rows[name], 0] = float(holder.driven and holder.held)
+
+    def hold(self, end: str, geometry: Geometry) -> None:
+        """Hold the cable at the attachment point and with the tangent of a geometry."""
+        row, turn = self.motion[self._rows[end]], rotations.conjugate(geometry.orientation)
+        arm = rotations.rotate(turn, geometry.attachment - geometry.position)
+        row[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = arm
+        row[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
+        self._geometries[end] = geometry
 
     def live_in(self, motion: Array) -> None:
         """Let `motion`, a view of the inputs, be what is written to from now on."""
@@ -56,13 +60,13 @@ class EndDrive:
     def place_at(self, end: str, t: float) -> Array:
         """Attachment point [m] and twist angle [rad] at time t, shape (4,)."""
         out = np.empty(4)
-        row = ENDS.index(end)
-        between_steps.grasp_place(np.ascontiguousarray(self.motion[row]), 0, t, out)
+        motion = np.ascontiguousarray(self.motion[self._rows[end]])
+        between_steps.grasp_place(motion, 0, t, out)
         return out
 
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
         """Position [m] and quaternion of an end effector at time t."""
-        motion = self._motions[known_end(end)]
+        motion = self._motions[known_holder(self._scene, end)]
         return motion.position_at(t), motion.orientation_at(t)
 
     def orientation(self, end: str, t: float) -> Array:
@@ -72,7 +76,7 @@ class EndDrive:
     def turned(self, end: str, t: float, direction: Vector) -> Vector:
         """World direction at time t of one that is fixed in an end effector's frame."""
         world = np.array(direction)
-        between_steps.grasp_turn(np.ascontiguousarray(self.motion[ENDS.index(end)]), 0, t, world)
+        between_steps.grasp_turn(np.ascontiguousarray(self.motion[self._rows[end]]), 0, t, world)
         x, y, z = world.tolist()
         return x, y, z
 
@@ -87,8 +91,8 @@ class EndDrive:
         or where that is nowhere, a third of the first span away.
         """
         n = len(points)
-        for name in ENDS:
-            end, start = self._scene.ends[name], name == "start"
+        for name, end in self._scene.ends.items():
+            start = name == "start"
             outer, inner = (0, 1) if start else (n - 1, n - 2)
             place = self.place_at(name, t)
             for axis in range(3):
@@ -139,7 +143,7 @@ class EndDrive:
             place = arguments.numbers(f"position of {end}", position, (3,), "m")
         # A swing towards a new orientation keeps the twist that the way there gives it.
         way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
-        row = self.motion[ENDS.index(end)]
+        row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, t)[3] + _twist_about(
             way, rotations.rotate(old_orientation, self._geometries[end].tangent)
         )
@@ -153,7 +157,7 @@ class EndDrive:
             TypeError, ValueError: no end, or no motion; one that starts more than `late` [s] before
                 t, or elsewhere.
         """
-        known_end(end)
+        known_holder(self._scene, end)
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
         if motion.start < t - late - 1e-9:
             raise ValueError(
@@ -174,14 +178,14 @@ class EndDrive:
 
     def follow(self, end: str, t: float, motion: EndMotion) -> None:
         """Follow a motion from time t on; the twist goes on from where it is."""
-        row = self.motion[ENDS.index(end)]
+        row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3]
         self._write(end, motion)
         row[0] = 1.0
 
     def take_over(self, other: EndDrive, t: float) -> None:
         """Rest at the poses, and with the twist, that another pair of end effectors has at t."""
-        for row, end in enumerate(ENDS):
+        for end, row in self._rows.items():
             self._write(end, EndMotion.resting(*other.pose(end, t)))
             self.motion[row, TWIST] = other.place_at(end, t)[3]
 
@@ -198,8 +202,8 @@ class EndDrive:
 
     def twists(self, end: str) -> bool:
         """Whether a clamped end turns, or has turned, about its own tangent."""
-        row = self.motion[ENDS.index(end)]
-        if not self._scene.ends[end].clamped:
+        row = self.motion[self._rows[end]]
+        if end not in self._scene.ends or not self._scene.ends[end].clamped:
             return False
         motion = self._motions[end]
         tangent = rotations.rotate(motion.orientation, self._geometries[end].tangent)
@@ -207,7 +211,7 @@ class EndDrive:
 
     def restored(self) -> None:
         """Rebuild the motions after `motion` was overwritten by a snapshot."""
-        for row, name in enumerate(ENDS):
+        for name, row in self._rows.items():
             m = self.motion[row]
             self._motions[name] = EndMotion(
                 start=float(m[1]),
@@ -218,7 +222,7 @@ class EndDrive:
             )
 
     def _write(self, end: str, motion: EndMotion) -> None:
-        m = self.motion[ENDS.index(end)]
+        m = self.motion[self._rows[end]]
         m[1], m[2] = motion.start, motion.duration
         m[3:12] = motion.position.ravel()
         m[12:21] = rotations.to_matrix(motion.orientation).ravel()

@@ -168,6 +168,16 @@ class ErrorEstimate:
         for simulator in self._all():
             simulator.set_end(end, position, orientation, tangent)
 
+    def take(self, grasp: str, at: float | None = None) -> None:
+        """See `Simulator.take`."""
+        for simulator in self._all():
+            simulator.take(grasp, at)
+
+    def release(self, grasp: str) -> None:
+        """See `Simulator.release`."""
+        for simulator in self._all():
+            simulator.release(grasp)
+
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """See `Simulator.end_pose`."""
         return self.simulator.end_pose(end)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,68 +14,83 @@ from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
 Pose = tuple[ArrayLike, ArrayLike]
-ENDS = ("start", "end")
+NEAREST = 1001  # points of a first shape among which the nearest to a gripper is looked for
 
 
 @dataclass(frozen=True)
-class EndGeometry:
+class Geometry:
     """One end effector at time zero.
 
     Attributes:
         position, orientation: of the end effector, world frame; quaternion x, y, z, w.
         attachment: where it holds the cable [m], world frame.
         tangent: unit direction of the cable from start towards end, in the end-effector frame.
+        u: material coordinate [m] of what it holds; None for a grasp that has released the cable.
     """
 
     position: Array
     orientation: Array
     attachment: Array
     tangent: Array
+    u: float | None
 
 
-def known_end(end: object) -> str:
-    """The name of an end.
+Geometries = Mapping[str, Geometry]
+
+
+def known_holder(scene: Scene, name: object) -> str:
+    """The name of an end or a grasp.
 
     Raises:
         TypeError, ValueError: not one.
     """
-    return arguments.one_of("end", end, ENDS)
+    return arguments.one_of("end", name, scene.holders)
 
 
-def end_geometries(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict[str, EndGeometry]:
-    """Both ends from the scene, or from end-effector poses where given.
+def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict[str, Geometry]:
+    """Ends and grasps from the scene, or from end-effector poses where given.
+
+    A grasp that takes the cable at the nearest point does so on its first shape.
 
     Raises:
         TypeError, ValueError: poses that are none.
     """
-    poses = {} if poses is None else _checked(poses)
+    poses = {} if poses is None else _checked(scene, poses)
     placed: dict[str, tuple[Array, Array, Array]] = {}
-    for name in ENDS:
-        end = scene.ends[name]
+    for name, end in scene.holders.items():
         position, orientation = poses.get(name, (end.position, rotations.IDENTITY))
         position, orientation = np.asarray(position), np.asarray(orientation)
         placed[name] = (position, orientation, position + rotations.rotate(orientation, end.offset))
     line = _straight_direction(scene, placed["start"][2], placed["end"][2])
-    result = {}
-    for name in ENDS:
+    length, result = scene.cable.length, {}
+    coordinates: dict[str, float | None] = {"start": 0.0, "end": length}
+    coordinates |= {
+        g.name: g.at * length if g.taken and g.at >= 0.0 else None for g in scene.grasps
+    }
+    for name, holder in scene.holders.items():
         position, orientation, attachment = placed[name]
-        tangent = np.asarray(scene.ends[name].tangent, dtype=float)
+        tangent = np.asarray(holder.tangent, dtype=float)
         if not tangent.any():
             tangent = rotations.rotate(rotations.conjugate(orientation), line)
-        result[name] = EndGeometry(
-            position, orientation, attachment, tangent / np.linalg.norm(tangent)
-        )
+        tangent = tangent / np.linalg.norm(tangent)
+        result[name] = Geometry(position, orientation, attachment, tangent, coordinates[name])
+    u = np.linspace(0.0, length, NEAREST)
+    for grasp in scene.grasps:
+        if grasp.taken and grasp.at < 0.0:
+            there = _first_line(scene, result, u) - result[grasp.name].attachment
+            nearest = float(u[np.argmin(np.linalg.norm(there, axis=1))])
+            result[grasp.name] = replace(result[grasp.name], u=nearest)
     return result
 
 
-def _checked(poses: object) -> dict[str, Pose]:
+def _checked(scene: Scene, poses: object) -> dict[str, Pose]:
     checked: dict[str, Pose] = {}
     if not isinstance(poses, Mapping):
         raise TypeError(
             'end_poses: needs {"start": (position, quaternion), ...}, got ' + arguments.given(poses)
         )
     for end, pose in poses.items():
-        name = f"end_poses[{known_end(end)!r}]"
+        name = f"end_poses[{known_holder(scene, end)!r}]"
         if not isinstance(pose, Sequence) or len(pose) != 2:
             raise TypeError(
                 f"{name}: needs (position, quaternion) as of end_pose, got {arguments.given(pose)}"
@@ -107,39 +123,51 @@ def _straight_direction(scene: Scene, start: Array, end: Array) -> Array:
     return line / np.linalg.norm(line)
 
 
-def world_tangent(geometry: EndGeometry) -> Array:
+def world_tangent(geometry: Geometry) -> Array:
     """Direction of the cable at an end, world frame."""
     return rotations.rotate(geometry.orientation, geometry.tangent)
 
 
-def first_shape(scene: Scene, ends: Mapping[str, EndGeometry], knots: Array) -> Array:
+def first_shape(scene: Scene, geometries: Geometries, knots: Array) -> Array:
     """Control points [m], shape (n, 3), before any relaxation.
 
-    A free end continues the held one in a straight line of rest length. Two held ends closer than
-    the length get a sagging arc of that length; at the length or beyond, a straight line.
+    From one held place to the next a straight line where they are the rest length or more apart,
+    else a sagging arc of that length; beyond the last one a straight line.
     """
-    length = scene.cable.length
-    greville = bspline.greville(knots)
-    start, end = ends["start"], ends["end"]
-    held = {name: scene.ends[name].held for name in ENDS}
-    if held["start"] and held["end"]:
-        gap = float(np.linalg.norm(end.attachment - start.attachment))
-        if gap >= length * (1.0 - 1e-9):
-            share = (greville / length)[:, None]
-            return (1.0 - share) * start.attachment + share * end.attachment
-        return bspline.interpolate(knots, _arc(scene, start.attachment, end.attachment, greville))
-    if held["end"]:
-        direction = world_tangent(end)
-        return end.attachment + (greville - length)[:, None] * direction
-    direction = world_tangent(start)
-    return start.attachment + greville[:, None] * direction
+    return bspline.interpolate(knots, _first_line(scene, geometries, bspline.greville(knots)))
 
 
-def _arc(scene: Scene, start: Array, end: Array, u: Array) -> Array:
-    """Circular arc of length L over the chord start-end, on the side that gravity pulls to."""
-    length = scene.cable.length
+def held_places(scene: Scene, geometries: Geometries) -> list[tuple[float, Geometry]]:
+    """What holds the cable in the order of the material coordinate [m]."""
+    found = [
+        (geometry.u, geometry)
+        for name, geometry in geometries.items()
+        if geometry.u is not None and scene.holders[name].held
+    ]
+    return sorted(found, key=lambda place: place[0]) or [(0.0, geometries["start"])]
+
+
+def _first_line(scene: Scene, geometries: Geometries, u: Array) -> Array:
+    """Points [m] of the first shape at material coordinates u, shape (len(u), 3)."""
+    places = held_places(scene, geometries)
+    line = np.empty((len(u), 3))
+    for here, (begin, geometry) in ((u <= places[0][0], places[0]), (u > places[0][0], places[-1])):
+        line[here] = geometry.attachment + (u[here] - begin)[:, None] * world_tangent(geometry)
+    for (begin, one), (end, other) in pairwise(places):
+        here = (u >= begin) & (u <= end)
+        share = (u[here] - begin) / (end - begin)
+        line[here] = _arc(scene, one.attachment, other.attachment, end - begin, share)
+    return line
+
+
+def _arc(scene: Scene, start: Array, end: Array, length: float, share: Array) -> Array:
+    """Circular arc of a length over the chord start-end, on the side that gravity pulls to, or the
+    chord if that is longer; at shares of the way.
+    """
     chord = end - start
     gap = float(np.linalg.norm(chord))
+    if gap >= length * (1.0 - 1e-9):
+        return start + share[:, None] * chord
     ratio = gap / length
     # sin(a) / a = ratio for the half angle a in (0, pi]
     low, high = 1e-9, np.pi
@@ -156,7 +184,7 @@ def _arc(scene: Scene, start: Array, end: Array, u: Array) -> Array:
             down = np.cross(along, [1.0, 0.0, 0.0])
     down = down / np.linalg.norm(down)
     radius = length / (2.0 * angle)
-    phase = angle * (2.0 * u / length - 1.0)
+    phase = angle * (2.0 * share - 1.0)
     middle_point = 0.5 * (start + end)
     return (
         middle_point

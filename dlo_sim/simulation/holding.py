@@ -1,22 +1,23 @@
-"""What a scene holds, as a list: the one place that turns ends into held points and rows.
+"""What a scene holds, as a list: the one place that turns ends and grasps into points and rows.
 
-Start and end are two grasps. A fixed axis is a row of the end's control point; a clamp is the rows
-across its tangent of the neighbour, whose distance along the tangent stays free, and the twist; a
-spring is a row held through a stiffness.
+At an end a fixed axis is a row of its control point; a clamp is the rows across its tangent of the
+neighbour, whose distance along the tangent stays free, and the twist. A grasp between control
+points has rows of the same kind with four basis values: fixed axes hold sum_k b_k x_k, a clamp the
+directions across it of r' = sum_k b'_k x_k. A spring is a row held through a stiffness.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import rotations
+from dlo_sim.core import bspline, rotations
+from dlo_sim.scene.cable import Grasp
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
-from dlo_sim.simulation.geometry import ENDS, EndGeometry
+from dlo_sim.simulation.geometry import Geometries, Geometry
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ class Spring:
 
 @dataclass
 class Holding:
-    """All that is held. Grasp g is `ENDS[g]`."""
+    """All that is held. Grasp g is the g-th of `Scene.holders`."""
 
     points: list[Point] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
@@ -64,6 +65,11 @@ class Holding:
         self.points.append(point)
         return len(self.points) - 1
 
+    @property
+    def border(self) -> int:
+        """Rows between control points, the last ones."""
+        return sum(self.points[row.point].own < 0 for row in self.rows)
+
 
 def own_point(i: int, n: int, twist: bool = False) -> Point:
     """Control point i alone."""
@@ -73,13 +79,13 @@ def own_point(i: int, n: int, twist: bool = False) -> Point:
 
 
 def holding_of(
-    scene: Scene, ends: Mapping[str, EndGeometry], axes: tuple[int, ...], twist: bool
+    scene: Scene, geometries: Geometries, knots: Array, axes: tuple[int, ...], twist: bool
 ) -> Holding:
-    """What the scene's ends hold in the lines of these axes."""
+    """What ends and grasps hold in the lines of these axes."""
     n = scene.discretization.control_points
     holding = Holding()
-    for grasp, name in enumerate(ENDS):
-        end, geometry = scene.ends[name], ends[name]
+    for grasp, (name, end) in enumerate(scene.ends.items()):
+        geometry = geometries[name]
         outer, inner = (0, 1) if name == "start" else (n - 1, n - 2)
         if any(end.fixed[axis] for axis in axes):
             point = holding.hold(own_point(outer, n))
@@ -94,17 +100,57 @@ def holding_of(
             if twist:
                 point = holding.hold(own_point(outer, n, twist=True))
                 holding.rows.append(Row(point, grasp, len(axes)))
-    for grasp, stiffness in enumerate(_spring_stiffness(scene, ends)):
+    for grasp, stiffness in enumerate(_spring_stiffness(scene, geometries)):
         outer = 0 if grasp == 0 else n - 1
-        holding.springs += [
-            Spring(own_point(outer, n), grasp, line, float(stiffness[axis]))
-            for line, axis in enumerate(axes)
-            if stiffness[axis]
-        ]
+        _add_springs(holding, own_point(outer, n), grasp, stiffness, axes)
+    for grasp, between in enumerate(scene.grasps, start=len(scene.ends)):
+        geometry = geometries[between.name]
+        if geometry.u is not None:
+            _add_grasp(holding, between, grasp, geometry, knots, axes)
     return holding
 
 
-def across(end: EndGeometry, axes: tuple[int, ...]) -> list[Array]:
+def _add_springs(
+    holding: Holding, point: Point, grasp: int, stiffness: ArrayLike, axes: tuple[int, ...]
+) -> None:
+    by_axis = np.asarray(stiffness, dtype=float)
+    holding.springs += [
+        Spring(point, grasp, line, float(by_axis[axis]))
+        for line, axis in enumerate(axes)
+        if by_axis[axis]
+    ]
+
+
+def _add_grasp(
+    holding: Holding,
+    grasp: Grasp,
+    number: int,
+    geometry: Geometry,
+    knots: Array,
+    axes: tuple[int, ...],
+) -> None:
+    """Rows and springs of a grasp that has taken the cable."""
+    place, slope = (_point_between(knots, geometry.u, derivative) for derivative in (0, 1))
+    fixed = [line for line, axis in enumerate(axes) if grasp.fixed[axis]]
+    if fixed:
+        point = holding.hold(place)
+        holding.rows += [Row(point, number, line) for line in fixed]
+    if grasp.clamped:
+        point = holding.hold(slope)
+        for x, y, z in across(geometry, axes):
+            holding.rows.append(Row(point, number, -1, (x, y, z)))
+    _add_springs(holding, place, number, grasp.spring, axes)
+
+
+def _point_between(knots: Array, u: float | None, derivative: int) -> Point:
+    """The point at u [m], or the tangent there, by its basis values."""
+    first, values = bspline.active_basis(knots, np.array([u]), derivative)
+    a, b, c, d = values[0].tolist()
+    # The values of a derivative sum to zero; what they miss of that would pull on the whole cable.
+    return Point(int(first[0]), (a, b, c, -a - b - c if derivative else d))
+
+
+def across(end: Geometry, axes: tuple[int, ...]) -> list[Array]:
     """Unit directions across a clamp's tangent, in the gripper's frame: two, in a plane one."""
     tangent = end.tangent
     if len(axes) == 2:
@@ -118,9 +164,9 @@ def across(end: EndGeometry, axes: tuple[int, ...]) -> list[Array]:
     return [side, np.cross(tangent, side)]
 
 
-def _spring_stiffness(scene: Scene, ends: Mapping[str, EndGeometry]) -> Array:
+def _spring_stiffness(scene: Scene, ends: Geometries) -> Array:
     """Stiffness [N/m] of both ends along x, y, z, shape (2, 3)."""
-    stiffness = np.array([scene.ends[name].spring for name in ENDS], dtype=float)
+    stiffness = np.array([end.spring for end in scene.ends.values()], dtype=float)
     if inextensible(scene) and scene.cable.EA > 0.0:
         # An inextensible cable hands its own compliance along the line to its two end springs.
         line = ends["end"].attachment - ends["start"].attachment

@@ -17,7 +17,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation.arrays import Counts, Table, line_view, new_shape, rows_of, with_table
 from dlo_sim.simulation.external_damping import row_matrices, row_rates
-from dlo_sim.simulation.geometry import ENDS, EndGeometry
+from dlo_sim.simulation.geometry import Geometries
 from dlo_sim.simulation.holding import Holding, holding_of
 
 Array = NDArray[np.float64]
@@ -141,17 +141,17 @@ class Model:
 def build_model(
     scene: Scene,
     needs: Needs,
-    ends: Mapping[str, EndGeometry],
+    geometries: Geometries,
     graded: tuple[float, float] | None = None,
 ) -> Model:
-    """Constant arrays of a scene whose ends are where `ends` says, with knots graded as the scene
+    """Constant arrays of a scene held where `geometries` says, with knots graded as the scene
     says, or as `bspline.clamped_knots` takes it.
     """
     n, axes, twist = scene.discretization.control_points, needs.axes, needs.twist
     graded = grading(scene) if graded is None else graded
     knots = bspline.clamped_knots(n, scene.cable.length, graded)
     rule = _quadrature(scene, knots)
-    holding = holding_of(scene, ends, axes, twist)
+    holding = holding_of(scene, geometries, knots, axes, twist)
     curved = needs.bend and (needs.plasticity or any(scene.cable.rest_curvature))
     counts = Counts(
         dim=len(axes),
@@ -161,15 +161,16 @@ def build_model(
         points=len(holding.points),
         held=len(holding.rows),
         springs=len(holding.springs),
-        grasps=len(ENDS),
+        grasps=len(geometries),
         loads=len(scene.loads) if needs.loads else 0,
         plastic=needs.plasticity,
         curved=curved,
+        border=holding.border,
         constraints=n - 1 if inextensible(scene) else 0,
     )
     shape, sizes = new_shape(counts, _terms(scene, needs, curved), axes)
     shape = _with_tables(shape, scene, holding, knots, counts.loads)
-    rest = np.array(ends["start"].attachment)
+    rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
     model = Model(
         *(shape, np.zeros(sizes["model"]), sizes, knots, rule, axes, twist, holding, rest)
@@ -195,7 +196,7 @@ def grading(scene: Scene) -> tuple[float, float]:
     span = cable.length / (choice.control_points - bspline.DEGREE)
     if cable.EI >= tension * span**2:
         return 0.0, 0.0
-    start, end = (GRADING * scene.ends[name].clamped for name in ENDS)
+    start, end = (GRADING * end.clamped for end in scene.ends.values())
     return start, end
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,13 +14,11 @@ from dlo_sim.simulation import statics
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import EndGeometry, first_shape
+from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.model import build_model
 
 
-def place(
-    scene: Scene, geometries: Mapping[str, EndGeometry], ends: EndDrive, cable: Cable
-) -> None:
+def place(scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable) -> None:
     """Put a cable into the scene's first shape, at rest.
 
     Raises:
@@ -29,7 +27,7 @@ def place(
     points = np.zeros((cable.model.n, 4))
     points[:, :3] = first_shape(scene, geometries, cable.model.knots)
     ends.put(points, 0.0, anew=True)
-    cable.put(points, np.zeros_like(points))
+    cable.put(points, np.zeros_like(points), 0.0)
     constrained = inextensible(scene)
     if wants_equilibrium(scene, geometries):
         if frenet_wanted(scene):
@@ -60,17 +58,18 @@ def place(
     cable.put(points, np.zeros_like(points))
 
 
-def wants_equilibrium(scene: Scene, geometries: Mapping[str, EndGeometry]) -> bool:
+def wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
     """Whether the first shape is the one at rest: as the scene says, or for a slack held cable."""
     if scene.initial.shape != "auto":
         return scene.initial.shape == "equilibrium"
-    if not (scene.start.held and scene.end.held):
-        return False
-    gap = float(np.linalg.norm(geometries["end"].attachment - geometries["start"].attachment))
-    return gap < scene.cable.length * (1.0 - 1e-6)
+    for (begin, one), (end, other) in pairwise(held_places(scene, geometries)):
+        gap = float(np.linalg.norm(other.attachment - one.attachment))
+        if gap < (end - begin) * (1.0 - 1e-6):
+            return True
+    return False
 
 
-def _relax_elastic(scene: Scene, geometries: Mapping[str, EndGeometry], cable: Cable) -> None:
+def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
     """Equilibrium with the true axial stiffness, close to that of the inextensible cable."""
     elastic = scene.with_values({"integrator.method": "energy_momentum", "terms.stretch": "auto"})
     twin = Cable.new(build_model(elastic, needs_of(elastic), geometries))

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_sim.engine import layout
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.geometry import ENDS, known_end
 from dlo_sim.simulation.inextensible import held_force
+from dlo_sim.simulation.model import Model
 
+Array = NDArray[np.float64]
 Wrench = tuple[float, float, float, float, float, float]
 
 
-def reaction(cable: Cable, t: float, end: str, keeps_length: bool) -> Wrench:
-    """Force [N] and moment about the cable's end [N m] by an end effector, world frame, six
-    numbers, both on the cable.
+def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
+    """Force [N] and moment about the point held [N m] by an end effector, world frame, six numbers,
+    both on the cable.
 
     After a step of an implicit method it is the mean over that step, otherwise that of the instant.
     A row with the value F along its direction e does Q = F e on the quantity sum_k b_k x_k: it is a
-    force (sum_k b_k) Q and a moment (sum_k b_k (x_k - x_e)) x Q about the cable's end x_e. Springs
+    force (sum_k b_k) Q and a moment (sum_k b_k (x_k - x_e)) x Q about the point x_e. Springs
     count too, and so do the constraint forces of an inextensible cable (`keeps_length`).
     """
-    grasp = ENDS.index(known_end(end))
     model = cable.model
     if cable.entry(layout.HAS_REACTION):
         forces = model.rows(cable.state, layout.REACTION, len(model.holding.rows))[:, 0]
@@ -29,7 +30,7 @@ def reaction(cable: Cable, t: float, end: str, keeps_length: bool) -> Wrench:
         forces = held_force(cable, t) if keeps_length else cable.held_force(t)
     force, moment = np.zeros(3), np.zeros(3)
     points = model.to_columns(cable.x)
-    held_end = points[0 if grasp == 0 else -1, :3]
+    about_point = _place_of(model, grasp, points)
     axes = np.array(model.axes)
     about = 0.0
     for k, row in enumerate(model.holding.rows):
@@ -44,7 +45,7 @@ def reaction(cable: Cable, t: float, end: str, keeps_length: bool) -> Wrench:
         pull[axes] = forces[k] * direction
         weights = np.array(point.weights)
         force += weights.sum() * pull
-        arm = weights @ (points[point.first : point.first + 4, :3] - held_end)
+        arm = weights @ (points[point.first : point.first + 4, :3] - about_point)
         moment += np.cross(arm, pull)
     for k, spring in enumerate(model.holding.springs):
         if spring.grasp == grasp:
@@ -57,3 +58,15 @@ def reaction(cable: Cable, t: float, end: str, keeps_length: bool) -> Wrench:
         moment += about * tangent / np.linalg.norm(tangent)
     a, b, c, d, e, f = [*force.tolist(), *moment.tolist()]
     return a, b, c, d, e, f
+
+
+def _place_of(model: Model, grasp: int, points: Array) -> Array:
+    """Where an end effector holds the cable [m], shape (3,)."""
+    if grasp < 2:
+        return points[-grasp, :3]
+    held = [model.holding.points[row.point] for row in model.holding.rows if row.grasp == grasp]
+    held += [spring.point for spring in model.holding.springs if spring.grasp == grasp]
+    place = np.zeros(3)
+    for point in held[:1]:
+        place = np.array(point.weights) @ points[point.first : point.first + 4, :3]
+    return place

@@ -6,12 +6,12 @@ import math
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline
+from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
@@ -20,7 +20,7 @@ from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import ENDS, Pose, end_geometries
+from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry, Pose, geometries_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.model import build_model, natural_vectors
@@ -46,6 +46,7 @@ class Snapshot:
     needs: Needs
     state: Array
     inputs: Array
+    geometries: Geometries
 
 
 class Simulator(CableView):
@@ -76,7 +77,7 @@ class Simulator(CableView):
         optional_terms.check_terms(scene, needs)
         check_named_method(scene)
         self._needs = needs
-        self._geometries = end_geometries(scene, end_poses)
+        self._geometries: Geometries = geometries_of(scene, end_poses)
         model = build_model(scene, needs, self._geometries)
         self._cable = Cable.new(model)
         self._greville = bspline.greville(model.knots)
@@ -200,6 +201,48 @@ class Simulator(CableView):
         self._ends.follow(end, self.time, motion)
         self._after_end_moved(end)
 
+    def take(self, grasp: str, at: float | None = None) -> None:
+        """Let a grasp take the cable: from now on what it holds moves with its gripper.
+
+        The cable stays where it is; only the velocity of what is held becomes the gripper's, and
+        the energy of that is booked as work of the end effectors.
+
+        Args:
+            at: where on the cable, 0 at start, 1 at end, negative: nearest to the gripper; default:
+                as the scene says.
+
+        Raises:
+            TypeError, ValueError: no grasp, one that holds the cable, or no place on the cable.
+        """
+        scene_grasp = self.scene.grasp(grasp)
+        if self._geometries[grasp].u is not None:
+            raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
+        share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
+        if not -1.0 <= share <= 1.0:
+            raise ValueError(f"at: needs a number from 0 to 1, or below for nearest, got {share!r}")
+        u = share * self.scene.cable.length
+        position, orientation = self.end_pose(grasp)
+        if share < 0.0:
+            u = self._nearest(position)
+        columns, values, slopes = self._basis(np.array([u]))
+        points = self.control_points[columns[0], :3]
+        tangent = slopes[0] @ points
+        tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
+        tangent /= np.linalg.norm(tangent)
+        geometry = Geometry(position, orientation, values[0] @ points, tangent, u)
+        self._hold(grasp, geometry)
+
+    def release(self, grasp: str) -> None:
+        """Let a grasp release the cable; its gripper goes on as it does.
+
+        Raises:
+            TypeError, ValueError: no grasp, or one that does not hold the cable.
+        """
+        self.scene.grasp(grasp)
+        if self._geometries[grasp].u is None:
+            raise ValueError(f"grasp '{grasp}': does not hold the cable; take it before")
+        self._hold(grasp, replace(self._geometries[grasp], u=None))
+
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
         return Snapshot(
@@ -209,6 +252,7 @@ class Simulator(CableView):
             self._needs,
             self._cable.state.copy(),
             self._cable.inputs.copy(),
+            self._geometries,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -222,7 +266,8 @@ class Simulator(CableView):
             raise ValueError("snapshot: is of another scene; restore it where it was taken")
         self._steps = snapshot.steps
         self._remainder = snapshot.remainder
-        if snapshot.needs != self._needs:
+        if snapshot.needs != self._needs or snapshot.geometries is not self._geometries:
+            self._geometries = snapshot.geometries
             self._rebuild(snapshot.needs)
         self._needs = snapshot.needs  # its warnings may differ
         self._cable.state[:] = snapshot.state
@@ -250,7 +295,7 @@ class Simulator(CableView):
         given = place.copy()
         self._ends.put(place, 0.0)
         moved = np.abs(place - given).max()
-        self._cable.put(place, speed)
+        self._cable.put(place, speed, 0.0)
         self._open_account()
         if not math.isfinite(self._cable.entry(layout.ENERGY_START)):
             self.restore(before)
@@ -276,10 +321,10 @@ class Simulator(CableView):
         # Tangents that the scene leaves open are those of the cable as it was placed.
         tangents = {
             f"{end}.tangent": list(self._geometries[end].tangent)
-            for end in ENDS
+            for end in scene.ends
             if not any(scene.ends[end].tangent)
         }
-        poses = {end: self.end_pose(end) for end in ENDS}
+        poses = {name: self.end_pose(name) for name in scene.holders}
         other = Simulator(scene.with_values(tangents), poses)
         other.scene = scene
         other.take_over(self)
@@ -296,12 +341,15 @@ class Simulator(CableView):
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             points, rates = (resampled(values, old, new, u) for values in (points, rates))
         self._ends.take_over(other._ends, other.time)
-        if any(self._ends.twists(end) for end in ENDS):
+        if any(self._ends.twists(end) for end in self.scene.ends):
             self._extend(self._needs.with_twist(self.scene))
+        taking = self._take_over_grasps(other)
         self._ends.put(points, 0.0)
         self._cable.point_grasps(0.0)
-        self._cable.put(points, rates)
+        self._cable.put(points, rates, 0.0)
         optional_terms.carry_plastic(other._cable, self._cable)
+        for grasp in taking:
+            self.take(grasp)
         self._open_account()
         self._initial = self.snapshot()
 
@@ -316,7 +364,7 @@ class Simulator(CableView):
             row[6] = load.frequency if load.signal == "sine" else 0.0
         self._ends.live_in(cable.motion)
         for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
-            place = self._geometries[ENDS[spring.grasp]].attachment
+            place = list(self._geometries.values())[spring.grasp].attachment
             anchor[:] = place[model.axes[spring.line]]
         booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
         booked[:] = cable.anchors
@@ -359,8 +407,13 @@ class Simulator(CableView):
         if (needs.axes, needs.twist, needs.loads) == lines:
             self._needs = needs
             return
+        self._replace(needs, self._geometries)
+
+    def _replace(self, needs: Needs, geometries: Geometries) -> None:
+        """Go on with other needs or grasps from the present state."""
         points, rates = self.control_points, self.velocities
         old, ledger = self._cable, self._cable.ledger.copy()
+        self._geometries = geometries
         self._rebuild(needs)
         carry_inputs(old, self._cable)
         optional_terms.carry_plastic(old, self._cable)
@@ -369,6 +422,35 @@ class Simulator(CableView):
         self._cable.ledger[:] = ledger
         anew = [layout.IS_BOOKED, layout.PENDING, layout.KNOWN, layout.HAS_REACTION]
         self._cable.ledger[anew] = 0.0
+
+    def _hold(self, grasp: str, geometry: Geometry) -> None:
+        """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
+        self._cable.settle(self.time)
+        before = self._cable.present_energy()
+        self._ends.hold(grasp, geometry)
+        self._replace(self._needs, {**self._geometries, grasp: geometry})
+        self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
+
+    def _nearest(self, place: Array) -> float:
+        """Material coordinate [m] of the point of the cable that is nearest to a place [m]."""
+        u = np.linspace(0.0, self.scene.cable.length, NEAREST)
+        return float(u[np.argmin(np.linalg.norm(self.centerline(u) - place, axis=1))])
+
+    def _take_over_grasps(self, other: Simulator) -> list[str]:
+        """Hold what another simulator's grasps hold and the scene says; those still to take it."""
+        held, taking = dict(self._geometries), []
+        for grasp in self.scene.grasps:
+            name, before = grasp.name, other._geometries[grasp.name]
+            if grasp.taken and before.u is not None and grasp.at == other.scene.grasp(name).at:
+                held[name] = before
+                self._ends.hold(name, before)
+            else:
+                held[name] = replace(held[name], u=None)
+                taking += [name] * grasp.taken
+        if self.scene.grasps:
+            self._geometries = held
+            self._rebuild(self._needs)
+        return taking
 
 
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:

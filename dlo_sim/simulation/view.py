@@ -16,6 +16,7 @@ from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.coiling import coiling_warning
 from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.geometry import known_holder
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.reaction import Wrench, reaction
 from dlo_sim.simulation.report import Energy, UndefinedTorsion
@@ -212,7 +213,8 @@ class CableView:
 
     def reaction_wrench(self, end: str) -> Wrench:
         """`reaction` as six plain numbers: force, then moment."""
-        return reaction(self._cable, self.time, end, self._stepper.family == CONSTRAINED)
+        number = list(self.scene.holders).index(known_holder(self.scene, end))
+        return reaction(self._cable, self.time, number, self._stepper.family == CONSTRAINED)
 
     # -- inside ---------------------------------------------------------------------------------
 

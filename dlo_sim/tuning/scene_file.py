@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Scene, parameters_of_scene
 from dlo_sim.scene.loading import scene_values
-from dlo_sim.scene.parameters import scene_parameters
 
 INDENT = "  "
 
@@ -15,7 +14,7 @@ def scene_text(scene: Scene, comments: Sequence[str]) -> str:
     """The file's text; `load_scene` of it gives the same scene."""
     defaults = {
         row.key: list(row.default) if isinstance(row.default, tuple) else row.default
-        for row in scene_parameters(tuple(load.name for load in scene.loads))
+        for row in parameters_of_scene(scene)
     }
     tree: dict[str, object] = {}
     for key, value in scene_values(scene).items():

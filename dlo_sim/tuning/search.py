@@ -171,7 +171,7 @@ def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, f
     Only of a scene that holds all of its motion: what grippers and live loads will do is not known.
     """
     scene = search.job.scene
-    if any(end.driven for end in scene.ends.values()):
+    if any(end.driven for end in scene.holders.values()):
         return best, error
     if any(load.signal == "none" for load in scene.loads):
         return best, error

@@ -1,0 +1,201 @@
+"""Held rows between control points, as a border of the linear system of an implicit step.
+
+A row of four basis values cannot be held unknown by unknown. With the band matrix K, in which all
+else is held, the directions F along which the grasps push and the rows C that their end has, both
+in the frames of the clamps (`engine.band`), a correction y solves
+    K y = r + F^T f,   C y = 0:   y = (1 - Z (C Z)^-1 C) K^-1 r,   Z = K^-1 F^T.
+Multiples of F^T C do not change y; they are added to K, which without them is singular where a
+cable at rest hangs from such rows alone, and then counts as many negative pivots as there are
+unstable motions that keep the rows.
+
+What of r the rows can balance is no defect: f = - (F F^T)^-1 F r is the force of the grasps.
+
+They are the last rows of the list of what is held, `BORDER` of them.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, shifted, store
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.band import PADDING, clear_held, substitute, turn_vector, width_of
+from dlo_sim.engine.layout import (
+    BORDER,
+    BORDER_CONDITIONS,
+    BORDER_FORCES,
+    BORDER_GRAM,
+    BORDER_SHIFTS,
+    BORDER_SPARE,
+    BORDER_SYSTEM,
+    DIM,
+    DIRECTION_ROWS,
+    HELD,
+    HELD_WEIGHTS,
+    POINT_ROWS,
+    N,
+)
+from dlo_sim.engine.tables import first_of_point, line_of, point_of
+
+
+@part
+def begin_of(shape, k):
+    """First of the unknowns that border row k sees, 4 dim of them."""
+    return shape[DIM] * first_of_point(shape, point_of(shape, shape[HELD] - shape[BORDER] + k))
+
+
+@part
+def along(shape, scratch, offset, k, y):
+    """Border row k of the forces or the conditions, times a vector of all unknowns."""
+    count, begin = 4 * shape[DIM], begin_of(shape, k)
+    value = 0.0
+    for r in range(count):
+        value += scratch[shape[offset] + count * k + r] * y[begin + r]
+    return value
+
+
+@part
+def write_rows(shape, model, scratch, directions, offset):
+    """Border rows with these directions, in the frames of the clamps, without what is held."""
+    dim = shape[DIM]
+    spare = shifted(scratch, shape[BORDER_SPARE])
+    for k in range(shape[BORDER]):
+        row, begin = shape[HELD] - shape[BORDER] + k, begin_of(shape, k)
+        weights = shape[HELD_WEIGHTS] + POINT_ROWS * LANES * point_of(shape, row)
+        line = line_of(shape, row)
+        for r in range(shape[N] * dim):
+            spare[r] = 0.0
+        for j in range(4):
+            for d in range(dim):
+                along_d = 1.0 if d == line else 0.0
+                if line < 0:
+                    along_d = directions[(DIRECTION_ROWS * row + d) * LANES]
+                spare[begin + j * dim + d] = along_d * model[weights + j * LANES]
+        turn_vector(shape, directions, True, spare)
+        clear_held(shape, spare)
+        for r in range(4 * dim):
+            scratch[shape[offset] + 4 * dim * k + r] = spare[begin + r]
+
+
+@part
+def set_border(shape, model, scratch, pushed, kept):
+    """The rows F with directions `pushed` and C with directions `kept`, and (F F^T)^-1."""
+    border, count = shape[BORDER], 4 * shape[DIM]
+    if border == 0:
+        return
+    write_rows(shape, model, scratch, pushed, BORDER_FORCES)
+    write_rows(shape, model, scratch, kept, BORDER_CONDITIONS)
+    spare = shifted(scratch, shape[BORDER_SPARE])
+    for r in range(shape[N] * shape[DIM]):
+        spare[r] = 0.0
+    for k in range(border):
+        begin = begin_of(shape, k)
+        for r in range(count):
+            spare[begin + r] = scratch[shape[BORDER_FORCES] + count * k + r]
+        for j in range(border):
+            product = along(shape, scratch, BORDER_FORCES, j, spare)
+            scratch[shape[BORDER_GRAM] + border * j + k] = product
+        for r in range(count):
+            spare[begin + r] = 0.0
+    invert_in_place(border, shifted(scratch, shape[BORDER_GRAM]))
+
+
+@part
+def invert_in_place(size, a):
+    """Inverse by Gauss-Jordan elimination; symmetric and positive definite, or nearly so."""
+    for k in range(size):
+        pivot = 1.0 / a[size * k + k]
+        a[size * k + k] = 1.0
+        for j in range(size):
+            a[size * k + j] *= pivot
+        for i in range(size):
+            if i != k:
+                factor = a[size * i + k]
+                a[size * i + k] = 0.0
+                for j in range(size):
+                    a[size * i + j] -= factor * a[size * k + j]
+
+
+@part
+def stiffen_border(shape, scratch, band):
+    """Add F^T C to the matrix, each row as stiff as the matrix is where it acts."""
+    dim, count = shape[DIM], 4 * shape[DIM]
+    half, width = 4 * dim - 1, width_of(dim)
+    for k in range(shape[BORDER]):
+        begin = begin_of(shape, k)
+        f = shifted(scratch, shape[BORDER_FORCES] + count * k)
+        c = shifted(scratch, shape[BORDER_CONDITIONS] + count * k)
+        stiffness, norm = 0.0, 0.0
+        for r in range(count):
+            stiffness = max(stiffness, abs(band[(begin + r) * width + half]))
+            norm += f[r] * c[r]
+        for r in range(count):
+            for q in range(count):
+                band[(begin + r) * width + q - r + half] += stiffness / norm * f[r] * c[q]
+
+
+@part
+def solve_border(shape, scratch, band):
+    """Z = K^-1 F^T and (C Z)^-1, for a matrix that is factorised."""
+    dim, border = shape[DIM], shape[BORDER]
+    size, count = shape[N] * dim, 4 * dim
+    for k in range(border):
+        z, begin = shift_of(shape, scratch, k), begin_of(shape, k)
+        for r in range(size):
+            z[r] = 0.0
+        for r in range(count):
+            z[begin + r] = scratch[shape[BORDER_FORCES] + count * k + r]
+        substitute(band, size, dim, z)
+        for j in range(border):
+            product = along(shape, scratch, BORDER_CONDITIONS, j, z)
+            scratch[shape[BORDER_SYSTEM] + border * j + k] = product
+    invert_in_place(border, shifted(scratch, shape[BORDER_SYSTEM]))
+
+
+@part
+def shift_of(shape, scratch, k):
+    """Column k of Z, over all unknowns."""
+    room = shape[N] * shape[DIM] + 2 * PADDING
+    return shifted(scratch, shape[BORDER_SHIFTS] + room * k + PADDING)
+
+
+@part
+def keep_border(shape, scratch, y):
+    """y <- (1 - Z (C Z)^-1 C) y."""
+    border = shape[BORDER]
+    spare = shifted(scratch, shape[BORDER_SPARE])
+    for k in range(border):
+        spare[k] = along(shape, scratch, BORDER_CONDITIONS, k, y)
+    for k in range(border):
+        share = 0.0
+        for j in range(border):
+            share += scratch[shape[BORDER_SYSTEM] + border * k + j] * spare[j]
+        z = shift_of(shape, scratch, k)
+        for r in range(shape[N] * shape[DIM]):
+            y[r] -= share * z[r]
+
+
+@part
+def balance_border(shape, scratch, residual, forces):
+    """Take out of the residual what border rows balance; their forces into the rows `forces`."""
+    border, count = shape[BORDER], 4 * shape[DIM]
+    spare = shifted(scratch, shape[BORDER_SPARE])
+    for k in range(border):
+        spare[k] = along(shape, scratch, BORDER_FORCES, k, residual)
+    for k in range(border):
+        force, begin = 0.0, begin_of(shape, k)
+        for j in range(border):
+            force -= scratch[shape[BORDER_GRAM] + border * k + j] * spare[j]
+        store(forces, (shape[HELD] - border + k) * LANES, force)
+        for r in range(count):
+            residual[begin + r] += scratch[shape[BORDER_FORCES] + count * k + r] * force
+
+
+def border_rooms(unknowns: int, seen: int, border: int) -> dict[int, int]:
+    """Sizes of the scratch by its offset; a border row sees so many of the unknowns."""
+    return {
+        BORDER_FORCES: border * seen,
+        BORDER_CONDITIONS: border * seen,
+        BORDER_GRAM: border * border,
+        BORDER_SHIFTS: border * (unknowns + 2 * PADDING),
+        BORDER_SYSTEM: border * border,
+        BORDER_SPARE: unknowns if border else 0,
+    }

@@ -1,0 +1,213 @@
+"""Grasps between the ends: held points, forces, energy, taking and releasing."""
+
+import numpy as np
+import pytest
+from cables import SOFT, scene_of, simulator
+
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.refusal import SceneError
+
+HELD = {
+    "start.clamped": False,
+    "end.position": [0.3, 0.0, 0.05],
+    "end.fixed": [True, True, True],
+    "end.spring": [0.0, 0.0, 0.0],
+    "terms.out_of_plane": "on",
+    "initial.shape": "equilibrium",
+    "grasps.names": ["hand"],
+    "grasps.hand.at": 0.4,
+    "grasps.hand.position": [0.12, 0.05, -0.02],
+    "loads.names": [],
+}
+CABLE = {key: value for key, value in SOFT.items() if not key.startswith("loads.")} | HELD
+METHODS = {"velocity_verlet": 3e-4, "energy_momentum": 2e-3, "rk4": 3e-4, "generalized_alpha": 2e-3}
+TURN = EndMotion(
+    start=0.0,
+    duration=0.2,
+    position=[[0.12, 0.05, -0.02], [0.1, 0.1, 0.2], [0.1, -0.2, 0.1]],
+    orientation=[0.0, 0.0, 0.0, 1.0],
+    rotation=[[0.3, 0.5, 1.0], [0.2, 0.0, -0.4]],
+)
+
+
+def held(method="energy_momentum", **more):
+    values = {"integrator.method": method, "integrator.step": METHODS.get(method, 0.0)}
+    return simulator(CABLE, values, more)
+
+
+def at(sim, share):
+    return sim.centerline([share * sim.scene.cable.length])[0]
+
+
+def weight(sim):
+    return sim.scene.cable.mu * sim.scene.cable.length * np.array(sim.scene.gravity)
+
+
+@pytest.mark.parametrize("clamped", [False, True], ids=["position", "direction"])
+def test_reactions_of_a_resting_cable_balance_its_weight(clamped):
+    sim = held(**{"grasps.hand.clamped": clamped, "grasps.hand.tangent": [0.8, 0.6, 0.0]})
+    assert at(sim, 0.4) == pytest.approx([0.12, 0.05, -0.02], abs=1e-12)
+    forces = sum(sim.reaction(name)[0] for name in ("start", "hand", "end"))
+    assert forces == pytest.approx(-weight(sim), abs=1e-8)
+    assert np.linalg.norm(sim.reaction("hand")[0]) > 0.1 * np.linalg.norm(weight(sim))
+    sim.advance(0.1)
+    assert at(sim, 0.4) == pytest.approx([0.12, 0.05, -0.02], abs=1e-12)
+    assert np.abs(sim.velocities).max() < 1e-6
+
+
+def test_a_cable_that_hangs_from_its_middle_alone_finds_its_rest():
+    free = {"start.fixed": [False] * 3, "end.fixed": [False] * 3}
+    middle = {
+        "grasps.hand.at": 0.5,
+        "grasps.hand.clamped": True,
+        "grasps.hand.tangent": [1.0, 0.0, 0.0],
+    }
+    sim = held(**free, **middle)
+    arms = sim.centerline(np.array([0.0, 1.0]) * sim.scene.cable.length) - at(sim, 0.5)
+    assert arms[0] * [-1.0, 1.0, 1.0] == pytest.approx(arms[1], abs=1e-7)
+    assert arms[0][2] < -1e-3
+    assert sim.reaction("hand")[0] == pytest.approx(-weight(sim), abs=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("clamped", [False, True], ids=["position", "direction"])
+def test_a_gripper_that_moves_and_turns_carries_the_cable_along(method, clamped):
+    sim = held(method, **{"grasps.hand.clamped": clamped, "grasps.hand.offset": [0.0, 0.01, 0.0]})
+    start, axis = at(sim, 0.4), tangent(sim)
+    sim.set_motion("hand", TURN)
+    assert sim.advance(0.1).status.ok
+    place, turn = TURN.position_at(sim.time), rotation(TURN.orientation_at(sim.time))
+    assert at(sim, 0.4) == pytest.approx(place + turn @ [0.0, 0.01, 0.0], abs=1e-10)
+    assert np.linalg.norm(at(sim, 0.4) - start) > 0.01
+    if clamped:
+        assert tangent(sim) == pytest.approx(turn @ axis, abs=1e-9)
+    limit = 1e-9 if method == "energy_momentum" else 2e-3
+    assert sim.energy_error < limit
+
+
+def test_implicit_and_explicit_methods_agree():
+    shapes = []
+    for method, step in (("energy_momentum", 2.5e-4), ("velocity_verlet", 5e-5)):
+        sim = held(method, **{"integrator.step": step, "grasps.hand.clamped": True})
+        sim.set_motion("hand", TURN)
+        sim.advance(0.1)
+        shapes.append(sim.centerline(np.linspace(0.0, sim.scene.cable.length, 30)))
+    assert shapes[0] == pytest.approx(shapes[1], abs=2e-5)
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "energy_momentum"])
+def test_taking_and_releasing_moves_nothing_and_keeps_the_account(method):
+    sim = held(method)
+    sim.advance(0.02)
+    before = sim.control_points
+    sim.release("hand")
+    assert np.array_equal(sim.control_points, before)
+    assert sim.reaction("hand")[0] == pytest.approx([0.0, 0.0, 0.0], abs=0.0)
+    assert sim.advance(0.05).status.ok
+    assert np.linalg.norm(at(sim, 0.4) - [0.12, 0.05, -0.02]) > 1e-3
+    before = sim.control_points
+    sim.take("hand", 0.7)
+    assert np.array_equal(sim.control_points, before)
+    place = at(sim, 0.7)
+    assert sim.advance(0.05).status.ok
+    assert at(sim, 0.7) == pytest.approx(place, abs=1e-10)
+    assert sim.energy_error < (1e-9 if method == "energy_momentum" else 5e-3)
+
+
+def test_a_grasp_that_stops_the_cable_books_what_it_takes():
+    sim = held()
+    sim.release("hand")
+    sim.advance(0.05)
+    kinetic = sim.energy().kinetic
+    sim.take("hand")
+    assert sim.energy().kinetic < 0.9 * kinetic
+    assert sim.energy_error < 1e-9
+
+
+def test_the_nearest_point_is_taken():
+    sim = held("velocity_verlet", **{"grasps.hand.at": -1.0, "grasps.hand.taken": False})
+    line = np.linspace(0.0, sim.scene.cable.length, 4001)
+    sim.set_end("hand", position=[0.2, 0.03, -0.1])
+    nearest = sim.centerline(line)
+    nearest = nearest[np.argmin(np.linalg.norm(nearest - [0.2, 0.03, -0.1], axis=1))]
+    sim.take("hand")
+    sim.set_end("hand", position=[0.2, 0.03, -0.09])
+    moved = sim.centerline(line)
+    assert np.abs(moved - nearest - [0.0, 0.0, 0.01]).sum(axis=1).min() < 1e-3
+
+
+def test_a_spring_pulls_towards_its_gripper():
+    soft = {"grasps.hand.fixed": [False] * 3, "grasps.hand.spring": [2.0, 3.0, 4.0]}
+    sim = held(**soft)
+    away = np.array([0.12, 0.05, -0.02]) - at(sim, 0.4)
+    assert sim.reaction("hand")[0] == pytest.approx(away * [2.0, 3.0, 4.0], rel=1e-6)
+    assert np.linalg.norm(away) > 1e-4
+
+
+def test_snapshots_and_reconfiguration_keep_what_is_held():
+    sim = held()
+    saved = sim.snapshot()
+    sim.release("hand")
+    sim.advance(0.05)
+    sim.restore(saved)
+    sim.advance(0.05)
+    assert at(sim, 0.4) == pytest.approx([0.12, 0.05, -0.02], abs=1e-10)
+    sim.release("hand")
+    sim.take("hand", 0.7)
+    place = at(sim, 0.7)
+    other = sim.reconfigured(sim.scene.with_values({"damping.mass": 3.0}))
+    other.advance(0.05)
+    assert at(other, 0.7) == pytest.approx(place, abs=1e-9)
+    free = other.reconfigured(other.scene.with_values({"grasps.hand.taken": False}))
+    free.advance(0.05)
+    assert np.linalg.norm(at(free, 0.7) - place) > 1e-3
+    again = free.reconfigured(other.scene)
+    place = at(again, 0.4)
+    again.advance(0.05)
+    assert at(again, 0.4) == pytest.approx(place, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "call, text",
+    [
+        (lambda sim: sim.take("hand"), "grasp 'hand': holds the cable already"),
+        (lambda sim: sim.take("foot"), "no grasp 'foot' in this scene (its grasps: hand)"),
+        (
+            lambda sim: (sim.release("hand"), sim.release("hand")),
+            "grasp 'hand': does not hold the cable",
+        ),
+        (
+            lambda sim: (sim.release("hand"), sim.take("hand", 1.5)),
+            "at: needs a number from 0 to 1",
+        ),
+    ],
+)
+def test_impossible_grasps_are_refused(call, text):
+    sim = held()
+    with pytest.raises(ValueError, match="^" + text.replace("(", "\\(").replace(")", "\\)")):
+        call(sim)
+
+
+def test_a_scene_refuses_names_and_clamps_that_cannot_be():
+    for values, text in (
+        ({"grasps.names": ["start"]}, "grasps.names: 'start' is not a name"),
+        (
+            {"grasps.hand.clamped": True, "grasps.hand.fixed": [True, True, False]},
+            "grasps.hand.clam",
+        ),
+        ({"grasps.foot.at": 0.2}, "grasps.foot.at: 0.2 belongs to a name that is not in grasps"),
+    ):
+        with pytest.raises(SceneError, match=text):
+            scene_of(CABLE, values)
+
+
+def tangent(sim):
+    length = sim.scene.cable.length
+    edge = np.diff(sim.centerline([0.4 * length - 1e-6, 0.4 * length + 1e-6]), axis=0)[0]
+    return edge / np.linalg.norm(edge)
+
+
+def rotation(quaternion):
+    from dlo_sim.core import rotations
+
+    return rotations.to_matrix(quaternion)
