@@ -1,0 +1,212 @@
+"""What may be done to a running cable: loads, end effectors, grasps that take and release it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.core import arguments, rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.engine import layout
+from dlo_sim.scene.needs import Needs, needs_of_end, needs_of_load
+from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
+from dlo_sim.simulation.guarded_loop import GuardedLoop
+from dlo_sim.simulation.model import build_model, natural_vectors
+from dlo_sim.simulation.transfer import carry_inputs
+from dlo_sim.simulation.view import CableView
+
+Array = NDArray[np.float64]
+
+
+class CableInputs(CableView):
+    """The side of `Simulator` that takes inputs; it brings in the terms that they need."""
+
+    _geometries: Geometries
+    _load_index: dict[str, int]
+    _loop: GuardedLoop
+
+    def set_load(
+        self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
+    ) -> None:
+        """Set force [N] and moment [N m] of a load, world frame, ON the cable, until changed.
+
+        Raises:
+            TypeError, ValueError: no such load, or not three finite numbers.
+        """
+        arguments.one_of("load", name, self._load_index)
+        push, turn = (
+            _three(f"force of {name}", force, "N"),
+            _three(f"torque of {name}", torque, "N m"),
+        )
+        self._extend(needs_of_load(self._needs, self.scene, push, turn))
+        row = self._cable.loads[self._load_index[name]]
+        if push is not None:
+            row[:3] = push[:, None]
+        if turn is not None:
+            row[3:6] = turn[:, None]
+        row[6] = 0.0
+
+    def set_end(
+        self,
+        end: str,
+        position: ArrayLike | None = None,
+        orientation: ArrayLike | None = None,
+        tangent: ArrayLike | None = None,
+    ) -> None:
+        """Put an end effector at a pose from now on, at rest.
+
+        Args:
+            position: [m]; default: where it is. orientation: quaternion x, y, z, w; default: as it
+            is. tangent: direction of the cable at this end instead of an orientation.
+
+        Raises:
+            TypeError, ValueError: no end, or not a pose.
+        """
+        self._ends.place(end, self.time, position, orientation, tangent)
+        self._after_end_moved(end)
+        self._stepper.jump(self._cable, self._ends, self.time)
+
+    def set_motion(self, end: str, motion: EndMotion) -> None:
+        """Let an end effector follow a motion; afterwards it rests at its last pose.
+
+        The motion begins now or later (it may be given up to a step late), at the end effector's
+        present pose: `set_end` is for jumps.
+
+        Raises:
+            TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
+        """
+        self._ends.check_motion(end, self.time, motion, self.step)
+        self._ends.follow(end, self.time, motion)
+        self._after_end_moved(end)
+
+    def take(self, grasp: str, at: float | None = None) -> None:
+        """Let a grasp take the cable: from now on what it holds moves with its gripper.
+
+        The cable stays where it is; only the velocity of what is held becomes the gripper's, and
+        the energy of that is booked as work of the end effectors.
+
+        Args:
+            at: where on the cable, 0 at start, 1 at end, negative: nearest to the gripper; default:
+                as the scene says.
+
+        Raises:
+            TypeError, ValueError: no grasp, one that holds the cable, or no place on the cable.
+        """
+        scene_grasp = self.scene.grasp(grasp)
+        if self._geometries[grasp].u is not None:
+            raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
+        share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
+        if not -1.0 <= share <= 1.0:
+            raise ValueError(f"at: needs a number from 0 to 1, or below for nearest, got {share!r}")
+        u = share * self.scene.cable.length
+        position, orientation = self.end_pose(grasp)
+        if share < 0.0:
+            u = self._nearest(position)
+        columns, values, slopes = self._basis(np.array([u]))
+        points = self.control_points[columns[0], :3]
+        tangent = slopes[0] @ points
+        tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
+        tangent /= np.linalg.norm(tangent)
+        geometry = Geometry(position, orientation, values[0] @ points, tangent, u)
+        self._hold(grasp, geometry)
+
+    def release(self, grasp: str) -> None:
+        """Let a grasp release the cable; its gripper goes on as it does.
+
+        Raises:
+            TypeError, ValueError: no grasp, or one that does not hold the cable.
+        """
+        self.scene.grasp(grasp)
+        if self._geometries[grasp].u is None:
+            raise ValueError(f"grasp '{grasp}': does not hold the cable; take it before")
+        self._hold(grasp, replace(self._geometries[grasp], u=None))
+
+    # -- inside ---------------------------------------------------------------------------------
+
+    def _fill_inputs(self) -> None:
+        """Loads, motions, anchors and natural shape of the scene in the arrays of the cable."""
+        cable, model = self._cable, self._model
+        for row, load in zip(cable.loads, self.scene.loads, strict=False):
+            if load.signal != "none":
+                row[:3], row[3:6] = np.array(load.force)[:, None], np.array(load.torque)[:, None]
+            row[6] = load.frequency if load.signal == "sine" else 0.0
+        self._ends.live_in(cable.motion)
+        for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
+            place = list(self._geometries.values())[spring.grasp].attachment
+            anchor[:] = place[model.axes[spring.line]]
+        booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
+        booked[:] = cable.anchors
+        cable.point_grasps(self.time if self._steps else 0.0)
+        self._turn_rest_axis()
+
+    def _after_end_moved(self, end: str) -> None:
+        """Bring in what a moved end needs: the drive itself, the third coordinate, twist."""
+        leaves_plane = not self._ends.stays_in_plane(end, self._model.axes)
+        twists = not self._needs.twist and self._ends.twists(end)
+        self._extend(
+            needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
+        )
+        self._turn_rest_axis()
+
+    def _turn_rest_axis(self) -> None:
+        """The natural curvature's axis turns with the start's end effector."""
+        if self._model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
+            x, y, z = self.scene.cable.rest_curvature_axis
+            time = self.time if self._steps else 0.0
+            turned = self._ends.turned("start", time, (float(x), float(y), float(z)))
+            axis = np.array(turned) / math.hypot(x, y, z)
+            vectors = natural_vectors(self.scene, self._model, axis)
+            at = self._model.shape[layout.NATURAL]
+            self._cable.state[at : at + vectors.size] = vectors.ravel()
+
+    def _rebuild(self, needs: Needs) -> None:
+        """Arrays and step of other needs; their state is empty."""
+        self._needs = needs
+        self._cable = Cable.new(build_model(self.scene, needs, self._geometries))
+        self._fill_inputs()
+        self._loop = GuardedLoop.of(self._cable, self._stepper)
+
+    def _extend(self, needs: Needs) -> None:
+        """A term that was left out matters now: it comes into the step, the state stays."""
+        lines = (self._needs.axes, self._needs.twist, self._needs.loads)
+        if (needs.axes, needs.twist, needs.loads) == lines:
+            self._needs = needs
+            return
+        self._replace(needs, self._geometries)
+
+    def _replace(self, needs: Needs, geometries: Geometries) -> None:
+        """Go on with other needs or grasps from the present state."""
+        points, rates = self.control_points, self.velocities
+        old, ledger = self._cable, self._cable.ledger.copy()
+        self._geometries = geometries
+        self._rebuild(needs)
+        carry_inputs(old, self._cable)
+        optional_terms.carry_plastic(old, self._cable)
+        self._cable.put(points, rates)
+        ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
+        self._cable.ledger[:] = ledger
+        anew = [layout.IS_BOOKED, layout.PENDING, layout.KNOWN, layout.HAS_REACTION]
+        self._cable.ledger[anew] = 0.0
+
+    def _hold(self, grasp: str, geometry: Geometry) -> None:
+        """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
+        self._cable.settle(self.time)
+        before = self._cable.present_energy()
+        self._ends.hold(grasp, geometry)
+        self._replace(self._needs, {**self._geometries, grasp: geometry})
+        self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
+
+    def _nearest(self, place: Array) -> float:
+        """Material coordinate [m] of the point of the cable that is nearest to a place [m]."""
+        u = np.linspace(0.0, self.scene.cable.length, NEAREST)
+        return float(u[np.argmin(np.linalg.norm(self.centerline(u) - place, axis=1))])
+
+
+def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:
+    """Three finite numbers, or None."""
+    return None if value is None else arguments.numbers(name, value, (3,), unit)
