@@ -24,6 +24,8 @@ SOFT = {
     "cable.bending_stiffness": 0.02,
     "cable.torsional_stiffness": 0.015,
     "discretization.control_points": 8,
+    "discretization.stretch": "sample",
+    "integrator.tolerance": 1e-10,
     "terms.gravity": "on",
     "terms.twist": "off",
     "start.clamped": True,

@@ -80,6 +80,7 @@ from dlo_sim.engine.layout import (
     DIVERGED,
     DRIVE_WORK,
     ENERGY,
+    ENERGY_ERROR,
     ENERGY_START,
     EXCHANGED,
     FLOOR,
@@ -165,7 +166,10 @@ SMALLEST_SHARE = 1e-6  # of a correction; below, the step is halved
 NOISE = 1e-9  # largest share of the coordinates that such corrections may have
 BUDGET = 300_000  # unknowns times iterations per step, with all its pieces: some 30 ms
 LEAST_BUDGET = 500  # iterations per step
+ROOM = 10.0  # tolerances that the energy account may be off by in the long run
+TIGHT = 1e-10  # tolerance of steps once it is
 SAFETY = 10.0  # on the shrinking of the next correction
+SMALLEST_SHRINKING = 1e-3  # of corrections that is believed
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 THETA, MASS_WEIGHT, NEWMARK_BETA, NEWMARK_GAMMA, INERTIA_WEIGHT = 0, 1, 2, 3, 4  # of `constants`
 
@@ -513,6 +517,20 @@ def hold_of_twist(shape, model, scratch, tau):
             store(scratch, shape[FORCE_OF_HELD] + k * LANES, f)
 
 
+@part
+def allowed_defect(shape, state, tolerance, inertia):
+    """Energy [J] that this step may leave unaccounted for.
+
+    The errors of many steps do not add up: it falls to TIGHT as the account's error approaches ROOM
+    tolerances. What is no exchange of energy, inertia at the start or round-off, counts only so.
+    """
+    ledger = shape[LEDGER]
+    exchanged = state[ledger + EXCHANGED * LANES]
+    loose = tolerance * exchanged - state[ledger + ENERGY_ERROR * LANES] / ROOM
+    scale = max(exchanged, max(state[ledger + FLOOR * LANES], 0.1 * inertia))
+    return max(loose, min(tolerance, TIGHT) * scale)
+
+
 PARTS_OF_STEP = (begin_step, step_force, newton_matrix, finish_step, discrete_force, add_tangent)
 """The pieces of one implicit step."""
 
@@ -562,7 +580,6 @@ def implicit_step(
     x, start = shifted(state, shape[X]), shifted(scratch, shape[START])
     change, residual = shifted(scratch, shape[CHANGE]), residual_of(shape, scratch)
     begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g)
-    scale = max(state[ledger + EXCHANGED * LANES], state[ledger + FLOOR * LANES])
     reach = largest(shape, x)  # size of the configuration, for the iteration's round-off floor
     moves = grasps_move(shape, inputs)
     converged = False
@@ -605,12 +622,13 @@ def implicit_step(
             break
         stalls = stalls + 1 if energy > STALLED * previous else 0
         # The correction just made leaves about `shrinking` of the defect.
-        shrinking = np.sqrt(energy / previous) if share == 1.0 and iterations > 1 else 1.0
+        shrinking = 1.0
+        if share == 1.0 and iterations > 1:
+            shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
         share = 1.0
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
-        converged = exhausted or (
-            min(SAFETY * shrinking, 1.0) * defect <= tolerance * max(scale, 0.1 * inertia)
-        )
+        allowed = allowed_defect(shape, state, tolerance, inertia)
+        converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if exhausted:
             # The coordinates have no digits left: the account cannot be better than this.
             at = ledger + FLOOR * LANES

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from dlo_sim.scene.parameter import parameter
 
 SWITCH = ("auto", "on", "off")
+LEAST_BY_SPAN = 9  # control points from which stretching by span is at least as good everywhere
 
 
 @dataclass(frozen=True)
@@ -28,11 +29,11 @@ class Discretization:
         100_000,
     )
     stretch: str = parameter(
-        "sample",
+        "auto",
         "Where the stretching energy is evaluated: at every quadrature point, or from the mean "
         "stretch of each knot span, which avoids membrane locking of thin cables with few control "
-        "points (needs gauss and 5 control points).",
-        choices=("sample", "span"),
+        "points (needs gauss and 5 control points). Auto: span with gauss and 9 or more.",
+        choices=("auto", "sample", "span"),
     )
     mass: str = parameter(
         "consistent",
@@ -47,6 +48,12 @@ class Discretization:
         "bends most there (needs gauss).",
         choices=("uniform", "auto"),
     )
+
+    @property
+    def stretch_by_span(self) -> bool:
+        """Whether the stretching energy comes from the mean stretch of the spans."""
+        enough = self.quadrature == "gauss" and self.control_points >= LEAST_BY_SPAN
+        return self.stretch == "span" or (self.stretch == "auto" and enough)
 
 
 @dataclass(frozen=True)
@@ -120,8 +127,9 @@ class Integrator:
         0.5, "Parameter phi of Zhai's method; second order only with 0.5.", "", 0.0, 1.0
     )
     tolerance: float = parameter(
-        1.0e-10,
-        "Relative tolerance of the equations that implicit methods solve.",
+        1.0e-6,
+        "Energy that a step of an implicit method may leave unaccounted for, as a share of the "
+        "energy exchanged; all steps together leave ten times as much.",
         "",
         1.0e-15,
         1.0e-2,

@@ -103,17 +103,13 @@ class Scene:
         names = ", ".join(load.name for load in self.loads) or "none"
         raise KeyError(f"no load '{name}' in this scene (its loads: {names})")
 
-    def grasp(self, name: object) -> Grasp:
+    def grasp(self, name: str) -> Grasp:
         """The grasp of this name.
 
         Raises:
-            ValueError: if there is none.
+            KeyError: if there is none.
         """
-        for grasp in self.grasps:
-            if grasp.name == name:
-                return grasp
-        names = ", ".join(grasp.name for grasp in self.grasps) or "none"
-        raise ValueError(f"no grasp {name!r} in this scene (its grasps: {names})")
+        return {grasp.name: grasp for grasp in self.grasps}[name]
 
     def holder_keys(self) -> list[tuple[str, Holder]]:
         """`holders` by the keys of their blocks."""

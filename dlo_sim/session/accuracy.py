@@ -93,7 +93,7 @@ def _locks(scene: Scene) -> bool:
     needs, cable = needs_of(scene), scene.cable
     span = cable.length / max(scene.discretization.control_points - 3, 1)
     thin = needs.stretch and needs.bend and cable.EA * span**2 > THIN * cable.EI
-    if not thin or scene.discretization.stretch == "span":
+    if not thin or scene.discretization.stretch_by_span:
         return False
     try:
         scene.with_values({"discretization.stretch": "span"})

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
+from dlo_sim.scene.cable import Grasp
 from dlo_sim.scene.needs import Needs, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
@@ -97,7 +98,7 @@ class CableInputs(CableView):
         Raises:
             TypeError, ValueError: no grasp, one that holds the cable, or no place on the cable.
         """
-        scene_grasp = self.scene.grasp(grasp)
+        scene_grasp = self._known_grasp(grasp)
         if self._geometries[grasp].u is not None:
             raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
         share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
@@ -121,7 +122,7 @@ class CableInputs(CableView):
         Raises:
             TypeError, ValueError: no grasp, or one that does not hold the cable.
         """
-        self.scene.grasp(grasp)
+        self._known_grasp(grasp)
         if self._geometries[grasp].u is None:
             raise ValueError(f"grasp '{grasp}': does not hold the cable; take it before")
         self._hold(grasp, replace(self._geometries[grasp], u=None))
@@ -200,6 +201,10 @@ class CableInputs(CableView):
         self._ends.hold(grasp, geometry)
         self._replace(self._needs, {**self._geometries, grasp: geometry})
         self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
+
+    def _known_grasp(self, name: str) -> Grasp:
+        known = [grasp.name for grasp in self.scene.grasps]
+        return self.scene.grasp(arguments.one_of("grasp", name, known))
 
     def _nearest(self, place: Array) -> float:
         """Material coordinate [m] of the point of the cable that is nearest to a place [m]."""

@@ -201,7 +201,7 @@ def grading(scene: Scene) -> tuple[float, float]:
 
 
 def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
-    by_span = scene.discretization.stretch == "span"
+    by_span = scene.discretization.stretch_by_span
     present = {
         layout.STRETCH: needs.stretch and not by_span,
         layout.SPAN_STRETCH: needs.stretch and by_span,
@@ -227,7 +227,7 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
     if choice.quadrature == "uniform":
         return quadrature.uniform(breaks, choice.samples)
     rule = quadrature.gauss(breaks, choice.samples)
-    if choice.stretch == "span" and choice.samples >= FEWEST_WITH_ENDS:
+    if choice.stretch_by_span and choice.samples >= FEWEST_WITH_ENDS:
         return quadrature.with_ends(rule, (scene.start.clamped, scene.end.clamped))
     return rule
 

@@ -38,8 +38,9 @@ def place(scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable) ->
             _relax_elastic(scene, geometries, cable)
         elif not statics.relax(cable):
             raise SceneError(
-                "initial.shape: no equilibrium found from the first guess; use straight, or check "
-                "the ends' positions, tangents and the stiffness"
+                "initial.shape: no equilibrium found from the first guess; use straight, more "
+                "control points or discretization.stretch sample, or check the ends' positions, "
+                "tangents and the stiffness"
             )
     if constrained and not length.to_rest_length(cable):
         raise SceneError(

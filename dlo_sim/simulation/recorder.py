@@ -52,7 +52,8 @@ class Recorder:
     def lines(self) -> Array:
         """The samples taken, shape (count, lines, n) of one cable."""
         width = int(self.model.shape[layout.LINE])
-        taken = self._samples[: self.count].reshape(self.count, -1, width)
+        shape = self.count, int(self.model.shape[layout.LINES]), width
+        taken = self._samples[: self.count].reshape(shape)
         return taken[:, :, layout.MARGIN : layout.MARGIN + self.model.n]
 
     @property

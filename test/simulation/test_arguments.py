@@ -67,6 +67,11 @@ CALLS = {
         (lambda sim, x: sim.start_from(sim.control_points, x), "velocities", (None,)),
     ],
     "reconfigured": [(lambda sim, x: sim.reconfigured(x), "scene", ())],
+    "take": [
+        (lambda sim, x: sim.take(x), "grasp", ()),
+        (lambda sim, x: sim.take("hand", x), "at", (None,)),
+    ],
+    "release": [(lambda sim, x: sim.release(x), "grasp", ())],
     "take_over": [(lambda sim, x: sim.take_over(x), "other", ())],
     "centerline": [(lambda sim, x: sim.centerline(x), "u", ())],
     "frames": [(lambda sim, x: sim.frames(x), "u", ())],
@@ -80,7 +85,10 @@ WITHOUT_ARGUMENTS = {"energy", "reset", "snapshot"}
 
 @pytest.fixture(scope="module")
 def moving():
-    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
+    sim = simulator(
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+    )
     assert sim.advance_steps(20).status.ok
     return sim
 
@@ -160,7 +168,10 @@ def path(sim, way=(0.0, 0.0, 0.0), turn=0.0, start=None):
     ],
 )
 def test_a_motion_begins_now_and_where_the_end_is(wrong, cure):
-    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
+    sim = simulator(
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+    )
     sim.advance_steps(20)
     before = everything(sim)
     with pytest.raises(ValueError, match=cure):
@@ -173,7 +184,10 @@ def test_a_motion_begins_now_and_where_the_end_is(wrong, cure):
 
 def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
     """As where a step does not divide the times between motions."""
-    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
+    sim = simulator(
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+    )
     first = path(sim)
     sim.set_motion("start", first)
     sim.advance_steps(201)
@@ -185,7 +199,10 @@ def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
 
 
 def test_a_start_that_moves_held_points_warns(recwarn):
-    sim = simulator(SOFT, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4)
+    hand = {"grasps.names": ["hand"], "grasps.hand.taken": False}
+    sim = simulator(
+        SOFT, hand, {"terms.out_of_plane": "on"}, n=6, method="velocity_verlet", step=5e-4
+    )
     points = sim.control_points
     points[3, 2] += 0.01
     sim.start_from(points)

@@ -171,7 +171,7 @@ def test_snapshots_and_reconfiguration_keep_what_is_held():
     "call, text",
     [
         (lambda sim: sim.take("hand"), "grasp 'hand': holds the cable already"),
-        (lambda sim: sim.take("foot"), "no grasp 'foot' in this scene (its grasps: hand)"),
+        (lambda sim: sim.take("foot"), "grasp: 'foot' is not known; give one of hand"),
         (
             lambda sim: (sim.release("hand"), sim.release("hand")),
             "grasp 'hand': does not hold the cable",

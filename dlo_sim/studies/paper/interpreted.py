@@ -98,7 +98,7 @@ def _check(scene: Scene) -> None:
         "driven ends": any(end.driven for end in ends),
         "natural curvature": any(cable.rest_curvature),
         "lumped mass": scene.discretization.mass != "consistent",
-        "stretching by span": scene.discretization.stretch != "sample",
+        "stretching by span": scene.discretization.stretch_by_span,
         "torques, topics": any(one.type != "force" or one.signal == "none" for one in scene.loads),
     }
     present = [name for name, there in absent.items() if there]
