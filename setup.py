@@ -18,9 +18,12 @@ def version() -> str:
     return found.group(1)
 
 
-def scenes() -> list[str]:
-    """The shipped scene files, relative to this file, as setuptools wants them."""
-    return sorted(f"config/{path.name}" for path in (ROOT / "config").glob("*.yaml"))
+def shipped() -> list[str]:
+    """Scenes, launch file and views, relative to this file, as setuptools wants them."""
+    kinds = {".yaml", ".py", ".rviz", ".json"}
+    return sorted(
+        f"config/{path.name}" for path in (ROOT / "config").iterdir() if path.suffix in kinds
+    )
 
 
 setup(
@@ -48,7 +51,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", scenes()),
+        (f"share/{NAME}/config", shipped()),
     ],
     entry_points={
         "console_scripts": [

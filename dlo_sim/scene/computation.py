@@ -166,6 +166,20 @@ class Outputs:
         50, "Points of the centerline in markers and recordings.", "", 2, 10_000
     )
     marker_rate: float = parameter(30.0, "Rate of the markers.", "Hz", 0.1, 1000.0)
+    color_by: str = parameter(
+        "none",
+        "What the colours of the marker of the centerline show, dark for low, bright for high: "
+        "tension [N] or curvature [1/m].",
+        choices=("none", "tension", "curvature"),
+    )
+    color_range: tuple[float, float] = parameter(
+        (0.0, 0.0),
+        "Values of the darkest and of the brightest colour, in the unit of what they show; the "
+        "same twice = those of the present shape.",
+        "",
+        -1.0e9,
+        1.0e9,
+    )
 
 
 @dataclass(frozen=True)

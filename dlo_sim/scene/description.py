@@ -110,6 +110,7 @@ class Scene:
             consistency.check_load(load)
         consistency.check_topics(self.ends, self.loads)
         consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)
+        consistency.check_colors(self.outputs, self.terms, self.integrator)
 
 
 def default_scene(load_names: tuple[str, ...] = ()) -> Scene:

@@ -37,6 +37,26 @@ def first_moment(sim):
     return weighed.sum(axis=0)
 
 
+def test_tension_of_a_hanging_cable_is_the_weight_below():
+    values = {
+        "start.tangent": [0.0, 0.0, -1.0],
+        "end.position": [0.0, 0.0, -1.0],
+        "end.mass": 0.05,
+        "initial.shape": "equilibrium",
+    }
+    sim = simulator(SOFT, values, n=11, method="energy_momentum")
+    u = np.linspace(0.1, 0.9, 9)
+    weight = 9.81 * (0.05 + 0.1 * (1.0 - u))
+    assert np.allclose(sim.tension(u), weight, rtol=0.01)
+    assert np.allclose(sim.curvature(u), 0.0, atol=1e-9)
+
+
+def test_an_inextensible_cable_has_no_tension_from_its_stretch():
+    sim = simulator(SOFT, method="rattle", step=1e-3)
+    with pytest.raises(ValueError, match="tension: stretching is left out: constraints"):
+        sim.tension([0.5])
+
+
 @pytest.mark.parametrize("planar", [True, False])
 def test_a_cantilever_at_rest_is_held_against_its_weight_load_and_their_moments(planar):
     """The moment is about the attachment, which is off the end effector and off the origin."""
