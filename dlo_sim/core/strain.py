@@ -1,4 +1,4 @@
-"""How far a cubic spline is stretched and bent along its length."""
+"""Tension and curvature along a cubic spline."""
 
 from __future__ import annotations
 
@@ -12,43 +12,52 @@ from dlo_sim.core import bspline
 Array = NDArray[np.float64]
 
 _KEPT = 16  # splines and places whose matrices are kept
-_GAUSS_POINTS = 3  # of a span, for its mean stretch
+_GAUSS_POINTS = 3  # of a span, for its mean tension
 
 
 class Strain:
-    """Stretch and curvature of the splines on these knots [m], at material coordinates u [m]."""
+    """Tension and curvature of the splines on these knots [m], at material coordinates u [m]."""
 
     def __init__(self, knots: Array, u: Array) -> None:
-        spline = np.eye(len(knots) - bspline.ACTIVE)
-        self._slope = bspline.evaluate(spline, knots, u, 1)
-        self._bend = bspline.evaluate(spline, knots, u, 2)
         ends = bspline.breaks(knots)
         xi, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
         middle, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
-        inside = middle[:, None] + half[:, None] * xi
-        self._sampled = bspline.evaluate(spline, knots, inside.ravel(), 1)
+        inside = (middle[:, None] + half[:, None] * xi).ravel()
+        self._there, self._inside = _derivatives(knots, u), _derivatives(knots, inside)
         self._weights = 0.5 * weights
-        tent = [np.interp(u, middle, row) for row in np.eye(len(middle))]
-        self._between = np.array(tent)
+        # Linear between the middles of the spans.
+        self._between = np.array([np.interp(u, middle, row) for row in np.eye(len(middle))])
 
-    def stretch(self, points: Array) -> Array:
-        """|r'| - 1, shape (..., len(u)): the mean of each knot span, linear between their middles.
-
-        Inside a span the stretch of a cable that is much stiffer in tension than in bending swings
-        about its mean, which alone is accurate.
+    def tension(self, points: Array, EA: float, EI: float) -> Array:
+        """Axial force EA (|r'| - 1) - EI kappa^2 [N], shape (..., len(u)), of a cable that is
+        straight at rest: the derivative of the energy of stretching and bending along the tangent.
+        It is the mean of each knot span, linear between their middles: inside a span the stretch of
+        a cable that is much stiffer in tension than in bending swings about its mean.
 
         Args:
             points: control points [m], shape (..., n, 3).
+            EA, EI: axial [N] and bending stiffness [N m^2].
         """
-        lengths = np.linalg.norm(self._sampled @ points, axis=-1)
-        means = lengths.reshape(*lengths.shape[:-1], -1, _GAUSS_POINTS) @ self._weights
-        return np.asarray((means - 1.0) @ self._between)
+        slope, kappa = _slope_and_curvature(self._inside, points)
+        force = EA * (np.linalg.norm(slope, axis=-1) - 1.0) - EI * kappa**2
+        means = force.reshape(*force.shape[:-1], -1, _GAUSS_POINTS) @ self._weights
+        return np.asarray(means @ self._between)
 
     def curvature(self, points: Array) -> Array:
-        """|r' x r''| / |r'|^3 [1/m], shape (..., len(u)), of control points (..., n, 3)."""
-        slope = self._slope @ points
-        across = np.linalg.norm(np.cross(slope, self._bend @ points), axis=-1)
-        return np.asarray(across / np.linalg.norm(slope, axis=-1) ** 3)
+        """kappa = |r' x r''| / |r'|^3 [1/m], shape (..., len(u)), of control points (..., n, 3)."""
+        return _slope_and_curvature(self._there, points)[1]
+
+
+def _derivatives(knots: Array, u: Array) -> tuple[Array, Array]:
+    """Matrices from control points to r' and r'' at u."""
+    spline = np.eye(len(knots) - bspline.ACTIVE)
+    return bspline.evaluate(spline, knots, u, 1), bspline.evaluate(spline, knots, u, 2)
+
+
+def _slope_and_curvature(derivatives: tuple[Array, Array], points: Array) -> tuple[Array, Array]:
+    slope, bend = (matrix @ points for matrix in derivatives)
+    across = np.linalg.norm(np.cross(slope, bend), axis=-1)
+    return slope, across / np.linalg.norm(slope, axis=-1) ** 3
 
 
 def strain(knots: Array, u: Array) -> Strain:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from dlo_sim.scene.cable import Cable, End, Load, Vector
-from dlo_sim.scene.computation import Discretization, Integrator, Outputs, Terms
+from dlo_sim.scene.computation import Discretization, Outputs
 from dlo_sim.scene.refusal import refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -200,17 +200,12 @@ def check_times(rate: float, step: float, catch_up: float) -> None:
         )
 
 
-def check_colors(outputs: Outputs, terms: Terms, integrator: Integrator) -> None:
-    """Refuse a range that is upside down, and the tension of a cable that does not stretch."""
+def check_colors(outputs: Outputs, without_tension: str) -> None:
+    """Refuse a range that is upside down, and the colours of a tension that is not known."""
     low, high = outputs.color_range
     if low > high:
         raise refusal(
             "outputs.color_range", outputs.color_range, f"falls; give {shown((high, low))}"
         )
-    if outputs.color_by == "tension" and (terms.stretch == "off" or integrator.method == "rattle"):
-        raise refusal(
-            "outputs.color_by",
-            "tension",
-            "needs a cable that stretches; set terms.stretch to auto and integrator.method to "
-            "another one than rattle, or show the curvature",
-        )
+    if outputs.color_by == "tension" and without_tension:
+        raise refusal("outputs.color_by", "tension", f"{without_tension}; give curvature")

@@ -314,3 +314,38 @@ def encode_diagnostic_array(
             writer.text(key)
             writer.text(value)
     return bytes(writer.data)
+
+
+def decode_diagnostic_array(raw: Bytes) -> tuple[int, list[DiagnosticStatus]]:
+    """Stamp [ns] and statuses of a DiagnosticArray; names as they are in the message.
+
+    Raises:
+        DecodeError: as `decode`.
+    """
+    order, stamp_ns, _, at = _decode_header(raw)
+
+    def number() -> int:
+        nonlocal at
+        at = 4 + (at - 4 + 3 & ~3) + 4
+        return int(struct.unpack_from(order + "I", raw, at - 4)[0])
+
+    def text() -> str:
+        nonlocal at
+        length = number()
+        at += length
+        if at > len(raw):
+            raise DecodeError(f"a text of {length} bytes does not fit into {len(raw)} bytes")
+        return bytes(raw[at - length : at - 1]).decode("utf-8", "replace")
+
+    def status() -> DiagnosticStatus:
+        nonlocal at
+        at += 1
+        level, name, message, _ = raw[at - 1], text(), text(), text()
+        return DiagnosticStatus(
+            level, name, message, tuple((text(), text()) for _ in range(number()))
+        )
+
+    try:
+        return stamp_ns, [status() for _ in range(number())]
+    except (struct.error, IndexError):
+        raise DecodeError(f"{len(raw)} bytes end within a status") from None

@@ -134,16 +134,16 @@ class CableView:
         return np.einsum("mk,mkd->md", values, points)
 
     def tension(self, u: ArrayLike) -> Array:
-        """Tension EA (|r'| - 1) [N] at u, shape (len(u),), from the mean stretch of each knot span;
-        negative where the cable is pushed together.
+        """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), linear between the means of
+        the knot spans; negative where the cable is pushed together. Damping is not in it.
 
         Raises:
-            TypeError, ValueError: as `centerline`; the cable cannot stretch.
+            TypeError, ValueError: as `centerline`; the scene's tension is not known from its shape.
         """
-        if not self._needs.stretch:
-            raise ValueError(f"tension: stretching is left out: {self.left_out['stretch']}")
-        stretch = strain(self._model.knots, _coordinates(u)).stretch(self.control_points[:, :3])
-        return self.scene.cable.EA * stretch
+        if self.scene.without_tension:
+            raise ValueError(f"tension: {self.scene.without_tension}")
+        shape, cable = strain(self._model.knots, _coordinates(u)), self.scene.cable
+        return shape.tension(self.control_points[:, :3], cable.EA, cable.EI)
 
     def curvature(self, u: ArrayLike) -> Array:
         """Curvature [1/m] at u, shape (len(u),), 0 or more.
