@@ -115,7 +115,8 @@ def renewed(page: str) -> str:
 # Room -> (column, row, what it holds). Who imports whom is read from the code.
 PLACES: dict[str, tuple[float, int, str]] = {
     "cli": (1.0, 0, "the command dlo_sim"),
-    "ros": (0.0, 1, "the node; knows rclpy"),
+    "ros": (0.0, 2, "the node; knows rclpy"),
+    "doctor": (0.0, 1, "findings, what to do"),
     "demo": (1.0, 1, "generated bag, its prediction"),
     "studies": (2.0, 1, "measurements, reports"),
     "view": (1.0, 2, "pages, films, pictures"),

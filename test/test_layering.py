@@ -27,9 +27,21 @@ ARROWS = {
     "ros": {"compiling", "core", "process", "scene", "session", "simulation"},
     "studies": {"batch", "core", "replay", "scene", "simulation", "tuning"},
     "view": {"core", "replay", "scene", "session", "simulation"},
+    "doctor": {"compiling", "ros", "scene", "session", "simulation"},
     "demo": {"core", "process", "replay", "scene", "session", "view"},
     "cli": {
-        *("batch", "compiling", "core", "demo", "process", "replay", "ros", "scene", "session"),
+        *(
+            "batch",
+            "compiling",
+            "core",
+            "demo",
+            "doctor",
+            "process",
+            "replay",
+            "ros",
+            "scene",
+            "session",
+        ),
         *("simulation", "studies", "tuning", "view"),
     },
     # dlo_sim/__init__.py and dlo_sim/__main__.py
