@@ -195,3 +195,15 @@ class Accuracy:
         "long as it keeps up.",
         choices=SWITCH,
     )
+
+
+@dataclass(frozen=True)
+class State:
+    """What outlives the node's process."""
+
+    save_to: str = parameter(
+        "",
+        "File to which the node writes its state once a second, and from which it goes on when it "
+        "is started again with the same scene; empty = none.",
+        read_only=True,
+    )

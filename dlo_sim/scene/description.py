@@ -21,6 +21,7 @@ from dlo_sim.scene.computation import (
     Inputs,
     Integrator,
     Outputs,
+    State,
     Terms,
 )
 from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_parameters
@@ -58,6 +59,7 @@ class Scene:
     inputs: Inputs = Inputs()
     outputs: Outputs = Outputs()
     accuracy: Accuracy = Accuracy()
+    state: State = State()
 
     @property
     def curvature_floor(self) -> float:

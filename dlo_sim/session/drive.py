@@ -14,7 +14,8 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
-from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, Stepped
+from dlo_sim.session.saved_state import SavedState
+from dlo_sim.session.simulator_protocol import CableSimulator, Pose, SimulatorFactory, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.time_base import SECOND
 
@@ -83,6 +84,12 @@ class Drive:
         self.index = 0
         self._knots: dict[str, int | None] = {}
         self._motions: dict[str, EndMotion] = {}
+        self._poses: dict[str, Pose] = {}  # of the driven ends when the simulator was built
+
+    @property
+    def saved(self) -> SavedState:
+        """All that `resume` needs."""
+        return SavedState(self.simulator.snapshot(), self._poses)
 
     @property
     def _estimating(self) -> bool:
@@ -137,6 +144,30 @@ class Drive:
         self.grid = StepGrid(origin, self.simulator.step)
         self.index = 0
         self._knots = dict.fromkeys(self.paths, 0)
+        self._poses = poses
+
+    def resume(self, base_ns: int, saved: SavedState) -> None:
+        """`begin` with a saved state: loads are those of the scene, ends rejoin their poses
+        smoothly from where they were.
+
+        Raises:
+            ValueError: as `begin`, or it is the state of another simulator.
+        """
+        self.begin(base_ns)
+        before = self._factory(self._scene, end_poses=saved.poses)
+        before.restore(saved.state)
+        self.simulator = before.reconfigured(self._scene)
+        if self.estimate is not None:
+            from dlo_sim.simulation.error_estimate import ErrorEstimate
+
+            self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
+        self._note_poses()
+        for name, path in self.paths.items():
+            path.skip_to(self.now_ns, *self._poses[name])
+
+    def _note_poses(self) -> None:
+        """The simulator was built with its ends where they are now."""
+        self._poses = {name: self.simulator.end_pose(name) for name in self.paths}
 
     def clear(self) -> None:
         """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""
@@ -274,6 +305,7 @@ class Drive:
             self.simulator.take_over(old)
             if self.estimate is not None:
                 self.estimate.take_over()
+            self._note_poses()
             self._continue_motions(grid, old.time)
         for name, path in self.paths.items():
             end = scene.ends[name]

@@ -6,15 +6,18 @@ The meaning of each member is documented there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import Needs
 
 Array = NDArray[np.float64]
+Pose = tuple[Array, Array]
+"""Position [m], quaternion x, y, z, w."""
 
 
 class Outcome(Protocol):
@@ -76,6 +79,23 @@ class Observable(Protocol):
     def reaction_wrench(self, end: str) -> tuple[float, ...]: ...
 
 
+class State(Protocol):
+    """All that a simulator needs to go on from."""
+
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def remainder(self) -> float: ...
+    @property
+    def needs(self) -> Needs: ...
+    @property
+    def state(self) -> Array: ...
+    @property
+    def inputs(self) -> Array: ...
+
+
 class CableSimulator(Stepped, Observable, Protocol):
     """A simulator of one cable."""
 
@@ -97,6 +117,8 @@ class CableSimulator(Stepped, Observable, Protocol):
     def warnings(self) -> tuple[str, ...]: ...
     def energy(self) -> Energies: ...
     def reset(self) -> None: ...
+    def snapshot(self) -> Any: ...
+    def restore(self, snapshot: Any) -> None: ...
     def reconfigured(self, scene: Scene) -> Self: ...
     def take_over(self, other: Self) -> None: ...
 
@@ -105,5 +127,5 @@ class SimulatorFactory(Protocol):
     """Builds a simulator, its ends at these poses: position [m], quaternion x, y, z, w."""
 
     def __call__(
-        self, scene: Scene, end_poses: Mapping[str, tuple[Array, Array]] | None = None
+        self, scene: Scene, end_poses: Mapping[str, Pose] | None = None
     ) -> CableSimulator: ...
