@@ -84,7 +84,7 @@ class Drive:
         self.index = 0
         self._knots: dict[str, int | None] = {}
         self._motions: dict[str, EndMotion] = {}
-        self._poses: dict[str, Pose] = {}  # of the driven ends when the simulator was built
+        self._poses: dict[str, Pose] = {}  # of the driven ends when the cable was placed
 
     @property
     def saved(self) -> SavedState:
@@ -161,13 +161,9 @@ class Drive:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
 
             self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
-        self._note_poses()
+        self._poses = saved.poses
         for name, path in self.paths.items():
-            path.skip_to(self.now_ns, *self._poses[name])
-
-    def _note_poses(self) -> None:
-        """The simulator was built with its ends where they are now."""
-        self._poses = {name: self.simulator.end_pose(name) for name in self.paths}
+            path.skip_to(self.now_ns, *self.simulator.end_pose(name))
 
     def clear(self) -> None:
         """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""
@@ -305,7 +301,6 @@ class Drive:
             self.simulator.take_over(old)
             if self.estimate is not None:
                 self.estimate.take_over()
-            self._note_poses()
             self._continue_motions(grid, old.time)
         for name, path in self.paths.items():
             end = scene.ends[name]

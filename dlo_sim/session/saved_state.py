@@ -27,7 +27,9 @@ _FREE = ("inputs.", "outputs.", "state.")
 
 
 class SavedState(NamedTuple):
-    """A simulator's state, and the poses at which its driven ends stood when it was built."""
+    """A simulator's state, and the poses of its driven ends when the cable was placed: they say in
+    which direction a clamp holds it whose tangent the scene leaves open.
+    """
 
     state: State
     poses: dict[str, Pose]

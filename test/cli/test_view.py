@@ -1,6 +1,7 @@
 """`dlo_sim view`: formats, where it writes, what it refuses."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -30,12 +31,23 @@ def run(tmp_path, monkeypatch):
     ],
 )
 def test_format_by_ending_or_by_name(run, capsys, arguments, name, begin):
+    if not name.endswith(".html"):
+        pytest.importorskip("matplotlib")
     assert main(["view", "run.npz", *arguments, "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["output"] == name
     assert (report["times"], report["duration_s"]) == (5, pytest.approx(0.4))
     assert (run / name).read_bytes().startswith(begin)
     assert {path.name for path in run.iterdir()} == {"run.npz", name}
+
+
+def test_without_matplotlib_the_cure_is_named(run, capsys, monkeypatch):
+    monkeypatch.delitem(sys.modules, "dlo_sim.view.film", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.animation", None)
+    assert main(["view", "run.npz", "--format", "gif"]) == 2
+    assert "needs matplotlib; pip install matplotlib, or make html" in capsys.readouterr().err
+    assert main(["view", "run.npz"]) == 0
 
 
 @pytest.mark.parametrize(

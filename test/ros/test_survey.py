@@ -49,7 +49,7 @@ def look(domain: int, peer: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr("dlo_sim.ros.survey._DISCOVERY", SOON if made else 0.2)
         timer = peer.node.create_timer(0.01, publish)
         with ThreadPoolExecutor(1) as pool:
-            task = pool.submit(survey, Session(scene, FakeSimulator), 1.0)
+            task = pool.submit(survey, Session(scene, FakeSimulator), 0.5)
             found = peer.until(lambda: task.done() and task.result(), "survey")
         peer.node.destroy_timer(timer)
         levels: dict[str, list] = {"ok": [], "note": [], "problem": []}

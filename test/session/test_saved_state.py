@@ -86,6 +86,32 @@ def test_saved_again_and_after_a_change_of_parameters(ran, path, tmp_path):
     np.testing.assert_allclose(after, before, atol=0.02)
 
 
+def test_clamp_without_a_tangent_keeps_the_one_it_was_placed_with():
+    """The scene leaves it open: where the cable pointed when the gripper was first seen."""
+    scene = SCENE.with_values({"start.tangent": [0.0, 0.0, 0.0], "end.position": [0.4, 0.0, 0.0]})
+    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+
+    def turn(session, begin_ns, angle):
+        """From level to this angle about y within half a second, then at rest."""
+        for now in range(begin_ns, begin_ns + SECOND, 10 * MS):
+            half = 0.5 * angle * min((now - begin_ns) / (0.5 * SECOND), 1.0)
+            turned = (0.0, np.sin(half), 0.0, np.cos(half))
+            session.receive("/pose", poses.encode(now, (0.0, 0.0, 0.0, *turned)), now)
+            session.tick(now)
+        points = session.simulator.control_points[:2, :3]
+        return points[1] - points[0]
+
+    session = Session(scene)
+    held = turn(session, T0, 0.6)
+    assert np.arctan2(-held[2], held[0]) == pytest.approx(0.6, abs=1e-3)
+    session.reconfigure(scene.with_values({"damping.air_drag": 0.001}))
+    for again in (1, 2):
+        session = Session(session.scene, resume=session.saved)
+        begin = T0 + again * 10 * SECOND
+        held = turn(session, begin, 0.2 * again)
+        assert np.arctan2(-held[2], held[0]) == pytest.approx(0.2 * again, abs=1e-3)
+
+
 def test_reset_places_the_cable_anew(path):
     session = Session(SCENE, resume=load_state(path, SCENE)[0])
     move(session, T0 + 3 * SECOND, T0 + 3 * SECOND + 100 * MS)
