@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
 from dlo_sim.cli.output import (
@@ -13,6 +14,9 @@ from dlo_sim.cli.output import (
     progress_bar,
     write_whole,
 )
+
+if TYPE_CHECKING:
+    from dlo_sim.view.run import Run
 
 _SUFFIXES = {"html": ".html", "gif": ".gif", "mp4": ".mp4", "png": ".png", "plots": "_plots.png"}
 
@@ -94,29 +98,25 @@ def _format(wanted: str | None, output: Path | None) -> str:
     return kind
 
 
-def _writer(kind: str, progress: Callable[[float], None]) -> Callable[..., None]:
+def _writer(kind: str, progress: Callable[[float], None]) -> Callable[["Run", Path], None]:
     """Writes a run in this format to a path."""
     from dlo_sim.view.page import write_page
 
     if kind == "html":
         return write_page
     try:
-        from dlo_sim.view import film
+        from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
     except ImportError as error:
         if not (error.name or "").startswith("matplotlib"):
             raise
         raise CommandError(
             f"--format {kind} needs matplotlib; pip install matplotlib, or make html"
         ) from None
-    if kind in ("gif", "mp4"):
-        return partial(_film, kind=kind, progress=progress)
-    return film.write_still if kind == "png" else film.write_plots
 
+    def film(run: "Run", path: Path) -> None:
+        try:
+            write_film(run, path, kind, progress)
+        except NoFilm as refusal:
+            raise CommandError(f"--format {kind}: {refusal}") from None
 
-def _film(*args: object, **options: object) -> None:
-    from dlo_sim.view.film import NoFilm, write_film
-
-    try:
-        write_film(*args, **options)  # type: ignore[arg-type]
-    except NoFilm as refusal:
-        raise CommandError(f"--format mp4: {refusal}") from None
+    return {"png": write_still, "plots": write_plots}.get(kind, film)
