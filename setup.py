@@ -18,9 +18,12 @@ def version() -> str:
     return found.group(1)
 
 
-def scenes() -> list[str]:
-    """The shipped scene files, relative to this file, as setuptools wants them."""
-    return sorted(f"config/{path.name}" for path in (ROOT / "config").glob("*.yaml"))
+def shipped() -> list[str]:
+    """Scenes, launch file and views, relative to this file, as setuptools wants them."""
+    kinds = {".yaml", ".py", ".rviz", ".json"}
+    return sorted(
+        f"config/{path.name}" for path in (ROOT / "config").iterdir() if path.suffix in kinds
+    )
 
 
 setup(
@@ -34,6 +37,7 @@ setup(
     maintainer="dlo_sim maintainers",
     maintainer_email="dlo_sim@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={f"{NAME}.view": ["page.html", "page.js"]},
     python_requires=">=3.11",
     # .ci/run tries the lowest versions. Pythons that numba does not know are refused by numba.
     install_requires=["numpy>=1.26", "numba>=0.58.1", "rosbags", "ruamel.yaml", "tqdm"],
@@ -48,7 +52,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", scenes()),
+        (f"share/{NAME}/config", shipped()),
     ],
     entry_points={
         "console_scripts": [

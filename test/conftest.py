@@ -7,11 +7,14 @@ to one process per core, in the order below; so the fixtures of a file are built
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+MADE_BY_BUILDS = {"build", "dist", "install", "log", "dlo_sim.egg-info", "dlo_sim_demo"}
 
 # A child process imports what this process imports, whatever else is installed.
 os.environ["PYTHONPATH"] = os.pathsep.join(
@@ -29,3 +32,38 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def checkout() -> Path:
     """The folder that holds package.xml."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def top_level(checkout: Path) -> set[str]:
+    """What belongs to the checkout: all but dot-files and what builds leave behind."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=checkout,
+        capture_output=True,
+        text=True,
+    )
+    if listing.returncode == 0 and listing.stdout:
+        names = {line.split("/")[0] for line in listing.stdout.splitlines()}
+    else:
+        names = {path.name for path in checkout.iterdir()} - MADE_BY_BUILDS
+    return {name for name in names if not name.startswith(".") and (checkout / name).exists()}
+
+
+@pytest.fixture(scope="session")
+def installed(
+    checkout: Path, top_level: set[str], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The package installed by setup.py into a folder, as colcon does it; returns the prefix."""
+    folder = tmp_path_factory.mktemp("install")
+    for name in top_level - {"test"}:
+        (folder / name).symlink_to(checkout / name)
+    prefix = folder / "prefix"
+    subprocess.run(
+        [sys.executable, "setup.py", "--quiet", "install", "--prefix", str(prefix)]
+        + ["--single-version-externally-managed", "--record", str(folder / "record")],
+        cwd=folder,
+        capture_output=True,
+        check=True,
+    )
+    return prefix

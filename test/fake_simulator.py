@@ -63,6 +63,12 @@ class FakeSimulator:
         points = self.control_points[:, :3]
         return np.stack([np.interp(u, self.greville, points[:, k]) for k in range(3)], axis=1)
 
+    def tension(self, u):
+        return 2.0 * np.asarray(u)
+
+    def curvature(self, u):
+        return 3.0 * np.asarray(u)
+
     def control_poses(self, out):
         out[:, :3] = self.control_points[:, :3]
         out[:, 3:] = 0.0, 0.0, 0.0, 1.0

@@ -26,10 +26,23 @@ ARROWS = {
     "replay": {"core", "process", "scene", "session", "simulation"},
     "ros": {"compiling", "core", "process", "scene", "session", "simulation"},
     "studies": {"batch", "core", "replay", "scene", "simulation", "tuning"},
-    "demo": {"core", "process", "replay", "scene", "session", "simulation"},
+    "view": {"core", "replay", "scene", "session", "simulation"},
+    "doctor": {"compiling", "ros", "scene", "session", "simulation"},
+    "demo": {"core", "process", "replay", "scene", "session", "view"},
     "cli": {
-        *("batch", "compiling", "core", "demo", "process", "replay", "ros", "scene", "session"),
-        *("simulation", "studies", "tuning"),
+        *(
+            "batch",
+            "compiling",
+            "core",
+            "demo",
+            "doctor",
+            "process",
+            "replay",
+            "ros",
+            "scene",
+            "session",
+        ),
+        *("simulation", "studies", "tuning", "view"),
     },
     # dlo_sim/__init__.py and dlo_sim/__main__.py
     "": {"cli", "core", "process", "ros", "scene", "simulation"},
@@ -41,7 +54,8 @@ FOREIGN = {
     "rclpy": {"ros"},
     **dict.fromkeys(ROS_MESSAGES, {"ros"}),
     "rosbags": {"replay/bags.py"},
-    "matplotlib": {"studies", "demo", "cli"},
+    "matplotlib": {"studies", "demo", "view/film.py"},
+    "mpl_toolkits": {"view/film.py"},
     "ruamel": {"scene", "studies", "cli", "ros"},
     "numba": {"compiling", "studies/work_precision/peers/chain_peer.py"},
     "distributed": {"batch/workers.py"},
@@ -167,7 +181,7 @@ def test_nothing_outside_its_room_loads_ros_or_bags():
     names = [
         name
         for name in MODULES
-        if room(name) not in ("ros", "demo") and name not in (bags, "dlo_sim.__main__")
+        if room(name) not in ("ros", "demo", "view") and name not in (bags, "dlo_sim.__main__")
     ]
     assert len(names) > 10
     users = {name for name in names if bags in imported(name)}

@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 FAILED = 3
 
-HELP = "predict a cable from a generated bag; leaves a bag, a picture and a summary"
+HELP = "predict a cable from a generated bag; leaves a bag, a page and a picture"
 
 
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
         "Generate a bag of gripper poses and wrenches, predict the cable from it, and "
-        "write the predicted bag, a picture of the motion and a short summary."
+        "write the predicted bag, a page that plays it, a picture and a short summary."
     )
     parser.add_argument(
         "--output",
@@ -55,6 +55,7 @@ def _print_summary(summary: "DemoSummary") -> None:
         "scene": summary.scene,
         "input bag": f"{summary.input} ({summary.messages_used} messages used)",
         "predicted": f"{summary.predicted} ({summary.messages_written} messages)",
+        "page": f"{summary.page} (open it in a browser)",
         "picture": summary.picture or "-",
         "time": f"{summary.simulated_s:.3g} s simulated in {summary.wall_s:.3g} s "
         f"({summary.real_time_factor:.3g} x real time), after {summary.compile_s:.2g} s to compile",

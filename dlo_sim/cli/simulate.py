@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 FAILED = 3
 _LARGEST_RECORDING = 2 * 1024**3  # bytes
-_ARRAYS = ("time", "control_points", "centerline", "centerline_u", "energy")
+_SHAPES = ("control_points", "centerline", "centerline_u", "tension", "curvature")
+_ARRAYS = ("time", *_SHAPES, "energy")
 _REPORT = (
     "status",
     "message",
@@ -75,7 +76,7 @@ def add_arguments(parser: Parser) -> None:
         "--output",
         metavar="FILE.npz",
         type=Path,
-        help="write time, control_points, centerline, centerline_u and energy to this file",
+        help="write time, control points, centerline, tension, curvature and energy to this file",
     )
     add_scene_options(parser)
 
@@ -105,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
 def _check_size(scene: Scene, duration: float, every: float) -> None:
     """Refuse a recording that would not fit into memory."""
     samples = duration / every + 1.0
-    numbers = 4 * scene.discretization.control_points + 3 * scene.outputs.centerline_samples + 2
+    numbers = 4 * scene.discretization.control_points + 5 * scene.outputs.centerline_samples + 2
     size = 8.0 * samples * numbers
     if size > _LARGEST_RECORDING:
         cure = every * size / _LARGEST_RECORDING
@@ -121,7 +122,8 @@ def _write(path: Path, recording: "Recording") -> None:
 
     def write(partial: Path) -> None:
         with partial.open("wb") as stream:  # a name without .npz would get one
-            np.savez_compressed(stream, **{name: getattr(recording, name) for name in _ARRAYS})
+            arrays = {name: getattr(recording, name) for name in _ARRAYS}
+            np.savez_compressed(stream, **{k: v for k, v in arrays.items() if v is not None})
 
     write_whole(path, write)
 

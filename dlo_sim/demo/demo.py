@@ -10,14 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from dlo_sim.demo import scenario
-from dlo_sim.demo.prediction import Prediction, read_prediction
 from dlo_sim.process.atomic_output import remove_leftovers, write_atomically
 from dlo_sim.replay.bags import BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, ReplaySummary, replay_bag
 from dlo_sim.replay.summary import ReplayFigures
 from dlo_sim.scene.loading import load_scene
+from dlo_sim.view.page import write_page
+from dlo_sim.view.run import Run, read_bag
 
-SCENE, INPUT, PREDICTED, PICTURE = "scene.yaml", "input", "predicted", "motion.png"
+SCENE, INPUT, PREDICTED = "scene.yaml", "input", "predicted"
+PICTURE, PAGE = "motion.png", "motion.html"
 
 
 class DemoError(Exception):
@@ -29,7 +31,7 @@ class DemoSummary(ReplayFigures):
     """What the demo did: the figures of its replay, and these.
 
     Attributes:
-        scene, input, predicted, picture: files written; picture is empty without matplotlib.
+        scene, input, predicted, page, picture: files written; picture is empty without matplotlib.
         notes: what is missing, and the cure.
         tip_speed_max: largest speed of the free end [m/s].
         reaction_max: largest force at the gripper [N]; reaction_rest: before it moves [N].
@@ -39,6 +41,7 @@ class DemoSummary(ReplayFigures):
     scene: str = ""
     input: str = ""
     predicted: str = ""
+    page: str = ""
     picture: str = ""
     notes: list[str] = field(default_factory=list)
     tip_speed_max: float = 0.0
@@ -72,7 +75,8 @@ def run_demo(
         replay = replay_bag(folder / INPUT, scene, folder / PREDICTED, progress=progress)
     except (BagError, ReplayError) as error:
         raise DemoError(str(error)) from None
-    prediction = read_prediction(folder / PREDICTED, scene.cable.length, scenario.EPOCH_NS)
+    prediction = read_bag(folder / PREDICTED, scene, origin_ns=scenario.EPOCH_NS)
+    write_atomically(folder / PAGE, lambda path: write_page(prediction, path))
     summary = _summary(folder, replay, prediction)
     _draw(folder / PICTURE, prediction, duration, summary)
     return summary
@@ -80,7 +84,7 @@ def run_demo(
 
 def _make_room(folder: Path) -> None:
     """Make the folder; clear what an earlier demo has left in it and refuse anything else."""
-    mine = {SCENE, INPUT, PREDICTED, PICTURE}
+    mine = {SCENE, INPUT, PREDICTED, PAGE, PICTURE}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in mine:
@@ -94,7 +98,7 @@ def _make_room(folder: Path) -> None:
         for name in (PREDICTED, INPUT):
             if name in found:
                 shutil.rmtree(folder / name)
-        for name in (PICTURE, SCENE):
+        for name in (PICTURE, PAGE, SCENE):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise DemoError(
@@ -120,10 +124,10 @@ def _write_input(path: Path, duration: float) -> None:
         raise
 
 
-def _summary(folder: Path, replay: ReplaySummary, prediction: Prediction) -> DemoSummary:
+def _summary(folder: Path, replay: ReplaySummary, prediction: Run) -> DemoSummary:
     tip = prediction.centerline[:, -1]
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.diff(prediction.time)
-    force = np.linalg.norm(prediction.reaction, axis=1)
+    force = np.linalg.norm(prediction.reactions["start"], axis=1)
     scene, bag = folder / SCENE, folder / INPUT
     again = f"dlo_sim replay {bag} --params {scene} --output {folder / 'again'}"
     figures = {figure.name: getattr(replay, figure.name) for figure in fields(ReplayFigures)}
@@ -132,6 +136,7 @@ def _summary(folder: Path, replay: ReplaySummary, prediction: Prediction) -> Dem
         scene=str(scene),
         input=str(bag),
         predicted=str(folder / PREDICTED),
+        page=str(folder / PAGE),
         notes=list(replay.warnings),
         tip_speed_max=float(speed.max()),
         reaction_max=float(force.max()),
@@ -139,13 +144,14 @@ def _summary(folder: Path, replay: ReplaySummary, prediction: Prediction) -> Dem
         try_next={
             "a stiffer cable": f"{again} --set cable.bending_stiffness=0.1",
             "your own bag": "dlo_sim replay BAG --params SCENE.yaml --output OUT",
+            "a film": f"dlo_sim view {folder / PREDICTED} --params {scene} --output motion.gif",
             "live": f"dlo_sim node --ros-args --params-file {scene}",
             "without a bag": "dlo_sim simulate paper_wire --duration 2",
         },
     )
 
 
-def _draw(path: Path, prediction: Prediction, duration: float, summary: DemoSummary) -> None:
+def _draw(path: Path, prediction: Run, duration: float, summary: DemoSummary) -> None:
     try:
         from dlo_sim.demo.picture import draw_motion
     except ImportError as error:

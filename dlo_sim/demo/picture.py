@@ -13,7 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dlo_sim.demo.prediction import Prediction
+from dlo_sim.view.run import Run
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _NAMES = "xyz"
 _COLORS = ("tab:blue", "tab:orange", "tab:green")
 
 
-def draw_motion(prediction: Prediction, gripper: Array, hand: Array, path: Path) -> None:
+def draw_motion(prediction: Run, gripper: Array, hand: Array, path: Path) -> None:
     """Draw the cable from two sides with time as colour; beside it the inputs and the reaction.
 
     Args:
@@ -46,7 +46,7 @@ def draw_motion(prediction: Prediction, gripper: Array, hand: Array, path: Path)
     rows = curves.subplots(3, 1, sharex=True)
     _draw_components(rows[0], gripper, "in: position\nof the gripper [m]")
     _draw_components(rows[1], hand, "in: force of the hand\non the cable [N]")
-    reaction = np.column_stack((prediction.time, prediction.reaction))
+    reaction = np.column_stack((prediction.time, prediction.reactions["start"]))
     _draw_components(rows[2], reaction, "out: force of the gripper\non the cable [N]")
     rows[0].legend(loc="center right", ncols=3)
     rows[2].set_xlabel("time [s]")
@@ -55,7 +55,7 @@ def draw_motion(prediction: Prediction, gripper: Array, hand: Array, path: Path)
 
 
 def _draw_view(
-    axes: Axes, prediction: Prediction, gripper: Array, plane: Sequence[int], scale: Normalize
+    axes: Axes, prediction: Run, gripper: Array, plane: Sequence[int], scale: Normalize
 ) -> None:
     """Cables at equal time steps in one plane of the world, and the paths of both their ends."""
     step = max(1, round(_EVERY / float(np.median(np.diff(prediction.time)))))

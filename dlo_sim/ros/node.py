@@ -20,6 +20,7 @@ from dlo_sim.ros.arguments import NodeArguments
 from dlo_sim.ros.background import in_background
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
+from dlo_sim.ros.state_keeper import StateKeeper
 from dlo_sim.ros.status import node_status
 from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
@@ -61,6 +62,7 @@ class CableNode(GuardedNode):
         self._scene_parameters: SceneParameters[Prepared] = SceneParameters(self)
         scene = self._scene_parameters.scene
         check_qos_overrides(self, [self._naming.topic(e.topic) for e in input_topics(scene)])
+        self._keeper = StateKeeper(scene, self.get_logger())
         self._session = self._built(scene)
         self._status = self._session.status
         self._times = TickTimes()
@@ -93,7 +95,8 @@ class CableNode(GuardedNode):
         log.info("building the simulator")
         begin = time.perf_counter()
         with compiling_told_to(log.info):
-            session = Session(scene, naming=self._naming, live=True)
+            saved = self._keeper.found(scene)
+            session = Session(scene, naming=self._naming, live=True, resume=saved)
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
         for line in session.simulator.warnings:
             log.warning(line)
@@ -315,6 +318,7 @@ class CableNode(GuardedNode):
         )
         self._outputs.publish_diagnostics(self._session.diagnostics(now))
         self._outputs.publish_diagnostics(encode_diagnostic_array(now, self._naming.node, [status]))
+        self._keeper.keep(self._session)
         self._log_events()
         problems = [line for source in sources for line in source.problems]
         for line in set(problems).difference(self._source_problems):
@@ -339,7 +343,9 @@ class CableNode(GuardedNode):
         self._logged = counts
 
     def say_goodbye(self) -> None:
-        """Remove the markers from every viewer; call it last."""
+        """Keep the state and remove the markers from every viewer; call it last."""
+        self._keeper.keep(self._session)
+        self._keeper.close()
         self._outputs.say_goodbye(self._now())
 
 

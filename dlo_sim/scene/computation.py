@@ -174,6 +174,20 @@ class Outputs:
         50, "Points of the centerline in markers and recordings.", "", 2, 10_000
     )
     marker_rate: float = parameter(30.0, "Rate of the markers.", "Hz", 0.1, 1000.0)
+    color_by: str = parameter(
+        "none",
+        "What the colours of the marker of the centerline show, dark for low, bright for high: "
+        "tension [N] or curvature [1/m].",
+        choices=("none", "tension", "curvature"),
+    )
+    color_range: tuple[float, float] = parameter(
+        (0.0, 0.0),
+        "Values of the darkest and of the brightest colour, in the unit of what they show; the "
+        "same twice = those of the present shape.",
+        "",
+        -1.0e9,
+        1.0e9,
+    )
 
 
 @dataclass(frozen=True)
@@ -188,4 +202,16 @@ class Accuracy:
         "Estimate the error by two finer simulations that run beside; auto = in the node, as "
         "long as it keeps up.",
         choices=SWITCH,
+    )
+
+
+@dataclass(frozen=True)
+class State:
+    """What outlives the node's process."""
+
+    save_to: str = parameter(
+        "",
+        "File to which the node writes its state once a second, and from which it goes on when it "
+        "is started again with the same scene; empty = none.",
+        read_only=True,
     )

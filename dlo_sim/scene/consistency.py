@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from dlo_sim.scene.cable import Cable, End, Holder, Load, Vector
-from dlo_sim.scene.computation import Discretization
+from dlo_sim.scene.computation import Discretization, Outputs
 from dlo_sim.scene.refusal import refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -196,3 +196,14 @@ def check_times(rate: float, step: float, catch_up: float) -> None:
             f"s is shorter than one timer period ({1.0 / rate:g} s at rate {rate:g} "
             f"Hz); give at least {1.0 / rate:g}",
         )
+
+
+def check_colors(outputs: Outputs, without_tension: str) -> None:
+    """Refuse a range that is upside down, and the colours of a tension that is not known."""
+    low, high = outputs.color_range
+    if low > high:
+        raise refusal(
+            "outputs.color_range", outputs.color_range, f"falls; give {shown((high, low))}"
+        )
+    if outputs.color_by == "tension" and without_tension:
+        raise refusal("outputs.color_by", "tension", f"{without_tension}; give curvature")

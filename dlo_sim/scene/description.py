@@ -31,6 +31,7 @@ from dlo_sim.scene.computation import (
     Inputs,
     Integrator,
     Outputs,
+    State,
     Terms,
 )
 from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_parameters
@@ -74,6 +75,7 @@ class Scene:
     inputs: Inputs = Inputs()
     outputs: Outputs = Outputs()
     accuracy: Accuracy = Accuracy()
+    state: State = State()
 
     @property
     def curvature_floor(self) -> float:
@@ -127,6 +129,15 @@ class Scene:
         """
         return scene_from_values(overridden(scene_values(self), mapping("values", values)))
 
+    @property
+    def without_tension(self) -> str:
+        """Why the tension cannot be told from the shape; empty if it can."""
+        if self.terms.stretch == "off" or self.integrator.method == "rattle":
+            return "is not known of a cable that does not stretch"
+        if any(self.cable.rest_curvature) or self.plasticity.yield_curvature:
+            return "is not known of a cable that is bent at rest or plastic"
+        return ""
+
     def check(self) -> None:
         """Refuse values that are possible one by one but not together.
 
@@ -143,6 +154,7 @@ class Scene:
             consistency.check_load(load)
         consistency.check_topics(dict(self.holder_keys()), self.loads)
         consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)
+        consistency.check_colors(self.outputs, self.without_tension)
 
 
 def default_scene(load_names: tuple[str, ...] = (), grasp_names: tuple[str, ...] = ()) -> Scene:

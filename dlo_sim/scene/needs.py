@@ -252,12 +252,13 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
 
 
 def _ends_leave(scene: Scene, normal: int) -> bool:
-    """Whether the ends do not lie, and point, in one plane across axis `normal`."""
-    ends = [end.position[normal] + end.offset[normal] for end in scene.ends.values() if end.held]
-    apart = [max(ends) - min(ends)] if ends else []
+    """Whether ends and grasps do not lie, and point, in one plane across axis `normal`."""
+    holders = [*scene.ends.values(), *(grasp for grasp in scene.grasps if grasp.taken)]
+    places = [one.position[normal] + one.offset[normal] for one in holders if one.held]
+    apart = [max(places) - min(places)] if places else []
     if not (scene.start.held and scene.end.held):
         apart.append(scene.start.position[normal] - scene.end.position[normal])
-    apart += [end.tangent[normal] for end in scene.ends.values() if end.clamped]
+    apart += [one.tangent[normal] for one in holders if one.clamped]
     return any(apart)
 
 
@@ -290,11 +291,11 @@ def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
 
 
 def _sprung(scene: Scene) -> bool:
-    return any(any(end.spring) for end in scene.ends.values())
+    return any(any(holder.spring) for holder in scene.holders.values())
 
 
 def _driven(scene: Scene) -> bool:
-    return any(end.driven and end.held for end in scene.ends.values())
+    return any(holder.driven and holder.held for holder in scene.holders.values())
 
 
 def _damped(scene: Scene) -> bool:

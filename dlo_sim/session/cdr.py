@@ -137,9 +137,9 @@ class _Writer:
         self.data.extend(struct.pack(f"<{len(values)}{code}", *values))
         return offset
 
-    def zeros(self, shape: tuple[int, ...]) -> int:
-        """Append a table of doubles; returns the offset."""
-        return self.numbers("d", *([0.0] * math.prod(shape)))
+    def zeros(self, shape: tuple[int, ...], code: str = "d") -> int:
+        """Append a table of doubles, or of another struct code; returns the offset."""
+        return self.numbers(code, *([0.0] * math.prod(shape)))
 
     def text(self, text: str) -> None:
         """Append a string."""
@@ -212,6 +212,10 @@ class LineStripEncoder(_Encoder):
         width: line width, scale.x [m].
         color: red, green, blue, alpha, 0..1.
         lifetime_ns: after this time without a new message the viewer removes the line.
+        colored: every point has a colour of its own.
+
+    Attributes:
+        colors: red, green, blue, alpha of each point, shape (count, 4), to be filled in; or none.
     """
 
     def __init__(
@@ -223,16 +227,20 @@ class LineStripEncoder(_Encoder):
         width: float,
         color: Color,
         lifetime_ns: int,
+        colored: bool = False,
     ) -> None:
-        writer, begin = _line_strip(
-            frame_id, 0, namespace, marker_id, _ADD, count, width, color, lifetime_ns
+        points, colors = (count, 3), (count if colored else 0, 4)
+        writer, begin, begin_colors = _line_strip(
+            *(frame_id, 0, namespace, marker_id, _ADD, points, colors, width, color, lifetime_ns)
         )
-        super().__init__(writer, begin, (count, 3))
+        super().__init__(writer, begin, points)
+        values = np.frombuffer(self._data, "<f4", math.prod(colors), begin_colors)
+        self.colors = values.reshape(colors)
 
 
 def encode_marker_delete_all(frame_id: str, stamp_ns: int) -> bytes:
     """A Marker with action DELETEALL: removes every marker of its topic."""
-    writer, _ = _line_strip(frame_id, stamp_ns, "", 0, _DELETE_ALL)
+    writer, *_ = _line_strip(frame_id, stamp_ns, "", 0, _DELETE_ALL)
     return bytes(writer.data)
 
 
@@ -242,12 +250,13 @@ def _line_strip(
     namespace: str,
     marker_id: int,
     action: int,
-    count: int = 0,
+    points: tuple[int, int] = (0, 3),
+    colors: tuple[int, int] = (0, 4),
     width: float = 0.0,
     color: Color = (0.0, 0.0, 0.0, 0.0),
     lifetime_ns: int = 0,
-) -> tuple[_Writer, int]:
-    """A Marker LINE_STRIP, and the offset of its points."""
+) -> tuple[_Writer, int, int]:
+    """A Marker LINE_STRIP, and the offsets of its points and of their colours."""
     writer = _Writer()
     writer.header(frame_id, stamp_ns)
     writer.text(namespace)
@@ -258,9 +267,10 @@ def _line_strip(
     writer.numbers("i", lifetime_ns // _NANO)
     writer.numbers("I", lifetime_ns % _NANO)
     writer.numbers("B", 0)  # frame_locked
-    writer.numbers("I", count)
-    begin = writer.zeros((count, 3))
-    writer.numbers("I", 0)  # colours
+    writer.numbers("I", points[0])
+    begin = writer.zeros(points)
+    writer.numbers("I", colors[0])
+    begin_colors = writer.zeros(colors, "f")
     writer.text("")  # texture_resource
     writer.header("")  # texture
     writer.text("")
@@ -269,7 +279,7 @@ def _line_strip(
         writer.text("")
     writer.numbers("I", 0)  # mesh_file.data
     writer.numbers("B", 0)  # mesh_use_embedded_materials
-    return writer, begin
+    return writer, begin, begin_colors
 
 
 class DiagnosticStatus(NamedTuple):
@@ -304,3 +314,38 @@ def encode_diagnostic_array(
             writer.text(key)
             writer.text(value)
     return bytes(writer.data)
+
+
+def decode_diagnostic_array(raw: Bytes) -> tuple[int, list[DiagnosticStatus]]:
+    """Stamp [ns] and statuses of a DiagnosticArray; names as they are in the message.
+
+    Raises:
+        DecodeError: as `decode`.
+    """
+    order, stamp_ns, _, at = _decode_header(raw)
+
+    def number() -> int:
+        nonlocal at
+        at = 4 + (at - 4 + 3 & ~3) + 4
+        return int(struct.unpack_from(order + "I", raw, at - 4)[0])
+
+    def text() -> str:
+        nonlocal at
+        length = number()
+        at += length
+        if at > len(raw):
+            raise DecodeError(f"a text of {length} bytes does not fit into {len(raw)} bytes")
+        return bytes(raw[at - length : at - 1]).decode("utf-8", "replace")
+
+    def status() -> DiagnosticStatus:
+        nonlocal at
+        at += 1
+        level, name, message, _ = raw[at - 1], text(), text(), text()
+        return DiagnosticStatus(
+            level, name, message, tuple((text(), text()) for _ in range(number()))
+        )
+
+    try:
+        return stamp_ns, [status() for _ in range(number())]
+    except (struct.error, IndexError):
+        raise DecodeError(f"{len(raw)} bytes end within a status") from None

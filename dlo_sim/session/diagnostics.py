@@ -39,6 +39,7 @@ EVENTS: dict[str, str] = {
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",
     "reset": "reset was called",
+    "resumed": "the simulation went on from the state in state.save_to",
     "failed": "a step failed; the last good state is held",
     "not_published": "an output was not finite and was not published",
     "inaccurate": "the estimated error exceeds accuracy.target",

@@ -15,7 +15,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
-from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, Stepped
+from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.time_base import SECOND
 
@@ -87,6 +87,12 @@ class Drive:
         self._motions: dict[str, EndMotion] = {}
 
     @property
+    def saved(self) -> State:
+        """All that `resume` needs."""
+        state: State = self.simulator.snapshot()
+        return state
+
+    @property
     def _estimating(self) -> bool:
         """Whether companions run from the next beginning on."""
         return _estimated(self._scene, self._live and not self._too_slow)
@@ -140,6 +146,25 @@ class Drive:
         self.grid = StepGrid(origin, self.simulator.step)
         self.index = 0
         self._knots = dict.fromkeys(self.paths, 0)
+
+    def resume(self, base_ns: int, saved: State) -> None:
+        """`begin` with a saved state: loads are those of the scene, ends rejoin their poses
+        smoothly from where they were.
+
+        Raises:
+            ValueError: as `begin`, or it is the state of another simulator.
+        """
+        self.begin(base_ns)
+        poses = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
+        before = self._factory(self._scene, end_poses=poses)
+        before.restore(saved)
+        self.simulator = before.reconfigured(self._scene)
+        if self.estimate is not None:
+            from dlo_sim.simulation.error_estimate import ErrorEstimate
+
+            self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
+        for name, path in self.paths.items():
+            path.skip_to(self.now_ns, *self.simulator.end_pose(name))
 
     def clear(self) -> None:
         """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""

@@ -9,7 +9,8 @@ the state holds)
 - `~/control_points` (PoseArray): control point i, which lies near but not on the cable, with the
   material frame of the cable at the control point's material coordinate: x axis = tangent from
   start to end.
-- `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable; the control points.
+- `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable, coloured as
+  outputs.color_by says; the control points.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core.color_scale import colors
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.simulator_protocol import Observable
@@ -72,8 +74,12 @@ class Outputs:
         self._samples = np.linspace(0.0, scene.cable.length, samples)
         self._poses = cdr.PoseArrayEncoder(frame, control_points)
         self._wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame)
+        self._color_by = scene.outputs.color_by
+        low, high = scene.outputs.color_range
+        self._color_range = (low, high) if high > low else (None, None)
+        colored = self._color_by != "none"
         self._centerline = cdr.LineStripEncoder(
-            frame, "centerline", 0, samples, width, _CABLE_COLOR, lifetime
+            frame, "centerline", 0, samples, width, _CABLE_COLOR, lifetime, colored
         )
         self._polygon = cdr.LineStripEncoder(
             frame, "control_polygon", 0, control_points, 0.3 * width, _POLYGON_COLOR, lifetime
@@ -124,7 +130,13 @@ class Outputs:
 
     def _encode_centerline(self, simulator: Observable, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._samples)
-        return self._centerline.encode(stamp_ns, line) if _finite(line) else None
+        if not _finite(line):
+            return None
+        if self._color_by != "none":
+            by_tension = self._color_by == "tension"
+            shown = (simulator.tension if by_tension else simulator.curvature)(self._samples)
+            self._centerline.colors[:] = colors(shown, *self._color_range)
+        return self._centerline.encode(stamp_ns, line)
 
     def _encode_control_polygon(self, simulator: Observable, stamp_ns: int) -> bytes | None:
         points = simulator.control_points[:, :3]

@@ -23,7 +23,7 @@ from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.intake import Accepted, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
-from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory
+from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State
 from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import TimeBase, Verdict
 from dlo_sim.session.topics import (
@@ -48,6 +48,7 @@ class Session:
             end_poses=None).
         naming: what node and topics are called; default: as the scene is written.
         live: a prediction made live, whose error is worth knowing (accuracy.estimate auto).
+        resume: a saved state to begin with.
 
     Attributes:
         scene: the scene as configured now.
@@ -65,6 +66,7 @@ class Session:
         *,
         naming: Naming = DEFAULT_NAMING,
         live: bool = False,
+        resume: State | None = None,
     ) -> None:
         if simulator_factory is None:
             # Here, because it brings the compiler along; importing this module must stay light.
@@ -84,6 +86,7 @@ class Session:
         self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
         self._pacing = Pacing(scene, self._drive.simulator.step, self.journal, live)
+        self._resume = resume
         self._paused = False
         self._resuming = False
         self._failure = ""
@@ -101,6 +104,13 @@ class Session:
     def started(self) -> bool:
         """Whether the cable has been placed (every driven end has had a pose)."""
         return self._drive.grid is not None
+
+    @property
+    def saved(self) -> State | None:
+        """All that another session of this scene needs to go on; None before the cable is placed
+        and after a failure.
+        """
+        return self._drive.saved if self.started and not self._failure else None
 
     @property
     def status(self) -> SessionStatus:
@@ -322,8 +332,13 @@ class Session:
             if ready_ns is None or ready_ns > wanted_ns:
                 return False
             begin_ns = ready_ns
+        saved, self._resume = self._resume, None
         try:
-            drive.begin(begin_ns)
+            if saved is None:
+                drive.begin(begin_ns)
+            else:
+                drive.resume(begin_ns, saved)
+                self.journal.event("resumed", "went on from the state in state.save_to")
         except ValueError as error:
             self._fail(f"the cable cannot be placed: {error}")
             return False

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
+from dlo_sim.core.strain import strain
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
@@ -34,6 +35,7 @@ class Recording:
         control_points: x, y, z [m] and theta [rad], shape (T, n_u, 4).
         centerline: points of the cable [m] at `centerline_u`, shape (T, n_c, 3).
         centerline_u: material coordinates [m], shape (n_c,).
+        tension: [N] there, shape (T, n_c), None where it is not known; curvature: [1/m].
         energy: kinetic and potential energy [J], shape (T,): at the end of the step that holds the
             sample, or between two such where samples are closer than steps.
         status: ok, diverged, not_converged or interrupted; message: one line, empty if all is well.
@@ -55,6 +57,8 @@ class Recording:
     control_points: Array
     centerline: Array
     centerline_u: Array
+    tension: Array | None
+    curvature: Array
     energy: Array
     status: str
     message: str
@@ -136,12 +140,16 @@ def record_simulator(
     count, control_points = recorder.count, recorder.control_points
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
+    shape, points = strain(simulator.model.knots, u), control_points[:, :, :3]
+    cable, known = scene.cable, not scene.without_tension
     error = simulator.energy_error
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
-        centerline=basis @ control_points[:, :, :3],
+        centerline=basis @ points,
         centerline_u=u,
+        tension=shape.tension(points, cable.EA, cable.EI) if known else None,
+        curvature=shape.curvature(points),
         energy=energies_at(
             recorder.times[:count], recorder.energies[:count, 0], simulator.step, every
         ),

@@ -171,6 +171,8 @@ class Simulator(CableInputs):
         self._remainder = snapshot.remainder
         if snapshot.needs != self._needs or snapshot.geometries is not self._geometries:
             self._geometries = snapshot.geometries
+            for name, geometry in self._geometries.items():
+                self._ends.hold(name, geometry)
             self._rebuild(snapshot.needs)
         self._needs = snapshot.needs  # its warnings may differ
         self._cable.state[:] = snapshot.state

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import CONSTRAINED
 from dlo_sim.core.one_rotation import Vector
+from dlo_sim.core.strain import strain
 from dlo_sim.engine import layout
 from dlo_sim.engine.frames import control_poses, curve_frames
 from dlo_sim.scene.description import Scene
@@ -132,6 +133,26 @@ class CableView:
         columns, values, _ = self._basis(_coordinates(u))
         points = self.control_points[:, :3].take(columns, axis=0)
         return np.einsum("mk,mkd->md", values, points)
+
+    def tension(self, u: ArrayLike) -> Array:
+        """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), linear between the means of
+        the knot spans; negative where the cable is pushed together. Damping is not in it.
+
+        Raises:
+            TypeError, ValueError: as `centerline`; the scene's tension is not known from its shape.
+        """
+        if self.scene.without_tension:
+            raise ValueError(f"tension: {self.scene.without_tension}")
+        shape, cable = strain(self._model.knots, _coordinates(u)), self.scene.cable
+        return shape.tension(self.control_points[:, :3], cable.EA, cable.EI)
+
+    def curvature(self, u: ArrayLike) -> Array:
+        """Curvature [1/m] at u, shape (len(u),), 0 or more.
+
+        Raises:
+            TypeError, ValueError: as `centerline`.
+        """
+        return strain(self._model.knots, _coordinates(u)).curvature(self.control_points[:, :3])
 
     def frames(self, u: ArrayLike) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent.

@@ -7,10 +7,11 @@ import pytest
 
 from dlo_sim.demo import scenario
 from dlo_sim.demo.demo import DemoError, run_demo
-from dlo_sim.demo.prediction import read_prediction
 from dlo_sim.replay.bags import Bag
+from dlo_sim.scene.loading import load_scene
+from dlo_sim.view.run import read_bag
 
-RESULTS = ["input", "motion.png", "predicted", "scene.yaml"]
+RESULTS = ["input", "motion.html", "motion.png", "predicted", "scene.yaml"]
 DURATION = 2.0
 
 
@@ -23,7 +24,7 @@ def done(tmp_path_factory):
     return folder, summary, fractions
 
 
-def test_demo_leaves_a_bag_a_picture_and_a_scene(done):
+def test_demo_leaves_a_bag_a_page_a_picture_and_a_scene(done):
     pytest.importorskip("matplotlib")
     folder, summary, fractions = done
     assert (summary.status, summary.message, summary.notes) == ("done", "", [])
@@ -32,6 +33,7 @@ def test_demo_leaves_a_bag_a_picture_and_a_scene(done):
     picture = (folder / "motion.png").read_bytes()
     assert picture.startswith(b"\x89PNG") and len(picture) > 20_000
     assert summary.picture == str(folder / "motion.png")
+    assert summary.page == str(folder / "motion.html")
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
 
 
@@ -49,7 +51,8 @@ def test_predicted_bag_holds_what_the_node_publishes(done):
 
 def test_prediction_starts_at_the_gripper_and_carries_the_weight(done):
     folder, summary, _ = done
-    found = read_prediction(folder / "predicted", 1.0, scenario.EPOCH_NS)
+    scene = load_scene(folder / "scene.yaml")
+    found = read_bag(folder / "predicted", scene, origin_ns=scenario.EPOCH_NS)
     assert len(found.time) > 300
     assert (np.diff(found.time) > 0.0).all()
     gripper, _ = scenario.gripper_pose(found.time)
@@ -58,7 +61,7 @@ def test_prediction_starts_at_the_gripper_and_carries_the_weight(done):
     lengths = np.linalg.norm(np.diff(found.centerline, axis=1), axis=2).sum(axis=1)
     np.testing.assert_allclose(lengths, 1.0, atol=0.01)
     weight = 0.09 * 9.81
-    np.testing.assert_allclose(found.reaction[0], [0.0, 0.0, weight], atol=0.05)
+    np.testing.assert_allclose(found.reactions["start"][0], [0.0, 0.0, weight], atol=0.05)
     assert summary.reaction_rest == pytest.approx(weight, abs=0.05)
     assert summary.reaction_max >= summary.reaction_rest
     assert 0.1 < summary.tip_speed_max < 10.0
@@ -93,7 +96,7 @@ def test_without_matplotlib_the_bag_is_there_and_the_cure_is_named(tmp_path, mon
     summary = run_demo(tmp_path, duration=0.3)
     assert summary.ok and summary.picture == ""
     assert summary.notes == ["no picture: matplotlib is missing; pip install matplotlib"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["input", "predicted", "scene.yaml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted({*RESULTS} - {"motion.png"})
 
 
 def test_a_picture_is_whole_or_absent(tmp_path, monkeypatch):
@@ -105,7 +108,7 @@ def test_a_picture_is_whole_or_absent(tmp_path, monkeypatch):
     monkeypatch.setattr("dlo_sim.demo.picture.draw_motion", full)
     with pytest.raises(OSError, match="No space"):
         run_demo(tmp_path, duration=0.3)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["input", "predicted", "scene.yaml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted({*RESULTS} - {"motion.png"})
 
 
 def test_folder_with_something_else_is_refused_and_left_alone(tmp_path):

@@ -116,6 +116,19 @@ def test_huge_value_is_shown_shortened():
             "discretization.knots: 'auto' needs Gauss points in every span; set "
             "discretization.quadrature to gauss, or knots to uniform",
         ),
+        ({"outputs.color_range": [2.0, 1.0]}, "[2.0, 1.0] falls; give [1.0, 2.0]"),
+        (
+            {"outputs.color_by": "tension", "terms.stretch": "off"},
+            "outputs.color_by: 'tension' is not known of a cable that does not stretch; give curv",
+        ),
+        (
+            {"outputs.color_by": "tension", "integrator.method": "rattle"},
+            "is not known of a cable that does not stretch",
+        ),
+        (
+            {"outputs.color_by": "tension", "plasticity.yield_curvature": 1.0},
+            "is not known of a cable that is bent at rest or plastic",
+        ),
         ({"inputs.catch_up": 0.004}, "is shorter than one timer period (0.005 s at rate 200 Hz)"),
         ({"start.frame": "world"}, "start.frame: 'world' is also frame_id"),
         ({"start.frame": "tcp", "end.frame": "tcp"}, "end.frame: 'tcp' is also start.frame"),

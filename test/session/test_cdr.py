@@ -128,6 +128,19 @@ def test_line_strip(frame, namespace):
 
 
 @pytest.mark.parametrize("frame", FRAMES)
+def test_line_strip_with_a_color_at_each_point(frame):
+    points = np.random.default_rng(2).normal(size=(5, 3))
+    colors = np.random.default_rng(3).uniform(size=(5, 4)).astype(np.float32)
+    encoder = cdr.LineStripEncoder(frame, "ns", 0, 5, 0.02, (1.0, 0.0, 0.0, 1.0), 0, colored=True)
+    encoder.colors[:] = colors
+    marker = STORE.deserialize_cdr(encoder.encode(STAMP, points), cdr.MARKER)
+    assert np.array_equal([[p.x, p.y, p.z] for p in marker.points], points)
+    found = np.array([[c.r, c.g, c.b, c.a] for c in marker.colors], dtype=np.float32)
+    assert np.array_equal(found, colors)
+    assert marker.text == marker.mesh_resource == ""
+
+
+@pytest.mark.parametrize("frame", FRAMES)
 def test_marker_delete_all(frame):
     marker = STORE.deserialize_cdr(cdr.encode_marker_delete_all(frame, STAMP), cdr.MARKER)
     assert (marker.header, marker.action, len(marker.points)) == (header(frame), 3, 0)

@@ -5,6 +5,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from session_bench import FREE, MS, SECOND, T0, motion, play
 
+from dlo_sim.core.color_scale import TABLE
 from dlo_sim.session import cdr
 from dlo_sim.session.topics import MARKERS, output_topics
 
@@ -116,6 +117,35 @@ class TestMessages:
         force = loaded.simulator.reaction_wrench("start")[:3]
         wrench = STORE.deserialize_cdr(by_topic["~/start/reaction"].data, cdr.WRENCH_STAMPED)
         assert (wrench.wrench.force.x, wrench.wrench.force.y) == (force[0], force[1])
+
+    @pytest.mark.parametrize(
+        ("by", "ends", "brightest"),
+        [
+            ("tension", [0.0, 0.0], 1.0),
+            ("curvature", [0.0, 0.0], 1.0),
+            ("tension", [0.0, 1.0], 0.5),
+            ("curvature", [0.0, 1.5], 0.5),
+        ],
+    )
+    def test_colors_along_the_cable(self, bench, by, ends, brightest):
+        """The fake's tension is 2 u, its curvature 3 u, its length 1 m."""
+        changes = {"outputs.color_by": by, "outputs.color_range": ends}
+        found = bench(FREE, **changes)
+        found.session.tick(T0)
+        found.session.tick(T0 + SECOND)
+        line = {m.topic: m for m in found.session.messages()}["~/centerline"]
+        marker = STORE.deserialize_cdr(line.data, cdr.MARKER)
+        rgb = np.array([[c.r, c.g, c.b] for c in marker.colors])
+        assert rgb[0] == pytest.approx(TABLE[0], abs=1e-6)
+        assert rgb[-1] == pytest.approx(TABLE[-1], abs=1e-6)
+        full = np.flatnonzero(np.abs(rgb - TABLE[-1]).max(axis=1) < 1e-6)[0]
+        assert full / (len(rgb) - 1) == pytest.approx(brightest, abs=0.03)
+
+    def test_no_colors_unless_asked_for(self, bench):
+        free = bench(FREE)
+        free.session.tick(T0)
+        line = {m.topic: m for m in free.session.messages()}["~/centerline"]
+        assert len(STORE.deserialize_cdr(line.data, cdr.MARKER).colors) == 0
 
     def test_no_reaction_of_a_free_end(self, loaded):
         play(loaded, 1.0)

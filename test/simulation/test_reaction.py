@@ -37,6 +37,25 @@ def first_moment(sim):
     return weighed.sum(axis=0)
 
 
+def test_tension_at_rest_is_the_weight_beyond_along_the_tangent():
+    """Also where the cable bends from a level clamp: it pulls no more there than elsewhere."""
+    values = {"end.position": [1.0, 0.0, 0.0], "end.mass": 0.05, "initial.shape": "equilibrium"}
+    values |= {"cable.bending_stiffness": 0.01, "cable.axial_stiffness": 200.0}
+    sim = simulator(SOFT, values, n=25, method="energy_momentum")
+    u = sim.greville[1:-1]
+    weight = 9.81 * (0.05 + 0.1 * (1.0 - u))
+    tangent = np.gradient(sim.centerline(u), u, axis=0)
+    down = -tangent[:, 2] / np.linalg.norm(tangent, axis=1)
+    assert np.allclose(sim.tension(u)[2:-1], (weight * down)[2:-1], rtol=0, atol=0.05)
+    assert sim.curvature(u).max() == pytest.approx(sim.curvature([0.0])[0], rel=0.2)
+
+
+def test_an_inextensible_cable_has_no_tension_from_its_stretch():
+    sim = simulator(SOFT, method="rattle", step=1e-3)
+    with pytest.raises(ValueError, match="tension: is not known of a cable that does not stretch"):
+        sim.tension([0.5])
+
+
 @pytest.mark.parametrize("planar", [True, False])
 def test_a_cantilever_at_rest_is_held_against_its_weight_load_and_their_moments(planar):
     """The moment is about the attachment, which is off the end effector and off the origin."""

@@ -1,0 +1,106 @@
+"""`dlo_sim doctor [SCENE]`: is everything in order, and what to do if not."""
+
+import argparse
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from dlo_sim.cli.arguments import (
+    CommandError,
+    Parser,
+    add_scene_options,
+    positive_seconds,
+    read_scene,
+)
+from dlo_sim.cli.output import print_json, tell
+
+if TYPE_CHECKING:
+    from dlo_sim.doctor.finding import Finding
+    from dlo_sim.scene.description import Scene
+    from dlo_sim.session.session import Session
+
+PROBLEMS = 3
+
+HELP = "look at the installation, a scene and its topics, and say what to do"
+
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Look at versions, compiler, cache and the environment of ROS; with a scene also at what "
+        "it computes, whether this machine keeps up, and what is on its topics now. Exit status 3 "
+        "when there is a problem."
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="?", help="scene file, or a shipped scene's name"
+    )
+    parser.add_argument(
+        "--seconds",
+        metavar="S",
+        type=positive_seconds,
+        default=3.0,
+        help="how long to listen to the topics [s] (default: 3)",
+    )
+    add_scene_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Look and print; returns the exit status."""
+    if options.assignments and not options.scene:
+        raise CommandError("--set changes a scene; give SCENE, too")
+    scene = read_scene(options.scene, options.assignments) if options.scene else None
+    found = []
+    for finding in _findings(scene, options.seconds):
+        found.append(finding)
+        if not options.json:
+            _print(finding)
+    if options.json:
+        print_json({"findings": [finding._asdict() for finding in found]})
+    return PROBLEMS if any(finding.level == "problem" for finding in found) else 0
+
+
+def _print(finding: "Finding") -> None:
+    print(f"{finding.level:<7}  {finding.what}", flush=True)
+    if finding.cure:
+        print(f"{'':<7}  -> {finding.cure}", flush=True)
+
+
+def _findings(scene: "Scene | None", seconds: float) -> Iterator["Finding"]:
+    from dlo_sim.doctor.installation import installation, ros_environment
+
+    yield from installation()
+    yield from ros_environment(os.environ)
+    session = None
+    if scene is not None:
+        from dlo_sim.compiling.directory import compiling_told_to
+        from dlo_sim.doctor import scene as of_scene
+        from dlo_sim.session.session import Session
+        from dlo_sim.simulation.simulator import Simulator
+
+        with compiling_told_to(tell):
+            yield from of_scene.findings(Simulator(scene))
+            session = Session(scene, live=True)
+    yield from _of_ros(session, seconds)
+
+
+def _of_ros(session: "Session | None", seconds: float) -> Iterator["Finding"]:
+    from dlo_sim.doctor import topics
+    from dlo_sim.doctor.finding import note, ok, problem
+
+    try:
+        from dlo_sim.ros.survey import survey
+    except ImportError as error:
+        if (error.name or "").startswith("dlo_sim"):
+            raise
+        cure = "for the node: pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
+        yield note(f"no ROS 2: {error}", cure)
+        return
+    try:
+        found = survey(session, seconds)
+    except (RuntimeError, ImportError) as error:
+        cure = "source your ROS 2 Jazzy, or pip install 'ros-jazzy-rclpy[fastrtps]'"
+        yield problem(f"ROS 2 cannot be started: {' '.join(str(error).split())}", cure)
+        return
+    yield ok(f"rclpy with {found.rmw}")
+    if session is not None:
+        yield from topics.findings(session.scene, found)

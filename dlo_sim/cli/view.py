@@ -1,0 +1,122 @@
+"""`dlo_sim view RUN`: a run to look at, as a page, a film or a picture."""
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
+from dlo_sim.cli.output import (
+    check_output_file,
+    print_json,
+    print_rows,
+    progress_bar,
+    write_whole,
+)
+
+if TYPE_CHECKING:
+    from dlo_sim.view.run import Run
+
+_SUFFIXES = {"html": ".html", "gif": ".gif", "mp4": ".mp4", "png": ".png", "plots": "_plots.png"}
+
+HELP = "look at a run: a page that plays it in 3D, a film, a still, plots"
+
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Make a page of a run that plays it in 3D, with plots, and needs nothing but a browser; or "
+        "a film, a still or plots. Works without a display."
+    )
+    parser.add_argument(
+        "run_path",
+        metavar="RUN",
+        type=Path,
+        help="npz of dlo_sim simulate, or a bag of control points: of a replay, or of the node",
+    )
+    parser.add_argument(
+        "--output",
+        metavar="FILE",
+        type=Path,
+        help="file to write (default: the run's name with the ending of the format, here)",
+    )
+    parser.add_argument(
+        "--format",
+        choices=tuple(_SUFFIXES),
+        help="default: by the ending of --output, else html; plots is a png of everything over "
+        "time, png a still of the motion",
+    )
+    parser.add_argument(
+        "--params",
+        metavar="SCENE",
+        help="of a bag: its scene, for the tension and for knots that are not uniform",
+    )
+    parser.add_argument(
+        "--node", metavar="NAME", default="", help="of a bag with several: the node's full name"
+    )
+    add_scene_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Read, write and print; returns the exit status."""
+    path: Path = options.run_path
+    kind = _format(options.format, options.output)
+    output: Path = options.output or Path(path.resolve().stem + _SUFFIXES[kind])
+    check_output_file(output)
+    if options.assignments and not options.params:
+        raise CommandError("--set changes a scene; give it with --params")
+    scene = read_scene(options.params, options.assignments) if options.params else None
+
+    from dlo_sim.view.run import RunError, read_run
+
+    try:
+        with progress_bar("view") as progress:
+            seen = read_run(path, scene, options.node)
+            write_whole(output, partial(_writer(kind, progress), seen))
+    except RunError as refusal:
+        raise CommandError(str(refusal)) from None
+    frames, span = len(seen.time), float(seen.time[-1] - seen.time[0])
+    if options.json:
+        print_json({"output": str(output), "format": kind, "times": frames, "duration_s": span})
+    else:
+        print(f"{path}: {frames} times in {span:g} s")
+        print_rows({"output": f"{output} ({output.stat().st_size / 1e3:.0f} kB)"})
+    return 0
+
+
+def _format(wanted: str | None, output: Path | None) -> str:
+    """The format that is meant."""
+    if wanted or output is None:
+        return wanted or "html"
+    kind = output.suffix.removeprefix(".").lower()
+    if kind not in _SUFFIXES:
+        raise CommandError(
+            f"--output {output} ends with no format that there is; end it with .html, .gif, .mp4 "
+            "or .png, or give --format"
+        )
+    return kind
+
+
+def _writer(kind: str, progress: Callable[[float], None]) -> Callable[["Run", Path], None]:
+    """Writes a run in this format to a path."""
+    from dlo_sim.view.page import write_page
+
+    if kind == "html":
+        return write_page
+    try:
+        from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
+    except ImportError as error:
+        if not (error.name or "").startswith("matplotlib"):
+            raise
+        raise CommandError(
+            f"--format {kind} needs matplotlib; pip install matplotlib, or make html"
+        ) from None
+
+    def film(run: "Run", path: Path) -> None:
+        try:
+            write_film(run, path, kind, progress)
+        except NoFilm as refusal:
+            raise CommandError(f"--format {kind}: {refusal}") from None
+
+    return {"png": write_still, "plots": write_plots}.get(kind, film)

@@ -1,0 +1,35 @@
+"""Numbers as colours: dark blue to yellow, of evenly rising lightness (viridis, CC0)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+TABLE = (
+    (0.267, 0.005, 0.329),
+    (0.278, 0.175, 0.479),
+    (0.230, 0.322, 0.546),
+    (0.173, 0.449, 0.558),
+    (0.128, 0.567, 0.551),
+    (0.157, 0.684, 0.502),
+    (0.369, 0.789, 0.383),
+    (0.678, 0.864, 0.190),
+    (0.993, 0.906, 0.144),
+)
+"""Red, green, blue, 0 to 1, in equal steps from the lowest value to the highest."""
+
+
+def colors(
+    values: NDArray[np.float64], low: float | None = None, high: float | None = None
+) -> NDArray[np.float64]:
+    """Red, green, blue, alpha of each value, shape (n, 4); beyond the range as at its ends.
+
+    Args:
+        values: shape (n,). low, high: range; default: that of the values.
+    """
+    low = float(values.min()) if low is None else low
+    high = float(values.max()) if high is None else high
+    share = (values - low) / (high - low) if high > low else np.zeros(len(values))
+    steps = np.linspace(0.0, 1.0, len(TABLE))
+    rgb = [np.interp(share, steps, channel) for channel in zip(*TABLE, strict=True)]
+    return np.stack([*rgb, np.ones(len(values))], axis=-1)

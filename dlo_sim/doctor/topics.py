@@ -1,0 +1,66 @@
+"""What was heard on the topics of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from dlo_sim.doctor.finding import Finding, note, ok, problem
+from dlo_sim.session.topics import input_topics, resolved
+
+if TYPE_CHECKING:
+    from dlo_sim.ros.survey import Heard, Survey
+    from dlo_sim.scene.description import Scene
+
+_SAME_EPOCH = 1.0  # [s]; the node takes stamps that are farther off for those of another epoch
+
+
+def findings(scene: Scene, found: Survey) -> Iterator[Finding]:
+    """Each input topic, then the clock."""
+    poses = {resolved(entry.topic) for entry in input_topics(scene) if entry.kind == "pose"}
+    if not found.heard:
+        yield ok("the scene listens to no topic")
+    for heard in found.heard:
+        yield from _topic(heard, heard.sources.topic in poses)
+    if found.simulated_time:
+        yield note("/clock is published", "start the node with --ros-args -p use_sim_time:=true")
+    if found.offset is not None:
+        yield epoch(found.offset, found.simulated_time)
+
+
+def _topic(heard: Heard, is_pose: bool) -> Iterator[Finding]:
+    topic, kind = heard.sources.topic, heard.sources.type
+    for line in heard.sources.problems:
+        yield problem(line, "correct the publisher, or the topic's name in the scene")
+    for line in heard.incompatible:
+        yield problem(line, "correct the publisher's QoS")
+    if not heard.sources.count:
+        cure = f"publish {kind} there, or name another topic in the scene"
+        if is_pose:
+            yield problem(f"nobody publishes {topic}; the node waits for it", cure)
+        else:
+            yield note(f"nobody publishes {topic}; the load is zero", cure)
+        return
+    if not heard.rate:
+        yield problem(f"{topic} is published, and hardly a message came", "let its publisher send")
+        return
+    frames = ", ".join(repr(frame) for frame in heard.frames)
+    what = f"{topic}: {heard.rate:.3g} Hz, frame {frames or 'unknown'}"
+    if heard.record.refusals:
+        refused = f"{heard.record.refusals} refused, last {heard.record.last_refusal}"
+        yield problem(f"{what}; {refused}", "see 'Bad input' in config/NODE.md")
+    else:
+        yield ok(what)
+
+
+def epoch(offset: float, simulated_time: bool) -> Finding:
+    """In which time the stamps are; offset: clock minus stamps [s]."""
+    clock = "/clock" if simulated_time else "the wall clock"
+    if abs(offset) < _SAME_EPOCH:
+        return ok(f"stamps are in the time of {clock}")
+    side = "behind" if offset > 0.0 else "ahead of"
+    return note(
+        f"stamps are {abs(offset):.6g} s {side} {clock}",
+        "with inputs.time auto the node uses their own time; play bags with --clock and set "
+        "use_sim_time to have one time for all",
+    )

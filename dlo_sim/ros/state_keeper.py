@@ -1,0 +1,62 @@
+"""Keeps the state of a session in a file, beside the ticks."""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.session.saved_state import load_state, save_state
+from dlo_sim.session.session import Session
+from dlo_sim.session.simulator_protocol import State
+
+
+class StateKeeper:
+    """Writes state.save_to, and reads it at the start; without that parameter it does nothing."""
+
+    def __init__(self, scene: Scene, log: Any) -> None:
+        self._path = Path(scene.state.save_to).absolute() if scene.state.save_to else None
+        self._log = log
+        self._writer = ThreadPoolExecutor(1)
+        self._writing: Future[None] | None = None
+
+    def found(self, scene: Scene) -> State | None:
+        """The state to go on from, if there is one.
+
+        Raises:
+            SceneError: the folder does not exist, or the file is not of this scene.
+        """
+        if self._path is None:
+            return None
+        if not self._path.parent.is_dir():
+            raise SceneError(
+                f"state.save_to: the folder {self._path.parent} does not exist; create it first"
+            )
+        found = load_state(self._path, scene)
+        if found is None:
+            return None
+        saved, age = found
+        self._log.info(f"goes on from the state saved {age:.1f} s ago in {self._path}")
+        return saved
+
+    def keep(self, session: Session) -> None:
+        """Write the present state, unless the last one is still being written."""
+        if self._path is None or (self._writing is not None and not self._writing.done()):
+            return
+        saved = session.saved
+        if saved is not None:
+            self._writing = self._writer.submit(self._write, self._path, saved)
+
+    def _write(self, path: Path, saved: State) -> None:
+        try:
+            save_state(path, saved)
+        except OSError as error:
+            self._log.warning(
+                f"state.save_to: {path} cannot be written ({error.strerror}); free space or choose "
+                "another folder",
+                throttle_duration_sec=5.0,
+            )
+
+    def close(self) -> None:
+        """Wait for what is being written."""
+        self._writer.shutdown()

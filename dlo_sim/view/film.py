@@ -1,0 +1,135 @@
+"""A run as a film, a still, or plots; the only file of this room that knows matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from numpy.typing import NDArray
+
+from dlo_sim.core.color_scale import colors
+from dlo_sim.view.run import Run
+
+Array = NDArray[np.float64]
+
+_RATES = {"gif": 10, "mp4": 30}  # pictures a second of the run's time
+_MOST_PICTURES = 900
+_FILM_DPI = 70
+_VIEWS = (-25.0, -65.0)  # azimuth [deg] of a run that is wider along y, along x
+_STILLS = 9  # cables in a still
+_SCALE = ListedColormap(colors(np.linspace(0.0, 1.0, 256)))
+
+
+class NoFilm(Exception):
+    """A film that cannot be made here: one line with the cure."""
+
+
+def write_film(
+    run: Run, path: Path, kind: str, progress: Callable[[float], None] | None = None
+) -> None:
+    """Write the motion in its own time.
+
+    Args:
+        kind: gif or mp4.
+        progress: called now and then with the fraction done.
+
+    Raises:
+        NoFilm: there is no ffmpeg for an mp4. OSError: the disk refuses.
+    """
+    if kind == "mp4" and not FFMpegWriter.isAvailable():
+        raise NoFilm("an mp4 needs ffmpeg, which is not installed; install it, or make a gif")
+    span = float(run.time[-1] - run.time[0])
+    count = int(np.clip(span * _RATES[kind], 2, _MOST_PICTURES))
+    frames = np.searchsorted(run.time, np.linspace(run.time[0], run.time[-1], count))
+    figure, axes, tint = _stage(run, (4.8, 3.6), _FILM_DPI)
+    FigureCanvasAgg(figure)
+    clock = figure.text(0.02, 0.03, "", family="monospace")
+    writer: Any = {"gif": PillowWriter, "mp4": FFMpegWriter}[kind](fps=count / max(span, 1e-3))
+    # The writers go by the end of the name, which a file that is being written does not have.
+    named = path.with_name(f"{path.name}.{kind}")
+    with writer.saving(figure, str(named), _FILM_DPI):
+        for k, frame in enumerate(frames):
+            cable = axes.add_collection3d(_cable(run, frame, tint))
+            clock.set_text(f"{run.time[frame]:6.2f} s")
+            writer.grab_frame()
+            cable.remove()
+            if progress is not None:
+                progress((k + 1) / count)
+    named.replace(path)
+
+
+def write_still(run: Run, path: Path) -> None:
+    """Write a PNG of the cable at equal time steps, the earlier the paler, and its end's path.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    figure, axes, tint = _stage(run, (8.0, 6.0), 100)
+    wanted = np.linspace(run.time[0], run.time[-1], _STILLS)
+    for k, frame in enumerate(np.searchsorted(run.time, wanted)):
+        strength = 0.15 + 0.85 * k / (_STILLS - 1)
+        axes.add_collection3d(_cable(run, frame, tint)).set_alpha(strength)
+    axes.plot(*run.centerline[:, -1].T, color="0.7", linewidth=1.0)
+    figure.text(0.02, 0.03, f"{run.time[0]:g} to {run.time[-1]:g} s, the last one darkest")
+    figure.savefig(path, format="png")
+
+
+def write_plots(run: Run, path: Path) -> None:
+    """Write a PNG of everything over time.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    plots = run.plots
+    figure = Figure(figsize=(10.0, 1.9 * len(plots) + 0.4), dpi=100, layout="constrained")
+    rows = figure.subplots(len(plots), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, curve in zip(rows, plots, strict=True):
+        for name, values in curve.values.items():
+            axes.plot(curve.time, values, linewidth=1.2, label=name)
+        axes.set_title(curve.title, loc="left", fontsize=10)
+        axes.grid(alpha=0.3)
+        if len(curve.values) > 1:
+            axes.legend(loc="upper right", ncols=len(curve.values), fontsize=8)
+    rows[-1].set_xlabel("time [s]")
+    figure.savefig(path, format="png")
+
+
+def _stage(
+    run: Run, size: tuple[float, float], dpi: int
+) -> tuple[Figure, Any, Callable[[int], Array | str]]:
+    """Figure, axes that hold all that moves, and the colours of the segments of a frame."""
+    figure = Figure(figsize=size, dpi=dpi)
+    axes: Any = figure.add_axes((0.03, 0.02, 0.76 if run.colors else 0.94, 0.96), projection="3d")
+    points = run.centerline.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = 0.5 * np.maximum(high - low, 0.15 * float((high - low).max())) + 1e-6
+    middle = 0.5 * (low + high)
+    axes.set(**{f"{x}lim": (m - h, m + h) for x, m, h in zip("xyz", middle, half, strict=True)})
+    axes.set_box_aspect(half)
+    axes.view_init(elev=18.0, azim=_VIEWS[int(half[0] > half[1])])
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_label_text(f"{name} [m]", fontsize=8)
+    axes.tick_params(labelsize=7, pad=0)
+    if not run.colors:
+        return figure, axes, lambda frame: "tab:orange"
+    title, values = next(iter(run.colors.items()))
+    scale = Normalize(float(values.min()), float(values.max()))
+    place = figure.add_axes((0.87, 0.2, 0.02, 0.6))
+    figure.colorbar(ScalarMappable(scale, _SCALE), cax=place).set_label(title)
+    return figure, axes, lambda frame: _SCALE(scale(0.5 * (values[frame, 1:] + values[frame, :-1])))
+
+
+def _cable(run: Run, frame: int, tint: Callable[[int], Array | str]) -> Line3DCollection:
+    points = run.centerline[frame]
+    segments = np.stack((points[:-1], points[1:]), axis=1)
+    return Line3DCollection(segments, colors=tint(frame), linewidths=4.0, capstyle="round")

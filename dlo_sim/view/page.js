@@ -1,0 +1,357 @@
+"use strict";
+// Draws a run in a page; `run` is made by page.py. Positions in m, times in s, z points up.
+
+const AXES = ["#d62728", "#2ca02c", "#1f77b4"];
+
+// ---- data -----------------------------------------------------------------------------------
+
+/** Base64 of little endian 32-bit floats. */
+function floats(text) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  return new Float32Array(bytes.buffer);
+}
+
+/** The frame before time t and how far it is to the next, 0 to 1. */
+function frameAt(time, t) {
+  let low = 0, high = time.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (time[middle] <= t) low = middle; else high = middle;
+  }
+  const span = time[high] - time[low];
+  return [low, span > 0 ? Math.min(Math.max((t - time[low]) / span, 0), 1) : 0];
+}
+
+/** `size` numbers of a table of frames, linear between two of them. */
+function between(table, size, frame, share) {
+  const next = Math.min((frame + 1) * size, table.length - size);
+  return Array.from({length: size}, (_, k) =>
+    (1 - share) * table[frame * size + k] + share * table[next + k]);
+}
+
+/** Colour of a share, 0 to 1, of the scale. */
+function colorOf(scale, share) {
+  const at = Math.min(Math.max(share, 0), 1) * (scale.length - 1);
+  const k = Math.min(Math.floor(at), scale.length - 2);
+  const rgb = [0, 1, 2].map((c) =>
+    Math.round(255 * (scale[k][c] + (at - k) * (scale[k + 1][c] - scale[k][c]))));
+  return `rgb(${rgb})`;
+}
+
+/** Columns of the rotation matrix of a quaternion x, y, z, w. */
+function axesOf([x, y, z, w]) {
+  const n = 2 / (x * x + y * y + z * z + w * w);
+  return [
+    [1 - n * (y * y + z * z), n * (x * y + z * w), n * (x * z - y * w)],
+    [n * (x * y - z * w), 1 - n * (x * x + z * z), n * (y * z + x * w)],
+    [n * (x * z + y * w), n * (y * z - x * w), 1 - n * (x * x + y * y)],
+  ];
+}
+
+/** A round number of about this size: 1, 2 or 5 times a power of ten. */
+function round(size) {
+  const power = 10 ** Math.floor(Math.log10(size));
+  return power * [1, 2, 5, 10].find((f) => f * power >= size * 0.999);
+}
+
+/** Smallest and largest corner of points x, y, z. */
+function boxOf(points) {
+  const low = [Infinity, Infinity, Infinity], high = low.map((v) => -v);
+  points.forEach((v, k) => {
+    low[k % 3] = Math.min(low[k % 3], v);
+    high[k % 3] = Math.max(high[k % 3], v);
+  });
+  return [low, high];
+}
+
+// ---- camera ---------------------------------------------------------------------------------
+
+/** Looks from a distance at a target; yaw and pitch in rad. */
+class Camera {
+  constructor(target, distance) {
+    Object.assign(this, {target: [...target], distance, yaw: -1.1, pitch: 0.3});
+  }
+
+  /** Right, up and forward of the picture. */
+  get basis() {
+    const [cy, sy, cp, sp] =
+      [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
+    return [[-sy, cy, 0], [-sp * cy, -sp * sy, cp], [-cp * cy, -cp * sy, -sp]];
+  }
+
+  /** Pixel and depth of a point. */
+  project([x, y, z], width, height) {
+    const d = [x - this.target[0], y - this.target[1], z - this.target[2]];
+    const [a, b, c] = this.basis.map((e) => e[0] * d[0] + e[1] * d[1] + e[2] * d[2]);
+    const depth = Math.max(c + this.distance, 1e-3 * this.distance);
+    const scale = 1.6 * Math.min(width, height) / depth;
+    return [width / 2 + scale * a, height / 2 - scale * b, depth];
+  }
+
+  turn(dx, dy) {
+    this.yaw -= 0.008 * dx;
+    this.pitch = Math.min(Math.max(this.pitch + 0.008 * dy, -1.55), 1.55);
+  }
+
+  move(dx, dy, height) {
+    const [right, up] = this.basis, scale = this.distance / (1.6 * height);
+    this.target = this.target.map((v, k) => v - scale * (dx * right[k] - dy * up[k]));
+  }
+
+  zoom(factor) { this.distance *= factor; }
+}
+
+// ---- the view -------------------------------------------------------------------------------
+
+/** The run on a canvas at one time. */
+class View {
+  constructor(canvas, run) {
+    Object.assign(this, {canvas, run, points: false, path: true, color: 0});
+    this.line = floats(run.centerline);
+    this.control = floats(run.control_points);
+    this.frames = run.frames && floats(run.frames);
+    this.colors = run.colors.map((c) => floats(c.values));
+    this.box = boxOf(this.line);
+    this.size = Math.max(Math.hypot(...this.box[1].map((v, k) => v - this.box[0][k])), 1e-6);
+    this.home();
+  }
+
+  home() {
+    this.camera = new Camera(this.box[0].map((v, k) => (v + this.box[1][k]) / 2), 1.6 * this.size);
+  }
+
+  draw(frame, share) {
+    const ratio = window.devicePixelRatio || 1;
+    this.width = this.canvas.clientWidth;
+    this.height = this.canvas.clientHeight;
+    this.canvas.width = ratio * this.width;
+    this.canvas.height = ratio * this.height;
+    this.pen = this.canvas.getContext("2d");
+    this.pen.scale(ratio, ratio);
+    this.pen.lineCap = "round";
+    this.drawGround();
+    if (this.path) this.drawPath(frame);
+    this.drawCable(frame, share);
+    if (this.points) this.drawPoints(frame, share);
+    if (this.frames) this.drawFrames(frame, share);
+  }
+
+  stroke(from, to, color, width) {
+    const [a, b] = [from, to].map((p) => this.camera.project(p, this.width, this.height));
+    this.pen.strokeStyle = color;
+    this.pen.lineWidth = width;
+    this.pen.beginPath();
+    this.pen.moveTo(a[0], a[1]);
+    this.pen.lineTo(b[0], b[1]);
+    this.pen.stroke();
+  }
+
+  drawGround() {
+    const [low, high] = this.box, step = round(this.size / 15);
+    const [x0, y0, x1, y1] = [low[0], low[1], high[0], high[1]].map((v, k) =>
+      step * (k < 2 ? Math.floor(v / step - 1) : Math.ceil(v / step + 1)));
+    const z = low[2] - 0.05 * this.size;
+    const lines = (a, b) => Array.from({length: Math.round((b - a) / step) + 1}, (_, k) => a + k * step);
+    for (const x of lines(x0, x1)) this.stroke([x, y0, z], [x, y1, z], "#dde1e6", 1);
+    for (const y of lines(y0, y1)) this.stroke([x0, y, z], [x1, y, z], "#dde1e6", 1);
+    AXES.forEach((color, k) => {
+      const tip = [x0, y0, z];
+      tip[k] += step;
+      this.stroke([x0, y0, z], tip, color, 2);
+    });
+    this.pen.fillStyle = "#777";
+    this.pen.font = "12px sans-serif";
+    this.pen.fillText(`grid ${Number(step.toPrecision(3))} m; axes x red, y green, z blue`, 10, this.height - 10);
+  }
+
+  drawPath(frame) {
+    const size = 3 * this.run.points, end = (k) => this.line.slice((k + 1) * size - 3, (k + 1) * size);
+    for (let k = 0; k < frame; k++) this.stroke(end(k), end(k + 1), "#b9c2cc", 1);
+  }
+
+  drawCable(frame, share) {
+    const m = this.run.points, at = between(this.line, 3 * m, frame, share);
+    const shown = this.run.colors[this.color];
+    const values = shown && between(this.colors[this.color], m, frame, share);
+    for (let k = 0; k + 1 < m; k++) {
+      let color = "#e6801a";
+      if (shown) {
+        const value = (values[k] + values[k + 1]) / 2;
+        color = colorOf(this.run.scale, (value - shown.low) / (shown.high - shown.low || 1));
+      }
+      this.stroke(at.slice(3 * k, 3 * k + 3), at.slice(3 * k + 3, 3 * k + 6), color, 5);
+    }
+  }
+
+  drawPoints(frame, share) {
+    const at = between(this.control, 3 * this.run.controls, frame, share);
+    for (let k = 0; k < at.length; k += 3) {
+      if (k) this.stroke(at.slice(k - 3, k), at.slice(k, k + 3), "#4d7fe566", 1);
+      const [x, y] = this.camera.project(at.slice(k, k + 3), this.width, this.height);
+      this.pen.fillStyle = "#4d7fe5";
+      this.pen.fillRect(x - 2.5, y - 2.5, 5, 5);
+    }
+  }
+
+  drawFrames(frame) {
+    const m = this.run.points, ends = [0, 3 * (m - 1)];
+    ends.forEach((offset, end) => {
+      const at = 3 * m * frame + offset, from = [...this.line.slice(at, at + 3)];
+      const q = this.frames.slice(8 * frame + 4 * end, 8 * frame + 4 * end + 4);
+      axesOf(q).forEach((axis, k) =>
+        this.stroke(from, from.map((v, i) => v + 0.06 * this.size * axis[i]), AXES[k], 2.5));
+    });
+  }
+}
+
+// ---- plots ----------------------------------------------------------------------------------
+
+/** SVG of one plot, and where its times lie: left and right edge, first and last time. */
+function plotSvg(plot, first, last) {
+  const [width, height, left, right, top, bottom] = [1000, 150, 70, 985, 22, 128];
+  const time = floats(plot.time), rows = plot.values.map((v) => floats(v.values));
+  let [low, high] = [Infinity, -Infinity];
+  for (const row of rows) for (const v of row) { low = Math.min(low, v); high = Math.max(high, v); }
+  const pad = 0.05 * (high - low) || Math.abs(high) || 1;
+  low -= pad;
+  high += pad;
+  const x = (t) => left + (right - left) * (t - first) / (last - first || 1);
+  const y = (v) => bottom - (bottom - top) * (v - low) / (high - low);
+  const parts = [`<text x="${left}" y="14" font-size="13">${plot.title}</text>`];
+  const step = round((high - low) / 4);
+  for (let v = Math.ceil(low / step) * step; v <= high; v += step) {
+    const label = Number((Math.abs(v) < step / 2 ? 0 : v).toPrecision(4));
+    parts.push(`<path d="M${left} ${y(v).toFixed(1)}H${right}" stroke="#e4e7eb"/>`,
+      `<text x="${left - 6}" y="${(y(v) + 4).toFixed(1)}" font-size="11" fill="#666" text-anchor="end">${label}</text>`);
+  }
+  const second = round((last - first || 1) / 8);
+  for (let t = Math.ceil(first / second) * second; t <= last * (1 + 1e-9); t += second) {
+    parts.push(`<text x="${x(t).toFixed(1)}" y="${bottom + 15}" font-size="11" fill="#666" text-anchor="middle">${Number(t.toPrecision(4))}</text>`);
+  }
+  const colors = rows.length > 1 ? AXES : ["#444"];
+  rows.forEach((row, k) => {
+    const points = Array.from(row, (v, i) => `${x(time[i]).toFixed(1)},${y(v).toFixed(1)}`);
+    parts.push(`<polyline points="${points.join(" ")}" fill="none" stroke="${colors[k % 3]}" stroke-width="1.5"/>`);
+    if (rows.length > 1) parts.push(
+      `<text x="${right - 60 * (rows.length - 1 - k)}" y="14" font-size="12" text-anchor="end" fill="${colors[k % 3]}">${plot.values[k].name}</text>`);
+  });
+  parts.push(`<path class="now" d="M0 ${top}V${bottom}" stroke="#222" stroke-dasharray="3 3"/>`);
+  return {svg: `<svg viewBox="0 0 ${width} ${height}">${parts.join("")}</svg>`, x, left, right, width};
+}
+
+// ---- the page -------------------------------------------------------------------------------
+
+/** Puts the run into the page and lets the controls move it. */
+function start(document, run) {
+  const get = (id) => document.getElementById(id);
+  const time = floats(run.time), first = time[0], last = time[time.length - 1];
+  const view = new View(get("view"), run);
+  let now = first, playing = false, drawn = 0;
+
+  const plots = run.plots.map((plot) => {
+    const made = plotSvg(plot, first, last), box = document.createElement("div");
+    box.innerHTML = made.svg;
+    get("plots").append(box);
+    const svg = box.firstChild;
+    svg.addEventListener("click", (event) => {
+      const edge = svg.getBoundingClientRect();
+      const x = made.width * (event.clientX - edge.left) / edge.width;
+      go(first + (last - first) * (x - made.left) / (made.right - made.left));
+    });
+    return {line: svg.querySelector(".now"), x: made.x};
+  });
+
+  function draw() {
+    view.draw(...frameAt(time, now));
+    get("clock").textContent = `${now.toFixed(3)} / ${last.toFixed(3)} s`;
+    get("scrub").value = now;
+    for (const plot of plots) plot.line.setAttribute("transform", `translate(${plot.x(now)})`);
+  }
+  function go(t) {
+    now = Math.min(Math.max(t, first), last);
+    draw();
+  }
+  function play(flag) {
+    playing = flag;
+    get("play").textContent = playing ? "Pause" : "Play";
+    if (!playing) return;
+    if (now >= last) now = first;
+    drawn = performance.now();
+    requestAnimationFrame(tick);
+  }
+  function tick(at) {
+    if (!playing) return;
+    const elapsed = Math.max(at - drawn, 0) * 1e-3 * Number(get("speed").value);
+    drawn = at;
+    go(now + elapsed);
+    if (now >= last) play(false); else requestAnimationFrame(tick);
+  }
+  function step(frames) {
+    play(false);
+    const at = Math.min(Math.max(frameAt(time, now + 1e-9)[0] + frames, 0), time.length - 1);
+    go(time[at]);
+  }
+  function recolor() {
+    view.color = Number(get("color").value);
+    const shown = run.colors[view.color];
+    get("legend").hidden = !shown;
+    if (shown) {
+      get("low").textContent = Number(shown.low.toPrecision(3));
+      get("high").textContent = Number(shown.high.toPrecision(3));
+    }
+    draw();
+  }
+
+  get("scrub").min = first;
+  get("scrub").max = last;
+  [...run.colors.map((c) => c.title), "one colour"].forEach((title, k) => {
+    const option = document.createElement("option");
+    option.value = k;
+    option.textContent = title;
+    get("color").append(option);
+  });
+  const bar = get("bar").getContext("2d");
+  for (let k = 0; k < 140; k++) {
+    bar.fillStyle = colorOf(run.scale, k / 139);
+    bar.fillRect(k, 0, 1, 10);
+  }
+  get("play").onclick = () => play(!playing);
+  get("scrub").oninput = (event) => { play(false); go(Number(event.target.value)); };
+  get("color").onchange = recolor;
+  get("points").onchange = (event) => { view.points = event.target.checked; draw(); };
+  get("path").onchange = (event) => { view.path = event.target.checked; draw(); };
+  get("home").onclick = () => { view.home(); draw(); };
+
+  const canvas = get("view");
+  canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
+  canvas.onpointermove = (event) => {
+    if (!event.buttons) return;
+    if (event.shiftKey || event.buttons === 2) view.camera.move(event.movementX, event.movementY, view.height);
+    else view.camera.turn(event.movementX, event.movementY);
+    draw();
+  };
+  canvas.oncontextmenu = (event) => event.preventDefault();
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    view.camera.zoom(Math.exp(1e-3 * event.deltaY));
+    draw();
+  }, {passive: false});
+  document.addEventListener("keydown", (event) => {
+    const actions = {
+      " ": () => play(!playing),
+      ArrowRight: () => step(event.shiftKey ? 10 : 1),
+      ArrowLeft: () => step(event.shiftKey ? -10 : -1),
+      Home: () => go(first),
+      End: () => go(last),
+    };
+    if (["SELECT", "INPUT", "BUTTON"].includes(event.target.tagName) && event.target.type !== "range") return;
+    const action = actions[event.key];
+    if (!action) return;
+    event.preventDefault();
+    action();
+  });
+  window.addEventListener("resize", draw);
+  recolor();
+}
+
+start(document, JSON.parse(document.getElementById("run").textContent));

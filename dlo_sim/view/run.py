@@ -1,0 +1,255 @@
+"""A recorded run read back: the shape over time, what colours it, and curves to plot."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline
+from dlo_sim.core.strain import strain
+from dlo_sim.replay.bags import Bag, BagError
+from dlo_sim.scene.description import Scene
+from dlo_sim.session import cdr
+from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
+
+Array = NDArray[np.float64]
+
+TENSION, CURVATURE = "tension [N]", "curvature [1/m]"
+_POINTS = 60  # of the centerline of a bag
+_ENERGY, _ERROR = "energy [J]", "error estimate [m]"  # keys of the diagnostics
+_LAST = CONTROL_POINTS.removeprefix("~")
+# What `dlo_sim simulate --output` writes -> number of dimensions.
+_NEEDED = {"time": 1, "control_points": 3, "centerline": 3}
+
+
+class RunError(Exception):
+    """A file that is refused: one line that names it, what is wrong and the cure."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Quantities over time: a title with the unit, time [s] (k,), a name for each row of values."""
+
+    title: str
+    time: Array
+    values: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is to be seen of a run.
+
+    Attributes:
+        name: of the file. time: [s], shape (T,).
+        centerline: points of the cable from start to end [m], shape (T, m, 3).
+        control_points: [m], shape (T, n, 3).
+        colors: title with the unit -> a value for each point of the centerline, shape (T, m).
+        frames: material frames of start and end, quaternions x, y, z, w, shape (T, 2, 4), or None.
+        reactions: end -> force on the cable by the end effector [N], shape (T, 3).
+        curves: what else there is to plot.
+    """
+
+    name: str
+    time: Array
+    centerline: Array
+    control_points: Array
+    colors: dict[str, Array] = field(default_factory=dict)
+    frames: Array | None = None
+    reactions: dict[str, Array] = field(default_factory=dict)
+    curves: tuple[Curve, ...] = ()
+
+    @property
+    def plots(self) -> tuple[Curve, ...]:
+        """Everything over time: the free or far end, forces, extremes, and the other curves."""
+        axes = dict(zip("xyz", self.centerline[:, -1].T, strict=True))
+        found = [Curve("end of the cable [m]", self.time, axes)]
+        for end, force in self.reactions.items():
+            title = f"force on the cable at its {end} [N]"
+            found.append(Curve(title, self.time, dict(zip("xyz", force.T, strict=True))))
+        for title, values in self.colors.items():
+            found.append(Curve(f"largest {title}", self.time, {"largest": values.max(axis=1)}))
+        return (*found, *self.curves)
+
+
+def read_run(path: Path, scene: Scene | None = None, node: str = "") -> Run:
+    """Read a recording of `dlo_sim simulate` (npz), or a bag with control points.
+
+    Args:
+        path: file or folder.
+        scene: of a bag: gives the knots and the tension.
+        node: of a bag with several cables: whose cable.
+
+    Raises:
+        RunError: it holds no run, or not that of the scene or the node.
+    """
+    return read_bag(path, scene, node) if path.is_dir() else read_recording(path)
+
+
+def read_recording(path: Path) -> Run:
+    """Read what `dlo_sim simulate --output` has written.
+
+    Raises:
+        RunError: it is no such file.
+    """
+    try:
+        with np.load(path) as file:
+            found = {name: np.asarray(file[name]) for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise RunError(
+            f"{path}: cannot be read ({error}); give an npz of dlo_sim simulate, or a bag's folder"
+        ) from None
+    for name, dimensions in _NEEDED.items():
+        array = found.get(name, np.empty(0))
+        if array.ndim != dimensions or len(array) < 1 or len(array) != len(found["time"]):
+            raise RunError(f"{path}: has no {name} of a run; make it with dlo_sim simulate")
+    time = found["time"]
+    titles = {"tension": TENSION, "curvature": CURVATURE}
+    energy = found.get("energy")
+    return Run(
+        name=path.name,
+        time=time,
+        centerline=found["centerline"],
+        control_points=found["control_points"][:, :, :3],
+        colors={title: found[name] for name, title in titles.items() if name in found},
+        curves=() if energy is None else (Curve(_ENERGY, time, {"energy": energy}),),
+    )
+
+
+def read_bag(
+    path: Path, scene: Scene | None = None, node: str = "", origin_ns: int | None = None
+) -> Run:
+    """Read what the node or a replay has published.
+
+    Without a scene the knots are taken to be uniform.
+
+    Args:
+        origin_ns: stamp that counts as time zero [ns]; default: the first.
+
+    Raises:
+        RunError: as `read_run`.
+    """
+    try:
+        bag = Bag(path)
+        node = node or _only_node(path, bag)
+        states, forces, curves = _read(bag, node, origin_ns)
+    except (BagError, cdr.DecodeError) as error:
+        raise RunError(str(error)) from None
+    poses = np.array([states[stamp] for stamp in sorted(states)])
+    stamps = np.array(sorted(states))
+    knots = _knots(path, scene, poses.shape[1])
+    u = np.linspace(0.0, knots[-1], _POINTS)
+    points = poses[:, :, :3]
+    shape = strain(knots, u)
+    colors = {CURVATURE: shape.curvature(points)}
+    if scene is not None and not scene.without_tension:
+        tension = shape.tension(points, scene.cable.EA, scene.cable.EI)
+        colors = {TENSION: tension, **colors}
+    n = len(knots) - bspline.ACTIVE
+    origin = stamps[0] if origin_ns is None else origin_ns
+    return Run(
+        name=path.resolve().name,
+        time=(stamps - origin) * 1e-9,
+        centerline=bspline.evaluate(np.eye(n), knots, u) @ points,
+        control_points=points,
+        colors=colors,
+        frames=poses[:, [0, -1], 3:],
+        # A reaction that is missing, as the first of a late subscriber, is the one before it.
+        reactions={end: _at(stamps, found) for end, found in forces.items() if found},
+        curves=curves,
+    )
+
+
+def _only_node(path: Path, bag: Bag) -> str:
+    nodes = sorted(
+        topic.removesuffix(_LAST)
+        for topic, kinds in bag.topics.items()
+        if cdr.POSE_ARRAY in kinds and topic.endswith(_LAST)
+    )
+    if not nodes:
+        raise RunError(
+            f"{path}: holds no control points (PoseArray, such as {resolved(CONTROL_POINTS)}); "
+            "give what dlo_sim replay --output or a recording of the node has written"
+        )
+    if len(nodes) > 1:
+        raise RunError(f"{path}: holds several cables; give --node with one of {', '.join(nodes)}")
+    return nodes[0]
+
+
+def _read(
+    bag: Bag, node: str, origin_ns: int | None
+) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...]]:
+    """Poses and forces by their stamps, and what the diagnostics say."""
+    poses = f"{node}{_LAST}"
+    before, _, after = f"{node}{REACTION.removeprefix('~')}".partition("{}")
+    ends = {
+        topic: topic.removeprefix(before).removesuffix(after)
+        for topic in bag.topics
+        if topic.startswith(before) and topic.endswith(after)
+    }
+    wanted = {poses: cdr.POSE_ARRAY, DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY}
+    wanted |= dict.fromkeys(ends, cdr.WRENCH_STAMPED)
+    states: dict[int, Array] = {}
+    forces: dict[str, dict[int, Array]] = {end: {} for end in ends.values()}
+    told: list[tuple[int, dict[str, str]]] = []
+    for message in bag.messages({t: k for t, k in wanted.items() if t in bag.topics}):
+        if message.topic == poses:
+            state = cdr.decode_pose_array(message.data)
+            states[state.stamp_ns] = state.poses
+        elif message.topic in ends:
+            wrench = cdr.decode(cdr.WRENCH_STAMPED, message.data)
+            forces[ends[message.topic]][wrench.stamp_ns] = np.array(wrench.values[:3])
+        else:
+            stamp_ns, statuses = cdr.decode_diagnostic_array(message.data)
+            mine = [dict(s.values) for s in statuses if s.name == f"{node}: session"]
+            told += [(stamp_ns, values) for values in mine]
+    if len({len(rows) for rows in states.values()}) != 1:
+        raise RunError(
+            f"{bag.path}: {poses} holds {'several cables' if states else 'no message'}; give a bag "
+            "of one run"
+        )
+    origin = min(states) if origin_ns is None else origin_ns
+    return states, forces, tuple(_told(told, origin))
+
+
+def _told(told: list[tuple[int, dict[str, str]]], origin_ns: int) -> list[Curve]:
+    """Curves of the diagnostics."""
+    curves = []
+    for key, name in ((_ENERGY, "energy"), (_ERROR, "error")):
+        rows = [(stamp, values.get(key, "")) for stamp, values in told]
+        numbers = [(stamp, float(text)) for stamp, text in rows if _is_number(text)]
+        if len(numbers) > 1:
+            time, values = np.array(numbers).T
+            curves.append(Curve(key, (time - origin_ns) * 1e-9, {name: values}))
+    return curves
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
+
+
+def _knots(path: Path, scene: Scene | None, n: int) -> Array:
+    if scene is None:
+        return bspline.clamped_knots(max(n, bspline.ACTIVE), 1.0)
+    if n != scene.discretization.control_points:
+        raise RunError(
+            f"{path}: has {n} control points, the scene {scene.discretization.control_points}; "
+            "give the scene of that run"
+        )
+    # Here, because it brings the compiler along.
+    from dlo_sim.simulation.simulator import Simulator
+
+    return Simulator(scene).model.knots
+
+
+def _at(stamps: NDArray[np.int64], found: dict[int, Array]) -> Array:
+    """Of values by their stamps those that hold at these."""
+    known = np.array(sorted(found))
+    index = np.clip(np.searchsorted(known, stamps, side="right") - 1, 0, None)
+    return np.array([found[stamp] for stamp in known])[index]

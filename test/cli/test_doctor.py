@@ -1,0 +1,40 @@
+"""`dlo_sim doctor`: what it prints and how it ends."""
+
+import json
+
+import pytest
+
+from dlo_sim.cli import doctor
+from dlo_sim.cli.main import main
+from dlo_sim.doctor.finding import note, ok, problem
+
+
+@pytest.mark.parametrize(
+    ("found", "status"),
+    [([ok("fine")], 0), ([ok("fine"), note("odd", "look")], 0), ([problem("bad", "mend")], 3)],
+)
+def test_status_says_whether_there_is_a_problem(monkeypatch, capsys, found, status):
+    monkeypatch.setattr(doctor, "_findings", lambda scene, seconds: iter(found))
+    assert main(["doctor"]) == status
+    shown = capsys.readouterr().out
+    for level, what, cure in found:
+        assert f"{level:<7}  {what}\n" in shown
+        assert (f"-> {cure}\n" in shown) == bool(cure)
+    assert main(["doctor", "--json"]) == status
+    (line,) = capsys.readouterr().out.splitlines()
+    assert [entry["level"] for entry in json.loads(line)["findings"]] == [f.level for f in found]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("two_gripers",), "did you mean two_grippers?"),
+        (("two_grippers", "--set", "cable.length=-1"), "cable.length"),
+        (("--set", "cable.length=1"), "give SCENE, too"),
+        (("--seconds", "0"), "--seconds"),
+    ],
+)
+def test_refused_in_one_line(capsys, arguments, complaint):
+    assert main(["doctor", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert not out and err.count("\n") == 1 and complaint in err

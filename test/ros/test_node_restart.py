@@ -1,0 +1,69 @@
+"""A node that is killed goes on from its state file when it is started again."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+
+from geometry_msgs.msg import PoseArray, PoseStamped
+from node_harness import HELD, START
+
+
+def swinging(peer: Any) -> PoseStamped:
+    """A pose of now that turns the clamp upwards, so that the cable's shape tells old from new."""
+    message = PoseStamped()
+    message.header.stamp = peer.node.get_clock().now().to_msg()
+    message.header.frame_id = "world"
+    message.pose.position.x = 0.3
+    message.pose.orientation.w = 1.0
+    return message
+
+
+def test_killed_node_goes_on(launch: Any, peer: Any, tmp_path: Path) -> None:
+    path = tmp_path / "state"
+    values = {**HELD, "state.save_to": str(path), "initial.shape": "straight"}
+    poses = peer.node.create_publisher(PoseStamped, "/gripper_pose", 10)
+    timer = peer.node.create_timer(0.02, lambda: poses.publish(swinging(peer)))
+    shapes = peer.collect(PoseArray, "/dlo_sim/control_points")
+    node = peer.watched = launch(values)
+    peer.until(path.is_file, "state file", START)
+    # Placed straight, the cable's end falls; wait until a state is saved in which it hangs.
+    peer.until(lambda: shapes and shapes[-1].poses[-1].position.z < -0.3, "fall", START)
+    written = path.stat().st_mtime_ns
+    peer.until(lambda: path.stat().st_mtime_ns > written, "newer state")
+    assert node.stop(signal.SIGKILL) == -signal.SIGKILL
+    shapes.clear()
+
+    again = peer.watched = launch(values)
+    first = peer.until(lambda: shapes and shapes[0], "control points", START)
+    assert first.poses[-1].position.z < -0.2, "a cable that is placed begins straight"
+    assert "goes on from the state saved" in again.output
+    peer.status("/dlo_sim: session", lambda v, _: v.get("event resumed") == "1", "resumed")
+    peer.watched = None
+    assert again.stop(signal.SIGINT) == 0
+    assert [entry.name for entry in tmp_path.iterdir()] == ["state"], "no leftovers"
+    peer.node.destroy_timer(timer)
+    peer.node.destroy_publisher(poses)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"cable.length": 0.7}, "is no saved state"),
+        ({"state.save_to": "/nowhere/state"}, "the folder /nowhere does not exist; create it"),
+    ],
+)
+def test_state_that_cannot_be_used_is_refused(
+    launch: Any, tmp_path: Path, changes: dict[str, Any], complaint: str
+) -> None:
+    path = tmp_path / "state"
+    path.write_bytes(b"something else")
+    node = launch({**HELD, "state.save_to": str(path), **changes})
+    assert node.wait(START) == 2
+    assert complaint in node.output
+    assert path.read_bytes() == b"something else"

@@ -1,0 +1,172 @@
+"""A session that goes on from a file, with the real simulator."""
+
+import numpy as np
+import pytest
+from session_bench import MS, SECOND, T0
+
+from dlo_sim.scene.loading import SceneError, scene_from_values
+from dlo_sim.session import cdr, saved_state
+from dlo_sim.session.saved_state import load_state, save_state
+from dlo_sim.session.session import Session
+
+VALUES = {
+    "cable.length": 0.4,
+    "start.clamped": True,
+    "start.tangent": [1.0, 0.0, 0.0],
+    "start.pose_topic": "/pose",
+    "damping.stiffness": 0.01,
+    "discretization.control_points": 7,
+    "loads.names": ["tip"],
+    "loads.tip.topic": "/wrench",
+    "accuracy.estimate": "off",
+}
+SCENE = scene_from_values(VALUES)
+
+
+def move(session, begin_ns, end_ns, force=0.0):
+    """Poses of a gripper that swings, at 100 Hz, and a tick after each."""
+    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+    wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
+    for now in range(begin_ns, end_ns, 10 * MS):
+        height = 0.05 * np.sin((now - T0) * 6e-9)
+        session.receive("/pose", poses.encode(now, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)), now)
+        if force:
+            session.receive("/wrench", wrench.encode(now, (0.0, force, 0.0, 0.0, 0.0, 0.0)), now)
+        session.tick(now)
+
+
+@pytest.fixture(scope="module")
+def ran():
+    """A session after a second of motion with a force at its end."""
+    session = Session(SCENE)
+    move(session, T0, T0 + SECOND, force=0.02)
+    return session
+
+
+@pytest.fixture
+def path(ran, tmp_path):
+    save_state(tmp_path / "state", ran.saved)
+    return tmp_path / "state"
+
+
+def test_nothing_to_save_before_the_cable_is_placed():
+    assert Session(SCENE).saved is None
+
+
+def test_goes_on_with_the_same_shape_and_motion(ran, path):
+    saved, age = load_state(path, SCENE)
+    assert 0.0 <= age < 60.0
+    session = Session(SCENE, resume=saved)
+    begin = T0 + 3 * SECOND
+    move(session, begin, begin + 70 * MS)
+    assert session.started and dict(session.journal.events)["resumed"] == 1
+    free = slice(3, None)  # what the gripper holds rejoins its poses
+    before, after = ran.simulator.control_points, session.simulator.control_points
+    np.testing.assert_allclose(after[free], before[free], atol=0.02)
+    assert np.abs(before[free, 1]).max() > 0.005, "the force had moved it"
+    placed = Session(SCENE)
+    move(placed, begin, begin + 70 * MS)
+    assert np.abs(placed.simulator.control_points[free, 1]).max() < 1e-9, "a new one hangs still"
+    move(session, begin + 70 * MS, begin + 2 * SECOND)
+    gripper = 0.05 * np.sin((session.stamp_ns - T0) * 6e-9)
+    assert session.simulator.control_points[0, 2] == pytest.approx(gripper, abs=1e-3)
+
+
+def test_saved_again_and_after_a_change_of_parameters(ran, path, tmp_path):
+    session = Session(SCENE, resume=load_state(path, SCENE)[0])
+    move(session, T0 + 3 * SECOND, T0 + 4 * SECOND)
+    softer = SCENE.with_values({"cable.youngs_modulus": 5e6})
+    session.reconfigure(softer)
+    move(session, T0 + 4 * SECOND, T0 + 5 * SECOND)
+    save_state(tmp_path / "again", session.saved)
+    other = Session(softer, resume=load_state(tmp_path / "again", softer)[0])
+    move(other, T0 + 5 * SECOND, T0 + 5 * SECOND + 70 * MS)
+    assert dict(other.journal.events)["resumed"] == 1
+    before, after = session.simulator.control_points, other.simulator.control_points
+    np.testing.assert_allclose(after, before, atol=0.02)
+
+
+def test_clamp_without_a_tangent_keeps_the_one_it_was_placed_with():
+    """The scene leaves it open: where the cable pointed when the gripper was first seen."""
+    scene = SCENE.with_values({"start.tangent": [0.0, 0.0, 0.0], "end.position": [0.4, 0.0, 0.0]})
+    poses = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+
+    def turn(session, begin_ns, angle):
+        """From level to this angle about y within half a second, then at rest."""
+        for now in range(begin_ns, begin_ns + SECOND, 10 * MS):
+            half = 0.5 * angle * min((now - begin_ns) / (0.5 * SECOND), 1.0)
+            turned = (0.0, np.sin(half), 0.0, np.cos(half))
+            session.receive("/pose", poses.encode(now, (0.0, 0.0, 0.0, *turned)), now)
+            session.tick(now)
+        points = session.simulator.control_points[:2, :3]
+        return points[1] - points[0]
+
+    session = Session(scene)
+    held = turn(session, T0, 0.6)
+    assert np.arctan2(-held[2], held[0]) == pytest.approx(0.6, abs=1e-3)
+    session.reconfigure(scene.with_values({"damping.air_drag": 0.001}))
+    for again in (1, 2):
+        session = Session(session.scene, resume=session.saved)
+        begin = T0 + again * 10 * SECOND
+        held = turn(session, begin, 0.2 * again)
+        assert np.arctan2(-held[2], held[0]) == pytest.approx(0.2 * again, abs=1e-3)
+
+
+def test_reset_places_the_cable_anew(path):
+    session = Session(SCENE, resume=load_state(path, SCENE)[0])
+    move(session, T0 + 3 * SECOND, T0 + 3 * SECOND + 100 * MS)
+    session.reset()
+    move(session, T0 + 4 * SECOND, T0 + 4 * SECOND + 100 * MS)
+    assert np.abs(session.simulator.control_points[:, 1]).max() < 1e-9
+    assert dict(session.journal.events)["resumed"] == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "difference"),
+    [
+        ({"cable.length": 0.5}, r"\(cable.length was 0.4, is 0.5\); remove the file, or give"),
+        ({"discretization.control_points": 9}, "discretization.control_points was 7, is 9"),
+        ({"loads.names": []}, "loads.names was"),
+    ],
+)
+def test_state_of_another_scene_is_refused(path, changes, difference):
+    values = {key: value for key, value in VALUES.items() if not key.startswith("loads.tip")}
+    other = scene_from_values({**(VALUES if "loads.names" not in changes else values), **changes})
+    with pytest.raises(SceneError, match=difference):
+        load_state(path, other)
+
+
+def test_inputs_and_outputs_may_differ(path):
+    changes = {"inputs.latency": 0.1, "outputs.color_by": "tension", "state.save_to": "here"}
+    assert load_state(path, SCENE.with_values(changes)) is not None
+
+
+def test_no_file_is_no_state(tmp_path):
+    assert load_state(tmp_path / "state", SCENE) is None
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
+def test_cut_off_file_is_refused(path, share):
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(SceneError, match="is no saved state .*; remove the file"):
+        load_state(path, SCENE)
+
+
+def test_state_of_another_version_is_refused(path, monkeypatch):
+    monkeypatch.setattr(saved_state, "__version__", "9.9")
+    with pytest.raises(SceneError, match=r"is of dlo_sim \d.*; remove the file"):
+        load_state(path, SCENE)
+
+
+def test_write_that_fails_keeps_what_was_there(ran, path, monkeypatch):
+    before = path.read_bytes()
+
+    def full(number):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(saved_state.os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        save_state(path, ran.saved)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in path.parent.iterdir()] == ["state"]

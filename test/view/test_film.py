@@ -1,0 +1,38 @@
+"""Films, stills and plots, without a display."""
+
+import pytest
+
+pytest.importorskip("matplotlib", reason="needs matplotlib: pip install matplotlib")
+
+from matplotlib.animation import FFMpegWriter
+from PIL import Image
+
+from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
+from dlo_sim.view.run import read_run
+
+
+def test_gif_runs_in_the_time_of_the_run(made, tmp_path):
+    fractions = []
+    write_film(read_run(made.bag, made.scene), tmp_path / "film", "gif", fractions.append)
+    with Image.open(tmp_path / "film") as film:
+        assert film.format == "GIF"
+        assert film.n_frames == 4
+        assert film.n_frames * film.info["duration"] == pytest.approx(400, abs=40)
+    assert fractions[-1] == 1.0
+    assert [path.name for path in tmp_path.iterdir()] == ["film"]
+
+
+def test_mp4_without_ffmpeg_is_refused(made, tmp_path, monkeypatch):
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    with pytest.raises(NoFilm, match="needs ffmpeg, which is not installed; install it, or make a"):
+        write_film(read_run(made.recording), tmp_path / "film", "mp4")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("write", [write_still, write_plots])
+@pytest.mark.parametrize("scene", [True, False])
+def test_stills_and_plots_are_pictures(made, tmp_path, write, scene):
+    write(read_run(made.bag, made.scene if scene else None), tmp_path / "picture")
+    with Image.open(tmp_path / "picture") as picture:
+        assert picture.format == "PNG"
+        assert len(picture.convert("RGB").getcolors(1_000_000)) > 50

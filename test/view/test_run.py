@@ -1,0 +1,79 @@
+"""Runs read back from recordings and bags."""
+
+import numpy as np
+import pytest
+from made_runs import EPOCH_NS, write_bag
+
+from dlo_sim.view.run import CURVATURE, TENSION, RunError, read_bag, read_run
+
+
+def test_recording_and_bag_show_the_same_cable(made):
+    recorded, bagged = read_run(made.recording), read_run(made.bag, made.scene)
+    np.testing.assert_allclose(bagged.time, recorded.time, atol=1e-9)
+    for run in (recorded, bagged):
+        np.testing.assert_allclose(run.centerline, made.centerline, atol=1e-12)
+        np.testing.assert_allclose(run.colors[TENSION], made.tension, atol=1e-6)
+    np.testing.assert_allclose(bagged.colors[CURVATURE], recorded.colors[CURVATURE], atol=1e-6)
+
+
+def test_bag_has_frames_forces_energy_and_the_estimated_error(made):
+    run = read_run(made.bag, made.scene)
+    np.testing.assert_array_equal(run.frames, made.frames)
+    assert run.reactions["start"].shape == (21, 3) and "end" not in run.reactions
+    energy, error = run.curves
+    assert energy.values["energy"] == pytest.approx(0.1 * np.arange(21))
+    assert error.values["error"] == pytest.approx(1e-4 * np.arange(1, 21)), "not what is unknown"
+    assert [curve.title for curve in run.plots] == [
+        "end of the cable [m]",
+        "force on the cable at its start [N]",
+        "largest tension [N]",
+        "largest curvature [1/m]",
+        "energy [J]",
+        "error estimate [m]",
+    ]
+
+
+def test_bag_without_a_scene_has_no_tension(made):
+    run = read_bag(made.bag, origin_ns=EPOCH_NS - 10**9)
+    assert list(run.colors) == [CURVATURE]
+    assert run.time[0] == pytest.approx(1.0)
+    np.testing.assert_allclose(run.centerline, made.centerline, atol=1e-12)
+
+
+def test_bag_of_another_node_by_its_name(made, tmp_path):
+    state = np.cumsum(np.ones((7, 7)), axis=0)
+    write_bag(tmp_path / "left", [state] * 2, [(0.0,) * 6] * 2, "/left/dlo_sim")
+    assert len(read_run(tmp_path / "left", node="/left/dlo_sim").time) == 2
+    with pytest.raises(RunError, match="/dlo_sim/control_points holds no message"):
+        read_run(tmp_path / "left", node="/dlo_sim")
+
+
+def test_scene_of_another_run_is_refused(made):
+    other = made.scene.with_values({"discretization.control_points": 9})
+    with pytest.raises(RunError, match="has 7 control points, the scene 9; give the scene of that"):
+        read_run(made.bag, other)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "complaint"),
+    [
+        (None, "cannot be read"),
+        ({}, "has no time of a run"),
+        ({"time": np.zeros(3)}, "has no control_points of a run"),
+        ({"time": np.zeros(0), "control_points": np.zeros((0, 4, 4))}, "has no time of a run"),
+        ({"time": np.zeros(3), "control_points": np.zeros((2, 4, 4))}, "has no control_points"),
+    ],
+)
+def test_file_that_holds_no_run_is_refused(tmp_path, arrays, complaint):
+    path = tmp_path / "run.npz"
+    if arrays is None:
+        path.write_bytes(b"not an npz")
+    else:
+        np.savez(path, **arrays)
+    with pytest.raises(RunError, match=complaint):
+        read_run(path)
+
+
+def test_folder_that_is_no_bag_is_refused(tmp_path):
+    with pytest.raises(RunError, match="bag"):
+        read_run(tmp_path)
