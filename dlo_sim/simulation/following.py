@@ -1,0 +1,188 @@
+"""Whole trajectories of the end effectors, followed in one compiled call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numba import types
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, TRUTH, WHOLE, WHOLES, code_of, piece
+from dlo_sim.core import arguments, rotations
+from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.engine import grasps, layout
+from dlo_sim.engine.grasps import MOTION_SIZE
+from dlo_sim.methods import implicit
+from dlo_sim.simulation.geometry import ENDS, known_end
+from dlo_sim.simulation.model import local_axis, natural_vectors
+from dlo_sim.simulation.recorder import Recorder
+from dlo_sim.simulation.report import Report, Status
+from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+_TABLES = types.Array(types.float64, 3, "C")
+_ROUNDING = 1e-9  # of a step
+
+
+@piece(
+    *(COUNTS, implicit.advance_implicit, WHOLES, REALS, REALS, REALS, REALS, implicit.ENGINE),
+    *(REALS, REALS, TRUTH, REAL, WHOLE, WHOLE, REAL, REALS, REALS, REALS, WHOLES),
+    *(_TABLES, REALS, types.Array(types.float64, 2, "C")),
+)
+def advance_along(
+    advance,
+    shape,
+    model,
+    inputs,
+    state,
+    scratch,
+    engine,
+    constants,
+    substeps,
+    discrete,
+    tolerance,
+    halvings,
+    first,
+    tau,
+    times,
+    samples,
+    powers,
+    marks,
+    motions,
+    moments,
+    axes,
+):
+    """Implicit steps, each with its own motions of the grasps (steps, grasps, MOTION_SIZE) and axis
+    (steps, 3) of the natural moments; returns (status, steps done, Newton iterations).
+    """
+    used, at = 0, shape[layout.MOTION]
+    for k in range(motions.shape[0]):
+        for g in range(motions.shape[1]):
+            for j in range(MOTION_SIZE):
+                inputs[at + g * MOTION_SIZE + j] = motions[k, g, j]
+        for j in range(moments.shape[0]):
+            state[shape[layout.NATURAL] + j] = moments[j] * axes[k, (j // LANES) % 3]
+        status, _, iterations = advance(
+            shape, model, inputs, state, scratch, engine, constants, substeps, discrete,
+            tolerance, halvings, first + k, 1, tau, times, samples, powers, marks,
+        )  # fmt: skip
+        used += iterations
+        if status != layout.OK:
+            return status, k, used
+    return layout.OK, motions.shape[0], used
+
+
+def follow(
+    simulator: Simulator, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
+) -> tuple[Report, Array]:
+    """Advance while the end effectors move through poses.
+
+    Between two poses the position is a cubic with the velocities of central differences; within a
+    step both position and orientation change evenly. Ends without poses stay where they are.
+
+    Args:
+        times: of the poses, rising [s], shape (T,), from the simulator's time or earlier; the last
+            is where the advance ends.
+        poses: end -> position [m] and quaternion x, y, z, w, shape (T, 7).
+        samples: times of the samples [s], rising, after the simulator's time.
+
+    Returns:
+        What `Simulator.advance_steps` returns, and control points x, y, z, theta of the samples up
+        to the last good state, shape (S, n_u, 4).
+
+    Raises:
+        ValueError: a method that is not implicit, or times and poses that do not fit.
+    """
+    if simulator.choice.method.family != IMPLICIT:
+        raise ValueError(
+            f"integrator.method: {simulator.method} follows no poses; take energy_momentum"
+        )
+    times = arguments.numbers("times", times, (None,), "s")
+    if len(times) < 2 or not np.all(np.diff(times) > 0.0):
+        raise ValueError("times: need two or more, each later than the one before")
+    first, tau = simulator.steps, simulator.step
+    count = int(np.floor(times[-1] / tau + _ROUNDING)) - first
+    grid = (first + np.arange(count + 1)) * tau
+    cable, ends = simulator.cable, simulator._ends
+    motions = np.repeat(cable.motion[None], max(count, 0), axis=0)
+    for end, given in poses.items():
+        row = ENDS.index(known_end(end))
+        path = _on_grid(
+            grid, times, arguments.numbers(f"poses of {end}", given, (len(times), 7))
+        )
+        simulator.set_end(end, path[0, :3], path[0, 3:])
+        motions[:, row] = _motions(cable.motion[row], grid, path)
+    moments, axes = _natural(simulator, motions)
+    recorder = Recorder(simulator.model, arguments.numbers("samples", samples, (None,), "s"))
+    status, made, iterations = advance_along.code(
+        implicit.advance_implicit.code,
+        *cable.arrays,
+        code_of(implicit.ENGINE),
+        *simulator._stepper._loop._own,
+        *(first, tau, *recorder.arrays, motions, moments, axes),
+    )
+    simulator._steps = first + made
+    ends.restored()
+    outcome = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)[status]
+    message = "" if outcome.ok else f"{outcome.value} (at {simulator.time:.6g} s)"
+    report = Report(outcome, message, made, made * tau, iterations)
+    return report, recorder.control_points
+
+
+def _on_grid(grid: Array, times: Array, poses: Array) -> Array:
+    """Poses (T, 7) at the times of a grid: cubic Hermite, quaternions made unit again."""
+    signs = np.sign(np.sum(poses[1:, 3:] * poses[:-1, 3:], axis=1))
+    poses = poses.copy()
+    poses[1:, 3:] *= np.cumprod(np.where(signs < 0.0, -1.0, 1.0))[:, None]
+    slopes = np.gradient(poses, times, axis=0)
+    k = np.clip(np.searchsorted(times, grid, side="right") - 1, 0, len(times) - 2)
+    h = (times[k + 1] - times[k])[:, None]
+    s = np.clip((grid - times[k])[:, None] / h, 0.0, 1.0)
+    a, b = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s**2 * (3.0 - 2.0 * s)
+    path = a * poses[k] + b * poses[k + 1]
+    path += h * (s * (1.0 - s) ** 2 * slopes[k] - s**2 * (1.0 - s) * slopes[k + 1])
+    path[:, 3:] = rotations.normalized(path[:, 3:])
+    return np.asarray(path)
+
+
+def _motions(present: Array, grid: Array, path: Array) -> Array:
+    """Rows of `engine.grasps` of the steps of a path (K + 1, 7), shape (K, MOTION_SIZE)."""
+    rows = np.repeat(present[None], len(grid) - 1, axis=0)
+    tau = np.diff(grid)
+    turn = rotations.to_rotation_vector(
+        rotations.multiply(path[1:, 3:], rotations.conjugate(path[:-1, 3:]))
+    )
+    rows[:, grasps.START], rows[:, grasps.DURATION] = grid[:-1], tau
+    rows[:, grasps.POSITION : grasps.FRAME] = 0.0
+    rows[:, grasps.POSITION : grasps.POSITION + 3] = path[:-1, :3]
+    rows[:, grasps.POSITION + 3 : grasps.POSITION + 6] = np.diff(path[:, :3], axis=0) / tau[:, None]
+    frames = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
+    rows[:, grasps.FRAME : grasps.TURN] = frames
+    rows[:, grasps.TURN : grasps.TURN + 3] = turn / tau[:, None]
+    rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
+    # The twist goes on from step to step: the part of each turn about the tangent.
+    direction = present[grasps.DIRECTION : grasps.DIRECTION + 3]
+    half = 0.5 * np.linalg.norm(turn, axis=1)
+    along = np.sum(turn * rotations.rotate(path[:-1, 3:], direction), axis=1)
+    angle = 2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half))
+    rows[1:, grasps.TWIST] += np.cumsum(angle)[:-1]
+    return rows
+
+
+def _natural(simulator: Simulator, motions: Array) -> tuple[Array, Array]:
+    """Natural moments per unit of the axis, empty if there are none, and the axis of every step:
+    it turns with the start's end effector.
+    """
+    scene, model = simulator.scene, simulator.model
+    if not (model.has(layout.CURVED) and any(scene.cable.rest_curvature)):
+        return np.zeros(0), np.zeros((len(motions), 3))
+    axis = np.array(scene.cable.rest_curvature_axis) / np.linalg.norm(
+        scene.cable.rest_curvature_axis
+    )
+    frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
+    axes = np.array([local_axis(one, model.axes) for one in frames @ axis])
+    ones = np.ones(3)
+    moments = natural_vectors(scene, model, ones) * local_axis(ones, model.axes)[2]
+    return moments.ravel(), axes
