@@ -109,9 +109,7 @@ def follow(
     motions = np.repeat(cable.motion[None], max(count, 0), axis=0)
     for end, given in poses.items():
         row = ENDS.index(known_end(end))
-        path = _on_grid(
-            grid, times, arguments.numbers(f"poses of {end}", given, (len(times), 7))
-        )
+        path = _on_grid(grid, times, arguments.numbers(f"poses of {end}", given, (len(times), 7)))
         simulator.set_end(end, path[0, :3], path[0, 3:])
         motions[:, row] = _motions(cable.motion[row], grid, path)
     moments, axes = _natural(simulator, motions)

@@ -28,6 +28,7 @@ from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
+from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.transfer import carry_inputs, resampled
 from dlo_sim.simulation.view import CableView
@@ -264,6 +265,34 @@ class Simulator(CableView):
                 "the ends with set_end first",
                 stacklevel=2,
             )
+
+    def start_from_points(
+        self,
+        points: ArrayLike,
+        times: ArrayLike | None = None,
+        coordinates: ArrayLike | None = None,
+    ) -> None:
+        """Make a smooth cable of the right length through measured points the first state.
+
+        Noise is smoothed and spikes are left out. Held ends stay where they are held.
+
+        Args:
+            points: in their order along the cable [m], shape (M, 3), NaN where missing; or several
+                frames of the same points, shape (F, M, 3).
+            times: of the frames [s], shape (F,); time 0 is the first state. Its velocities are
+                those of lines through up to four frames, of parabolas through more; one frame is
+                at rest.
+            coordinates: material coordinates of the points [m], shape (M,); default: found from
+                the distances between the points.
+
+        Raises:
+            TypeError: not numbers. ValueError: another shape, fewer than two points, coordinates
+                beyond the cable, or points out of the coordinates of the scene's step.
+        """
+        given = points, times, coordinates
+        place, rates = cable_through(self.scene, self._ends, self._model.knots, *given)
+        twist = self.control_points[:, 3:]
+        self.start_from(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends.
