@@ -41,9 +41,11 @@ setup(
         # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         "plots": ["matplotlib"],
+        # Fits to recordings.
+        "identify": ["scipy"],
         # Studies and batches on more than one machine.
         "dask": ["distributed"],
-        "test": ["pytest", "pytest-xdist", "setuptools"],
+        "test": ["pytest", "pytest-xdist", "scipy", "setuptools"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

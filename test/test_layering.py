@@ -24,12 +24,13 @@ ARROWS = {
     "tuning": {"batch", "core", "scene", "simulation"},
     "session": {"core", "process", "scene", "simulation"},
     "replay": {"core", "process", "scene", "session", "simulation"},
+    "identification": {"batch", "core", "replay", "scene", "session", "simulation"},
     "ros": {"compiling", "core", "process", "scene", "session", "simulation"},
-    "studies": {"batch", "core", "replay", "scene", "simulation", "tuning"},
+    "studies": {"batch", "core", "identification", "replay", "scene", "simulation", "tuning"},
     "demo": {"core", "process", "replay", "scene", "session", "simulation"},
     "cli": {
-        *("batch", "compiling", "core", "demo", "process", "replay", "ros", "scene", "session"),
-        *("simulation", "studies", "tuning"),
+        *("batch", "compiling", "core", "demo", "identification", "process", "replay", "ros"),
+        *("scene", "session", "simulation", "studies", "tuning"),
     },
     # dlo_sim/__init__.py and dlo_sim/__main__.py
     "": {"cli", "core", "process", "ros", "scene", "simulation"},
@@ -45,7 +46,7 @@ FOREIGN = {
     "ruamel": {"scene", "studies", "cli", "ros"},
     "numba": {"compiling", "studies/work_precision/peers/chain_peer.py"},
     "distributed": {"batch/workers.py"},
-    "scipy": {"studies"},
+    "scipy": {"identification/fit.py", "studies"},
     "tqdm": {"cli"},
 }
 

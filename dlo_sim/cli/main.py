@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 
 from dlo_sim import __version__
-from dlo_sim.cli import demo, methods, node, parameters, replay, simulate, study, tune
+from dlo_sim.cli import demo, identify, methods, node, parameters, replay, simulate, study, tune
 from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.scene.loading import SceneError
 
@@ -22,7 +22,7 @@ _OF_SYSTEM = {errno.ENAMETOOLONG: REFUSED, errno.ENOSPC: FAILED, errno.EDQUOT: F
 
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
-    for module in (demo, simulate, replay, study, tune, node, methods, parameters)
+    for module in (demo, simulate, replay, identify, study, tune, node, methods, parameters)
 }
 
 

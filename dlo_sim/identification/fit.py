@@ -2,9 +2,9 @@
 
 Robust least squares (soft L1) in stages, each from the solution of the one before, the first from
 the best of a grid. Before a stage, what the data cannot tell is taken out and left at its value: J
-are the derivatives of the errors by the unknowns in units of their widths; while a singular value of
-J is so small that a change by a width is lost in the noise, the unknown that has the largest share
-in it goes.
+are the derivatives of the errors by the unknowns in units of their widths. While a singular value
+of J is so small that a change by a width is lost in the noise, the unknown that has the largest
+share in it goes.
 
 Intervals: with H = J^T W J and the sums g_t = J_t^T W_t e_t over the markers of frame t, the
 covariance is H^-1 S H^-1, where S = sum over lags of the autocovariance of g (Newey & West 1987),
@@ -25,6 +25,7 @@ from dlo_sim.identification.problem import Problem, Unknown
 from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Progress = Callable[[float], None]
 SOFT = 0.02  # [m], error beyond which a marker counts less
 NOISE = 0.002  # [m] of a marker, before the fit
@@ -68,10 +69,17 @@ class Fit:
     evaluations: int
 
 
-def fit(problem: Problem, workers: Workers, progress: Progress, tell: Callable[[str], object]) -> Fit:
+def fit(
+    problem: Problem,
+    workers: Workers,
+    progress: Progress,
+    tell: Callable[[str], object],
+    before: Fit | None = None,
+) -> Fit:
     """Fit the unknowns of a problem, stage by stage.
 
     Args:
+        before: a fit of the same unknowns to go on from, in one stage.
         progress: called with the fraction done. tell: gets a line for each unknown that is left.
 
     Raises:
@@ -79,34 +87,24 @@ def fit(problem: Problem, workers: Workers, progress: Progress, tell: Callable[[
     """
     if importlib.util.find_spec("scipy") is None:
         raise FitError("identify needs scipy; install dlo_sim with the extra 'identify'")
-    from scipy.optimize import least_squares
-
     run = _Run(problem, workers, progress)
-    seen, left, active = run.best_start(), {}, np.zeros(len(problem.unknowns), dtype=bool)
-    for stage in sorted({one.stage for one in problem.unknowns}):
-        new = np.array([one.stage == stage for one in problem.unknowns])
-        _, derivatives = run.linear(seen, active | new)
-        for k, reason in indistinct(derivatives, problem.unknowns, active | new, active):
-            left[problem.unknowns[k].label] = reason
-            new[k] = False
-            tell(f"{problem.unknowns[k].label} is left at its value: {reason}")
-        active |= new
+    stages = np.array([one.stage for one in problem.unknowns])
+    if before is None:
+        seen, active = run.best_start(), np.zeros(len(stages), dtype=bool)
+        left: dict[str, str] = {}
+    else:
+        labels = {number.unknown.label for number in before.numbers}
+        seen, active = before.seen, np.array([one.label in labels for one in problem.unknowns])
+        left, stages = before.left, stages[active][:1]
+    for stage in np.unique(stages):
+        if before is None:
+            active, reasons = run.distinct(seen, active, stages == stage)
+            left |= reasons
+            for label, reason in reasons.items():
+                tell(f"{label} is left at its value: {reason}")
         if not active.any():
             continue
-        widths, low, high = run.room(active)
-        found = least_squares(
-            lambda x: run.errors(seen, active, x),
-            np.clip(seen[active], low + 1e-6 * widths, high - 1e-6 * widths),
-            lambda x: run.derivatives(seen, active, x),
-            (low, high),
-            loss="soft_l1",
-            f_scale=SOFT,
-            x_scale=widths,
-            ftol=GAIN,
-            max_nfev=EVALUATIONS,
-        )
-        seen = seen.copy()
-        seen[active] = found.x
+        seen = run.solved(seen, active)
     if not active.any():
         raise FitError("the data tell none of the numbers; record a cable that moves")
     return run.result(seen, active, left)
@@ -135,33 +133,53 @@ class _Run:
         costs = [_cost(error) for error in errors]
         return grid[int(np.argmin(costs))]
 
-    def errors(self, seen: Array, active: Array, x: Array) -> Array:
-        """Errors where the active unknowns are x, shape (T 3 M,)."""
-        point = seen.copy()
-        point[active] = x
-        return self._all([point])[0].ravel()
+    def solved(self, seen: Array, active: Mask) -> Array:
+        """Where the active unknowns make the cost least."""
+        from scipy.optimize import least_squares
 
-    def derivatives(self, seen: Array, active: Array, x: Array) -> Array:
-        """Their derivatives by the active unknowns, shape (T 3 M, active)."""
-        point = seen.copy()
-        point[active] = x
-        return self.linear(point, active)[1].reshape(-1, int(active.sum()))
+        widths, low, high = self._room(active)
 
-    def linear(self, seen: Array, active: Array) -> tuple[Array, Array]:
+        def at(x: Array) -> Array:
+            point = seen.copy()
+            point[active] = x
+            return point
+
+        found = least_squares(
+            lambda x: self._all([at(x)])[0].ravel(),
+            np.clip(seen[active], low + 1e-6 * widths, high - 1e-6 * widths),
+            lambda x: self.linear(at(x), active)[1].reshape(-1, len(x)),
+            (low, high),
+            loss="soft_l1",
+            f_scale=SOFT,
+            x_scale=widths,
+            ftol=GAIN,
+            max_nfev=EVALUATIONS,
+        )
+        return at(found.x)
+
+    def linear(self, seen: Array, active: Mask) -> tuple[Array, Array]:
         """Errors (T, 3 M) and derivatives (T, 3 M, active) at a point, by forward differences."""
         steps = np.diag([0.01 * one.width for one in self.problem.unknowns])[active]
         here, *there = self._all([seen, *(seen + steps)])
         columns = [(other - here) / step.sum() for other, step in zip(there, steps, strict=True)]
         return here, np.stack(columns, axis=-1)
 
-    def room(self, active: Array) -> tuple[Array, Array, Array]:
+    def distinct(self, seen: Array, active: Mask, new: Mask) -> tuple[Mask, dict[str, str]]:
+        """Those active and those new that the data can tell, and why not the others."""
+        wanted, unknowns = active | new, self.problem.unknowns
+        _, derivatives = self.linear(seen, wanted)
+        lost = indistinct(derivatives, unknowns, wanted, active)
+        wanted[[k for k, _ in lost]] = False
+        return wanted, {unknowns[k].label: reason for k, reason in lost}
+
+    def _room(self, active: Mask) -> tuple[Array, Array, Array]:
         """Widths and bounds of the active unknowns."""
         all_of = zip(self.problem.unknowns, self.problem.start(), strict=True)
         rows = np.array([(one.width, *one.range(start)) for one, start in all_of])
         widths, low, high = rows[active].T
         return widths, low, high
 
-    def result(self, seen: Array, active: Array, left: dict[str, str]) -> Fit:
+    def result(self, seen: Array, active: Mask, left: dict[str, str]) -> Fit:
         """The fit with its intervals."""
         deviation = NORMAL * np.sqrt(np.diag(covariance(*self.linear(seen, active))))
         numbers = []
@@ -184,10 +202,10 @@ def _cost(errors: Array) -> float:
 
 
 def indistinct(
-    derivatives: Array, unknowns: tuple[Unknown, ...], active: Array, kept: Array
+    derivatives: Array, unknowns: tuple[Unknown, ...], active: Mask, kept: Mask
 ) -> list[tuple[int, str]]:
     """Places and reasons of the active unknowns, but for those kept, that the data cannot tell."""
-    places = list(np.flatnonzero(active))
+    places: list[int] = np.flatnonzero(active).tolist()
     widths = np.array([unknowns[k].width for k in places])
     scaled = derivatives.reshape(-1, len(places)) * widths / (NOISE * np.sqrt(TOGETHER))
     found = []
@@ -222,7 +240,13 @@ def covariance(errors: Array, derivatives: Array) -> Array:
     inverse = np.linalg.pinv(curvature)
     # As many degrees of freedom are used as there are unknowns.
     count = len(errors) / lags
-    return inverse @ spread @ inverse * count / max(count - derivatives.shape[2] / errors.shape[1], 1.0)
+    return (
+        inverse
+        @ spread
+        @ inverse
+        * count
+        / max(count - derivatives.shape[2] / errors.shape[1], 1.0)
+    )
 
 
 def _correlated_frames(errors: Array) -> int:

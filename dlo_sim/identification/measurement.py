@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,25 @@ class Recording:
     known: Mapping[str, object] = field(default_factory=dict)
     counted: int = 0
     wrench: Array | None = None
+
+    def pieces(self, duration: float) -> list[Recording]:
+        """Parts of about this duration [s], each from time 0."""
+        count = max(1, round(self.duration / duration))
+        edges = np.linspace(0, len(self.times), count + 1).astype(int)
+        return [self._part(*part, count) for part in itertools.pairwise(edges)]
+
+    def _part(self, first: int, last: int, count: int) -> Recording:
+        if count == 1:
+            return self
+        start = self.times[first]
+        return replace(
+            self,
+            name=f"{self.name} from {start:.3g} s",
+            times=self.times[first:last] - start,
+            markers=self.markers[first:last],
+            poses={end: path[first:last] for end, path in self.poses.items()},
+            wrench=None if self.wrench is None else self.wrench[first:last],
+        )
 
     @property
     def duration(self) -> float:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import Recording
 from dlo_sim.scene.description import Scene
@@ -13,15 +16,15 @@ from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 mm
-# How a recording is simulated where the scene leaves it open: the start comes from the markers.
-COMPUTATION = {
-    "initial.shape": "straight",
+# How recordings are simulated where nobody says otherwise; the start comes from the markers.
+COMPUTATION: dict[str, object] = {
+    "discretization.control_points": 17,
+    "discretization.stretch": "span",
     "integrator.method": "energy_momentum",
     "integrator.step": STEP,
     "integrator.tolerance": 1e-4,
     "terms.out_of_plane": "on",
-    "discretization.control_points": 17,
-    "discretization.stretch": "span",
+    "initial.shape": "straight",
 }
 START_FRAMES = 2
 
@@ -45,10 +48,24 @@ def predict(scene: Scene, recording: Recording, start_frames: int = START_FRAMES
     return np.concatenate([first[None], moved, kept])
 
 
+def predicted_of(scene: Scene, recordings: Sequence[Recording], workers: Workers) -> list[Array]:
+    """`predict` of several recordings."""
+    return list(workers.map(_predict, [(scene, one) for one in recordings]))
+
+
+def _predict(item: tuple[Scene, Recording]) -> Array:
+    return predict(*item)
+
+
 def begin(simulator: Simulator, recording: Recording, u: Array, frames: int) -> None:
     """Start from the first frames of the markers and the end effectors."""
     ends = [("start", 0.0), ("end", simulator.scene.cable.length)]
-    held = [(path[:frames, :3], at) for end, at in ends for path in [recording.poses.get(end)] if path is not None]
+    held = [
+        (path[:frames, :3], at)
+        for end, at in ends
+        for path in [recording.poses.get(end)]
+        if path is not None
+    ]
     points = np.concatenate(
         [recording.markers[:frames], *[place[:, None] for place, _ in held]], axis=1
     )

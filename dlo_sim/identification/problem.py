@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +108,9 @@ class Problem:
     def start(self) -> Array:
         """What the fit sees of the scene's own values."""
         values = scene_values(self.scene)
-        found = [values[one.key] if one.at is None else values[one.key][one.at] for one in self.unknowns]
+        found = [
+            values[one.key] if one.at is None else values[one.key][one.at] for one in self.unknowns
+        ]
         return np.array([one.seen(value) for one, value in zip(self.unknowns, found, strict=True)])
 
     def scene_at(self, seen: Array) -> Scene:
@@ -117,13 +120,13 @@ class Problem:
     def values_at(self, seen: Array) -> dict[str, object]:
         """Scene key -> value."""
         present = scene_values(self.scene)
-        changed: dict[str, object] = {}
+        changed: dict[str, Any] = {}
         for one, number in zip(self.unknowns, seen, strict=True):
             if one.at is None:
                 changed[one.key] = one.value(number)
             else:
                 row = changed.setdefault(one.key, list(present[one.key]))
-                row[one.at] = one.value(number)  # type: ignore[index]
+                row[one.at] = one.value(number)
         axis = changed.get("cable.rest_curvature_axis")
         if axis is not None:
             changed["cable.rest_curvature_axis"] = (np.array(axis) / np.linalg.norm(axis)).tolist()

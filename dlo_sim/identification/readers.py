@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -22,12 +22,13 @@ Array = NDArray[np.float64]
 NPZ_KEYS = ("pos_um", "rate_hz", "clamped", "length_m", "mass_g")
 
 
-def read_recordings(path: str | os.PathLike[str], topics: Sequence[str] = ()) -> list[Recording]:
+def read_recordings(
+    path: str | os.PathLike[str], topics: Mapping[str, str] | None = None
+) -> list[Recording]:
     """The pieces of motion in a file: `.npz` of markers, or a bag.
 
     Args:
-        topics: of a bag: that of the markers, and those of the poses of start and end; by default
-            the only ones of their types.
+        topics: of a bag, `markers`, `start` and `end`: by default the only ones of their types.
 
     Raises:
         MeasurementError: there is no such file, or it does not hold that.
@@ -39,7 +40,7 @@ def read_recordings(path: str | os.PathLike[str], topics: Sequence[str] = ()) ->
         return _read_npz(place)
     from dlo_sim.identification.marker_bag import read_marker_bag
 
-    return [read_marker_bag(place, topics)]
+    return [read_marker_bag(place, topics or {})]
 
 
 def _read_npz(path: Path) -> list[Recording]:

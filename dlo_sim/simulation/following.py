@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, TRUTH, WHOLE, WHOLES, code_of, piece
+from dlo_sim.compiling.pieces import code_of
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine import grasps, layout
-from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.methods import implicit
+from dlo_sim.methods.implicit_along import advance_along
 from dlo_sim.simulation.geometry import ENDS, known_end
 from dlo_sim.simulation.model import local_axis, natural_vectors
 from dlo_sim.simulation.recorder import Recorder
@@ -22,56 +20,7 @@ from dlo_sim.simulation.report import Report, Status
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
-_TABLES = types.Array(types.float64, 3, "C")
 _ROUNDING = 1e-9  # of a step
-
-
-@piece(
-    *(COUNTS, implicit.advance_implicit, WHOLES, REALS, REALS, REALS, REALS, implicit.ENGINE),
-    *(REALS, REALS, TRUTH, REAL, WHOLE, WHOLE, REAL, REALS, REALS, REALS, WHOLES),
-    *(_TABLES, REALS, types.Array(types.float64, 2, "C")),
-)
-def advance_along(
-    advance,
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
-    engine,
-    constants,
-    substeps,
-    discrete,
-    tolerance,
-    halvings,
-    first,
-    tau,
-    times,
-    samples,
-    powers,
-    marks,
-    motions,
-    moments,
-    axes,
-):
-    """Implicit steps, each with its own motions of the grasps (steps, grasps, MOTION_SIZE) and axis
-    (steps, 3) of the natural moments; returns (status, steps done, Newton iterations).
-    """
-    used, at = 0, shape[layout.MOTION]
-    for k in range(motions.shape[0]):
-        for g in range(motions.shape[1]):
-            for j in range(MOTION_SIZE):
-                inputs[at + g * MOTION_SIZE + j] = motions[k, g, j]
-        for j in range(moments.shape[0]):
-            state[shape[layout.NATURAL] + j] = moments[j] * axes[k, (j // LANES) % 3]
-        status, _, iterations = advance(
-            shape, model, inputs, state, scratch, engine, constants, substeps, discrete,
-            tolerance, halvings, first + k, 1, tau, times, samples, powers, marks,
-        )  # fmt: skip
-        used += iterations
-        if status != layout.OK:
-            return status, k, used
-    return layout.OK, motions.shape[0], used
 
 
 def follow(
@@ -99,18 +48,21 @@ def follow(
         raise ValueError(
             f"integrator.method: {simulator.method} follows no poses; take energy_momentum"
         )
-    times = arguments.numbers("times", times, (None,), "s")
-    if len(times) < 2 or not np.all(np.diff(times) > 0.0):
+    stamps: Array = arguments.numbers("times", times, (None,), "s")
+    if len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0):
         raise ValueError("times: need two or more, each later than the one before")
     first, tau = simulator.steps, simulator.step
-    count = int(np.floor(times[-1] / tau + _ROUNDING)) - first
-    grid = (first + np.arange(count + 1)) * tau
-    cable, ends = simulator.cable, simulator._ends
-    motions = np.repeat(cable.motion[None], max(count, 0), axis=0)
+    count = int(np.floor(stamps[-1] / tau + _ROUNDING)) - first
+    grid: Array = (first + np.arange(count + 1)) * tau
+    paths = {}
     for end, given in poses.items():
-        row = ENDS.index(known_end(end))
-        path = _on_grid(grid, times, arguments.numbers(f"poses of {end}", given, (len(times), 7)))
-        simulator.set_end(end, path[0, :3], path[0, 3:])
+        rows: Array = arguments.numbers(f"poses of {known_end(end)}", given, (len(stamps), 7))
+        paths[end] = _on_grid(grid, stamps, rows)
+        simulator.set_end(end, paths[end][0, :3], paths[end][0, 3:])
+    cable = simulator.cable  # moved ends may have brought in more terms
+    motions = np.repeat(cable.motion[None], max(count, 0), axis=0)
+    for end, path in paths.items():
+        row = ENDS.index(end)
         motions[:, row] = _motions(cable.motion[row], grid, path)
     moments, axes = _natural(simulator, motions)
     recorder = Recorder(simulator.model, arguments.numbers("samples", samples, (None,), "s"))
@@ -118,11 +70,11 @@ def follow(
         implicit.advance_implicit.code,
         *cable.arrays,
         code_of(implicit.ENGINE),
-        *simulator._stepper._loop._own,
-        *(first, tau, *recorder.arrays, motions, moments, axes),
+        *simulator._stepper._loop._own,  # type: ignore[attr-defined]
+        *(first, tau, *recorder.arrays, count, motions[0].size, motions.ravel(), moments, axes),
     )
     simulator._steps = first + made
-    ends.restored()
+    simulator._ends.restored()
     outcome = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)[status]
     message = "" if outcome.ok else f"{outcome.value} (at {simulator.time:.6g} s)"
     report = Report(outcome, message, made, made * tau, iterations)
@@ -175,7 +127,7 @@ def _natural(simulator: Simulator, motions: Array) -> tuple[Array, Array]:
     """
     scene, model = simulator.scene, simulator.model
     if not (model.has(layout.CURVED) and any(scene.cable.rest_curvature)):
-        return np.zeros(0), np.zeros((len(motions), 3))
+        return np.zeros(0), np.zeros(0)
     axis = np.array(scene.cable.rest_curvature_axis) / np.linalg.norm(
         scene.cable.rest_curvature_axis
     )
@@ -183,4 +135,4 @@ def _natural(simulator: Simulator, motions: Array) -> tuple[Array, Array]:
     axes = np.array([local_axis(one, model.axes) for one in frames @ axis])
     ones = np.ones(3)
     moments = natural_vectors(scene, model, ones) * local_axis(ones, model.axes)[2]
-    return moments.ravel(), axes
+    return moments.ravel(), axes.ravel()

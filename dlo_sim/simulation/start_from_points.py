@@ -162,7 +162,7 @@ def cable_through(
     frames, stamps = _frames(points, times)
     spline = _Spline.of(scene, ends, knots)
     place, speed = _at_zero(frames, stamps)
-    seen = np.isfinite(place).all(axis=1)
+    seen: Mask = np.isfinite(place).all(axis=1)
     if seen.sum() < 2:
         raise ValueError(f"points: {seen.sum()} of {len(seen)} are known; give two or more")
     if coordinates is None:
@@ -177,7 +177,7 @@ def cable_through(
             )
     seen[seen] = _no_spikes(spline, u[seen], place[seen])
     curve = spline.through(u[seen], place[seen])
-    known = seen & np.isfinite(speed).all(axis=1)
+    known: Mask = seen & np.isfinite(speed).all(axis=1)
     known[known] = _no_spikes(spline, u[known], speed[known], still=True)
     if known.sum() < 2:
         return curve, np.zeros_like(curve)
@@ -254,13 +254,13 @@ def _no_spikes(spline: _Spline, u: Array, values: Array, still: bool = False) ->
     least = CLEAR * spline.length
     if still:
         least = SPIKE * float(np.median(np.linalg.norm(values, axis=1))) if len(u) else 0.0
-    kept, left_out = good.copy(), []
+    kept, left_out = good.copy(), list[float]()
     for _ in range(int(MOST_SPIKES * len(u)) + 1):
         distance = _to_prediction(spline, u[good], values[good], still)
         worst = int(np.argmax(distance))
         if left_out and min(left_out) > max(SPIKE * distance[worst], least):
             kept = good.copy()
-        left_out.append(distance[worst])
+        left_out.append(float(distance[worst]))
         good[np.flatnonzero(good)[worst]] = False
     return kept
 
