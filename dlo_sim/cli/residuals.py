@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,11 @@ def draw_residuals(folder: Path, found: Identified) -> None:
     for k, (piece, predicted) in enumerate(zip(found.recordings, found.predicted, strict=True)):
         distance = 1e3 * np.linalg.norm(predicted - piece.markers, axis=-1)
         seen = k < len(found.recordings) - found.left_out
-        look = {"linestyle": "-" if seen else "--", "label": piece.name, "linewidth": 1.1}
+        look: dict[str, Any] = {
+            "linestyle": "-" if seen else "--",
+            "label": piece.name,
+            "linewidth": 1.1,
+        }
         by_marker.plot(piece.shares, np.nanmean(distance, axis=0), marker="o", ms=3, **look)
         by_time.plot(piece.times, np.nanmean(distance, axis=1), **look)
     by_marker.set(xlabel="material coordinate [lengths]", ylabel="mean distance [mm]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,7 +125,7 @@ def decode_point_cloud(raw: bytes) -> tuple[int, Array]:
     if len(data) < rows * row_step or row_step < columns * point_step:
         raise DecodeError(f"{len(data)} bytes of data do not hold {rows * columns} points")
     order = ">" if big else "<"
-    kind = np.dtype(
+    layout: Any = np.dtype(
         {
             "names": list("xyz"),
             "formats": [order + _REALS[fields[name][1]] for name in "xyz"],
@@ -132,6 +133,6 @@ def decode_point_cloud(raw: bytes) -> tuple[int, Array]:
             "itemsize": point_step,
         }
     )
-    lines = [np.frombuffer(data, kind, columns, row * row_step) for row in range(rows)]
-    cloud = np.concatenate(lines) if lines else np.zeros(0, kind)
+    lines = [np.frombuffer(data, layout, columns, row * row_step) for row in range(rows)]
+    cloud = np.concatenate(lines) if lines else np.zeros(0, layout)
     return stamp, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1)

@@ -30,7 +30,7 @@ Progress = Callable[[float], None]
 SOFT = 0.02  # [m], error beyond which a marker counts less
 NOISE = 0.002  # [m] of a marker, before the fit
 TOGETHER = 20.0  # errors that count as one, before the fit
-EVALUATIONS = 10  # of a stage, at most
+EVALUATIONS, FEW = 9, 6  # steps of a stage, at most, and of a fit that goes on from another
 GAIN = 1e-3  # share of the cost that ends a stage
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
@@ -104,7 +104,7 @@ def fit(
                 tell(f"{label} is left at its value: {reason}")
         if not active.any():
             continue
-        seen = run.solved(seen, active)
+        seen = run.solved(seen, active, EVALUATIONS if before is None else FEW)
     if not active.any():
         raise FitError("the data tell none of the numbers; record a cable that moves")
     return run.result(seen, active, left)
@@ -133,7 +133,7 @@ class _Run:
         costs = [_cost(error) for error in errors]
         return grid[int(np.argmin(costs))]
 
-    def solved(self, seen: Array, active: Mask) -> Array:
+    def solved(self, seen: Array, active: Mask, most: int) -> Array:
         """Where the active unknowns make the cost least."""
         from scipy.optimize import least_squares
 
@@ -153,7 +153,7 @@ class _Run:
             f_scale=SOFT,
             x_scale=widths,
             ftol=GAIN,
-            max_nfev=EVALUATIONS,
+            max_nfev=most,
         )
         return at(found.x)
 

@@ -53,7 +53,7 @@ def follow(
         raise ValueError("times: need two or more, each later than the one before")
     first, tau = simulator.steps, simulator.step
     count = int(np.floor(stamps[-1] / tau + _ROUNDING)) - first
-    grid: Array = (first + np.arange(count + 1)) * tau
+    grid: Array = np.arange(first, first + count + 1, dtype=float) * tau
     paths = {}
     for end, given in poses.items():
         rows: Array = arguments.numbers(f"poses of {known_end(end)}", given, (len(stamps), 7))

@@ -162,7 +162,7 @@ def cable_through(
     frames, stamps = _frames(points, times)
     spline = _Spline.of(scene, ends, knots)
     place, speed = _at_zero(frames, stamps)
-    seen: Mask = np.isfinite(place).all(axis=1)
+    seen: Mask = np.asarray(np.isfinite(place).all(axis=1))
     if seen.sum() < 2:
         raise ValueError(f"points: {seen.sum()} of {len(seen)} are known; give two or more")
     if coordinates is None:
@@ -177,7 +177,7 @@ def cable_through(
             )
     seen[seen] = _no_spikes(spline, u[seen], place[seen])
     curve = spline.through(u[seen], place[seen])
-    known: Mask = seen & np.isfinite(speed).all(axis=1)
+    known: Mask = np.asarray(seen & np.isfinite(speed).all(axis=1))
     known[known] = _no_spikes(spline, u[known], speed[known], still=True)
     if known.sum() < 2:
         return curve, np.zeros_like(curve)
