@@ -178,9 +178,9 @@ def cable_through(
     seen[seen] = _no_spikes(spline, u[seen], place[seen])
     curve = spline.through(u[seen], place[seen])
     known: Mask = np.asarray(seen & np.isfinite(speed).all(axis=1))
-    known[known] = _no_spikes(spline, u[known], speed[known], still=True)
     if known.sum() < 2:
         return curve, np.zeros_like(curve)
+    known[known] = _no_spikes(spline, u[known], speed[known], still=True)
     return curve, spline.moving(u[known], speed[known], curve)
 
 
@@ -253,7 +253,7 @@ def _no_spikes(spline: _Spline, u: Array, values: Array, still: bool = False) ->
     good = np.ones(len(u), dtype=bool)
     least = CLEAR * spline.length
     if still:
-        least = SPIKE * float(np.median(np.linalg.norm(values, axis=1))) if len(u) else 0.0
+        least = SPIKE * float(np.median(np.linalg.norm(values, axis=1)))
     kept, left_out = good.copy(), list[float]()
     for _ in range(int(MOST_SPIKES * len(u)) + 1):
         distance = _to_prediction(spline, u[good], values[good], still)

@@ -35,7 +35,7 @@ def resting(item: tuple[Scene, Recording]) -> Array:
     scene, recording = item
     scene = scene.with_values({"initial.shape": "equilibrium"})
     frames = _frames(recording)
-    shapes = []
+    shapes: list[Array] = []
     for frame in frames:
         try:
             simulator = Simulator(scene, _poses(recording, frame))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,27 +16,27 @@ from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.following import follow
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Request
-from dlo_sim.studies.report import Cell, Column, Report
+from dlo_sim.studies.report import Column, Header, Report
 
 Array = NDArray[np.float64]
 TURN, REST = 0.7, 1.6  # [s] from one clamp angle to the next, and there
 STILL = 6.0  # 1/s, damping that brings the cable to rest
 FACTORS = (1.0, 0.85)  # of the published bending stiffness
-RESTING = [
+RESTING: Header = [
     "cable",
-    Column("EI", "published", 1.0, ".2f"),
-    Column("tip error", "cm", 1e2, ".2f"),
-    Column("from below", "cm", 1e2, ".2f"),
-    Column("from above", "cm", 1e2, ".2f"),
+    Column("EI", "published", ".2f"),
+    Column("tip error", "cm", ".2f"),
+    Column("from below", "cm", ".2f"),
+    Column("from above", "cm", ".2f"),
     "angles with two shapes",
 ]
-MOVING = [
+MOVING: Header = [
     "cable",
-    Column("Fx correlation", "", 1.0, ".2f"),
-    Column("Fx rms error", "N", 1.0, ".2f"),
-    Column("Fz correlation", "", 1.0, ".2f"),
-    Column("Fz rms error", "N", 1.0, ".2f"),
-    Column("Fz bias", "N", 1.0, ".2f"),
+    Column("Fx correlation", "", ".2f"),
+    Column("Fx rms error", "N", ".2f"),
+    Column("Fz correlation", "", ".2f"),
+    Column("Fz rms error", "N", ".2f"),
+    Column("Fz bias", "N", ".2f"),
 ]
 
 
@@ -86,8 +87,8 @@ def published(path: Path) -> dict[str, object]:
 
 def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]:
     """Tables of shapes at rest and of reactions; verdicts."""
-    resting: list[list[Cell]] = []
-    moving: list[list[Cell]] = []
+    resting: list[list[Any]] = []
+    moving: list[list[Any]] = []
     for number, one in enumerate(sets):
         if one.path.is_file():
             resting += [_resting(one, factor) for factor in FACTORS]
@@ -104,17 +105,16 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
         report.table("resting", RESTING, resting, "Tip at rest, mean distance over the angles")
     if moving:
         report.table("moving", MOVING, moving, "Reaction at the gripper against the sensor")
-    verdicts = {
-        f"{row[0]} at rest, EI x {row[1]}": f"{1e2 * float(row[2]):.2f} cm" for row in resting
-    }
-    verdicts |= {
-        f"{row[0]} moving": f"Fx correlation {row[1]:.2f}, rms {row[2]:.2f} N; Fz rms {row[4]:.2f} N"
-        for row in moving
-    }
+    verdicts = {}
+    for name, stiffness, tip, *_ in resting:
+        verdicts[f"{name} at rest, EI x {stiffness}"] = f"tip {1e2 * tip:.2f} cm off"
+    for name, x, x_rms, _, z_rms, _ in moving:
+        words = f"Fx correlation {x:.2f}, rms {x_rms:.2f} N; Fz rms {z_rms:.2f} N"
+        verdicts[f"{name} moving"] = words
     return verdicts
 
 
-def _resting(one: Set, factor: float) -> list[Cell]:
+def _resting(one: Set, factor: float) -> list[Any]:
     table = np.genfromtxt(one.path, delimiter=",", names=True)
     order = np.argsort(table["Gamma"])
     angles = table["Gamma"][order]
@@ -150,7 +150,7 @@ def tips(scene: Scene, angles: Array) -> Array:
     return np.asarray(points[:, -1, :3])
 
 
-def _moving(one: Set) -> list[Cell]:
+def _moving(one: Set) -> list[Any]:
     summary = replay_bag(one.path, one.scene, None, compare={"start": "/ft_compensated"})
     x, _, z = summary.comparison["start"]
     return [one.name, x.correlation, x.rms_error, z.correlation, z.rms_error, z.bias]

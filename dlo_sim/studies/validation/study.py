@@ -18,7 +18,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.plotting import animate, new_figure
-from dlo_sim.studies.report import Cell, Column, Report, verdict_list
+from dlo_sim.studies.report import Cell, Column, Header, Report, verdict_list
 from dlo_sim.studies.validation import references, robot_arm
 
 Array = NDArray[np.float64]
@@ -26,16 +26,16 @@ PIECES = {True: 2, False: 1000}  # of a cable
 PREDICTION = "prediction"
 SHOWN = (1.0, 2.5, 4.0)  # [s] of the shapes in pictures
 PER_SECOND = 10  # frames of the animation
-HEADER = [
+HEADER: Header = [
     "cable",
     "what",
-    Column("L1", "cm", 1e2, ".3f"),
-    Column("mean distance", "cm", 1e2, ".3f"),
-    Column("worst piece L1", "cm", 1e2, ".3f"),
-    Column("bias", "cm", 1e2, ".3f"),
-    Column("slow L1", "cm", 1e2, ".3f"),
-    Column("fast L1", "cm", 1e2, ".3f"),
-    Column("time per 10 ms", "ms", 1e3, ".3f"),
+    Column("L1", "cm", ".3f"),
+    Column("mean distance", "cm", ".3f"),
+    Column("worst piece L1", "cm", ".3f"),
+    Column("bias", "cm", ".3f"),
+    Column("slow L1", "cm", ".3f"),
+    Column("fast L1", "cm", ".3f"),
+    Column("time per 10 ms", "ms", ".3f"),
 ]
 EXPLANATION = """L1 is the sum over frames 2 and later of the mean absolute error of the markers'
 coordinates, by the number of all frames; markers on the grippers count with none. A prediction
@@ -81,15 +81,17 @@ def run_study(request: Request) -> Outcome:
         )
     report = Report(request.folder, "Recorded cables", request.command, {})
     report.text(EXPLANATION)
-    verdicts, rows, cables = {}, [], []
+    verdicts: dict[str, str] = {}
+    rows: list[list[Cell]] = []
+    cables: list[Cable] = []
     for number, path in enumerate(files):
         cable = _predicted(path, folder, PIECES[request.quick])
         rows += _rows(cable, request)
         cables.append(cable)
         mean, worst = mean_score(cable.scores), max(one.l1 for one in cable.scores)
         verdicts[cable.name] = (
-            f"L1 {1e2 * mean.l1:.3f} cm, free markers {1e2 * mean.distance:.2f} cm off, worst piece "
-            f"{1e2 * worst:.2f} cm, {1e3 * cable.seconds:.3f} ms per 10 ms"
+            f"L1 {1e2 * mean.l1:.3f} cm, free markers {1e2 * mean.distance:.2f} cm off, "
+            f"worst piece {1e2 * worst:.2f} cm, {1e3 * cable.seconds:.3f} ms per 10 ms"
         )
         request.progress(0.8 * (number + 1) / (len(files) + len(sets)))
     if rows:
@@ -122,7 +124,6 @@ def _predicted(path: Path, folder: Path, most: int) -> Cable:
     name = path.stem.partition("_")[0]
     scene = scene_for(name, folder)
     pieces = tuple(read_recordings(path)[:most])
-    # Length and ends are the scene's; the grippers' frames are those of the reader.
     predict(scene, pieces[0])  # compiles
     began = time.perf_counter()
     predicted = tuple(predict(scene, piece) for piece in pieces)
