@@ -24,9 +24,9 @@ from dlo_sim.simulation.geometry import ENDS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-BEND, LENGTH = 3e-6, 1e2
+BEND, LENGTH = 1e-7, 1e2
 SAMPLES = 3  # of a knot span
-STEPS, HALVINGS = 20, 6  # of Gauss and Newton, at most
+STEPS, HALVINGS = 25, 6  # of Gauss and Newton, at most
 ROUNDING = 1e-6  # of the length, change that counts as none
 SPIKE, CLEAR = 2.0, 0.02  # of the distance of the next worst point; of the length
 OUTLIER = 6.0  # of the median distance of a point's frames from its path

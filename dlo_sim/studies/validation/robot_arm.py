@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,11 @@ from dlo_sim.studies.report import Column, Header, Report
 Array = NDArray[np.float64]
 TURN, REST = 0.7, 1.6  # [s] from one clamp angle to the next, and there
 STILL = 6.0  # 1/s, damping that brings the cable to rest
+TWO = 0.01  # [m] between two shapes
 FACTORS = (1.0, 0.85)  # of the published bending stiffness
 RESTING: Header = [
     "cable",
-    Column("EI", "published", ".2f"),
+    "bending stiffness, of the published",
     Column("tip error", "cm", ".2f"),
     Column("from below", "cm", ".2f"),
     Column("from above", "cm", ".2f"),
@@ -91,7 +93,7 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
     moving: list[list[Any]] = []
     for number, one in enumerate(sets):
         if one.path.is_file():
-            resting += [_resting(one, factor) for factor in FACTORS]
+            resting += _resting(one, not request.quick)
         else:
             moving.append(_moving(one))
         request.progress(0.8 + 0.2 * (number + 1) / len(sets))
@@ -114,37 +116,80 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
     return verdicts
 
 
-def _resting(one: Set, factor: float) -> list[Any]:
+def _resting(one: Set, fit: bool) -> list[list[Any]]:
+    """Rows of the published stiffness, of less, and of a fit to every second angle that is judged
+    at the others.
+    """
     table = np.genfromtxt(one.path, delimiter=",", names=True)
-    order = np.argsort(table["Gamma"])
-    angles = table["Gamma"][order]
-    measured = np.stack([table["X_end"], np.zeros(len(angles)), table["Z_end"]], axis=-1)[order]
-    scene = one.scene
-    scene = scene.with_values(
+    table = table[np.argsort(table["Gamma"])]
+    # The markers are given in the clamp's frame.
+    turns = rotations.from_rotation_vector(np.outer(table["Gamma"], [0.0, 1.0, 0.0]))
+    own = np.stack([table["X_end"], np.zeros(len(table)), table["Z_end"]], axis=-1)
+    measured = rotations.rotate(turns, own)
+    scene = one.scene.with_values(
         {
-            "cable.bending_stiffness": factor * scene.cable.EI,
             "damping.mass": STILL,
             "integrator.method": "energy_momentum",
             "integrator.step": 0.005,
             "start.position": [0.0, 0.0, 0.0],
-            "end.position": [0.0, 0.0, -scene.cable.length],
+            "end.position": [0.0, 0.0, -float(one.values["cable.length"])],  # type: ignore[arg-type]
         }
     )
-    up, down = tips(scene, angles), tips(scene, angles[::-1])[::-1]
-    errors = np.linalg.norm(np.stack([up, down]) - measured, axis=-1)
-    two = int(np.sum(np.linalg.norm(up - down, axis=-1) > 0.01 * scene.cable.length))
-    below, above = errors.mean(axis=1).tolist()
-    return [one.name, factor, float(errors.min(axis=0).mean()), below, above, two]
+
+    def branches(numbers: Array) -> Array:
+        """Tips less measured ones, upwards and downwards, (2, K, 3)."""
+        changed = scene.with_values(
+            {
+                "cable.bending_stiffness": float(np.exp(numbers[0])) * scene.cable.EI,
+                "cable.rest_curvature": numbers[1:].tolist(),
+            }
+        )
+        up, down = tips(changed, turns), tips(changed, turns[::-1])[::-1]
+        return np.stack([up, down]) - measured
+
+    start = np.array([0.0, *scene.cable.rest_curvature])
+    rows = []
+    for factor in FACTORS:
+        numbers = start + np.array([np.log(factor), 0.0, 0.0])
+        rows.append(_row(one, f"{factor:g}", branches(numbers), slice(None)))
+    if fit:
+        numbers = _fitted(branches, start)
+        label = f"{np.exp(numbers[0]):.2f}, natural curvature {numbers[1]:.2f} to {numbers[2]:.2f}"
+        rows.append(_row(one, f"{label} /m, other angles", branches(numbers), slice(1, None, 2)))
+    return rows
 
 
-def tips(scene: Scene, angles: Array) -> Array:
-    """Tip [m] at rest at clamp angles (K,) that are visited one after the other, shape (K, 3)."""
-    count = len(angles)
-    knots = np.arange(count) * (TURN + REST)
-    times = np.arange(0.0, knots[-1] + REST, 0.05)
-    angle = np.interp(times, np.sort(np.append(knots, knots + REST)), np.repeat(angles, 2))
-    turns = rotations.from_rotation_vector(np.outer(-angle, [0.0, 1.0, 0.0]))
-    poses = np.hstack([np.zeros((len(times), 3)), turns])
+def _row(one: Set, words: str, apart: Array, chosen: slice) -> list[Any]:
+    distance = np.linalg.norm(apart[:, chosen], axis=-1)
+    two = int(np.sum(np.linalg.norm(apart[0] - apart[1], axis=-1)[chosen] > TWO))
+    return [one.name, words, float(distance.min(axis=0).mean()), *distance.mean(axis=1), two]
+
+
+def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
+    """Logarithm of the stiffness and natural curvature at both ends, by every second angle."""
+    from scipy.optimize import least_squares
+
+    def nearest(numbers: Array) -> Array:
+        apart = branches(numbers)[:, ::2]
+        near = np.argmin(np.linalg.norm(apart, axis=-1), axis=0)
+        return np.asarray(apart[near, np.arange(apart.shape[1])].ravel())
+
+    found = least_squares(
+        nearest, start, diff_step=1e-2, x_scale=[0.2, 0.5, 0.5], loss="soft_l1", f_scale=0.02,
+        max_nfev=8,
+    )  # fmt: skip
+    return np.asarray(found.x)
+
+
+def tips(scene: Scene, turns: Array) -> Array:
+    """Tip [m] at rest at orientations of the clamp (K, 4) that are visited one after the other,
+    shape (K, 3).
+    """
+    knots = np.arange(len(turns)) * (TURN + REST)
+    times = np.arange(0.0, knots[-1] + REST + 0.1, 0.05)
+    k = np.minimum((times / (TURN + REST)).astype(int), len(turns) - 2)
+    share = np.clip((times - knots[k] - REST) / TURN, 0.0, 1.0)
+    poses = np.hstack([np.zeros((len(times), 3)), rotations.slerp(turns[k], turns[k + 1], share)])
     simulator = Simulator(scene, {"start": (poses[0, :3], poses[0, 3:])})
     _, points = follow(simulator, times, {"start": poses}, knots + 0.98 * REST)
     return np.asarray(points[:, -1, :3])
