@@ -18,9 +18,9 @@ def version() -> str:
     return found.group(1)
 
 
-def scenes() -> list[str]:
-    """The shipped scene files, relative to this file, as setuptools wants them."""
-    return sorted(f"config/{path.name}" for path in (ROOT / "config").glob("*.yaml"))
+def scenes(folder: str) -> list[str]:
+    """The shipped scene files of a folder, relative to this file, as setuptools wants them."""
+    return sorted(f"{folder}/{path.name}" for path in (ROOT / folder).glob("*.yaml"))
 
 
 setup(
@@ -50,7 +50,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", scenes()),
+        (f"share/{NAME}/config", scenes("config")),
+        (f"share/{NAME}/config/cables", scenes("config/cables")),
     ],
     entry_points={
         "console_scripts": [

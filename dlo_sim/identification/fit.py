@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,7 @@ def fit(
     for stage in np.unique(stages):
         if before is None:
             active, reasons = run.distinct(seen, active, stages == stage)
+            seen = np.where((stages == stage) & ~active, problem.start(), seen)
             left |= reasons
             for label, reason in reasons.items():
                 tell(f"{label} is left at its value: {reason}")
@@ -186,7 +187,8 @@ class _Run:
         for k, off in zip(np.flatnonzero(active), deviation, strict=True):
             one, at = self.problem.unknowns[k], seen[k]
             numbers.append(Number(one, *(one.value(x) for x in (at, at - off, at + off))))
-        scene = self.problem.scene_at(seen)
+        known = tuple(number.unknown for number in numbers)
+        scene = replace(self.problem, unknowns=known).scene_at(seen[active])
         return Fit(scene, tuple(numbers), left, seen, self.evaluations)
 
     def _all(self, points: list[Array]) -> list[Array]:
