@@ -118,20 +118,23 @@ PLACES: dict[str, tuple[float, int, str]] = {
     "ros": (0.0, 1, "the node; knows rclpy"),
     "demo": (1.0, 1, "generated bag, picture"),
     "studies": (2.0, 1, "measurements, reports"),
-    "replay": (1.0, 2, "bag in, bag out; knows rosbags"),
-    "tuning": (2.0, 2, "settings tried, the fastest found"),
-    "batch": (2.0, 3, "workers, many cables"),
-    "session": (1.1, 3, "messages in, time, messages out"),
-    "simulation": (1.0, 4, "a scene, stepped"),
-    "methods": (1.0, 5, "time loops"),
-    "engine": (1.0, 6, "forces, tangents, energies"),
-    "terms": (1.0, 7, "energy densities"),
-    "scene": (0.0, 5, "parameters, checks, file"),
-    "compiling": (1.0, 8, "machine code, vector lanes"),
-    "core": (2.0, 5, "splines, methods, rotations"),
-    "process": (0.0, 4, "signals, whole files"),
+    "identification": (2.0, 2, "numbers from recordings"),
+    "replay": (1.0, 3, "bag in, bag out; knows rosbags"),
+    "tuning": (2.0, 3, "settings tried, the fastest found"),
+    "batch": (2.0, 4, "workers, many cables"),
+    "session": (1.1, 4, "messages in, time, messages out"),
+    "simulation": (1.0, 5, "a scene, stepped"),
+    "methods": (1.0, 6, "time loops"),
+    "engine": (1.0, 7, "forces, tangents, energies"),
+    "terms": (1.0, 8, "energy densities"),
+    "scene": (0.0, 6, "parameters, checks, file"),
+    "compiling": (1.0, 9, "machine code, vector lanes"),
+    "core": (2.0, 6, "splines, methods, rotations"),
+    "process": (0.0, 5, "signals, whole files"),
 }
-COLORS = dict.fromkeys(range(3), "#dbe7f5") | {3: "#dff0d8"} | dict.fromkeys(range(4, 9), "#fbe6cf")
+COLORS = (
+    dict.fromkeys(range(4), "#dbe7f5") | {4: "#dff0d8"} | dict.fromkeys(range(5, 10), "#fbe6cf")
+)
 WIDTH, HEIGHT, GAP_X, GAP_Y, EDGE = 230, 52, 40, 46, 14
 
 

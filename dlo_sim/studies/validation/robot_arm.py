@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
-from dlo_sim.replay.replay import replay_bag
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.following import follow
@@ -196,6 +195,8 @@ def tips(scene: Scene, turns: Array) -> Array:
 
 
 def _moving(one: Set) -> list[Any]:
+    from dlo_sim.replay.replay import replay_bag  # loads the bag library
+
     summary = replay_bag(one.path, one.scene, None, compare={"start": "/ft_compensated"})
     x, _, z = summary.comparison["start"]
     return [one.name, x.correlation, x.rms_error, z.correlation, z.rms_error, z.bias]
