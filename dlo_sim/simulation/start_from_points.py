@@ -188,8 +188,10 @@ def _frames(points: ArrayLike, times: ArrayLike | None) -> tuple[Array, Array]:
     """Points (F, M, 3) with NaN for what is missing, and their times (F,)."""
     try:
         frames = np.asarray(points, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TypeError("points: are no numbers; give rows x, y, z, NaN for missing") from None
+    if np.isinf(frames).any():
+        raise ValueError("points: are infinite; give NaN for missing ones")
     frames = frames[None] if frames.ndim == 2 else frames
     if frames.ndim != 3 or frames.shape[2] != 3:
         raise ValueError(f"points: shape {frames.shape}; give (M, 3), or (F, M, 3) with F times")
