@@ -54,7 +54,8 @@ def spline_distance(item: tuple[Scene, Recording]) -> float:
     them: noise, slip and what a cable of these control points cannot show.
     """
     scene, recording = item
-    scene = scene.with_values({"cable.length": recording.known["cable.length"]})
+    still = {f"{end}.offset": [0.0, 0.0, 0.0] for end in recording.poses}
+    scene = scene.with_values({**still, "cable.length": recording.known["cable.length"]})
     u = recording.shares * scene.cable.length
     apart = []
     for frame in _frames(recording):
