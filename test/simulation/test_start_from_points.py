@@ -125,3 +125,10 @@ def test_refusals_name_the_argument_and_change_nothing(arguments, words):
     with pytest.raises(ValueError, match=words):
         sim.start_from_points(*arguments)
     assert np.array_equal(sim.control_points, before)
+
+
+def test_points_that_are_too_near_each_other_do_not_shorten_the_cable(swinging):
+    frames, _, _ = swinging
+    near = frames[0] * [1.0, 1.0, 0.96]
+    # Without the length term 0.026.
+    assert abs(lengthened(started(near, coordinates=U))) < 0.016
