@@ -18,11 +18,11 @@ def version() -> str:
     return found.group(1)
 
 
-def shipped() -> list[str]:
-    """Scenes, launch file and views, relative to this file, as setuptools wants them."""
+def shipped(folder: str) -> list[str]:
+    """Scenes, launch file and views of a folder, relative to this file, for setuptools."""
     kinds = {".yaml", ".py", ".rviz", ".json"}
     return sorted(
-        f"config/{path.name}" for path in (ROOT / "config").iterdir() if path.suffix in kinds
+        f"{folder}/{path.name}" for path in (ROOT / folder).iterdir() if path.suffix in kinds
     )
 
 
@@ -45,14 +45,17 @@ setup(
         # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         "plots": ["matplotlib"],
+        # Fits to recordings.
+        "identify": ["scipy"],
         # Studies and batches on more than one machine.
         "dask": ["distributed"],
-        "test": ["pytest", "pytest-xdist", "setuptools"],
+        "test": ["pytest", "pytest-xdist", "scipy", "setuptools"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", shipped()),
+        (f"share/{NAME}/config", shipped("config")),
+        (f"share/{NAME}/config/cables", shipped("config/cables")),
     ],
     entry_points={
         "console_scripts": [

@@ -120,6 +120,7 @@ PLACES: dict[str, tuple[float, int, str]] = {
     "demo": (1.0, 1, "generated bag, its prediction"),
     "studies": (2.0, 1, "measurements, reports"),
     "view": (1.0, 2, "pages, films, pictures"),
+    "identification": (2.0, 2, "numbers from recordings"),
     "replay": (1.0, 3, "bag in, bag out; knows rosbags"),
     "tuning": (2.0, 3, "settings tried, the fastest found"),
     "batch": (2.0, 4, "workers, many cables"),

@@ -24,25 +24,15 @@ ARROWS = {
     "tuning": {"batch", "core", "scene", "simulation"},
     "session": {"core", "process", "scene", "simulation"},
     "replay": {"core", "process", "scene", "session", "simulation"},
+    "identification": {"batch", "core", "replay", "scene", "session", "simulation"},
     "ros": {"compiling", "core", "process", "scene", "session", "simulation"},
-    "studies": {"batch", "core", "replay", "scene", "simulation", "tuning"},
+    "studies": {"batch", "core", "identification", "replay", "scene", "simulation", "tuning"},
     "view": {"core", "replay", "scene", "session", "simulation"},
     "doctor": {"compiling", "ros", "scene", "session", "simulation"},
     "demo": {"core", "process", "replay", "scene", "session", "view"},
     "cli": {
-        *(
-            "batch",
-            "compiling",
-            "core",
-            "demo",
-            "doctor",
-            "process",
-            "replay",
-            "ros",
-            "scene",
-            "session",
-        ),
-        *("simulation", "studies", "tuning", "view"),
+        *("batch", "compiling", "core", "demo", "doctor", "identification", "process", "replay"),
+        *("ros", "scene", "session", "simulation", "studies", "tuning", "view"),
     },
     # dlo_sim/__init__.py and dlo_sim/__main__.py
     "": {"cli", "core", "process", "ros", "scene", "simulation"},
@@ -59,7 +49,7 @@ FOREIGN = {
     "ruamel": {"scene", "studies", "cli", "ros"},
     "numba": {"compiling", "studies/work_precision/peers/chain_peer.py"},
     "distributed": {"batch/workers.py"},
-    "scipy": {"studies"},
+    "scipy": {"identification/fit.py", "studies"},
     "tqdm": {"cli"},
 }
 

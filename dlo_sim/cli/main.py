@@ -12,7 +12,19 @@ import sys
 from collections.abc import Sequence
 
 from dlo_sim import __version__
-from dlo_sim.cli import demo, doctor, methods, node, parameters, replay, simulate, study, tune, view
+from dlo_sim.cli import (
+    demo,
+    doctor,
+    identify,
+    methods,
+    node,
+    parameters,
+    replay,
+    simulate,
+    study,
+    tune,
+    view,
+)
 from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.scene.loading import SceneError
 
@@ -22,7 +34,10 @@ _OF_SYSTEM = {errno.ENAMETOOLONG: REFUSED, errno.ENOSPC: FAILED, errno.EDQUOT: F
 
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
-    for module in (demo, doctor, simulate, replay, view, study, tune, node, methods, parameters)
+    for module in (
+        *(demo, doctor, simulate, replay, view, identify),
+        *(study, tune, node, methods, parameters),
+    )
 }
 
 

@@ -32,6 +32,9 @@ def add_arguments(parser: Parser) -> None:
         action="store_true",
         help="also measure other simulators (" + ", ".join(_with_peers()) + ")",
     )
+    parser.add_argument(
+        "--data", metavar="DIR", type=Path, help="recordings, for the study validation"
+    )
     add_scheduler_option(parser)
 
 
@@ -41,6 +44,8 @@ def run(options: argparse.Namespace) -> int:
     if options.peers and options.name not in _with_peers():
         raise CommandError(f"--peers: study {options.name} knows none; leave it out")
     words = ["dlo_sim", "study", options.name, "--output", str(options.output)]
+    if options.data is not None:
+        words += ["--data", options.data.name]
     words += [flag for flag in ("--quick", "--peers") if getattr(options, flag[2:])]
     try:
         with (
@@ -53,6 +58,7 @@ def run(options: argparse.Namespace) -> int:
                 shlex.join(words),
                 workers,
                 options.peers,
+                options.data,
                 progress,
             )
             outcome = STUDIES[options.name].run(request)

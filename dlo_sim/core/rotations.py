@@ -163,6 +163,14 @@ def to_rotation_vector(q: ArrayLike) -> Array:
     return np.asarray(factor * axis)
 
 
+def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
+    """Orientation a fraction of the shorter way from a to b, shape (..., 4); 0 gives a, 1 gives b
+    (or -b).
+    """
+    step = to_rotation_vector(multiply(b, conjugate(a)))
+    return multiply(from_rotation_vector(np.asarray(fraction, dtype=float)[..., None] * step), a)
+
+
 def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
     """The rotation of smallest angle that takes direction u to direction v, shape (..., 4).
 

@@ -18,7 +18,7 @@ from dlo_sim.engine.account import DIVERGED_SHARE
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
-from dlo_sim.simulation.stepper import Stepper
+from dlo_sim.simulation.stepper import Moments, Stepper
 
 Array = NDArray[np.float64]
 
@@ -78,6 +78,17 @@ class GuardedLoop:
         if done:
             status, made = Status.OK, made + 1
         return Advance(status, made, evaluations + used, worst)
+
+    def advance_along(
+        self, first: int, recorder: Recorder, motions: Array, natural: Moments
+    ) -> Advance:
+        """Steps with motions of their own (`Stepper.advance_along`); implicit steps look at the
+        energy themselves, and one that fails is taken back.
+        """
+        code, made, evaluations = self.stepper.advance_along(
+            self.cable, first, recorder, motions, natural
+        )
+        return Advance(_STATUS[code], made, evaluations)
 
     def _run(
         self, first: int, steps: int, recorder: Recorder, finer: int = 1

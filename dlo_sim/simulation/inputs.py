@@ -152,7 +152,10 @@ class CableInputs(CableView):
         self._extend(
             needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
         )
-        self._turn_rest_axis()
+        if self._model.has(layout.CURVED):
+            before = self._cable.present_energy()
+            self._turn_rest_axis()
+            self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
 
     def _turn_rest_axis(self) -> None:
         """The natural curvature's axis turns with the start's end effector."""

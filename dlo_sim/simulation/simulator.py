@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible, needs_of
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.following import motions_along, natural_along, on_grid
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
@@ -28,6 +30,7 @@ from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
+from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.transfer import resampled
 
@@ -146,6 +149,62 @@ class Simulator(CableInputs):
         note = newton_note(self.choice.method, self.step, done, evaluations)
         return Report(Status.OK, "", done, done * self.step, evaluations, note)
 
+    def follow(
+        self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
+    ) -> tuple[Report, Array]:
+        """Advance while end effectors move through poses; needs an implicit method.
+
+        Between two poses the position is a cubic with the velocities of central differences; within
+        a step position and orientation change evenly. Ends without poses stay where they are.
+
+        Args:
+            times: of the poses, rising [s], shape (T,), the first not after the present; the last
+                is where the advance ends.
+            poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7).
+            samples: times of the samples [s], rising, after the present.
+
+        Returns:
+            As `advance_steps`, and control points x, y, z, theta of the samples up to the last good
+            state, shape (S, n_u, 4).
+
+        Raises:
+            TypeError, ValueError: an explicit method, or times and poses that do not fit.
+        """
+        if self._choice.method.family != IMPLICIT:
+            raise ValueError(
+                f"integrator.method: {self.method} follows no poses; give energy_momentum"
+            )
+        if not isinstance(poses, Mapping):
+            raise TypeError(
+                f"poses: needs {{'start': numbers (T, 7)}}, got {arguments.given(poses)}"
+            )
+        stamps: Array = arguments.numbers("times", times, (None,), "s")
+        if len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0):
+            raise ValueError("times: needs two or more, each later than the one before")
+        if stamps[0] > self.time + 1e-9 * self.step:
+            raise ValueError(f"times: needs a first time of {self.time!r} s, the present, or less")
+        count = int(np.floor(stamps[-1] / self.step + 1e-9)) - self._steps
+        grid: Array = self.step * np.arange(self._steps, self._steps + count + 1, dtype=float)
+        paths = {}
+        for name, given in poses.items():
+            rows: Array = arguments.numbers(f"poses of {name}", given, (len(stamps), 7))
+            paths[name] = on_grid(grid, stamps, rows)
+            self.set_end(name, paths[name][0, :3], paths[name][0, 3:])
+        cable = self._cable  # after set_end, which may have brought in more terms
+        recorder = Recorder(self._model, arguments.numbers("samples", samples, (None,), "s"))
+        motions = np.repeat(cable.motion[None], max(count, 0), axis=0)
+        for name, path in paths.items():
+            row = list(self.scene.holders).index(name)
+            motions[:, row] = motions_along(cable.motion[row], grid, path)
+        natural = natural_along(self.scene, self._model, motions)
+        made = self._loop.advance_along(self._steps, recorder, motions, natural)
+        self._steps += made.steps
+        self._ends.restored()
+        message = "" if made.status.ok else f"{made.status.value} (at {self.time:.6g} s)"
+        simulated = made.steps * self.step
+        report = Report(made.status, message, made.steps, simulated, made.evaluations)
+        return report, recorder.control_points
+
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
         return Snapshot(
@@ -214,6 +273,34 @@ class Simulator(CableInputs):
                 "the ends with set_end first",
                 stacklevel=2,
             )
+
+    def start_from_points(
+        self,
+        points: ArrayLike,
+        times: ArrayLike | None = None,
+        coordinates: ArrayLike | None = None,
+    ) -> None:
+        """Make a smooth cable of the right length through measured points the first state.
+
+        Noise is smoothed and spikes are left out. Held ends stay where they are held.
+
+        Args:
+            points: in their order along the cable [m], shape (M, 3), NaN where missing; or several
+                frames of the same points, shape (F, M, 3).
+            times: of the frames [s], shape (F,); time 0 is the first state. Its velocities are
+                those of lines through up to four frames, of parabolas through more; one frame is
+                at rest.
+            coordinates: material coordinates of the points [m], shape (M,); default: found from
+                the distances between the points.
+
+        Raises:
+            TypeError: not numbers. ValueError: another shape, fewer than two points, coordinates
+                beyond the cable, or points out of the coordinates of the scene's step.
+        """
+        given = points, times, coordinates
+        place, rates = cable_through(self.scene, self._ends, self._model.knots, *given)
+        twist = self.control_points[:, 3:]
+        self.start_from(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends.

@@ -5,16 +5,20 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_sim.compiling.pieces import code_of
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.methods import implicit, rattle, runge_kutta, splitting, zhai
+from dlo_sim.methods.implicit_along import advance_along
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.selection import Choice
 
+Array = NDArray[np.float64]
+Moments = tuple[Array, Array]
 GUARD_STEPS = 16  # explicit steps between two looks at the energy
 
 
@@ -64,6 +68,24 @@ class _Implicit:
         )
         return status, done, iterations
 
+    def along(
+        self,
+        cable: Cable,
+        first: int,
+        tau: float,
+        recorder: Recorder,
+        motions: Array,
+        natural: Moments,
+    ) -> tuple[int, int, int]:
+        """The same, each step with motions of its own (`methods.implicit_along`)."""
+        return advance_along.code(
+            implicit.advance_implicit.code,
+            *cable.arrays,
+            code_of(implicit.ENGINE),
+            *(*self._own, first, tau, *recorder.arrays),
+            *(len(motions), motions[0].size, motions.ravel(), *natural),
+        )
+
 
 def _loop(method: Method, scene: Scene) -> Loop:
     """The loop of a method."""
@@ -107,6 +129,16 @@ class Stepper:
     def until_look(self, step: int) -> int:
         """Steps from there to the next such state."""
         return GUARD_STEPS - step % GUARD_STEPS
+
+    def advance_along(
+        self, cable: Cable, first: int, recorder: Recorder, motions: Array, natural: Moments
+    ) -> tuple[int, int, int]:
+        """As `advance`, with motions of the grasps for every step, shape (steps, grasps,
+        MOTION_SIZE), and `natural`: moments and axes of `simulation.following`.
+        Only implicit methods can.
+        """
+        assert isinstance(self._loop, _Implicit)
+        return self._loop.along(cable, first, self.step, recorder, motions, natural)
 
     def advance(
         self, cable: Cable, first: int, steps: int, recorder: Recorder, finer: int = 1

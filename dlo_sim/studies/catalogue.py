@@ -35,6 +35,7 @@ class Request:
         folder: where the results go. quick: shorter runs, with every table and figure.
         command: what the user typed, for the report. workers: for what is not timed.
         peers: measure other simulators beside, where the study can.
+        data: folder of recordings, for the study that needs it.
         progress: called with the fraction done.
     """
 
@@ -43,6 +44,7 @@ class Request:
     command: str
     workers: Workers
     peers: bool = False
+    data: Path | None = None
     progress: Callable[[float], None] = field(default=lambda fraction: None)
 
     def part(self, low: float, high: float) -> Callable[[float], None]:
@@ -89,5 +91,9 @@ STUDIES = {
     "scaling": Study(
         "time per step against control points, memory over many steps",
         "dlo_sim.studies.scaling.study",
+    ),
+    "validation": Study(
+        "recorded cables (--data) beside predictions, trivial references and the noise floor",
+        "dlo_sim.studies.validation.study",
     ),
 }

@@ -19,7 +19,7 @@ from dlo_sim.studies.catalogue import Outcome
 
 Cell = str | int | float | None
 Header = list["str | Column"]
-SCALES = {"%": 1e2, "ppm": 1e6, "mm": 1e3, "ms": 1e3, "us": 1e6, "ns": 1e9, "KB": 1e-3}
+SCALES = {"%": 1e2, "ppm": 1e6, "cm": 1e2, "mm": 1e3, "ms": 1e3, "us": 1e6, "ns": 1e9, "KB": 1e-3}
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,14 @@ def test_from_matrix_inverts_to_matrix_also_at_half_turns():
     assert np.all(back[:, 3] >= 0)
 
 
+def test_slerp_ends_middle_and_shorter_way():
+    a, b = r.from_rotation_vector([0, 0, 0.2]), -r.from_rotation_vector([0, 0, 0.6])
+    assert np.allclose(r.slerp(a, b, 0.0), a)
+    assert np.allclose(r.slerp(a, b, 0.5), r.from_rotation_vector([0, 0, 0.4]))
+    assert np.allclose(np.abs(np.dot(r.slerp(a, b, 1.0), b)), 1.0)
+    assert r.slerp(a, b, [0.0, 0.25, 1.0]).shape == (3, 4)
+
+
 def test_minimal_rotation_takes_u_to_v_by_the_angle_between_them():
     rng = np.random.default_rng(5)
     u, v = rng.normal(size=(100, 3)), rng.normal(size=(100, 3))

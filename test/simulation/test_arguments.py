@@ -17,6 +17,7 @@ WRONG = [None, True, "up", "", "start\nend", b"\0\1", object(), Simulator, len, 
 WRONG += [NAN, INF, NEGATIVE, HUGE, 1j, 10**400, np.datetime64("2020-01-01"), iter([1.0])]
 WRONG += [EMPTY, {"start": 1}, {1, 2}, [[1.0, 2.0], [3.0]], [1.0, "2", 3.0], ["a"] * 3, [None] * 3]
 WRONG += [[NAN] * 3, [INF] * 4, [[[]]], np.zeros((0, 3)), np.full((6, 4), NAN), np.array(["x"])]
+POINTS = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 0.1], 5)
 
 # Method -> its arguments: how it is given, how a refusal names it, and what of WRONG is none.
 CALLS = {
@@ -66,7 +67,13 @@ CALLS = {
         (lambda sim, x: sim.start_from(x), "control points", ()),
         (lambda sim, x: sim.start_from(sim.control_points, x), "velocities", (None,)),
     ],
+    "start_from_points": [
+        (lambda sim, x: sim.start_from_points(x), "points", ()),
+        (lambda sim, x: sim.start_from_points(POINTS, x), "times", (None,)),
+        (lambda sim, x: sim.start_from_points(POINTS, None, x), "coordinates", (None,)),
+    ],
     "reconfigured": [(lambda sim, x: sim.reconfigured(x), "scene", ())],
+    "follow": [(lambda sim, x: sim.follow(x, {}, x), "integrator.method", ())],
     "take": [
         (lambda sim, x: sim.take(x), "grasp", ()),
         (lambda sim, x: sim.take("hand", x), "at", (None,)),
@@ -74,6 +81,8 @@ CALLS = {
     "release": [(lambda sim, x: sim.release(x), "grasp", ())],
     "take_over": [(lambda sim, x: sim.take_over(x), "other", ())],
     "centerline": [(lambda sim, x: sim.centerline(x), "u", ())],
+    "tension": [(lambda sim, x: sim.tension(x), "u", ())],
+    "curvature": [(lambda sim, x: sim.curvature(x), "u", ())],
     "frames": [(lambda sim, x: sim.frames(x), "u", ())],
     "control_poses": [(lambda sim, x: sim.control_poses(x), "out", ())],
     "end_pose": [(lambda sim, x: sim.end_pose(x), "end", ())],

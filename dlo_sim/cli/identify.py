@@ -1,0 +1,186 @@
+"""`dlo_sim identify DATA`: a scene whose numbers are those of a recorded cable."""
+
+import argparse
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dlo_sim.cli.arguments import (
+    CommandError,
+    Parser,
+    add_scene_options,
+    positive_seconds,
+    read_scene,
+)
+from dlo_sim.cli.output import (
+    check_output_file,
+    print_json,
+    print_rows,
+    progress_bar,
+    tell,
+    write_whole,
+)
+from dlo_sim.scene.loading import parse_assignment
+
+if TYPE_CHECKING:
+    from dlo_sim.identification.identify import Identified
+
+HELP = "fit a scene's numbers to a recorded cable"
+
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Fit stiffness, damping, drag, length, natural curvature and where the grippers hold to "
+        "markers on a cable that grippers move, and write the scene with the fitted numbers. Each "
+        "has a 95 % interval; what the data cannot tell is left at its value, and said. "
+        "Only motion is seen: stiffness and drag are fitted for the given mass."
+    )
+    parser.add_argument("data", metavar="DATA", type=Path, help=".npz of markers, or a bag")
+    parser.add_argument(
+        "--scene", metavar="SCENE", required=True, help="scene file, or a shipped scene's name"
+    )
+    parser.add_argument(
+        "--output", metavar="FITTED.yaml", type=Path, required=True, help="scene file to write"
+    )
+    parser.add_argument(
+        "--fit",
+        metavar="KEY",
+        action="append",
+        default=[],
+        help="fit this key only; repeatable (default: all that the data can tell)",
+    )
+    parser.add_argument(
+        "--leave-out",
+        metavar="SHARE",
+        type=_share,
+        default=0.3,
+        help="share of the pieces, the last ones, that a first fit does not see (default: 0.3)",
+    )
+    parser.add_argument(
+        "--piece", metavar="S", type=positive_seconds, default=5.0,
+        help="pieces that a long recording is cut into; each starts from its markers (default: 5)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--topic",
+        metavar="NAME=TOPIC",
+        action="append",
+        default=[],
+        help="topic of a bag: markers=..., start=..., end=... (default: the only one of its type)",
+    )
+    parser.add_argument("--plots", metavar="DIR", type=Path, help="folder for residual pictures")
+    add_scene_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Fit, write and print; returns the exit status."""
+    scene = read_scene(options.scene, options.assignments)
+    check_output_file(options.output)
+
+    from dlo_sim.batch.workers import open_workers
+    from dlo_sim.identification.fit import FitError
+    from dlo_sim.identification.identify import identify
+    from dlo_sim.identification.measurement import MeasurementError
+    from dlo_sim.identification.readers import read_recordings
+
+    asked = dict(parse_assignment(text) for text in options.assignments)
+    try:
+        recordings = read_recordings(options.data, _topics(options.topic))
+        with open_workers() as workers, progress_bar("identify") as progress:
+            found = identify(
+                scene, asked, recordings, workers, options.fit, options.leave_out, options.piece,
+                progress, tell,
+            )  # fmt: skip
+    except (MeasurementError, FitError) as refusal:
+        raise CommandError(str(refusal)) from None
+    _write(options, found)
+    facts = _facts(options, found)
+    if options.plots is not None:
+        _draw(options.plots, found)
+    if options.json:
+        print_json(facts)
+        return 0
+    print(f"{options.data}: identified, {found.seconds:.0f} s")
+    print_rows(_rows(found))
+    print_rows({"output": str(options.output)})
+    return 0
+
+
+def _share(text: str) -> float:
+    """A share, at least 0 and below 1."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give 0.3") from None
+    if not 0.0 <= value < 1.0:
+        raise argparse.ArgumentTypeError(f"{text} is not a share; give 0 or more, below 1")
+    return value
+
+
+def _topics(texts: Sequence[str]) -> dict[str, str]:
+    topics: dict[str, str] = {}
+    for text in texts:
+        name, _, topic = text.partition("=")
+        if name not in ("markers", "start", "end") or not topic:
+            raise CommandError(f"--topic {text!r} is not NAME=TOPIC; give markers=/topic")
+        topics[name] = topic
+    return topics
+
+
+def _rows(found: "Identified") -> dict[str, str]:
+    rows = {
+        number.unknown.label: f"{number.value:.4g}  ({number.low:.4g} to {number.high:.4g})"
+        for number in found.fit.numbers
+    }
+    rows |= {label: f"left: {reason}" for label, reason in found.fit.left.items()}
+    for name, score in found.scores.items():
+        rows[name] = f"mean distance {1e3 * score.distance:.2f} mm, L1 {1e2 * score.l1:.3f} cm"
+    return rows
+
+
+def _facts(options: argparse.Namespace, found: "Identified") -> dict[str, Any]:
+    return {
+        "status": "ok",
+        "output": str(options.output),
+        "numbers": {
+            number.unknown.label: [number.value, number.low, number.high]
+            for number in found.fit.numbers
+        },
+        "left": found.fit.left,
+        "scores": found.scores,
+        "pieces": found.pieces,
+        "left_out": found.left_out,
+        "evaluations": found.fit.evaluations,
+        "seconds": found.seconds,
+    }
+
+
+def _write(options: argparse.Namespace, found: "Identified") -> None:
+    from dlo_sim.tuning.scene_file import scene_text
+
+    words = ["dlo_sim", "identify", options.data.name, "--scene", options.scene]
+    words += [word for text in options.assignments for word in ("--set", text)]
+    comments = [
+        f"Fitted by {shlex.join(words)}: what differs from the defaults.",
+        "",
+        *(f"{label}: {text}" for label, text in _rows(found).items()),
+        "",
+        "Numbers in brackets: 95 % interval.",
+        "",
+    ]
+    text = scene_text(found.scene, comments)
+    write_whole(options.output, lambda path: path.write_text(text, encoding="utf-8"))
+
+
+def _draw(folder: Path, found: "Identified") -> None:
+    try:
+        from dlo_sim.cli.residuals import draw_residuals
+    except ModuleNotFoundError as missing:
+        if (missing.name or "").partition(".")[0] != "matplotlib":
+            raise
+        raise CommandError(
+            "--plots needs matplotlib; install dlo_sim with the extra 'plots'"
+        ) from None
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_residuals(folder, found)

@@ -1,0 +1,37 @@
+"""Pictures of what a fit leaves: error by marker, and over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dlo_sim.studies.plotting import new_figure
+
+if TYPE_CHECKING:
+    from dlo_sim.identification.identify import Identified
+
+
+def draw_residuals(folder: Path, found: Identified) -> None:
+    """`residuals.png`: distance of each marker, and mean distance over time, piece by piece; the
+    left-out pieces are dashed.
+    """
+    figure, (by_marker, by_time) = new_figure(1, 2, 11.0, 4.6)
+    for k, (piece, predicted) in enumerate(zip(found.recordings, found.predicted, strict=True)):
+        distance = 1e3 * np.linalg.norm(predicted - piece.markers, axis=-1)
+        seen = k < len(found.recordings) - found.left_out
+        look: dict[str, Any] = {
+            "linestyle": "-" if seen else "--",
+            "label": piece.name,
+            "linewidth": 1.1,
+        }
+        by_marker.plot(piece.shares, np.nanmean(distance, axis=0), marker="o", ms=3, **look)
+        by_time.plot(piece.times, np.nanmean(distance, axis=1), **look)
+    by_marker.set(xlabel="material coordinate [lengths]", ylabel="mean distance [mm]")
+    by_time.set(xlabel="time [s]", ylabel="mean distance of the markers [mm]")
+    by_time.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.01, 0.5))
+    for axes in (by_marker, by_time):
+        axes.set_ylim(bottom=0.0)
+        axes.grid(alpha=0.3)
+    figure.savefig(folder / "residuals.png", dpi=110)

@@ -1,0 +1,1 @@
+"""Numbers of a real cable from recordings of its motion."""

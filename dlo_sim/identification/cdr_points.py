@@ -1,0 +1,138 @@
+"""Points from serialised ROS 2 messages: PoseArray, MarkerArray, PointCloud2 (`session.cdr`)."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.session import cdr
+from dlo_sim.session.cdr import DecodeError
+
+Array = NDArray[np.float64]
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+_NANO = 1_000_000_000
+_REALS = {7: "f4", 8: "f8"}  # PointField datatypes of coordinates
+
+
+class _Reader:
+    """Reads field after field of little- or big-endian CDR."""
+
+    def __init__(self, raw: bytes) -> None:
+        if len(raw) < 4 or raw[0] != 0 or raw[1] > 1:
+            raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
+        self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
+
+    def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
+        """Numbers of one struct code."""
+        size = struct.calcsize(code)
+        self._at += -(self._at - 4) % size
+        values = self._take(size * count)
+        return struct.unpack(f"{self._order}{count}{code}", values)
+
+    def whole(self, code: str = "I") -> int:
+        """One whole number."""
+        return int(self.numbers(code)[0])
+
+    def data(self) -> bytes:
+        """A sequence of bytes, or a string with its NUL."""
+        return self._take(self.whole())
+
+    def header(self) -> int:
+        """A std_msgs/Header; its stamp [ns]."""
+        seconds, nanoseconds = self.whole("i"), self.whole()
+        self.data()
+        return seconds * _NANO + nanoseconds
+
+    @property
+    def order(self) -> str:
+        """Byte order as struct and numpy write it."""
+        return self._order
+
+    def _take(self, count: int) -> bytes:
+        if self._at + count > len(self._raw):
+            raise DecodeError(f"{len(self._raw)} bytes end inside a field")
+        self._at += count
+        return bytes(self._raw[self._at - count : self._at])
+
+
+def decode_pose_positions(raw: bytes) -> tuple[int, Array]:
+    """Stamp [ns] and positions (n, 3) of a PoseArray."""
+    message = cdr.decode_pose_array(raw)
+    return message.stamp_ns, message.poses[:, :3]
+
+
+def decode_marker_array(raw: bytes) -> tuple[int, Array]:
+    """Stamp [ns] of the first marker and the points of all: those of a list, else the position.
+
+    Raises:
+        DecodeError: not such a message, or one without markers.
+    """
+    reader, points, stamp = _Reader(raw), [], None
+    for _ in range(reader.whole()):
+        at = reader.header()
+        stamp = at if stamp is None else stamp
+        reader.data()  # ns
+        reader.numbers("i", 3)  # id, type, action
+        pose = reader.numbers("d", 7)
+        reader.numbers("d", 3)  # scale
+        reader.numbers("f", 4)  # colour
+        reader.numbers("i", 2)  # lifetime
+        reader.numbers("B")  # frame_locked
+        count = reader.whole()
+        own = [reader.numbers("d", 3) for _ in range(count)]
+        points += own or [pose[:3]]
+        for _ in range(reader.whole()):
+            reader.numbers("f", 4)
+        reader.data()  # texture_resource
+        reader.header()  # texture
+        reader.data()
+        reader.data()
+        for _ in range(reader.whole()):
+            reader.numbers("f", 2)
+        reader.data()  # text
+        reader.data()  # mesh_resource
+        reader.data()  # mesh_file
+        reader.data()
+        reader.numbers("B")  # mesh_use_embedded_materials
+    if stamp is None:
+        raise DecodeError("the array holds no markers")
+    return stamp, np.array(points)
+
+
+def decode_point_cloud(raw: bytes) -> tuple[int, Array]:
+    """Stamp [ns] and points (n, 3) of a PointCloud2 with fields x, y, z; NaN where missing.
+
+    Raises:
+        DecodeError: not such a message, or one without these fields.
+    """
+    reader = _Reader(raw)
+    stamp = reader.header()
+    rows, columns = reader.whole(), reader.whole()
+    fields = {}
+    for _ in range(reader.whole()):
+        name = reader.data().rstrip(b"\0").decode("utf-8", "replace")
+        offset, kind, _ = reader.whole(), reader.whole("B"), reader.whole()
+        fields[name] = offset, kind
+    big = reader.whole("B")
+    point_step, row_step = reader.whole(), reader.whole()
+    data = reader.data()
+    if any(name not in fields or fields[name][1] not in _REALS for name in "xyz"):
+        raise DecodeError(f"fields {', '.join(fields)} are not x, y, z as float32 or float64")
+    if len(data) < rows * row_step or row_step < columns * point_step:
+        raise DecodeError(f"{len(data)} bytes of data do not hold {rows * columns} points")
+    order = ">" if big else "<"
+    layout: Any = np.dtype(
+        {
+            "names": list("xyz"),
+            "formats": [order + _REALS[fields[name][1]] for name in "xyz"],
+            "offsets": [fields[name][0] for name in "xyz"],
+            "itemsize": point_step,
+        }
+    )
+    lines = [np.frombuffer(data, layout, columns, row * row_step) for row in range(rows)]
+    cloud = np.concatenate(lines) if lines else np.zeros(0, layout)
+    return stamp, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1)

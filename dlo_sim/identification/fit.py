@@ -1,0 +1,260 @@
+"""Fitting a scene's numbers to recordings, and how well they are known.
+
+Robust least squares (soft L1) in stages, each from the solution of the one before, the first from
+the best of a grid. Before a stage, what the data cannot tell is taken out and left at its value: J
+are the derivatives of the errors by the unknowns in units of their widths. While a singular value
+of J is so small that a change by a width is lost in the noise, the unknown that has the largest
+share in it goes.
+
+Intervals: with H = J^T W J and the sums g_t = J_t^T W_t e_t over the markers of frame t, the
+covariance is H^-1 S H^-1, where S = sum over lags of the autocovariance of g (Newey & West 1987),
+up to where the errors are no longer correlated. Markers that err together and for long count once.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.batch.workers import Workers
+from dlo_sim.identification.problem import Problem, Unknown
+from dlo_sim.scene.description import Scene
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Progress = Callable[[float], None]
+SOFT = 0.02  # [m], error beyond which a marker counts less
+NOISE = 0.002  # [m] of a marker, before the fit
+TOGETHER = 20.0  # errors that count as one, before the fit
+EVALUATIONS, FEW = 9, 6  # steps of a stage, at most, and of a fit that goes on from another
+GAIN = 1e-3  # share of the cost that ends a stage
+STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
+STARTED = ("cable.bending_stiffness", "damping.stiffness")
+NORMAL = 1.96  # standard deviations of 95 %
+
+
+class FitError(Exception):
+    """A fit that cannot be made: one line with the cure."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A fitted number with its 95 % interval."""
+
+    unknown: Unknown
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What came of a fit.
+
+    Attributes:
+        scene: with the fitted values. numbers: fitted.
+        left: label -> why it was left at its value.
+        seen: what the fit saw of the numbers at the end.
+        evaluations: simulations of all recordings.
+    """
+
+    scene: Scene
+    numbers: tuple[Number, ...]
+    left: dict[str, str]
+    seen: Array
+    evaluations: int
+
+
+def fit(
+    problem: Problem,
+    workers: Workers,
+    progress: Progress,
+    tell: Callable[[str], object],
+    before: Fit | None = None,
+) -> Fit:
+    """Fit the unknowns of a problem, stage by stage.
+
+    Args:
+        before: a fit of the same unknowns to go on from, in one stage.
+        progress: called with the fraction done. tell: gets a line for each unknown that is left.
+
+    Raises:
+        FitError: no scipy, or nothing that the data can tell.
+    """
+    if importlib.util.find_spec("scipy") is None:
+        raise FitError("identify needs scipy; install dlo_sim with the extra 'identify'")
+    run = _Run(problem, workers, progress)
+    stages = np.array([one.stage for one in problem.unknowns])
+    if before is None:
+        seen, active = run.best_start(), np.zeros(len(stages), dtype=bool)
+        left: dict[str, str] = {}
+    else:
+        labels = {number.unknown.label for number in before.numbers}
+        seen, active = before.seen, np.array([one.label in labels for one in problem.unknowns])
+        left, stages = before.left, stages[active][:1]
+    for stage in np.unique(stages):
+        if before is None:
+            active, reasons = run.distinct(seen, active, stages == stage)
+            seen = np.where((stages == stage) & ~active, problem.start(), seen)
+            left |= reasons
+            for label, reason in reasons.items():
+                tell(f"{label} is left at its value: {reason}")
+        if not active.any():
+            continue
+        seen = run.solved(seen, active, EVALUATIONS if before is None else FEW)
+    if not active.any():
+        raise FitError("the data tell none of the numbers; record a cable that moves")
+    return run.result(seen, active, left)
+
+
+class _Run:
+    """A problem under way."""
+
+    def __init__(self, problem: Problem, workers: Workers, progress: Progress) -> None:
+        self.problem, self.workers, self.progress = problem, workers, progress
+        self.evaluations = 0
+        stages = np.bincount([one.stage for one in problem.unknowns]).cumsum()
+        self._expected = len(STARTS) + float(EVALUATIONS * (stages + 1).sum())
+
+    def best_start(self) -> Array:
+        """The best of a grid in the first two numbers, about the scene's own."""
+        own = self.problem.start()
+        names = [one.label for one in self.problem.unknowns]
+        places = [names.index(name) for name in STARTED if name in names]
+        grid = []
+        for shifts in STARTS:
+            point = own.copy()
+            point[places] += shifts[: len(places)]
+            grid.append(point)
+        errors = self._all(grid)
+        costs = [_cost(error) for error in errors]
+        return grid[int(np.argmin(costs))]
+
+    def solved(self, seen: Array, active: Mask, most: int) -> Array:
+        """Where the active unknowns make the cost least."""
+        from scipy.optimize import least_squares
+
+        widths, low, high = self._room(active)
+
+        def at(x: Array) -> Array:
+            point = seen.copy()
+            point[active] = x
+            return point
+
+        found = least_squares(
+            lambda x: self._all([at(x)])[0].ravel(),
+            np.clip(seen[active], low + 1e-6 * widths, high - 1e-6 * widths),
+            lambda x: self.linear(at(x), active)[1].reshape(-1, len(x)),
+            (low, high),
+            loss="soft_l1",
+            f_scale=SOFT,
+            x_scale=widths,
+            ftol=GAIN,
+            max_nfev=most,
+        )
+        return at(found.x)
+
+    def linear(self, seen: Array, active: Mask) -> tuple[Array, Array]:
+        """Errors (T, 3 M) and derivatives (T, 3 M, active) at a point, by forward differences."""
+        steps = np.diag([0.01 * one.width for one in self.problem.unknowns])[active]
+        here, *there = self._all([seen, *(seen + steps)])
+        columns = [(other - here) / step.sum() for other, step in zip(there, steps, strict=True)]
+        return here, np.stack(columns, axis=-1)
+
+    def distinct(self, seen: Array, active: Mask, new: Mask) -> tuple[Mask, dict[str, str]]:
+        """Those active and those new that the data can tell, and why not the others."""
+        wanted, unknowns = active | new, self.problem.unknowns
+        _, derivatives = self.linear(seen, wanted)
+        lost = indistinct(derivatives, unknowns, wanted, active)
+        wanted[[k for k, _ in lost]] = False
+        return wanted, {unknowns[k].label: reason for k, reason in lost}
+
+    def _room(self, active: Mask) -> tuple[Array, Array, Array]:
+        """Widths and bounds of the active unknowns."""
+        all_of = zip(self.problem.unknowns, self.problem.start(), strict=True)
+        rows = np.array([(one.width, *one.range(start)) for one, start in all_of])
+        widths, low, high = rows[active].T
+        return widths, low, high
+
+    def result(self, seen: Array, active: Mask, left: dict[str, str]) -> Fit:
+        """The fit with its intervals."""
+        deviation = NORMAL * np.sqrt(np.diag(covariance(*self.linear(seen, active))))
+        numbers = []
+        for k, off in zip(np.flatnonzero(active), deviation, strict=True):
+            one, at = self.problem.unknowns[k], seen[k]
+            numbers.append(Number(one, *(one.value(x) for x in (at, at - off, at + off))))
+        known = tuple(number.unknown for number in numbers)
+        scene = replace(self.problem, unknowns=known).scene_at(seen[active])
+        return Fit(scene, tuple(numbers), left, seen, self.evaluations)
+
+    def _all(self, points: list[Array]) -> list[Array]:
+        self.evaluations += len(points)
+        found = self.problem.errors(points, self.workers)
+        self.progress(min(self.evaluations / self._expected, 1.0))
+        return found
+
+
+def _cost(errors: Array) -> float:
+    """Sum of the soft L1 of errors."""
+    return float(np.sum(np.sqrt(1.0 + (errors / SOFT) ** 2) - 1.0))
+
+
+def indistinct(
+    derivatives: Array, unknowns: tuple[Unknown, ...], active: Mask, kept: Mask
+) -> list[tuple[int, str]]:
+    """Places and reasons of the active unknowns, but for those kept, that the data cannot tell."""
+    places: list[int] = np.flatnonzero(active).tolist()
+    widths = np.array([unknowns[k].width for k in places])
+    scaled = derivatives.reshape(-1, len(places)) * widths / (NOISE * np.sqrt(TOGETHER))
+    found = []
+    while places:
+        _, values, shares = np.linalg.svd(scaled, full_matrices=False)
+        if values[-1] >= 1.0:
+            break
+        worst = int(np.argmax(np.abs(shares[-1])))
+        alone = float(np.linalg.norm(scaled[:, worst]))
+        reason = f"changed by {widths[worst]:.2g} it moves the markers by less than their noise"
+        if alone >= 1.0:
+            others = np.argsort(-np.abs(shares[-1]))
+            other = next(unknowns[places[k]].label for k in others if k != worst)
+            reason = f"the data do not tell it from {other}"
+        if not kept[places[worst]]:
+            found.append((places[worst], reason))
+        del places[worst]
+        scaled, widths = np.delete(scaled, worst, axis=1), np.delete(widths, worst)
+    return found
+
+
+def covariance(errors: Array, derivatives: Array) -> Array:
+    """Covariance of the unknowns from errors (T, N) and derivatives (T, N, unknowns)."""
+    weights = 1.0 / np.sqrt(1.0 + (errors / SOFT) ** 2)
+    curvature = np.einsum("tn,tnj,tnk->jk", weights, derivatives, derivatives)
+    scores = np.einsum("tn,tn,tnj->tj", weights, errors, derivatives)
+    lags = _correlated_frames(errors)
+    spread = scores.T @ scores
+    for lag in range(1, lags):
+        both = (1.0 - lag / lags) * scores[lag:].T @ scores[:-lag]
+        spread += both + both.T
+    inverse = np.linalg.pinv(curvature)
+    # As many degrees of freedom are used as there are unknowns.
+    count = len(errors) / lags
+    return (
+        inverse
+        @ spread
+        @ inverse
+        * count
+        / max(count - derivatives.shape[2] / errors.shape[1], 1.0)
+    )
+
+
+def _correlated_frames(errors: Array) -> int:
+    """Frames up to which errors are correlated: twice the first lag below 1/e, at least 1."""
+    power = float(np.sum(errors**2))
+    for lag in range(1, len(errors) // 4):
+        if float(np.sum(errors[lag:] * errors[:-lag])) < power / np.e:
+            return 1 if lag == 1 else 2 * lag
+    return max(1, len(errors) // 4)

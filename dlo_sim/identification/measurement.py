@@ -1,0 +1,117 @@
+"""A recorded cable: markers on it, and the end effectors that hold it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import rotations
+
+Array = NDArray[np.float64]
+# Direction of the cable in the frame of a gripper that is known by two markers, and how that frame
+# stands where the cable leaves the start straight down and comes up to the end: the y axis is the
+# world's. The roll of such a gripper is not measured; its frame turns by the least rotation.
+TANGENT = (1.0, 0.0, 0.0)
+_HANGING = {
+    "start": ((0.0, 0.0, -1.0), ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))),
+    "end": ((0.0, 0.0, 1.0), ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))),
+}
+
+
+class MeasurementError(Exception):
+    """Data that cannot be read: one line that names the file, the value and the cure."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One piece of motion.
+
+    Attributes:
+        name: for people.
+        times: of the frames [s], rising from 0, shape (F,).
+        markers: on the free cable, in their order from start to end [m], NaN where missing, shape
+            (F, M, 3).
+        poses: end -> position [m] and quaternion x, y, z, w of its end effector, shape (F, 7).
+        shares: material coordinates of the markers in lengths of the cable, shape (M,).
+        known: scene key -> value that the data give.
+        counted: markers that the mean of an error also counts because they are known, with none.
+        wrench: at the start [N, N m], load on the cable, shape (F, 6), or None.
+    """
+
+    name: str
+    times: Array
+    markers: Array
+    poses: Mapping[str, Array]
+    shares: Array
+    known: Mapping[str, object] = field(default_factory=dict)
+    counted: int = 0
+    wrench: Array | None = None
+
+    def pieces(self, duration: float) -> list[Recording]:
+        """Parts of about this duration [s], each from time 0."""
+        count = max(1, round(self.duration / duration))
+        edges = np.linspace(0, len(self.times), count + 1).astype(int)
+        return [self._part(*part, count) for part in itertools.pairwise(edges)]
+
+    def _part(self, first: int, last: int, count: int) -> Recording:
+        if count == 1:
+            return self
+        start = self.times[first]
+        return replace(
+            self,
+            name=f"{self.name} from {start:.3g} s",
+            times=self.times[first:last] - start,
+            markers=self.markers[first:last],
+            poses={end: path[first:last] for end, path in self.poses.items()},
+            wrench=None if self.wrench is None else self.wrench[first:last],
+        )
+
+    @property
+    def duration(self) -> float:
+        """From the first frame to the last [s]."""
+        return float(self.times[-1])
+
+
+def poses_of_two_markers(end: str, first: Array, second: Array) -> Array:
+    """Poses (F, 7) of a gripper that holds the cable midway between two markers (F, 3).
+
+    The x axis is the direction from the first to the second; from frame to frame the orientation
+    changes by the least rotation.
+    """
+    direction = second - first
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    down, frame = _HANGING[end]
+    upright = rotations.from_matrix(np.array(frame).T)
+    orientation = [
+        rotations.multiply(rotations.minimal_rotation(np.array(down), direction[0]), upright)
+    ]
+    for turn in rotations.minimal_rotation(direction[:-1], direction[1:]):
+        orientation.append(rotations.normalized(rotations.multiply(turn, orientation[-1])))
+    return np.hstack([0.5 * (first + second), np.array(orientation)])
+
+
+def shares_along(points: Array) -> tuple[float, Array]:
+    """Length [m] between the first and the last of points (..., M, 3), by the medians of the
+    distances between neighbours, and the share of it at which each is, shape (M,).
+    """
+    edges = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
+    along = np.cumsum(np.nanmedian(edges.reshape(-1, edges.shape[-1]), axis=0))
+    return float(along[-1]), np.concatenate([[0.0], along / along[-1]])
+
+
+def clamped_at(ends: Mapping[str, Array]) -> dict[str, object]:
+    """Scene values of ends that are clamped at the first of their poses."""
+    values: dict[str, object] = {}
+    for end, poses in ends.items():
+        values |= {
+            f"{end}.fixed": [True, True, True],
+            f"{end}.clamped": True,
+            f"{end}.tangent": list(TANGENT),
+            f"{end}.position": poses[0, :3].tolist(),
+            f"{end}.offset": [0.0, 0.0, 0.0],
+        }
+    return values

@@ -1,0 +1,157 @@
+"""What is fitted, as data, and how far a scene is from recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.batch.workers import Workers
+from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.prediction import predict
+from dlo_sim.scene.description import Scene, scene_values
+
+Array = NDArray[np.float64]
+BETWEEN = 0.05  # [s] between frames that are compared: markers of a cable hardly move on their own
+POINTS = 7  # of the natural curvature
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number to fit.
+
+    Attributes:
+        key: of the scene. at: place in its list, or None.
+        log: the fit sees the logarithm.
+        width: how far it is usually off; reach: how far it may go; both of what the fit sees.
+        least: what it may not fall below; of a logarithm its start where the scene has less.
+        stage: unknowns of a stage join those of the earlier ones once these are fitted.
+    """
+
+    key: str
+    width: float
+    reach: float
+    at: int | None = None
+    log: bool = False
+    least: float = -np.inf
+    stage: int = 0
+
+    @property
+    def label(self) -> str:
+        """Key, and place in its list."""
+        return self.key if self.at is None else f"{self.key}[{self.at}]"
+
+    def seen(self, value: float) -> float:
+        """What the fit sees of a value."""
+        return float(np.log(max(value, self.least))) if self.log else value
+
+    def range(self, start: float) -> tuple[float, float]:
+        """Bounds of what the fit sees, from its start."""
+        low = start - self.reach
+        return (low if self.log else max(low, self.least)), start + self.reach
+
+    def value(self, seen: float) -> float:
+        """The value of what the fit sees."""
+        return float(np.exp(seen)) if self.log else float(seen)
+
+
+def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
+    """All that can be fitted to a scene."""
+    length, mu = scene.cable.length, scene.cable.mu
+    return (
+        Unknown("cable.bending_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
+        Unknown("cable.torsional_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
+        Unknown("damping.stiffness", 1.0, 6.0, log=True, least=0.03),
+        Unknown("damping.air_drag", 0.2 * mu, 5.0 * mu, least=0.0),
+        Unknown("cable.length", 0.02 * length, 0.1 * length),
+        *(
+            Unknown("cable.rest_curvature", 2.0 / length, 20.0 / length, at=k, stage=1)
+            for k in range(POINTS)
+        ),
+        *(Unknown("cable.rest_curvature_axis", 0.5, 1.0, at=k, stage=2) for k in (0, 2)),
+        *(Unknown(f"{end}.offset", 0.005, 0.03, at=0, stage=2) for end in ("start", "end")),
+    )
+
+
+def prepared(scene: Scene) -> Scene:
+    """The scene with its derived values as numbers and its curvature as a list, to be changed."""
+    cable = scene.cable
+    points = np.linspace(0.0, 1.0, len(cable.rest_curvature))
+    curvature = np.interp(np.linspace(0.0, 1.0, POINTS), points, cable.rest_curvature)
+    return scene.with_values(
+        {
+            "cable.bending_stiffness": cable.EI,
+            "cable.torsional_stiffness": cable.GJ,
+            "cable.linear_density": cable.mu,
+            "cable.axial_stiffness": cable.EA,
+            "cable.rest_curvature": curvature.tolist(),
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A scene with numbers to fit to recordings.
+
+    Attributes:
+        scene: `prepared`. start_frames: of a recording, from which its simulation starts.
+    """
+
+    scene: Scene
+    unknowns: tuple[Unknown, ...]
+    recordings: tuple[Recording, ...]
+    start_frames: int
+
+    def start(self) -> Array:
+        """What the fit sees of the scene's own values."""
+        values = scene_values(self.scene)
+        found = [
+            values[one.key] if one.at is None else values[one.key][one.at] for one in self.unknowns
+        ]
+        return np.array([one.seen(value) for one, value in zip(self.unknowns, found, strict=True)])
+
+    def scene_at(self, seen: Array) -> Scene:
+        """The scene with these values."""
+        return self.scene.with_values(self.values_at(seen))
+
+    def values_at(self, seen: Array) -> dict[str, object]:
+        """Scene key -> value."""
+        present = scene_values(self.scene)
+        changed: dict[str, Any] = {}
+        for one, number in zip(self.unknowns, seen, strict=True):
+            if one.at is None:
+                changed[one.key] = one.value(number)
+            else:
+                row = changed.setdefault(one.key, list(present[one.key]))
+                row[one.at] = one.value(number)
+        axis = changed.get("cable.rest_curvature_axis")
+        if axis is not None:
+            changed["cable.rest_curvature_axis"] = (np.array(axis) / np.linalg.norm(axis)).tolist()
+        return changed
+
+    def scenes_at(self, seen: Array) -> list[tuple[Scene, Recording, int]]:
+        """What `errors` takes, for every recording."""
+        scene = self.scene_at(seen)
+        return [(scene, recording, self.start_frames) for recording in self.recordings]
+
+    def errors(self, points: Sequence[Array], workers: Workers) -> list[Array]:
+        """For each of several vectors the errors of all recordings [m], shape (T, 3 M)."""
+        items = [item for seen in points for item in self.scenes_at(seen)]
+        found = list(workers.map(error_of, items))
+        count = len(self.recordings)
+        return [
+            np.concatenate(found[first : first + count]) for first in range(0, len(found), count)
+        ]
+
+
+def error_of(item: tuple[Scene, Recording, int]) -> Array:
+    """Predicted less measured markers [m] at the frames compared, shape (T, 3 M); 0 where a marker
+    is missing.
+    """
+    scene, recording, frames = item
+    every = max(1, round(BETWEEN / float(np.median(np.diff(recording.times)))))
+    apart = (predict(scene, recording, frames) - recording.markers)[frames::every]
+    return np.nan_to_num(apart).reshape(len(apart), -1)

@@ -1,0 +1,69 @@
+"""Whole trajectories of end effectors as motions of single steps, for one compiled call."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import rotations
+from dlo_sim.engine import grasps, layout
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.model import Model, local_axis, natural_vectors
+
+Array = NDArray[np.float64]
+
+
+def on_grid(grid: Array, times: Array, poses: Array) -> Array:
+    """Poses (T, 7) at the times of a grid: cubic Hermite, quaternions made unit again."""
+    signs = np.sign(np.sum(poses[1:, 3:] * poses[:-1, 3:], axis=1))
+    poses = poses.copy()
+    poses[1:, 3:] *= np.cumprod(np.where(signs < 0.0, -1.0, 1.0))[:, None]
+    slopes = np.gradient(poses, times, axis=0)
+    k = np.clip(np.searchsorted(times, grid, side="right") - 1, 0, len(times) - 2)
+    h = (times[k + 1] - times[k])[:, None]
+    s = np.clip((grid - times[k])[:, None] / h, 0.0, 1.0)
+    a, b = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s**2 * (3.0 - 2.0 * s)
+    path = a * poses[k] + b * poses[k + 1]
+    path += h * (s * (1.0 - s) ** 2 * slopes[k] - s**2 * (1.0 - s) * slopes[k + 1])
+    path[:, 3:] = rotations.normalized(path[:, 3:])
+    return np.asarray(path)
+
+
+def motions_along(present: Array, grid: Array, path: Array) -> Array:
+    """Rows of `engine.grasps` of the steps of a path (K + 1, 7), shape (K, MOTION_SIZE)."""
+    rows = np.repeat(present[None], len(grid) - 1, axis=0)
+    tau = np.diff(grid)
+    turn = rotations.to_rotation_vector(
+        rotations.multiply(path[1:, 3:], rotations.conjugate(path[:-1, 3:]))
+    )
+    rows[:, grasps.START], rows[:, grasps.DURATION] = grid[:-1], tau
+    rows[:, grasps.POSITION : grasps.FRAME] = 0.0
+    rows[:, grasps.POSITION : grasps.POSITION + 3] = path[:-1, :3]
+    rows[:, grasps.POSITION + 3 : grasps.POSITION + 6] = np.diff(path[:, :3], axis=0) / tau[:, None]
+    frames = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
+    rows[:, grasps.FRAME : grasps.TURN] = frames
+    rows[:, grasps.TURN : grasps.TURN + 3] = turn / tau[:, None]
+    rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
+    # The twist goes on from step to step: the part of each turn about the tangent.
+    direction = present[grasps.DIRECTION : grasps.DIRECTION + 3]
+    half = 0.5 * np.linalg.norm(turn, axis=1)
+    along = np.sum(turn * rotations.rotate(path[:-1, 3:], direction), axis=1)
+    angle = 2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half))
+    rows[1:, grasps.TWIST] += np.cumsum(angle)[:-1]
+    return rows
+
+
+def natural_along(scene: Scene, model: Model, motions: Array) -> tuple[Array, Array]:
+    """Natural moments per unit of the axis, empty if there are none, and the axis of every step:
+    it turns with the start's end effector.
+    """
+    if not (model.has(layout.CURVED) and any(scene.cable.rest_curvature)):
+        return np.zeros(0), np.zeros(0)
+    axis = np.array(scene.cable.rest_curvature_axis) / np.linalg.norm(
+        scene.cable.rest_curvature_axis
+    )
+    frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
+    axes = np.array([local_axis(one, model.axes) for one in frames @ axis])
+    ones = np.ones(3)
+    moments = natural_vectors(scene, model, ones) * local_axis(ones, model.axes)[2]
+    return moments.ravel(), axes.ravel()

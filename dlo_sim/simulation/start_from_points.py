@@ -1,0 +1,283 @@
+"""A smooth cable of the right length through measured points of it.
+
+The control points q minimise
+    mean |r(u_m) - p_m|^2 + BEND L^3 int |r''|^2 du + LENGTH L^2 mean ((|r'|^2 - 1) / 2)^2,
+in which the ends are where they are held, by Gauss-Newton steps from the solution without the last
+term, whose parenthesis is averaged over each knot span: a spline that kept its length at every
+point could hardly bend. The velocities minimise the same with r'.v' for it. A point that the others
+predict badly is a spike and is left out. BEND only chooses among the curves that fit (with n_u = 17
+predictions from 12 markers are the same for 1e-9 to 1e-5); LENGTH keeps a stiff cable from
+starting under tension.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.core import arguments, bspline
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.ends import EndDrive
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+BEND, LENGTH = 1e-7, 1e2
+SAMPLES = 3  # of a knot span
+STEPS, HALVINGS = 25, 6  # of Gauss and Newton, at most
+ROUNDING = 1e-6  # of the length, change that counts as none
+SPIKE, CLEAR = 2.0, 0.02  # of the distance of the next worst point; of the length
+OUTLIER = 6.0  # of the median distance of a point's frames from its path
+MOST_SPIKES = 0.3  # of the points
+PROJECTIONS = 5  # of points onto the curve, to find their coordinates
+QUADRATIC = 5  # frames from which the motion is a parabola and not a line
+
+
+@dataclass(frozen=True)
+class _Spline:
+    """What the sums need: knots, what is held, and the basis at quadrature points.
+
+    Attributes:
+        held: control points where the ends put them, shape (n, 3). free: changes that keep what is
+            held, shape (3 n, unknowns). slopes, bends: of the basis, shape (samples, n).
+        weights: of the samples [m].
+    """
+
+    knots: Array
+    held: Array
+    free: Array
+    slopes: Array
+    bends: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, scene: Scene, ends: EndDrive, knots: Array) -> _Spline:
+        """The spline of a scene whose ends are where they are at time 0."""
+        n = len(knots) - bspline.DEGREE - 1
+        breaks, (x, w) = bspline.breaks(knots), np.polynomial.legendre.leggauss(SAMPLES)
+        half = 0.5 * np.diff(breaks)[:, None]
+        u = (breaks[:-1, None] + half * (1.0 + x)).ravel()
+        held, kept = np.zeros((n, 3)), np.zeros((n, 3), dtype=bool)
+        tangents = []
+        for name, end in scene.ends.items():
+            outer = 0 if name == "start" else n - 1
+            inner = 1 if name == "start" else n - 2
+            fixed = list(end.fixed)
+            held[outer, fixed] = ends.place_at(name, 0.0)[:3][fixed]
+            kept[outer, fixed] = True
+            if end.clamped:
+                held[inner], kept[inner] = held[outer], True
+                tangents.append((inner, ends.tangent(name, 0.0)))
+        free = np.eye(3 * n)[:, ~kept.ravel()]
+        along = np.zeros((3 * n, len(tangents)))
+        for column, (inner, direction) in enumerate(tangents):
+            along[3 * inner : 3 * inner + 3, column] = direction
+        basis = np.eye(n)
+        slopes, bends = (bspline.evaluate(basis, knots, u, order) for order in (1, 2))
+        return cls(
+            knots,
+            held,
+            np.hstack([free, along]),
+            slopes,
+            bends,
+            np.tile(w, len(half)) * half.repeat(SAMPLES),
+        )
+
+    @property
+    def length(self) -> float:
+        """Rest length [m]."""
+        return float(self.knots[-1])
+
+    def fitting(self, u: Array, values: Array) -> tuple[Array, Array]:
+        """Rows of the points and of BEND on control points, (3 m + 3 samples, 3 n), and what they
+        are to be.
+        """
+        bend = np.sqrt(BEND * self.length**3 * self.weights)[:, None] * self.bends
+        basis = bspline.evaluate(np.eye(len(self.held)), self.knots, u)
+        rows = np.kron(np.vstack([basis / np.sqrt(len(u)), bend]), np.eye(3))
+        wanted = np.zeros(len(rows))
+        wanted[: values.size] = values.ravel() / np.sqrt(len(u))
+        return rows, wanted
+
+    def stretch(self, points: Array) -> tuple[Array, Array]:
+        """Mean of (|r'|^2 - 1) / 2 over every span with its weight, and its derivative."""
+        slope = self.slopes @ points
+        shares = self.weights.reshape(-1, SAMPLES)
+        shares = self.length * np.sqrt(LENGTH / len(shares)) * shares / shares.sum(1, keepdims=True)
+        rows = (self.slopes[:, :, None] * slope[:, None, :]).reshape(*shares.shape, -1)
+        strain = 0.5 * (np.sum(slope**2, axis=1) - 1.0).reshape(shares.shape)
+        return np.sum(shares * strain, axis=1), np.einsum("sk,skj->sj", shares, rows)
+
+    def solved(self, rows: Array, values: Array, held: Array) -> Array:
+        """Control points that fit rows (m, 3 n) to values (m,) and keep what is held."""
+        unknowns = np.linalg.lstsq(rows @ self.free, values - rows @ held.ravel(), rcond=None)[0]
+        return np.asarray(held + (self.free @ unknowns).reshape(held.shape))
+
+    def linear(self, u: Array, points: Array, held: Array) -> Array:
+        """The curve of no particular length through points."""
+        return self.solved(*self.fitting(u, points), held)
+
+    def through(self, u: Array, points: Array) -> Array:
+        """The curve of the cable's length through points."""
+        rows, values = self.fitting(u, points)
+        curve = self.linear(u, points, self.held)
+        for _ in range(STEPS):
+            error, derivative = self.stretch(curve)
+            apart = values - rows @ curve.ravel()
+            present = apart @ apart + error @ error
+            change = self.solved(
+                np.vstack([rows, derivative]), np.append(apart, -error), np.zeros_like(curve)
+            )
+            for _ in range(HALVINGS):
+                trial = curve + change
+                error, apart = self.stretch(trial)[0], values - rows @ trial.ravel()
+                if apart @ apart + error @ error < present:
+                    break
+                change = 0.5 * change
+            curve = curve + change
+            if np.abs(change).max() < ROUNDING * self.length:
+                break
+        return curve
+
+    def moving(self, u: Array, velocities: Array, curve: Array) -> Array:
+        """Velocities of the control points that keep the length."""
+        rows, values = self.fitting(u, velocities)
+        _, derivative = self.stretch(curve)
+        left = np.vstack([rows, derivative])
+        right = np.concatenate([values, np.zeros(len(derivative))])
+        return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0].reshape(curve.shape))
+
+
+def cable_through(
+    scene: Scene,
+    ends: EndDrive,
+    knots: Array,
+    points: ArrayLike,
+    times: ArrayLike | None,
+    coordinates: ArrayLike | None,
+) -> tuple[Array, Array]:
+    """Control points [m] and velocities [m/s], each (n, 3); see `Simulator.start_from_points`."""
+    frames, stamps = _frames(points, times)
+    spline = _Spline.of(scene, ends, knots)
+    place, speed = _at_zero(frames, stamps)
+    seen: Mask = np.asarray(np.isfinite(place).all(axis=1))
+    if seen.sum() < 2:
+        raise ValueError(f"points: {seen.sum()} of {len(seen)} are known; give two or more")
+    if coordinates is None:
+        u = np.full(len(seen), np.nan)
+        u[seen] = _found(spline, scene, place[seen])
+    else:
+        u = arguments.numbers("coordinates", coordinates, (len(seen),), "m")
+        if u.min() < 0.0 or u.max() > spline.length * (1.0 + 1e-9):
+            raise ValueError(
+                f"coordinates: {u.min():g} to {u.max():g} m leave the cable, 0 to "
+                f"{spline.length:g} m; change them or cable.length"
+            )
+    seen[seen] = _no_spikes(spline, u[seen], place[seen])
+    curve = spline.through(u[seen], place[seen])
+    known: Mask = np.asarray(seen & np.isfinite(speed).all(axis=1))
+    if known.sum() < 2:
+        return curve, np.zeros_like(curve)
+    known[known] = _no_spikes(spline, u[known], speed[known], still=True)
+    return curve, spline.moving(u[known], speed[known], curve)
+
+
+def _frames(points: ArrayLike, times: ArrayLike | None) -> tuple[Array, Array]:
+    """Points (F, M, 3) with NaN for what is missing, and their times (F,)."""
+    try:
+        frames = np.asarray(points, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError("points: are no numbers; give rows x, y, z, NaN for missing") from None
+    if np.isinf(frames).any():
+        raise ValueError("points: are infinite; give NaN for missing ones")
+    frames = frames[None] if frames.ndim == 2 else frames
+    if frames.ndim != 3 or frames.shape[2] != 3:
+        raise ValueError(f"points: shape {frames.shape}; give (M, 3), or (F, M, 3) with F times")
+    stamps = np.zeros(1) if times is None else arguments.numbers("times", times, (None,), "s")
+    if len(stamps) != len(frames):
+        raise ValueError(f"times: {len(stamps)} for {len(frames)} frames of points; give one each")
+    return frames, stamps
+
+
+def _at_zero(frames: Array, times: Array) -> tuple[Array, Array]:
+    """Positions and velocities (M, 3) at time 0, of lines or parabolas through each point's frames;
+    a frame that lies apart counts little. NaN where too few frames are known.
+    """
+    place, speed = np.full((2, *frames.shape[1:]), np.nan)
+    for m in range(frames.shape[1]):
+        known = np.isfinite(frames[:, m]).all(axis=1)
+        if not known.any():
+            continue
+        t, p = times[known], frames[known, m]
+        powers = np.vander(t, min(len(t), 3 if len(t) >= QUADRATIC else 2), increasing=True)
+        weight = np.ones(len(t))
+        for _ in range(STEPS if len(t) > 2 else 1):
+            fitted = np.linalg.lstsq(weight[:, None] * powers, weight[:, None] * p, rcond=None)[0]
+            apart = np.linalg.norm(p - powers @ fitted, axis=1)
+            weight = 1.0 / (1.0 + (apart / (OUTLIER * np.median(apart) + 1e-12)) ** 2)
+        place[m] = fitted[0]
+        if len(t) > 1:
+            speed[m] = fitted[1]
+    return place, speed
+
+
+def _found(spline: _Spline, scene: Scene, points: Array) -> Array:
+    """Material coordinates of points in their order along the cable: by the distance along them,
+    then by projection onto the curve.
+    """
+    held = {name: any(end.fixed) for name, end in scene.ends.items()}
+    chain = [spline.held[:1]] * held["start"] + [points] + [spline.held[-1:]] * held["end"]
+    u = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(np.vstack(chain), axis=0), axis=1))]
+    )
+    if all(held.values()) or u[-1] > spline.length:
+        u *= spline.length / u[-1]
+    elif held["end"]:
+        u += spline.length - u[-1]
+    u = u[held["start"] :][: len(points)]
+    for _ in range(PROJECTIONS):
+        curve = spline.through(u, points)
+        slope = bspline.evaluate(curve, spline.knots, u, 1)
+        apart = points - bspline.evaluate(curve, spline.knots, u)
+        u = u + np.sum(apart * slope, axis=1) / np.sum(slope**2, axis=1)
+        u = np.maximum.accumulate(np.clip(u, 0.0, spline.length))
+    return u
+
+
+def _no_spikes(spline: _Spline, u: Array, values: Array, still: bool = False) -> Mask:
+    """Which points are no spikes: each spike is far from what the others predict, and without the
+    spikes no other point is nearly as far.
+
+    `still`: values are velocities, to which nothing is held.
+    """
+    good = np.ones(len(u), dtype=bool)
+    least = CLEAR * spline.length
+    if still:
+        least = SPIKE * float(np.median(np.linalg.norm(values, axis=1)))
+    kept, left_out = good.copy(), list[float]()
+    for _ in range(int(MOST_SPIKES * len(u)) + 1):
+        distance = _to_prediction(spline, u[good], values[good], still)
+        worst = int(np.argmax(distance))
+        if left_out and min(left_out) > max(SPIKE * distance[worst], least):
+            kept = good.copy()
+        left_out.append(float(distance[worst]))
+        good[np.flatnonzero(good)[worst]] = False
+    return kept
+
+
+def _to_prediction(spline: _Spline, u: Array, values: Array, still: bool) -> Array:
+    """Distance of each point to the curve of no particular length through the others.
+
+    Leaving a point out of a linear fit changes its distance d to d / (1 - h), with h the influence
+    of the point on its own fit.
+    """
+    rows, right = spline.fitting(u, values)
+    free = np.eye(spline.held.size) if still else spline.free
+    if not still:
+        right -= rows @ spline.held.ravel()
+    q, _ = np.linalg.qr(rows @ free)
+    apart = (right - q @ (q.T @ right))[: values.size]
+    influence = np.sum(q[: values.size] ** 2, axis=1)
+    apart /= np.maximum(1.0 - influence, 1e-9)
+    return np.asarray(np.linalg.norm(apart.reshape(-1, 3), axis=1) * np.sqrt(len(u)))

@@ -1,0 +1,1 @@
+"""Recorded cables beside predictions of them."""

@@ -1,0 +1,82 @@
+"""What needs no dynamics: trivial predictions, and how well any smooth cable fits the markers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline
+from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.prediction import begin
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+EVERY = 25  # frames between two equilibria, and between two fitted splines
+
+
+def held(recording: Recording) -> Array:
+    """The first shape, for ever, (F, M, 3)."""
+    return np.repeat(recording.markers[:1], len(recording.times), axis=0)
+
+
+def moved(recording: Recording) -> Array:
+    """The first shape moved with the grippers, blended along the cable, (F, M, 3)."""
+    shift = {end: path[:, :3] - path[0, :3] for end, path in recording.poses.items()}
+    start, end = shift["start"], shift.get("end", shift["start"])
+    share = recording.shares[None, :, None]
+    blended = (1.0 - share) * start[:, None] + share * end[:, None]
+    return np.asarray(recording.markers[:1] + blended)
+
+
+def resting(item: tuple[Scene, Recording]) -> Array:
+    """The shape at rest between the grippers where they are, (F, M, 3)."""
+    scene, recording = item
+    scene = scene.with_values({"initial.shape": "equilibrium"})
+    frames = _frames(recording)
+    shapes: list[Array] = []
+    for frame in frames:
+        try:
+            simulator = Simulator(scene, _poses(recording, frame))
+        except SceneError:  # no equilibrium was found: the one before
+            shapes.append(shapes[-1] if shapes else recording.markers[frame])
+        else:
+            shapes.append(simulator.centerline(recording.shares * scene.cable.length))
+    rows = np.array(shapes).reshape(len(frames), -1)
+    times = recording.times
+    columns = [np.interp(times, times[frames], column) for column in rows.T]
+    return np.stack(columns, axis=-1).reshape(len(times), -1, 3)
+
+
+def spline_distance(item: tuple[Scene, Recording]) -> float:
+    """Mean distance [m] of the free markers from a smooth cable of the recorded length through
+    them: noise, slip and what a cable of these control points cannot show.
+    """
+    scene, recording = item
+    still = {f"{end}.offset": [0.0, 0.0, 0.0] for end in recording.poses}
+    scene = scene.with_values({**still, "cable.length": recording.known["cable.length"]})
+    u = recording.shares * scene.cable.length
+    apart = []
+    for frame in _frames(recording):
+        simulator = Simulator(scene, _poses(recording, frame))
+        part = Recording(
+            recording.name,
+            recording.times[:1],
+            recording.markers[frame : frame + 1],
+            {end: path[frame : frame + 1] for end, path in recording.poses.items()},
+            recording.shares,
+        )
+        begin(simulator, part, u, 1)
+        curve = bspline.evaluate(simulator.control_points[:, :3], simulator.model.knots, u)
+        apart.append(np.linalg.norm(curve - part.markers[0], axis=1))
+    return float(np.nanmean(apart))
+
+
+def _frames(recording: Recording) -> NDArray[np.int64]:
+    last = len(recording.times) - 1
+    return np.unique(np.append(np.arange(0, last, EVERY), last))
+
+
+def _poses(recording: Recording, frame: int) -> dict[str, tuple[Array, Array]]:
+    return {end: (path[frame, :3], path[frame, 3:]) for end, path in recording.poses.items()}

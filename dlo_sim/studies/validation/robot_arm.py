@@ -1,0 +1,201 @@
+"""Cables that hang from a robot arm with a force-torque sensor: shapes at rest, and reactions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import rotations
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import load_scene
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.catalogue import Request
+from dlo_sim.studies.report import Column, Header, Report
+
+Array = NDArray[np.float64]
+TURN, REST = 0.7, 1.6  # [s] from one clamp angle to the next, and there
+STILL = 6.0  # 1/s, damping that brings the cable to rest
+TWO = 0.01  # [m] between two shapes
+FACTORS = (1.0, 0.85)  # of the published bending stiffness
+RESTING: Header = [
+    "cable",
+    "bending stiffness, of the published",
+    Column("tip error", "cm", ".2f"),
+    Column("from below", "cm", ".2f"),
+    Column("from above", "cm", ".2f"),
+    "angles with two shapes",
+]
+MOVING: Header = [
+    "cable",
+    Column("Fx correlation", "", ".2f"),
+    Column("Fx rms error", "N", ".2f"),
+    Column("Fz correlation", "", ".2f"),
+    Column("Fz rms error", "N", ".2f"),
+    Column("Fz bias", "N", ".2f"),
+]
+
+
+@dataclass(frozen=True)
+class Set:
+    """Recordings of one cable: a table of shapes at rest, or a bag."""
+
+    name: str
+    path: Path
+    values: dict[str, object]
+
+    @property
+    def scene(self) -> Scene:
+        """The hanging cable with the published parameters."""
+        return load_scene("hanging_cable", self.values)
+
+
+def sets_of(folder: Path) -> list[Set]:
+    """What the folder holds of it, where the parameters are there too."""
+    found = []
+    paths = [
+        *folder.rglob("theta_equilibria.csv"),
+        *(p for p in folder.rglob("bags/*") if p.is_dir()),
+    ]
+    for path in sorted(paths):
+        name = path.parent.name.removesuffix("_equilibria") if path.is_file() else path.name
+        parameters = list(folder.rglob(f"params/{name}.txt"))
+        if parameters:
+            found.append(Set(name, path, published(parameters[0])))
+    return found
+
+
+def published(path: Path) -> dict[str, object]:
+    """The authors' parameters of a cable as scene values; formulas: config/hanging_cable.yaml."""
+    numbers = map(float, path.read_text(encoding="utf-8").split(","))
+    mass, end_mass, length, diameter, k, theta0, theta1, beta = numbers
+    return {
+        "cable.length": length,
+        "cable.diameter": diameter,
+        "cable.linear_density": mass / length,
+        "cable.bending_stiffness": k * length,
+        "cable.rest_curvature": [theta0 / length, (theta0 + theta1) / length],
+        "damping.stiffness": beta / k,
+        "end.mass": end_mass,
+        "end.position": [0.0, 0.0, 0.75 - length],
+    }
+
+
+def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]:
+    """Tables of shapes at rest and of reactions; verdicts."""
+    resting: list[list[Any]] = []
+    moving: list[list[Any]] = []
+    for number, one in enumerate(sets):
+        if one.path.is_file():
+            resting += _resting(one, not request.quick)
+        else:
+            moving.append(_moving(one))
+        request.progress(0.8 + 0.2 * (number + 1) / len(sets))
+    if resting or moving:
+        report.section("Cables on a robot arm")
+    if resting:
+        report.text(
+            "The clamp is turned slowly through all angles, upwards and downwards; where the two "
+            "shapes differ, the cable can snap over, and the nearer one counts."
+        )
+        report.table("resting", RESTING, resting, "Tip at rest, mean distance over the angles")
+    if moving:
+        report.table("moving", MOVING, moving, "Reaction at the gripper against the sensor")
+    verdicts = {}
+    for name, stiffness, tip, *_ in resting:
+        verdicts[f"{name} at rest, EI x {stiffness}"] = f"tip {1e2 * tip:.2f} cm off"
+    for name, x, x_rms, _, z_rms, _ in moving:
+        words = f"Fx correlation {x:.2f}, rms {x_rms:.2f} N; Fz rms {z_rms:.2f} N"
+        verdicts[f"{name} moving"] = words
+    return verdicts
+
+
+def _resting(one: Set, fit: bool) -> list[list[Any]]:
+    """Rows of the published stiffness, of less, and of a fit to every second angle that is judged
+    at the others.
+    """
+    table = np.genfromtxt(one.path, delimiter=",", names=True)
+    table = table[np.argsort(table["Gamma"])]
+    # The markers are given in the clamp's frame.
+    turns = rotations.from_rotation_vector(np.outer(table["Gamma"], [0.0, 1.0, 0.0]))
+    own = np.stack([table["X_end"], np.zeros(len(table)), table["Z_end"]], axis=-1)
+    measured = rotations.rotate(turns, own)
+    scene = one.scene.with_values(
+        {
+            "damping.mass": STILL,
+            "integrator.method": "energy_momentum",
+            "integrator.step": 0.005,
+            "start.position": [0.0, 0.0, 0.0],
+            "end.position": [0.0, 0.0, -float(one.values["cable.length"])],  # type: ignore[arg-type]
+        }
+    )
+
+    def branches(numbers: Array) -> Array:
+        """Tips less measured ones, upwards and downwards, (2, K, 3)."""
+        changed = scene.with_values(
+            {
+                "cable.bending_stiffness": float(np.exp(numbers[0])) * scene.cable.EI,
+                "cable.rest_curvature": numbers[1:].tolist(),
+            }
+        )
+        up, down = tips(changed, turns), tips(changed, turns[::-1])[::-1]
+        return np.stack([up, down]) - measured
+
+    start = np.array([0.0, *scene.cable.rest_curvature])
+    rows = []
+    for factor in FACTORS:
+        numbers = start + np.array([np.log(factor), 0.0, 0.0])
+        rows.append(_row(one, f"{factor:g}", branches(numbers), slice(None)))
+    if fit:
+        numbers = _fitted(branches, start)
+        label = f"{np.exp(numbers[0]):.2f}, natural curvature {numbers[1]:.2f} to {numbers[2]:.2f}"
+        rows.append(_row(one, f"{label} /m, other angles", branches(numbers), slice(1, None, 2)))
+    return rows
+
+
+def _row(one: Set, words: str, apart: Array, chosen: slice) -> list[Any]:
+    distance = np.linalg.norm(apart[:, chosen], axis=-1)
+    two = int(np.sum(np.linalg.norm(apart[0] - apart[1], axis=-1)[chosen] > TWO))
+    return [one.name, words, float(distance.min(axis=0).mean()), *distance.mean(axis=1), two]
+
+
+def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
+    """Logarithm of the stiffness and natural curvature at both ends, by every second angle."""
+    from scipy.optimize import least_squares
+
+    def nearest(numbers: Array) -> Array:
+        apart = branches(numbers)[:, ::2]
+        near = np.argmin(np.linalg.norm(apart, axis=-1), axis=0)
+        return np.asarray(apart[near, np.arange(apart.shape[1])].ravel())
+
+    found = least_squares(
+        nearest, start, diff_step=1e-2, x_scale=[0.2, 0.5, 0.5], loss="soft_l1", f_scale=0.02,
+        max_nfev=8,
+    )  # fmt: skip
+    return np.asarray(found.x)
+
+
+def tips(scene: Scene, turns: Array) -> Array:
+    """Tip [m] at rest at orientations of the clamp (K, 4) that are visited one after the other,
+    shape (K, 3).
+    """
+    knots = np.arange(len(turns)) * (TURN + REST)
+    times = np.arange(0.0, knots[-1] + REST + 0.1, 0.05)
+    k = np.minimum((times / (TURN + REST)).astype(int), len(turns) - 2)
+    share = np.clip((times - knots[k] - REST) / TURN, 0.0, 1.0)
+    poses = np.hstack([np.zeros((len(times), 3)), rotations.slerp(turns[k], turns[k + 1], share)])
+    simulator = Simulator(scene, {"start": (poses[0, :3], poses[0, 3:])})
+    _, points = simulator.follow(times, {"start": poses}, knots + 0.98 * REST)
+    return np.asarray(points[:, -1, :3])
+
+
+def _moving(one: Set) -> list[Any]:
+    from dlo_sim.replay.replay import replay_bag  # loads the bag library
+
+    summary = replay_bag(one.path, one.scene, None, compare={"start": "/ft_compensated"})
+    x, _, z = summary.comparison["start"]
+    return [one.name, x.correlation, x.rms_error, z.correlation, z.rms_error, z.bias]

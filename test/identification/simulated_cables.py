@@ -1,0 +1,52 @@
+"""Recordings of simulated cables, whose numbers are known."""
+
+import numpy as np
+
+import dlo_sim
+from dlo_sim.core import bspline, rotations
+from dlo_sim.identification.measurement import TANGENT, Recording, clamped_at
+from dlo_sim.identification.prediction import COMPUTATION
+from dlo_sim.simulation.simulator import Simulator
+
+SHARES = np.linspace(0.1, 0.9, 8)
+TRUTH = {
+    "cable.length": 1.0,
+    "cable.diameter": 0.006,
+    "cable.linear_density": 0.05,
+    "cable.axial_stiffness": 500.0,
+    "cable.bending_stiffness": 2e-3,
+    "damping.stiffness": 0.06,
+    "damping.air_drag": 0.01,
+}
+
+
+def poses(times, amount, seed):
+    """Grippers that hold a hanging loop and move along smooth random ways."""
+    rng = np.random.default_rng(seed)
+    found = {}
+    down = {"start": [0.0, 0.0, -1.0], "end": [0.0, 0.0, 1.0]}
+    for end, place in (("start", [0.0, 0.0, 0.0]), ("end", [0.5, 0.0, 0.0])):
+        phase, rate = rng.uniform(0.0, 2.0 * np.pi, (2, 3)), rng.uniform(0.4, 1.2, (2, 3))
+        way = np.sin(2.0 * np.pi * rate[0] * times[:, None] + phase[0]) - np.sin(phase[0])
+        tilt = np.sin(2.0 * np.pi * rate[1] * times[:, None] + phase[1]) - np.sin(phase[1])
+        direction = np.array(down[end]) + 0.3 * amount * tilt
+        turned = rotations.minimal_rotation(np.array(TANGENT), direction)
+        found[end] = np.hstack([np.array(place) + 0.08 * amount * way, turned])
+    return found
+
+
+def recorded(truth, seed=0, amount=1.0, duration=1.5, noise=1e-3):
+    """A piece at 100 Hz, from rest, with noise on the markers [m]."""
+    times = np.arange(0.0, duration, 0.01)
+    paths = poses(times, amount, seed)
+    known = {"cable.length": truth["cable.length"], **clamped_at(paths)}
+    scene = dlo_sim.load_scene({**COMPUTATION, **known, **truth, "initial.shape": "equilibrium"})
+    sim = Simulator(scene, {end: (path[0, :3], path[0, 3:]) for end, path in paths.items()})
+    u = SHARES * scene.cable.length
+    first = sim.centerline(u)
+    report, points = sim.follow(times, paths, times[1:])
+    assert report.status.ok
+    basis = bspline.evaluate(np.eye(sim.model.n), sim.model.knots, u)
+    markers = np.concatenate([first[None], basis @ points[:, :, :3]])
+    markers += np.random.default_rng(seed + 1000).normal(0.0, noise, markers.shape)
+    return Recording(f"simulated {seed}", times, markers, paths, SHARES, known)

@@ -1,0 +1,81 @@
+"""Fits to simulated cables: the truth lies in the intervals, and what cannot be told is said."""
+
+import numpy as np
+import pytest
+from simulated_cables import TRUTH, recorded
+
+import dlo_sim
+from dlo_sim.batch.workers import Here
+from dlo_sim.identification.fit import FitError, covariance
+from dlo_sim.identification.identify import identify
+
+pytest.importorskip("scipy")
+KEYS = ("cable.bending_stiffness", "damping.stiffness", "cable.length")
+START = {"cable.bending_stiffness": 6e-3, "damping.stiffness": 0.03}
+
+
+def identified(recordings, keys=KEYS, left_out=0.0, **changes):
+    said = []
+    asked = {key: value for key, value in TRUTH.items() if key not in keys}
+    scene = dlo_sim.load_scene({**TRUTH, **START, **changes})
+    found = identify(
+        scene, asked, recordings, Here(), keys, left_out, 5.0, lambda share: None, said.append
+    )
+    return found, said
+
+
+def test_the_truth_is_found_and_lies_in_the_intervals(moving):
+    found, said = identified(moving)
+    assert not said
+    assert len(found.fit.numbers) == 3
+    for number in found.fit.numbers:
+        truth = TRUTH[number.unknown.key]
+        assert number.value == pytest.approx(truth, rel=0.1)
+        width = number.high - number.low
+        assert number.low - 0.5 * width < truth < number.high + 0.5 * width
+        assert width < 0.3 * truth
+    assert found.scene.cable.bending_stiffness == found.fit.numbers[0].value
+
+
+def test_left_out_pieces_are_predicted_as_well(moving):
+    found, _ = identified(moving, left_out=0.5)
+    assert (found.pieces, found.left_out) == (2, 1)
+    training, left_out, _ = found.scores.values()
+    # Noise of 1 mm is 1.6 mm of distance; that of two frames is also a start's velocity.
+    assert training.distance < 3e-3
+    assert left_out.distance < 5e-3
+
+
+def test_a_cable_at_rest_tells_no_damping():
+    still = recorded(TRUTH, amount=0.0, duration=1.5, noise=2e-4)
+    found, said = identified([still])
+    assert set(found.fit.left) == {"damping.stiffness"}
+    assert any("damping.stiffness is left at its value" in line for line in said)
+    assert found.scene.damping.stiffness == START["damping.stiffness"]
+
+
+def test_twins_are_told_from_each_other_by_nothing(moving):
+    """Drag and a damping of the same effect cannot both be known; here the torsional stiffness."""
+    found, _ = identified(moving, keys=("cable.torsional_stiffness", "cable.bending_stiffness"))
+    assert "cable.torsional_stiffness" in found.fit.left
+
+
+def test_keys_that_cannot_be_fitted_are_refused(moving):
+    with pytest.raises(FitError, match=r"--fit rate cannot be fitted; give one of cable\."):
+        identified(moving, keys=("rate",))
+
+
+def test_scipy_is_named_where_it_is_missing(moving, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(FitError, match="extra 'identify'"):
+        identified(moving)
+
+
+def test_intervals_of_correlated_errors_are_wider():
+    """A mean of 400 frames: white noise, and noise that lasts ten frames."""
+    rng = np.random.default_rng(5)
+    white = rng.normal(0.0, 1e-3, (400, 1))
+    slow = np.repeat(white[:40], 10, axis=0)
+    ones = np.ones((400, 1, 1))
+    assert np.sqrt(covariance(white, ones)[0, 0]) == pytest.approx(1e-3 / 20.0, rel=0.1)
+    assert np.sqrt(covariance(slow, ones)[0, 0]) == pytest.approx(1e-3 / np.sqrt(40.0), rel=0.35)

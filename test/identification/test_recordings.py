@@ -1,0 +1,156 @@
+"""Recordings from bags and files, and a real one."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated_cables import TRUTH, recorded
+
+from dlo_sim.cli.main import main
+from dlo_sim.identification.measurement import MeasurementError, poses_of_two_markers
+from dlo_sim.identification.prediction import predict
+from dlo_sim.identification.readers import read_recordings
+from dlo_sim.identification.scores import score
+from dlo_sim.replay.bags import BagWriter
+from dlo_sim.scene.loading import load_scene
+from dlo_sim.session import cdr
+
+ROOT = Path(__file__).resolve().parents[2]
+PLACE = Path(os.environ.get("DLO_SIM_DATA", ROOT.parent / "shared" / "data" / "real"))
+POSES = {"/start_pose": "start", "/end_pose": "end"}
+
+
+def serialised(kind, stamp, points):
+    """A message of markers as the bag library writes it."""
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    header = types["std_msgs/msg/Header"](
+        types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9), "world"
+    )
+    if kind == "sensor_msgs/msg/PointCloud2":
+        field = types["sensor_msgs/msg/PointField"]
+        fields = [field(name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
+        raw = np.frombuffer(points.astype("<f4").tobytes(), np.uint8)
+        count = len(points)
+        message = types[kind](header, 1, count, fields, False, 12, 12 * count, raw, True)
+    else:
+        message = types[kind]([_marker(types, header, point) for point in points])
+    return bytes(store.serialize_cdr(message, kind))
+
+
+def _marker(types, header, point):
+    msg = {name.rpartition("/")[2]: kind for name, kind in types.items() if "/msg/" in name}
+    vector, color = msg["Vector3"](0.0, 0.0, 0.0), msg["ColorRGBA"](0.0, 0.0, 0.0, 1.0)
+    pose = msg["Pose"](msg["Point"](*point), msg["Quaternion"](0.0, 0.0, 0.0, 1.0))
+    image = msg["CompressedImage"](header, "", np.zeros(0, np.uint8))
+    mesh = msg["MeshFile"]("", np.zeros(0, np.uint8))
+    return msg["Marker"](
+        *(header, "m", 0, 2, 0, pose, vector, color, msg["Duration"](0, 0), False),
+        *([], [], "", image, [], "", "", mesh, False),
+    )
+
+
+def bag_of(folder, recording, kind):
+    """A bag of a recording."""
+    topics = {"/markers": kind, **dict.fromkeys(POSES, cdr.POSE_STAMPED)}
+    writer = BagWriter(folder, topics, "mcap")
+    encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+    array = cdr.PoseArrayEncoder("world", recording.markers.shape[1])
+    for k, time in enumerate(recording.times):
+        stamp = 10**12 + round(time * 1e9)
+        for topic, end in POSES.items():
+            writer.write(topic, stamp, encoder.encode(stamp, recording.poses[end][k]))
+        points = recording.markers[k]
+        if kind == cdr.POSE_ARRAY:
+            still = np.tile([0.0, 0.0, 0.0, 1.0], (len(points), 1))
+            data = array.encode(stamp, np.hstack([points, still]))
+        else:
+            data = serialised(kind, stamp, points)
+        writer.write("/markers", stamp, data)
+    writer.finish()
+    return folder
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [cdr.POSE_ARRAY, "visualization_msgs/msg/MarkerArray", "sensor_msgs/msg/PointCloud2"],
+)
+def test_a_bag_gives_the_recording(moving, tmp_path, kind):
+    given = moving[0].pieces(0.25)[0]
+    (found,) = read_recordings(bag_of(tmp_path / "bag", given, kind))
+    assert np.abs(found.markers - given.markers).max() < 1e-6
+    assert np.abs(found.times - given.times).max() < 1e-9
+    for end in ("start", "end"):
+        assert np.abs(found.poses[end] - given.poses[end]).max() < 1e-9
+    assert np.abs(found.shares - given.shares).max() < 0.01
+    assert found.known["cable.length"] == pytest.approx(1.0, rel=0.03)
+
+
+def test_the_command_writes_a_scene_that_predicts(moving, tmp_path, capsys):
+    bag = bag_of(tmp_path / "bag", moving[0], cdr.POSE_ARRAY)
+    output = tmp_path / "fitted.yaml"
+    words = [f"{key}={value}" for key, value in TRUTH.items() if "bending" not in key]
+    words += ["start.clamped=true", "end.clamped=true", "end.fixed=[true, true, true]"]
+    words += ["start.tangent=[1.0, 0.0, 0.0]", "end.tangent=[1.0, 0.0, 0.0]"]
+    asked = [part for word in words for part in ("--set", word)]
+    status = main(
+        ["identify", str(bag), "--scene", "two_grippers", "--output", str(output), *asked]
+        + ["--fit", "cable.bending_stiffness", "--leave-out", "0"]
+    )
+    assert status == 0, capsys.readouterr().err
+    assert "cable.bending_stiffness" in capsys.readouterr().out
+    scene = load_scene(output)
+    assert scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "arrays", "words"),
+    [
+        ("none.npz", None, "does not exist"),
+        ("lacks.npz", {"pos_um": np.zeros((1, 3, 6, 3))}, "has no rate_hz"),
+        ("notes.npz", "text", "cannot be read"),
+    ],
+)
+def test_files_that_hold_no_recording_are_refused(tmp_path, name, arrays, words):
+    path = tmp_path / name
+    if isinstance(arrays, dict):
+        np.savez(path, **arrays)
+    elif arrays is not None:
+        path.write_text(arrays, encoding="utf-8")
+    with pytest.raises(MeasurementError, match=words):
+        read_recordings(path)
+
+
+def test_two_markers_turn_a_gripper_without_roll():
+    angle = np.linspace(0.0, 1.0, 50)
+    away = np.stack([np.sin(angle), 0.0 * angle, -np.cos(angle)], axis=-1)
+    poses = poses_of_two_markers("start", np.zeros((50, 3)), 0.02 * away)
+    assert np.abs(poses[:, :3] - 0.01 * away).max() < 1e-12
+    # About y only: x and z of the quaternion's turn from the first frame vanish.
+    from dlo_sim.core import rotations
+
+    turn = rotations.multiply(poses[:, 3:], rotations.conjugate(poses[0, 3:]))
+    assert np.abs(turn[:, [0, 2]]).max() < 1e-12
+
+
+def test_pieces_of_a_long_recording():
+    long = recorded(TRUTH, duration=2.5)
+    parts = long.pieces(1.0)
+    assert len(parts) == 2
+    assert [part.times[0] for part in parts] == [0.0, 0.0]
+    assert sum(len(part.times) for part in parts) == len(long.times)
+
+
+@pytest.mark.skipif(
+    not (PLACE / "deform_dlo").is_dir(),
+    reason=f"no recordings in {PLACE}: set DLO_SIM_DATA to the folder that holds deform_dlo",
+)
+@pytest.mark.parametrize(("cable", "most"), [("DLO1", 0.95), ("DLO3", 0.52), ("DLO4", 0.58)])
+def test_fitted_scenes_predict_a_recorded_cable(cable, most):
+    scene = load_scene(ROOT / "config" / "cables" / f"{cable}.yaml", {"initial.shape": "straight"})
+    pieces = read_recordings(PLACE / "deform_dlo" / f"{cable}_calib.npz")[:4:2]
+    errors = [1e2 * score(piece, predict(scene, piece)).l1 for piece in pieces]
+    assert np.mean(errors) < most

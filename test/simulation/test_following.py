@@ -1,0 +1,96 @@
+"""Whole trajectories of end effectors, `Simulator.follow`."""
+
+import numpy as np
+import pytest
+from cables import SOFT, simulator
+
+from dlo_sim.core import rotations
+from dlo_sim.core.end_motion import EndMotion
+
+STEP = 5e-3
+GRASP = {
+    "terms.out_of_plane": "on",
+    "terms.twist": "on",
+    "grasps.names": ["hand"],
+    "grasps.hand.at": 0.6,
+    "grasps.hand.position": [0.55, 0.05, -0.05],
+    "cable.rest_curvature": [0.5, -1.0],
+    "loads.names": [],
+}
+
+
+def held(method="energy_momentum", step=STEP):
+    cable = {key: value for key, value in SOFT.items() if not key.startswith("loads.")}
+    return simulator(cable, GRASP, method=method, step=step)
+
+
+def poses(sim, times):
+    """A start that moves and turns about all axes, a hand that moves."""
+    turn = np.outer(np.sin(3.0 * times), [0.5, 0.4, -0.6])
+    start = np.stack([0.1 * np.sin(5.0 * times), 0.0 * times, 0.05 * times], axis=1)
+    hand = np.array([0.55, 0.05, -0.05]) + np.outer(np.sin(4.0 * times), [0.0, 0.1, 0.05])
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
+    return {
+        "start": np.hstack([start, rotations.from_rotation_vector(turn)]),
+        "hand": np.hstack([hand, still]),
+    }
+
+
+def test_it_is_what_single_motions_and_steps_are():
+    times = STEP * np.arange(41)
+    sim, other = held(), held()
+    paths = poses(sim, times)
+    report, points = sim.follow(times, paths, times[1:])
+    assert report.status.ok and report.steps == 40 == sim.steps
+    for k in range(40):
+        for name, path in paths.items():
+            (p0, q0), (p1, q1) = ((row[:3], row[3:]) for row in path[k : k + 2])
+            turn = rotations.to_rotation_vector(rotations.multiply(q1, rotations.conjugate(q0)))
+            motion = EndMotion(
+                start=other.time,
+                duration=STEP,
+                position=[p0, (p1 - p0) / STEP, np.zeros(3)],
+                orientation=q0,
+                rotation=[turn / STEP, np.zeros(3)],
+            )
+            other.set_motion(name, motion)
+        other.advance_steps(1)
+        assert points[k] == pytest.approx(other.control_points, abs=1e-11)
+    assert np.abs(points[-1] - points[0]).max() > 0.05
+    assert max(sim.energy_error, other.energy_error) < 1e-9
+    assert sim.end_pose("start")[0] == pytest.approx(paths["start"][-1, :3], abs=1e-12)
+
+
+def test_poses_between_the_steps_are_met_by_a_smooth_path():
+    sim, times = held(), np.linspace(0.0, 0.2, 31)
+    paths = poses(sim, times)
+    _, points = sim.follow(times, paths, np.array([0.1, 0.2]))
+    wanted = poses(sim, np.array([0.1, 0.2]))["start"][:, :3]
+    assert points[:, 0, :3] == pytest.approx(wanted, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    "times, path, text",
+    [
+        ([0.0, 0.0], {}, "times: needs two or more"),
+        ([0.1, 0.2], {}, "times: needs a first time of 0.0 s"),
+        ([0.0, 0.1], {"start": np.zeros((3, 7))}, "poses of start"),
+        (
+            [0.0, 0.1],
+            {"foot": np.ones((2, 7))},
+            "end: 'foot' is not known",
+        ),
+        ([0.0, 0.1], [], "poses"),
+    ],
+)
+def test_times_and_poses_that_do_not_fit_are_refused(times, path, text):
+    sim = held()
+    before = sim.cable.state.copy()
+    with pytest.raises((TypeError, ValueError), match="^" + text):
+        sim.follow(times, path, [0.1])
+    assert np.array_equal(sim.cable.state, before)
+
+
+def test_explicit_methods_refuse():
+    with pytest.raises(ValueError, match="^integrator.method: velocity_verlet follows no poses"):
+        held("velocity_verlet", 5e-4).follow([0.0, 0.1], {}, [0.1])
