@@ -12,7 +12,8 @@ from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
-from dlo_sim.simulation.model import build_model, natural_vectors
+from dlo_sim.simulation.model import build_model
+from dlo_sim.simulation.natural_shape import natural_vectors
 from dlo_sim.simulation.simulator import Simulator
 
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.

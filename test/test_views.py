@@ -8,9 +8,9 @@ from ruamel.yaml import YAML
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
-from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, MARKERS, OUTPUTS, resolved
+from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, MARKERS, possible_outputs, resolved
 
-PUBLISHED = {resolved(topic): kind for topic, kind in OUTPUTS.items()}
+PUBLISHED = {resolved(topic): kind for topic, kind in possible_outputs(Scene()).items()}
 SHAPES = {resolved(topic) for topic in (CONTROL_POINTS, *MARKERS)}
 RVIZ = {
     "rviz_default_plugins/Marker": cdr.MARKER,

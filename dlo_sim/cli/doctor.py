@@ -13,6 +13,7 @@ from dlo_sim.cli.arguments import (
     read_scene,
 )
 from dlo_sim.cli.output import print_json, tell
+from dlo_sim.scene.refusal import SceneError
 
 if TYPE_CHECKING:
     from dlo_sim.doctor.finding import Finding
@@ -66,6 +67,7 @@ def _print(finding: "Finding") -> None:
 
 
 def _findings(scene: "Scene | None", seconds: float) -> Iterator["Finding"]:
+    from dlo_sim.doctor.finding import problem
     from dlo_sim.doctor.installation import installation, ros_environment
 
     yield from installation()
@@ -78,8 +80,11 @@ def _findings(scene: "Scene | None", seconds: float) -> Iterator["Finding"]:
         from dlo_sim.simulation.simulator import Simulator
 
         with compiling_told_to(tell):
-            yield from of_scene.findings(Simulator(scene))
-            session = Session(scene, live=True)
+            try:
+                yield from of_scene.findings(Simulator(scene))
+                session = Session(scene, live=True)
+            except SceneError as refusal:
+                yield problem("the scene cannot be simulated", str(refusal))
     yield from _of_ros(session, seconds)
 
 

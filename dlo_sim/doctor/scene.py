@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 
 from dlo_sim.doctor.finding import Finding, note, ok, problem
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.simulator import Simulator
 
 _TICKS = 100  # for which the time of a step is measured
@@ -29,12 +30,18 @@ def findings(simulator: Simulator) -> Iterator[Finding]:
 
 
 def measured_load(simulator: Simulator) -> float:
-    """Time that steps take as a share of the time they simulate, without forces or motion."""
+    """Time that steps take as a share of the time they simulate, without forces or motion.
+
+    Raises:
+        SceneError: a step fails.
+    """
     steps = max(1, round(1.0 / (simulator.scene.rate * simulator.step)))
     took = []
     for _ in range(_TICKS):
         begin = time.perf_counter()
-        simulator.advance_steps(steps)
+        report = simulator.advance_steps(steps)
+        if not report.status.ok:
+            raise SceneError(report.message)
         took.append(time.perf_counter() - begin)
     return sorted(took)[_TICKS // 2] / (steps * simulator.step)
 

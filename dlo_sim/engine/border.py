@@ -23,6 +23,7 @@ from dlo_sim.engine.layout import (
     BORDER_CONDITIONS,
     BORDER_FORCES,
     BORDER_GRAM,
+    BORDER_PUSHES,
     BORDER_SHIFTS,
     BORDER_SPARE,
     BORDER_SYSTEM,
@@ -53,8 +54,10 @@ def along(shape, scratch, offset, k, y):
 
 
 @part
-def write_rows(shape, model, scratch, directions, offset):
-    """Border rows with these directions, in the frames of the clamps, without what is held."""
+def write_rows(shape, model, scratch, directions, offset, free):
+    """Border rows with these directions, in the frames of the clamps; with `free` only what is not
+    held otherwise.
+    """
     dim = shape[DIM]
     spare = shifted(scratch, shape[BORDER_SPARE])
     for k in range(shape[BORDER]):
@@ -70,7 +73,8 @@ def write_rows(shape, model, scratch, directions, offset):
                     along_d = directions[(DIRECTION_ROWS * row + d) * LANES]
                 spare[begin + j * dim + d] = along_d * model[weights + j * LANES]
         turn_vector(shape, directions, True, spare)
-        clear_held(shape, spare)
+        if free:
+            clear_held(shape, spare)
         for r in range(4 * dim):
             scratch[shape[offset] + 4 * dim * k + r] = spare[begin + r]
 
@@ -81,8 +85,9 @@ def set_border(shape, model, scratch, pushed, kept):
     border, count = shape[BORDER], 4 * shape[DIM]
     if border == 0:
         return
-    write_rows(shape, model, scratch, pushed, BORDER_FORCES)
-    write_rows(shape, model, scratch, kept, BORDER_CONDITIONS)
+    write_rows(shape, model, scratch, pushed, BORDER_PUSHES, False)
+    write_rows(shape, model, scratch, pushed, BORDER_FORCES, True)
+    write_rows(shape, model, scratch, kept, BORDER_CONDITIONS, True)
     spare = shifted(scratch, shape[BORDER_SPARE])
     for r in range(shape[N] * shape[DIM]):
         spare[r] = 0.0
@@ -175,7 +180,10 @@ def keep_border(shape, scratch, y):
 
 @part
 def balance_border(shape, scratch, residual, forces):
-    """Take out of the residual what border rows balance; their forces into the rows `forces`."""
+    """Take out of the residual what border rows balance; their forces into the rows `forces`.
+
+    They push what is held otherwise, too: to be done before the forces of that are read.
+    """
     border, count = shape[BORDER], 4 * shape[DIM]
     spare = shifted(scratch, shape[BORDER_SPARE])
     for k in range(border):
@@ -186,13 +194,14 @@ def balance_border(shape, scratch, residual, forces):
             force -= scratch[shape[BORDER_GRAM] + border * k + j] * spare[j]
         store(forces, (shape[HELD] - border + k) * LANES, force)
         for r in range(count):
-            residual[begin + r] += scratch[shape[BORDER_FORCES] + count * k + r] * force
+            residual[begin + r] += scratch[shape[BORDER_PUSHES] + count * k + r] * force
 
 
 def border_rooms(unknowns: int, seen: int, border: int) -> dict[int, int]:
     """Sizes of the scratch by its offset; a border row sees so many of the unknowns."""
     return {
         BORDER_FORCES: border * seen,
+        BORDER_PUSHES: border * seen,
         BORDER_CONDITIONS: border * seen,
         BORDER_GRAM: border * border,
         BORDER_SHIFTS: border * (unknowns + 2 * PADDING),

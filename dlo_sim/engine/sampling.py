@@ -10,7 +10,7 @@ from dlo_sim.compiling.lanes import LANES, shifted
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine.account import notes_of, update_account
 from dlo_sim.engine.forces import energies
-from dlo_sim.engine.held import add_velocity_of_held
+from dlo_sim.engine.held_motion import add_velocity_of_held
 from dlo_sim.engine.layout import BEFORE, SIZE, V0, V1, W, X
 from dlo_sim.engine.lines import copy
 

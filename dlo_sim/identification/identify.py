@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
-from dlo_sim.identification.measurement import Recording
-from dlo_sim.identification.prediction import COMPUTATION, START_FRAMES, predicted_of
+from dlo_sim.identification.measurement import START_FRAMES, Recording
+from dlo_sim.identification.prediction import COMPUTATION, predicted_of
 from dlo_sim.identification.problem import Problem, Unknown, prepared, unknowns_of
 from dlo_sim.identification.scores import Score, mean_score, score
 from dlo_sim.scene.description import Scene

@@ -13,6 +13,7 @@ from dlo_sim.identification import cdr_points
 from dlo_sim.identification.measurement import (
     MeasurementError,
     Recording,
+    checked_points,
     shares_along,
 )
 from dlo_sim.replay.bags import Bag, BagError, topic_list
@@ -48,10 +49,16 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
         name = names[message.topic]
         try:
             if name == "markers":
-                stamped[name].append(DECODERS[message.type](message.data))
+                stamp, points = DECODERS[message.type](message.data)
+                stamped[name].append((stamp, checked_points(f"{path}: {message.topic}", points)))
             else:
                 pose = cdr.decode(message.type, message.data)
-                stamped[name].append((pose.stamp_ns, np.array(pose.values)))
+                values = np.array(pose.values)
+                if not np.isfinite(values).all() or not values[3:].any():
+                    raise MeasurementError(
+                        f"{path}: {message.topic}: {pose.values} is no pose; repair the recording"
+                    )
+                stamped[name].append((pose.stamp_ns, values))
         except cdr.DecodeError as trouble:
             raise MeasurementError(f"{path}: a message on {message.topic}: {trouble}") from None
     return _recording(path, stamped)
@@ -119,7 +126,10 @@ def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Re
     }
     held = [paths[end][:, None, :3] for end in ("start", "end") if end in paths]
     chain = np.concatenate([held[0], markers, *held[1:]], axis=1)
-    length, shares = shares_along(chain)
+    try:
+        length, shares = shares_along(chain)
+    except MeasurementError as refusal:
+        raise MeasurementError(f"{path}: markers: {refusal}") from None
     shares = shares[1 : 1 + count]
     known = {"cable.length": length, "start.position": paths["start"][0, :3].tolist()}
     if "end" in paths:

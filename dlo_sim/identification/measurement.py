@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 
 Array = NDArray[np.float64]
+START_FRAMES = 2  # from which the simulation of a recording starts
+LEAST_FRAMES = START_FRAMES + 1
+FARTHEST = 1e4  # [m] of a marker from the origin
 # Direction of the cable in the frame of a gripper that is known by two markers, and how that frame
 # stands where the cable leaves the start straight down and comes up to the end: the y axis is the
 # world's. The roll of such a gripper is not measured; its frame turns by the least rotation.
@@ -40,6 +43,9 @@ class Recording:
         known: scene key -> value that the data give.
         counted: markers that the mean of an error also counts because they are known, with none.
         wrench: at the start [N, N m], load on the cable, shape (F, 6), or None.
+
+    Raises:
+        MeasurementError: too few frames, times that do not rise, or no marker to start from.
     """
 
     name: str
@@ -51,9 +57,21 @@ class Recording:
     counted: int = 0
     wrench: Array | None = None
 
+    def __post_init__(self) -> None:
+        count = len(self.times)
+        if count < LEAST_FRAMES:
+            raise MeasurementError(f"{self.name}: {count} frames; give {LEAST_FRAMES} or more")
+        if not np.isfinite(self.times).all() or not np.all(np.diff(self.times) > 0.0):
+            raise MeasurementError(f"{self.name}: the times do not rise; give each frame its own")
+        if not np.isfinite(self.markers[:START_FRAMES]).all(axis=-1).any():
+            raise MeasurementError(
+                f"{self.name}: no marker is known in the first {START_FRAMES} frames, from which "
+                "the simulation starts; leave out these frames, or cut other pieces by --piece"
+            )
+
     def pieces(self, duration: float) -> list[Recording]:
-        """Parts of about this duration [s], each from time 0."""
-        count = max(1, round(self.duration / duration))
+        """Parts of about this duration [s] and of `LEAST_FRAMES` or more, each from time 0."""
+        count = max(1, min(round(self.duration / duration), len(self.times) // LEAST_FRAMES))
         edges = np.linspace(0, len(self.times), count + 1).astype(int)
         return [self._part(*part, count) for part in itertools.pairwise(edges)]
 
@@ -76,14 +94,39 @@ class Recording:
         return float(self.times[-1])
 
 
+def checked_points(name: str, points: Array) -> Array:
+    """Measured points as they are.
+
+    Raises:
+        MeasurementError: a coordinate is infinite or beyond `FARTHEST`; NaN is allowed.
+    """
+    farthest = np.nanmax(np.abs(points), initial=0.0)
+    if farthest > FARTHEST:
+        raise MeasurementError(
+            f"{name}: {farthest:g} m is no place of a marker; give at most {FARTHEST:g} m, and NaN "
+            "for missing ones"
+        )
+    return points
+
+
 def poses_of_two_markers(end: str, first: Array, second: Array) -> Array:
     """Poses (F, 7) of a gripper that holds the cable midway between two markers (F, 3).
 
     The x axis is the direction from the first to the second; from frame to frame the orientation
     changes by the least rotation.
+
+    Raises:
+        MeasurementError: a marker is missing, or both are at the same place.
     """
     direction = second - first
-    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    distance = np.linalg.norm(direction, axis=1, keepdims=True)
+    if not np.all(distance > 0.0):
+        worst = int(np.argmin(distance[:, 0] > 0.0))
+        raise MeasurementError(
+            f"the markers on the gripper of the {end} are missing or at the same place in frame "
+            f"{worst}; give two apart in every frame"
+        )
+    direction = direction / distance
     down, frame = _HANGING[end]
     upright = rotations.from_matrix(np.array(frame).T)
     orientation = [
@@ -97,9 +140,20 @@ def poses_of_two_markers(end: str, first: Array, second: Array) -> Array:
 def shares_along(points: Array) -> tuple[float, Array]:
     """Length [m] between the first and the last of points (..., M, 3), by the medians of the
     distances between neighbours, and the share of it at which each is, shape (M,).
+
+    Raises:
+        MeasurementError: neighbours that are never known together, or at the same place.
     """
     edges = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
-    along = np.cumsum(np.nanmedian(edges.reshape(-1, edges.shape[-1]), axis=0))
+    edges = edges.reshape(-1, edges.shape[-1])
+    apart = (edges > 0.0).any(axis=0)
+    if not apart.all():
+        first = int(np.argmin(apart))
+        raise MeasurementError(
+            f"points {first} and {first + 1} along the cable, grippers counted, are in no frame "
+            "both known and apart; leave one of them out"
+        )
+    along = np.cumsum(np.nanmedian(edges, axis=0))
     return float(along[-1]), np.concatenate([[0.0], along / along[-1]])
 
 

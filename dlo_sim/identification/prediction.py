@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline
-from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.measurement import START_FRAMES, Recording
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
 
@@ -24,7 +24,6 @@ COMPUTATION: dict[str, object] = {
     "terms.out_of_plane": "on",
     "initial.shape": "straight",
 }
-START_FRAMES = 2
 
 
 def predict(scene: Scene, recording: Recording, start_frames: int = START_FRAMES) -> Array:
@@ -57,15 +56,13 @@ def _predict(item: tuple[Scene, Recording]) -> Array:
 
 def begin(simulator: Simulator, recording: Recording, u: Array, frames: int) -> None:
     """Start from the first frames of the markers and the end effectors."""
-    ends = [("start", 0.0), ("end", simulator.scene.cable.length)]
-    held = [
-        (path[:frames, :3], at)
-        for end, at in ends
-        for path in [recording.poses.get(end)]
-        if path is not None
-    ]
-    points = np.concatenate(
-        [recording.markers[:frames], *[place[:, None] for place, _ in held]], axis=1
+    coordinates, points = [u], [recording.markers[:frames]]
+    if "start" in recording.poses:
+        coordinates.insert(0, np.zeros(1))
+        points.insert(0, recording.poses["start"][:frames, None, :3])
+    if "end" in recording.poses:
+        coordinates.append(np.array([simulator.scene.cable.length]))
+        points.append(recording.poses["end"][:frames, None, :3])
+    simulator.start_from_points(
+        np.concatenate(points, axis=1), recording.times[:frames], np.concatenate(coordinates)
     )
-    coordinates = np.append(u, [at for _, at in held])
-    simulator.start_from_points(points, recording.times[:frames], coordinates)

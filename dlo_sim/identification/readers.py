@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core import arguments
 from dlo_sim.identification.measurement import (
     MeasurementError,
     Recording,
+    checked_points,
     clamped_at,
     poses_of_two_markers,
     shares_along,
 )
 
 Array = NDArray[np.float64]
-NPZ_KEYS = ("pos_um", "rate_hz", "clamped", "length_m", "mass_g")
+CLAMPED = [0, 1, -2, -1]
+# Numbers of a .npz file -> least and most.
+RANGES = {"rate_hz": (0.1, 1e5), "length_m": (0.01, 1e3), "mass_g": (1e-3, 1e5)}
+NPZ_KEYS = ("pos_um", *RANGES, "clamped")
+DOUBT = 2.0  # between the length given and that along the markers, from which one must be wrong
 
 
 def read_recordings(
@@ -47,40 +55,76 @@ def _read_npz(path: Path) -> list[Recording]:
     """Markers of several pieces: `pos_um` [1e-6 m] (pieces, F, M, 3), `rate_hz`, `clamped` (the two
     first and two last markers), `length_m`, `mass_g`.
     """
+    given = _arrays(path)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        numbers = {key: _number(key, given[key]) for key in RANGES}
+        clamped = arguments.numbers("clamped", given["clamped"], (None,)).tolist()
+        if clamped != CLAMPED:
+            raise MeasurementError(f"clamped: {clamped}; give {CLAMPED}: two markers an end")
+        return _pieces(path.stem, _positions(given["pos_um"]), **numbers)
+    except (MeasurementError, TypeError, ValueError) as refusal:
+        raise MeasurementError(f"{path}: {refusal}") from None
+
+
+def _pieces(
+    name: str, markers: Array, rate_hz: float, length_m: float, mass_g: float
+) -> list[Recording]:
+    """Recordings of markers [m], shape (pieces, F, M, 3)."""
+    # The grippers hold the cable midway between their two markers.
+    middles = 0.5 * (markers[:, :, [0, -2]] + markers[:, :, [1, -1]])
+    chain = np.concatenate([middles[:, :, :1], markers[:, :, 1:-1], middles[:, :, 1:]], axis=2)
+    times = np.arange(markers.shape[1]) / rate_hz
+    recordings = []
+    try:
+        length, shares = shares_along(chain)
+        for number, piece in enumerate(markers):
+            poses = {
+                "start": poses_of_two_markers("start", piece[:, 0], piece[:, 1]),
+                "end": poses_of_two_markers("end", piece[:, -2], piece[:, -1]),
+            }
+            mu = 1e-3 * mass_g / length_m
+            known = {"cable.length": length, "cable.linear_density": mu, **clamped_at(poses)}
+            title, free = f"{name} piece {number}", piece[:, 2:-2]
+            recordings.append(
+                Recording(title, times, free, poses, shares[2:-2], known, counted=len(CLAMPED))
+            )
+    except MeasurementError as refusal:
+        raise MeasurementError(f"pos_um: {refusal}") from None
+    if not length / DOUBT < length_m < length * DOUBT:
+        raise MeasurementError(
+            f"length_m: {length_m:g} m, but pos_um gives {length:.3g} m along the markers; "
+            "correct one of them"
+        )
+    return recordings
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    """What stands under `NPZ_KEYS`."""
+    try:
+        with ZipFile(path), np.load(path, allow_pickle=False) as data:
             given = {key: data[key] for key in NPZ_KEYS if key in data}
-    except (OSError, ValueError, BadZipFile) as trouble:
+    except (OSError, ValueError, BadZipFile, zlib.error) as trouble:
         raise MeasurementError(f"{path}: cannot be read ({trouble}); give a .npz file") from None
     missing = [key for key in NPZ_KEYS if key not in given]
     if missing:
         raise MeasurementError(f"{path}: has no {missing[0]}; it needs {', '.join(NPZ_KEYS)}")
-    markers = given["pos_um"] * 1e-6
-    if markers.ndim != 4 or markers.shape[2] < 5 or markers.shape[3] != 3:
-        raise MeasurementError(
-            f"{path}: pos_um has shape {markers.shape}; give (pieces, frames, 5 or more, 3)"
-        )
-    if list(given["clamped"]) != [0, 1, -2, -1]:
-        raise MeasurementError(
-            f"{path}: clamped is {list(given['clamped'])}; give 0, 1, -2, -1: two markers an end"
-        )
-    mu = float(given["mass_g"]) * 1e-3 / float(given["length_m"])
-    # The grippers hold the cable midway between their two markers.
-    middles = 0.5 * (markers[:, :, [0, -2]] + markers[:, :, [1, -1]])
-    chain = np.concatenate([middles[:, :, :1], markers[:, :, 1:-1], middles[:, :, 1:]], axis=2)
-    length, shares = shares_along(chain)
-    times = np.arange(markers.shape[1]) / float(given["rate_hz"])
-    recordings = []
-    for number, piece in enumerate(markers):
-        poses = {
-            "start": poses_of_two_markers("start", piece[:, 0], piece[:, 1]),
-            "end": poses_of_two_markers("end", piece[:, -2], piece[:, -1]),
-        }
-        known = {"cable.length": length, "cable.linear_density": mu, **clamped_at(poses)}
-        free = piece[:, 2:-2]
-        recordings.append(
-            Recording(
-                f"{path.stem} piece {number}", times, free, poses, shares[2:-2], known, counted=4
-            )
-        )
-    return recordings
+    return given
+
+
+def _number(key: str, given: object) -> float:
+    """A number within its range."""
+    value, (least, most) = arguments.number(key, given), RANGES[key]
+    if not least <= value <= most:
+        raise MeasurementError(f"{key}: {value:g} is out of range; give {least:g} to {most:g}")
+    return value
+
+
+def _positions(given: object) -> Array:
+    """Markers [m], shape (pieces, F, M, 3)."""
+    markers = np.asarray(given)
+    wanted = "give numbers (pieces, frames, 5 or more, 3), NaN for missing markers"
+    if markers.dtype.kind not in "iuf":
+        raise MeasurementError(f"pos_um: holds {markers.dtype}; {wanted}")
+    if markers.ndim != 4 or 0 in markers.shape or markers.shape[2] < 5 or markers.shape[3] != 3:
+        raise MeasurementError(f"pos_um: has shape {markers.shape}; {wanted}")
+    return checked_points("pos_um", markers * 1e-6)

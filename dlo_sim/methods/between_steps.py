@@ -24,15 +24,14 @@ from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
 from dlo_sim.engine.held import (
     add_shifts,
     aim,
-    carry,
     defects,
     grasps_move,
     project,
     row_value,
-    target_rates,
     through_inverse,
     turn_to_aim,
 )
+from dlo_sim.engine.held_motion import carry, target_rates
 from dlo_sim.engine.layout import (
     AHEAD,
     BETA,

@@ -18,10 +18,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.compiling.lanes import LANES, bare, first, load, shifted, store
+from dlo_sim.compiling.lanes import LANES, bare, shifted, store
 from dlo_sim.compiling.pieces import (
     COUNTS,
-    NOTHING,
     NUMBERS,
     REAL,
     REALS,
@@ -35,47 +34,17 @@ from dlo_sim.compiling.pieces import (
 from dlo_sim.engine.account import (
     COUNT,
     RESOLUTION,
-    book,
     measure,
     notes_of,
     update_account,
 )
-from dlo_sim.engine.band import (
-    add_lines,
-    add_springs,
-    clamps_here,
-    clear_band,
-    clear_held,
-    eliminate,
-    hold,
-    own_point,
-    turn_vector,
-)
-from dlo_sim.engine.border import balance_border, set_border, solve_border, stiffen_border
 from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.forces import add_weight, energies
+from dlo_sim.engine.forces import energies
 from dlo_sim.engine.held import (
-    add_shifts,
-    add_velocity_of_held,
-    aim,
-    defects,
-    directions_turn,
     grasps_move,
-    pin,
-    project,
-    row_value,
-    through_inverse,
-    turn_to_aim,
-    values_along,
 )
 from dlo_sim.engine.layout import (
-    AHEAD,
-    BETA,
-    BORDER,
-    DAMPED,
     DIM,
-    DIRECTION,
-    DIRECTION_ROWS,
     DISSIPATED,
     DIVERGED,
     DRIVE_WORK,
@@ -84,65 +53,28 @@ from dlo_sim.engine.layout import (
     ENERGY_START,
     EXCHANGED,
     FLOOR,
-    FORCE,
-    GRAVITY,
-    HAS_REACTION,
     HELD,
-    HISTORY,
-    INVERSE,
     KNOWN,
     LEDGER,
-    LINE,
-    LINES,
     LOAD_WORK,
-    LOADS,
-    MARGIN,
-    MASS,
-    NEW_LOAD,
     NOT_CONVERGED,
     OK,
-    RATES,
     REACTION,
-    SIZE,
-    SYSTEM,
-    TARGETS,
-    TERMS,
-    TWISTED,
-    VISCOUS,
     N,
-    W,
     X,
 )
-from dlo_sim.engine.lines import add, add_product, clear, copy, difference, mass_of, row_product
-from dlo_sim.engine.loads import add_load_stiffness, load_force
 from dlo_sim.engine.sampling import begin_sample, end_sample
-from dlo_sim.engine.springs import (
-    anchor_work,
-    book_anchors,
-    move_anchors,
-    restore_anchors,
-    spring_force,
-)
-from dlo_sim.engine.tables import line_of
 from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods.implicit_layout import (
-    BAND,
     CHANGE,
-    COAST,
     CORRECTIONS,
-    DAMPING_FORCE,
-    FACTORS_OF_SAMPLES,
-    FORCE_OF_HELD,
-    INERTIA,
-    MIDDLE,
-    MIDDLE_DIRECTION,
+    INERTIA_WEIGHT,
+    MASS_WEIGHT,
     MOST_CORRECTIONS,
-    OLD_DIRECTION,
-    OLD_INVERSE,
-    SEEN,
+    NEWMARK_BETA,
+    NEWMARK_GAMMA,
     START,
-    START_V,
-    TRAVEL,
+    THETA,
     residual_of,
 )
 from dlo_sim.methods.newton import (
@@ -150,11 +82,12 @@ from dlo_sim.methods.newton import (
     correct,
     dot,
     largest,
-    predict,
     shortened,
     turned_over,
 )
-from dlo_sim.methods.twist_step import solve_twist
+from dlo_sim.methods.step_begin import begin_step, undo_step
+from dlo_sim.methods.step_end import finish_step
+from dlo_sim.methods.step_equations import balance, newton_matrix, step_force
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
@@ -171,350 +104,6 @@ TIGHT = 1e-10  # tolerance of steps once it is
 SAFETY = 10.0  # on the shrinking of the next correction
 SMALLEST_SHRINKING = 1e-3  # of corrections that is believed
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
-THETA, MASS_WEIGHT, NEWMARK_BETA, NEWMARK_GAMMA, INERTIA_WEIGHT = 0, 1, 2, 3, 4  # of `constants`
-
-
-@piece(
-    *(REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, discrete_force),
-    *(REAL, REAL, REAL, REAL, TRUTH),
-)
-def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, theta, rate, discrete):
-    """All forces of the step between START and the present configuration into FORCE.
-
-    CHANGE is what is between the two. Damping sees the velocity at theta; tau times it is SEEN:
-    rate (q1 - q0) + COAST, which is q1 - q0 for the midpoint family. Returns the energy lost to
-    damping.
-    """
-    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
-    start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
-    middle, seen = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[SEEN])
-    damping, coast = shifted(scratch, shape[DAMPING_FORCE]), shifted(scratch, shape[COAST])
-    loads, notes = shifted(scratch, shape[NEW_LOAD]), notes_of(shape, scratch)
-    clear(shape, force)
-    clear(shape, loads)
-    clear(shape, damping)
-    for at in range(0, shape[SIZE], LANES):
-        moved = load(change, at)
-        store(middle, at, load(start, at) + theta * moved)
-        store(seen, at, rate * moved + load(coast, at))
-    viscous = model[shape[BETA]] / tau if shape[TERMS] & DAMPED else 0.0
-    if discrete:
-        discrete_force(shape, model, state, start, x, seen, viscous, force, notes)
-    else:
-        discrete_force(shape, model, state, middle, middle, seen, viscous, force, notes)
-    lost = notes[0]
-    if shape[TERMS] & GRAVITY:
-        add_weight(shape, model, force)
-    spring_force(shape, model, state, middle, theta, force)
-    if shape[LOADS]:
-        load_force(shape, model, inputs, scratch, middle, t + theta * tau, loads)
-        add(shape, 1.0, loads, force)
-    if shape[TERMS] & DAMPED:
-        for line in range(shape[LINES]):
-            matrix = shape[VISCOUS] + mass_of(shape, line) - shape[MASS]
-            add_product(shape, model, matrix, line, -1.0 / tau, seen, damping)
-        add(shape, 1.0, damping, force)
-        lost -= first(row_product(shape, damping, change))
-    return lost
-
-
-@part
-def balance(shape, model, state, scratch, a, b, c):
-    """Residual of the momentum balance into RESIDUAL, in the frames of the clamps, and what is
-    missing on held rows into FORCE_OF_HELD. Returns the size of the work against inertia.
-    """
-    dim, n, width = shape[DIM], shape[N], shape[LINE]
-    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
-    row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
-    force, residual = shifted(scratch, shape[FORCE]), residual_of(shape, scratch)
-    for at in range(0, dim * width, LANES):
-        f = a * load(change, at) - b * load(speed, at)
-        store(row, at, f - c * load(acceleration, at))
-        store(push, at, 0.0)
-    inertia = 0.0
-    for d in range(dim):
-        add_product(shape, model, shape[MASS], d, 1.0, row, push)
-        for i in range(n):
-            at = d * width + MARGIN + i
-            inertia += abs(push[at] * change[at])
-            residual[i * dim + d] = force[at] - push[at]
-    turn_vector(shape, shifted(scratch, shape[MIDDLE_DIRECTION]), True, residual)
-    for k in range(shape[HELD]):
-        own, line = own_point(shape, k), line_of(shape, k)
-        if own >= 0 and line < dim:
-            d = line
-            if line < 0:
-                d = 1 if clamps_here(shape, k) else 2
-            store(scratch, shape[FORCE_OF_HELD] + k * LANES, -residual[own * dim + d])
-    clear_held(shape, residual)
-    balance_border(shape, scratch, residual, shifted(scratch, shape[FORCE_OF_HELD]))
-    return inertia
-
-
-@piece(
-    *(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, add_tangent),
-    *(REAL, REAL, REAL, REAL, REAL, TRUTH),
-)
-def newton_matrix(
-    shape, model, inputs, state, scratch, add_tangent, t, tau, a, theta, rate, discrete
-):
-    """Tangent of the momentum balance into BAND, factorised; whether that went well."""
-    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
-    start, middle = shifted(scratch, shape[START]), shifted(scratch, shape[MIDDLE])
-    factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
-    clear_band(shape, band)
-    add_lines(shape, model, shape[MASS], a, band)
-    viscous = 0.0
-    if shape[TERMS] & DAMPED:
-        add_lines(shape, model, shape[VISCOUS], rate / tau, band)
-        viscous = model[shape[BETA]] * rate / (2.0 * theta * tau)
-    if discrete:
-        add_tangent(shape, model, state, start, x, viscous, 2.0 * theta, factors, band)
-    else:
-        add_tangent(shape, model, state, middle, middle, viscous, 2.0 * theta, factors, band)
-    add_springs(shape, model, theta, band)
-    add_load_stiffness(shape, model, inputs, middle, t + theta * tau, theta, band)
-    rows = shifted(scratch, shape[MIDDLE_DIRECTION])
-    hold(shape, rows, shifted(state, shape[DIRECTION]), band)
-    stiffen_border(shape, scratch, band)
-    if not eliminate(band, shape[N] * shape[DIM], shape[DIM]):
-        return False
-    solve_border(shape, scratch, band)
-    return True
-
-
-@piece(
-    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, TRUTH),
-    *(REAL, REAL, REAL, REAL, REAL),
-)
-def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g):
-    """First guess: the history goes on, and what is held is placed where it is at the end.
-
-    START_V becomes the velocity at the begin, where nothing moves that of w; MIDDLE_DIRECTION and
-    DIRECTION the directions at the middle and at the end; CHANGE and COAST are set.
-    """
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
-    start, speed = shifted(scratch, shape[START]), shifted(scratch, shape[START_V])
-    coast, change = shifted(scratch, shape[COAST]), shifted(scratch, shape[CHANGE])
-    directions = shape[HELD] * DIRECTION_ROWS * LANES
-    moves = grasps_move(shape, inputs)
-    copy(shape, x, start)
-    copy(shape, w, speed)
-    for at in range(directions):
-        scratch[shape[OLD_DIRECTION] + at] = state[shape[DIRECTION] + at]
-        scratch[shape[MIDDLE_DIRECTION] + at] = state[shape[DIRECTION] + at]
-    for at in range(shape[HELD] * shape[HELD] * LANES):
-        scratch[shape[OLD_INVERSE] + at] = state[shape[INVERSE] + at]
-    if moves:
-        add_velocity_of_held(shape, model, inputs, state, scratch, x, t0, speed)
-    predict(shape, state, x, w, tau)
-    if not moves:
-        keep_held(shape, model, state, scratch, start, x)
-    if moves:
-        aim(shape, model, inputs, scratch, t0 + 0.5 * tau)
-        for k in range(shape[HELD]):
-            if line_of(shape, k) < 0:
-                for at in range(DIRECTION_ROWS * LANES * k, DIRECTION_ROWS * LANES * (k + 1)):
-                    scratch[shape[MIDDLE_DIRECTION] + at] = scratch[shape[AHEAD] + at]
-        aim(shape, model, inputs, scratch, t0 + tau)
-        if directions_turn(shape, state, scratch):
-            turn_to_aim(shape, model, state, scratch)
-        defects(shape, model, state, shape[DIRECTION], scratch, x)
-        add_shifts(shape, model, state, scratch, 1.0, x)
-        for k in range(shape[HELD]):
-            pin(shape, k, load(scratch, shape[TARGETS] + k * LANES), x)
-        move_anchors(shape, inputs, state, t0 + tau)
-    middle_rows, end_rows = (
-        shifted(scratch, shape[MIDDLE_DIRECTION]),
-        shifted(state, shape[DIRECTION]),
-    )
-    set_border(shape, model, scratch, middle_rows, end_rows)
-    difference(shape, x, start, change)
-    clear(shape, coast)
-    if newmark:
-        acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
-        driven = shifted(scratch, shape[TRAVEL])
-        clear(shape, driven)
-        # the change is the travel P (x - start) and what moving grasps carry along
-        copy(shape, change, coast)
-        if moves:
-            time, middle = t0 + theta * tau, shifted(scratch, shape[MIDDLE])
-            copy(shape, start, middle)
-            add(shape, theta, change, middle)
-            aim(shape, model, inputs, scratch, time)
-            turn_to_aim(shape, model, state, scratch)
-            add_velocity_of_held(shape, model, inputs, state, scratch, middle, time, driven)
-            project(shape, model, state, scratch, coast, scratch, shape[SYSTEM])
-            aim(shape, model, inputs, scratch, t0 + tau)
-            turn_to_aim(shape, model, state, scratch)
-        for at in range(shape[SIZE]):
-            carried = change[at] - coast[at]
-            if at < shape[DIM] * shape[LINE]:
-                free = (1.0 - rate) * w[at] + g * tau * acceleration[at]
-                coast[at] = tau * (free + driven[at]) - rate * carried
-            else:
-                coast[at] = (1.0 - rate) * carried
-
-
-@part
-def keep_held(shape, model, state, scratch, start, x):
-    """Leave what is held where it is: a parabola through equal numbers is not equal to them, and
-    what it is off by would grow from step to step.
-    """
-    width, dim = shape[LINE], shape[DIM]
-    for k in range(shape[HELD]):
-        own, line = own_point(shape, k), line_of(shape, k)
-        at = MARGIN + own
-        if own >= 0 and line >= 0:
-            x[line * width + at] = start[line * width + at]
-        elif own >= 0:
-            e = shape[DIRECTION] + DIRECTION_ROWS * LANES * k
-            away = 0.0
-            for d in range(dim):
-                away += state[e + d * LANES] * (x[d * width + at] - start[d * width + at])
-            for d in range(dim):
-                x[d * width + at] -= away * state[e + d * LANES]
-    if shape[BORDER]:
-        difference(shape, start, x, shifted(scratch, shape[CHANGE]))
-        values_along(shape, model, state, scratch, shifted(scratch, shape[CHANGE]))
-        add_shifts(shape, model, state, scratch, 1.0, x)
-
-
-@part
-def undo_step(shape, state, scratch):
-    """The state at the begin of the step; what is known of the motion before is forgotten."""
-    copy(shape, shifted(scratch, shape[START]), shifted(state, shape[X]))
-    for at in range(shape[HELD] * DIRECTION_ROWS * LANES):
-        state[shape[DIRECTION] + at] = scratch[shape[OLD_DIRECTION] + at]
-    for at in range(shape[HELD] * shape[HELD] * LANES):
-        state[shape[INVERSE] + at] = scratch[shape[OLD_INVERSE] + at]
-    restore_anchors(shape, state)
-    state[shape[LEDGER] + KNOWN * LANES] = 0.0
-
-
-@piece(
-    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, TRUTH),
-    *(REAL, REAL, REAL, REAL, TRUTH),
-)
-def finish_step(
-    shape, model, inputs, state, scratch, constants, newmark, t0, tau, whole, lost, dissipates
-):
-    """Momentum after the step, reactions, and the step's entries in the account."""
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
-    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    travel, held = shifted(scratch, shape[TRAVEL]), shape[HELD]
-    moves = grasps_move(shape, inputs)
-    if shape[TERMS] & TWISTED:
-        lost += solve_twist(shape, model, inputs, scratch, x, t0, tau)
-        hold_of_twist(shape, model, scratch, tau)
-    work = 0.0
-    ahead = shifted(scratch, shape[SEEN])
-    for at in range(shape[SIZE]):
-        ahead[at] = 2.0 / tau * change[at] - speed[at]
-    if moves:
-        if newmark:
-            carry_inertia(shape, model, state, scratch, constants, tau)
-        for k in range(held):
-            f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], change)
-            work += first(f * load(scratch, shape[FORCE_OF_HELD] + k * LANES))
-        work += held_energy(shape, model, state, scratch, speed, True)
-        work -= held_energy(shape, model, state, scratch, ahead, False)
-    copy(shape, change, travel)
-    if newmark and moves:
-        project(shape, model, state, scratch, travel, scratch, shape[SYSTEM])
-    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
-    beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
-    for at in range(shape[SIZE]):
-        w0, a0 = w[at], acceleration[at]
-        if newmark and at < shape[DIM] * shape[LINE]:
-            a1 = (travel[at] / tau - w0 - tau * (0.5 - beta) * a0) / (tau * beta)
-            w[at] = w0 + tau * ((1.0 - gamma) * a0 + gamma * a1)
-            acceleration[at] = a1
-        else:
-            w[at] = ahead[at]
-            if dissipates:
-                acceleration[at] = (w[at] - w0) / tau
-    if moves:
-        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
-        if dissipates:
-            project(shape, model, state, scratch, acceleration, scratch, shape[SYSTEM])
-    if not dissipates:
-        book(shape, state, DISSIPATED, lost)
-    loads, start = shifted(scratch, shape[NEW_LOAD]), shifted(scratch, shape[START])
-    if shape[LOADS]:
-        book(shape, state, LOAD_WORK, row_product(shape, loads, change))
-    book(shape, state, DRIVE_WORK, work + first(anchor_work(shape, model, state, start, x)))
-    book_anchors(shape, state)
-    for k in range(held):
-        at = shape[REACTION] + k * LANES
-        share = tau / whole * first(load(scratch, shape[FORCE_OF_HELD] + k * LANES))
-        store(state, at, load(state, at) + share)
-    state[shape[LEDGER] + HAS_REACTION * LANES] = 1.0
-    state[shape[LEDGER] + KNOWN * LANES] += 1.0
-
-
-@part
-def carry_inertia(shape, model, state, scratch, constants, tau):
-    """Add to FORCE_OF_HELD the inertia of what moving grasps carry: the accelerations of the
-    generalised-alpha method are those of the free motion alone.
-    """
-    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
-    push = shifted(scratch, shape[INERTIA])
-    weight, beta = constants[INERTIA_WEIGHT], constants[NEWMARK_BETA]
-    c = weight * (0.5 - beta) - constants[MASS_WEIGHT]
-    clear(shape, push)
-    for at in range(shape[DIM] * shape[LINE]):
-        gain = (change[at] - tau * speed[at]) / (tau * tau)
-        push[at] = (2.0 - weight) * gain + c * acceleration[at]
-    for k in range(shape[HELD]):
-        f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], push)
-        store(scratch, shape[RATES] + k * LANES, f)
-    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, shape[SYSTEM])
-    for k in range(shape[HELD]):
-        at = shape[FORCE_OF_HELD] + k * LANES
-        f = load(scratch, shape[SYSTEM] + k * LANES)
-        store(scratch, at, load(scratch, at) + f)
-
-
-@part
-def held_energy(shape, model, state, scratch, v, old):
-    """Kinetic energy [J] of the motion of what is held, (B v)^T S^-1 (B v) / 2, with the directions
-    at the begin of the step or those of the state.
-    """
-    held = shape[HELD]
-    for k in range(held):
-        f = row_value(shape, model, k, state, shape[DIRECTION], v)
-        if old:
-            f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], v)
-        store(scratch, shape[RATES] + k * LANES, f)
-    if old:
-        through_inverse(shape, scratch, shape[OLD_INVERSE], scratch, 0.5, scratch, shape[SYSTEM])
-    else:
-        through_inverse(shape, state, shape[INVERSE], scratch, 0.5, scratch, shape[SYSTEM])
-    energy = 0.0
-    for k in range(held):
-        energy += scratch[shape[SYSTEM] + k * LANES] * scratch[shape[RATES] + k * LANES]
-    return energy
-
-
-@part
-def hold_of_twist(shape, model, scratch, tau):
-    """What is missing on held rows of the twist, into FORCE_OF_HELD."""
-    line, dim = shape[DIM], shape[DIM]
-    at = line * shape[LINE]
-    row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
-    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    force = shifted(scratch, shape[FORCE])
-    for k in range(at, at + shape[LINE]):
-        row[k] = 2.0 / tau * (change[k] / tau - speed[k])
-        push[k] = -force[k]
-    add_product(shape, model, mass_of(shape, line), line, 1.0, row, push)
-    for k in range(shape[HELD]):
-        if line_of(shape, k) == dim:
-            f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], push)
-            store(scratch, shape[FORCE_OF_HELD] + k * LANES, f)
 
 
 @part

@@ -9,6 +9,7 @@ from dlo_sim.engine.layout import FIRST_OWN
 from dlo_sim.engine.tangent import MOMENT_ROWS, SAMPLE_ROWS
 
 MOST_CORRECTIONS = 14  # of one step with one matrix
+THETA, MASS_WEIGHT, NEWMARK_BETA, NEWMARK_GAMMA, INERTIA_WEIGHT = 0, 1, 2, 3, 4  # of `constants`
 
 START = FIRST_OWN  # lines: configuration, velocity at the begin of the step
 START_V = FIRST_OWN + 1

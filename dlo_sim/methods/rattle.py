@@ -28,7 +28,8 @@ from dlo_sim.compiling.pieces import (
     piece,
 )
 from dlo_sim.engine.account import book
-from dlo_sim.engine.held import add_velocity_of_held, grasps_move
+from dlo_sim.engine.held import grasps_move
+from dlo_sim.engine.held_motion import add_velocity_of_held
 from dlo_sim.engine.layout import (
     DIM,
     DIVERGED,

@@ -11,7 +11,8 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
 from dlo_sim.engine.account import book
-from dlo_sim.engine.held import add_velocity_of_held, forget_moved, grasps_move, project, pulled
+from dlo_sim.engine.held import grasps_move, project
+from dlo_sim.engine.held_motion import add_velocity_of_held, forget_moved, pulled
 from dlo_sim.engine.layout import (
     DAMPED,
     DECAY,

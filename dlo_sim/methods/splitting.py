@@ -14,7 +14,7 @@ from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
 from dlo_sim.engine.account import book, update_account
 from dlo_sim.engine.forces import energies, forces
-from dlo_sim.engine.held import carry
+from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.layout import (
     DAMPED,
     DECAY,

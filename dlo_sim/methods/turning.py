@@ -18,10 +18,10 @@ from dlo_sim.engine.held import (
     project,
     row_value,
     shift_row,
-    target_rates,
     through_inverse,
     turn_to_aim,
 )
+from dlo_sim.engine.held_motion import target_rates
 from dlo_sim.engine.layout import (
     AHEAD,
     AXES,

@@ -6,7 +6,8 @@ from dlo_sim.compiling.lanes import LANES, load, shifted, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine.account import book, write
 from dlo_sim.engine.forces import forces
-from dlo_sim.engine.held import forget_moved, grasps_move, project, pulled
+from dlo_sim.engine.held import grasps_move, project
+from dlo_sim.engine.held_motion import forget_moved, pulled
 from dlo_sim.engine.layout import (
     BOOKED,
     DRIVE_WORK,

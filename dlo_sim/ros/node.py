@@ -30,6 +30,7 @@ from dlo_sim.scene.node_blocks import NODE_NAME
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
+from dlo_sim.session.simulator_protocol import State
 from dlo_sim.session.topics import Naming, input_topics
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
@@ -63,7 +64,11 @@ class CableNode(GuardedNode):
         scene = self._scene_parameters.scene
         check_qos_overrides(self, [self._naming.topic(e.topic) for e in input_topics(scene)])
         self._keeper = StateKeeper(scene, self.get_logger())
-        self._session = self._built(scene)
+        saved = self._keeper.found(scene)
+        if saved is not None:
+            scene = saved.scene
+            self._scene_parameters.begin_with(scene)
+        self._session = self._built(scene, saved)
         self._status = self._session.status
         self._times = TickTimes()
         self._clock_jumps = 0
@@ -89,13 +94,12 @@ class CableNode(GuardedNode):
                 raise SceneError(line)
             self.get_logger().warning(line)
 
-    def _built(self, scene: Scene) -> Session:
+    def _built(self, scene: Scene, saved: State | None) -> Session:
         """The session, with its machine code loaded."""
         log = self.get_logger()
         log.info("building the simulator")
         begin = time.perf_counter()
         with compiling_told_to(log.info):
-            saved = self._keeper.found(scene)
             session = Session(scene, naming=self._naming, live=True, resume=saved)
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
         for line in session.simulator.warnings:
@@ -344,8 +348,7 @@ class CableNode(GuardedNode):
 
     def say_goodbye(self) -> None:
         """Keep the state and remove the markers from every viewer; call it last."""
-        self._keeper.keep(self._session)
-        self._keeper.close()
+        self._keeper.close(self._session)
         self._outputs.say_goodbye(self._now())
 
 

@@ -83,6 +83,15 @@ class SceneParameters(Generic[Prepared]):
             _declare(node, row, values[key])
         self._prepared: tuple[Scene, Prepared] | None = None
 
+    def begin_with(self, scene: Scene) -> None:
+        """Take over other values before changes are followed."""
+        old, new = scene_values(self.scene), scene_values(scene)
+        for key, value in new.items():
+            if value != old[key]:
+                kind = _TYPES[self._rows[key].kind]
+                self._node.set_parameters([NodeParameter(key, kind, _node_value(value))])
+        self.scene = scene
+
     def follow(
         self,
         prepare: Callable[[Scene], Prepared],

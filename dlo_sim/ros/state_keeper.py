@@ -4,6 +4,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from dlo_sim.ros.guarded_node import one_line
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session.saved_state import load_state, save_state
@@ -50,13 +51,16 @@ class StateKeeper:
     def _write(self, path: Path, saved: State) -> None:
         try:
             save_state(path, saved)
-        except OSError as error:
+        except Exception as error:  # of a thread that nobody waits for
             self._log.warning(
-                f"state.save_to: {path} cannot be written ({error.strerror}); free space or choose "
-                "another folder",
+                f"state.save_to: {path} cannot be written ({one_line(error)}); free space or "
+                "choose another folder",
                 throttle_duration_sec=5.0,
             )
 
-    def close(self) -> None:
-        """Wait for what is being written."""
+    def close(self, session: Session) -> None:
+        """Write the last state, after the one that is being written."""
+        if self._writing is not None:
+            self._writing.exception()
+        self.keep(session)
         self._writer.shutdown()

@@ -70,8 +70,9 @@ class Drive:
         self.estimate: ErrorEstimate | None = None
         self._live = live
         self._too_slow = False
-        self._regrasped = False  # since the simulator was built
+        self._rebuilt = False  # the simulator, so that its first state is not the scene's
         self._scene = scene
+        self._note = note
         self._factory = factory
         self.paths = {
             name: GripperPath(
@@ -134,9 +135,9 @@ class Drive:
         """
         origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
         poses = {name: path.begin(origin) for name, path in self.paths.items()}
-        if poses or self._regrasped:
+        if poses or self._rebuilt:
             self.simulator = self._factory(self._scene, end_poses=poses)
-            self._regrasped = False
+            self._rebuilt = False
         else:
             self.simulator.reset()
         if self._estimating:
@@ -156,9 +157,9 @@ class Drive:
         """
         self.begin(base_ns)
         poses = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
-        before = self._factory(self._scene, end_poses=poses)
+        before = self._factory(saved.scene, end_poses=poses)
         before.restore(saved)
-        self.simulator = before.reconfigured(self._scene)
+        self.simulator, self._rebuilt = before.reconfigured(self._scene), True
         if self.estimate is not None:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
 
@@ -284,6 +285,8 @@ class Drive:
             ValueError: the simulator refuses the scene.
         """
         if scene == _as_taken(self._scene, scene):
+            for grasp in _taking(self._scene, scene):
+                self.simulator.check_take(grasp)
             return Prepared(self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
@@ -303,7 +306,7 @@ class Drive:
             self._take_and_release(scene)
             return
         self.simulator, self.estimate = prepared
-        self._scene, self._too_slow = scene, False
+        self._scene, self._too_slow, self._rebuilt = scene, False, True
         if grid is not None:
             self.simulator.take_over(old)
             if self.estimate is not None:
@@ -318,12 +321,14 @@ class Drive:
 
     def _take_and_release(self, scene: Scene) -> None:
         """Let the grasps hold what another scene, which differs in that alone, says."""
-        for before, grasp in zip(self._scene.grasps, scene.grasps, strict=True):
-            if grasp.taken and not before.taken:
-                self._driven.take(grasp.name)
-            elif before.taken and not grasp.taken:
-                self._driven.release(grasp.name)
-        self._scene, self._regrasped = scene, True
+        for grasp in _taking(scene, self._scene):
+            self._driven.release(grasp)
+        for grasp in _taking(self._scene, scene):
+            try:
+                self._driven.take(grasp)
+            except ValueError as refusal:  # since `prepare` the gripper has moved
+                self._note("not_taken", str(refusal))
+        self._scene, self._rebuilt = scene, True
 
     def _continue_motions(self, old: StepGrid, old_time: float) -> None:
         """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
@@ -341,6 +346,12 @@ class Drive:
             self._knots[name], self._motions[name] = last, segment.motion
             self._driven.set_motion(name, segment.motion)
         self.index = 0
+
+
+def _taking(scene: Scene, other: Scene) -> list[str]:
+    """Grasps that hold the cable in another scene, but not in this one."""
+    pairs = zip(scene.grasps, other.grasps, strict=True)
+    return [grasp.name for before, grasp in pairs if grasp.taken and not before.taken]
 
 
 def _as_taken(scene: Scene, other: Scene) -> Scene:

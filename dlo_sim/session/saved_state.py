@@ -8,8 +8,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from dlo_sim.session.simulator_protocol import State
 _VECTORS = ("position", "orientation", "attachment", "tangent")  # of a geometry
 # Groups whose parameters may differ: they do not change what the state means.
 _FREE = ("inputs.", "outputs.", "state.")
+_TAKEN = re.compile(r"grasps\..*\.taken")  # is part of the state
 
 
 def save_state(path: Path, state: State) -> None:
@@ -60,6 +63,8 @@ def save_state(path: Path, state: State) -> None:
 def load_state(path: Path, scene: Scene) -> tuple[State, float] | None:
     """The state that was saved of this scene, and how long ago [s]; None if there is no file.
 
+    The grasps of its scene hold the cable as they did.
+
     Raises:
         SceneError: it is no state, or one of another scene or version; with the cure.
     """
@@ -84,6 +89,8 @@ def load_state(path: Path, scene: Scene) -> tuple[State, float] | None:
         name: Geometry(**dict(zip(_VECTORS, map(np.array, vectors), strict=True)), u=u)
         for name, (*vectors, u) in head["geometries"].items()
     }
+    taken = (replace(g, taken=geometries[g.name].u is not None) for g in scene.grasps)
+    scene = replace(scene, grasps=tuple(taken))
     snapshot = Snapshot(scene, head["steps"], head["remainder"], needs, state, inputs, geometries)
     return snapshot, time.time() - head["saved_at"]
 
@@ -91,7 +98,8 @@ def load_state(path: Path, scene: Scene) -> tuple[State, float] | None:
 def _difference(saved: dict[str, Any], now: dict[str, Any]) -> str:
     """The first parameter that differs, empty if none does."""
     for key in sorted(saved.keys() | now.keys()):
-        if saved.get(key) != now.get(key) and not key.startswith(_FREE):
+        free = key.startswith(_FREE) or _TAKEN.fullmatch(key)
+        if saved.get(key) != now.get(key) and not free:
             return f"{key} was {brief(saved.get(key))}, is {brief(now.get(key))}"
     return ""
 

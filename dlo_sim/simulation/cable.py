@@ -14,7 +14,7 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.grasps import MOTION_SIZE
-from dlo_sim.engine.held import carry
+from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods import between_steps
 from dlo_sim.methods.implicit_layout import BALANCE, BAND

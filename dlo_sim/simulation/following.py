@@ -3,14 +3,46 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import rotations
+from dlo_sim.core import arguments, rotations
 from dlo_sim.engine import grasps, layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.model import Model, local_axis, natural_vectors
+from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.natural_shape import local_axis, natural_vectors
 
 Array = NDArray[np.float64]
+
+
+def checked_poses(name: str, given: ArrayLike, count: int) -> Array:
+    """Poses (count, 7) of an end.
+
+    Raises:
+        TypeError, ValueError: no such numbers, or a quaternion of zero.
+    """
+    rows = arguments.numbers(f"poses of {name}", given, (count, 7))
+    turned = rows[:, 3:].any(axis=1)
+    if not turned.all():
+        raise ValueError(
+            f"poses of {name}: row {np.argmin(turned)} has a quaternion of zero; give x, y, z, w "
+            "of an orientation, 0, 0, 0, 1 for none"
+        )
+    return rows
+
+
+def checked_samples(given: ArrayLike, present: float, end: float) -> Array:
+    """Times of samples [s].
+
+    Raises:
+        TypeError, ValueError: no numbers, or not rising from after the present to the end.
+    """
+    samples = arguments.numbers("samples", given, (None,), "s")
+    if not np.all(np.diff(samples, prepend=present) > 0.0) or np.any(samples > end):
+        raise ValueError(
+            f"samples: {arguments.given(samples.tolist())} s do not rise from after the present, "
+            f"{present:g} s, to at most the last of times, {end:g} s; give such"
+        )
+    return samples
 
 
 def on_grid(grid: Array, times: Array, poses: Array) -> Array:

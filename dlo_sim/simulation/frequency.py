@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import mass, spectrum
+from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
@@ -38,6 +38,20 @@ def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) 
     if model.has(layout.TORSION):
         value = with_torsion(value, scene, model)
     return value
+
+
+def with_grasps_to_come(scene: Scene, model: Model, frequency: float) -> float:
+    """The same [rad/s] once a grasp that holds nothing yet pulls at the cable by its springs.
+
+    A spring k at the basis values b adds at most k b.(M^-1 b) to omega^2 (Weyl's inequality).
+    """
+    stiffest = max((max(g.spring) for g in scene.grasps if not g.taken), default=0.0)
+    if not stiffest:
+        return frequency
+    inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, 0)))
+    basis = bspline.evaluate(np.eye(model.n), model.knots, bspline.greville(model.knots))
+    lightest = np.einsum("ui,ij,uj->u", basis, inverse, basis).max()
+    return float(np.sqrt(frequency**2 + stiffest * lightest))
 
 
 def held_rows(model: Model, state: Array) -> Array:

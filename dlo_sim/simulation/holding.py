@@ -17,9 +17,11 @@ from dlo_sim.core import bspline, rotations
 from dlo_sim.scene.cable import Grasp
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.geometry import Geometries, Geometry
 
 Array = NDArray[np.float64]
+LEAST_APART = 1e-6  # smallest singular value of the rows of all that is held, each of length 1
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,25 @@ def holding_of(
         geometry = geometries[between.name]
         if geometry.u is not None:
             _add_grasp(holding, between, grasp, geometry, knots, axes)
+            _check_independent(holding, between.name, geometry.u, n)
     return holding
+
+
+def _check_independent(holding: Holding, name: str, u: float, n: int) -> None:
+    """Refuse a grasp that holds what is held already.
+
+    Raises:
+        SceneError: naming it.
+    """
+    spots = [point for point in holding.points if not point.twist]
+    rows = np.zeros((len(spots), n))
+    for row, point in zip(rows, spots, strict=True):
+        row[point.first : point.first + 4] = np.array(point.weights) / np.linalg.norm(point.weights)
+    if len(spots) > n or np.linalg.svd(rows, compute_uv=False)[-1] < LEAST_APART:
+        raise SceneError(
+            f"grasps.{name}.at: the cable is held at {u:.6g} m already, or in more places than {n} "
+            "control points can follow; take it elsewhere, or raise discretization.control_points"
+        )
 
 
 def _add_springs(

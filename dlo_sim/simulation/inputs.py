@@ -17,7 +17,9 @@ from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
 from dlo_sim.simulation.guarded_loop import GuardedLoop
-from dlo_sim.simulation.model import build_model, natural_vectors
+from dlo_sim.simulation.holding import holding_of
+from dlo_sim.simulation.model import build_model
+from dlo_sim.simulation.natural_shape import natural_vectors
 from dlo_sim.simulation.transfer import carry_inputs
 from dlo_sim.simulation.view import CableView
 
@@ -98,6 +100,18 @@ class CableInputs(CableView):
         Raises:
             TypeError, ValueError: no grasp, one that holds the cable, or no place on the cable.
         """
+        self._hold(grasp, self._geometry_taken(grasp, at))
+
+    def check_take(self, grasp: str, at: float | None = None) -> None:
+        """Refuse what `take` would refuse now.
+
+        Raises:
+            TypeError, ValueError: as `take`.
+        """
+        self._held_with(grasp, self._geometry_taken(grasp, at))
+
+    def _geometry_taken(self, grasp: str, at: float | None) -> Geometry:
+        """How a grasp would hold the cable if it took it now."""
         scene_grasp = self._known_grasp(grasp)
         if self._geometries[grasp].u is not None:
             raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
@@ -113,8 +127,7 @@ class CableInputs(CableView):
         tangent = slopes[0] @ points
         tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
         tangent /= np.linalg.norm(tangent)
-        geometry = Geometry(position, orientation, values[0] @ points, tangent, u)
-        self._hold(grasp, geometry)
+        return Geometry(position, orientation, values[0] @ points, tangent, u)
 
     def release(self, grasp: str) -> None:
         """Let a grasp release the cable; its gripper goes on as it does.
@@ -199,11 +212,23 @@ class CableInputs(CableView):
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
+        geometries = self._held_with(grasp, geometry)
         self._cable.settle(self.time)
         before = self._cable.present_energy()
         self._ends.hold(grasp, geometry)
-        self._replace(self._needs, {**self._geometries, grasp: geometry})
+        self._replace(self._needs, geometries)
         self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
+
+    def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
+        """All that holds the cable, with a grasp like this.
+
+        Raises:
+            SceneError: it holds what is held already.
+        """
+        geometries = {**self._geometries, grasp: geometry}
+        model = self._model
+        holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
+        return geometries
 
     def _known_grasp(self, name: str) -> Grasp:
         known = [grasp.name for grasp in self.scene.grasps]

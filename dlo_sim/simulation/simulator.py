@@ -11,17 +11,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline
+from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs, inextensible, needs_of
+from dlo_sim.scene.needs import Needs, inextensible, needs_of, needs_of_end
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.following import motions_along, natural_along, on_grid
-from dlo_sim.simulation.frequency import largest_frequency
-from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
+from dlo_sim.simulation.following import (
+    checked_poses,
+    checked_samples,
+    motions_along,
+    natural_along,
+    on_grid,
+)
+from dlo_sim.simulation.frequency import largest_frequency, with_grasps_to_come
+from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of, known_holder
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.inputs import CableInputs
@@ -30,7 +36,7 @@ from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
-from dlo_sim.simulation.start_from_points import cable_through
+from dlo_sim.simulation.start_from_points import IN_PLANE, cable_through
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.transfer import resampled
 
@@ -96,6 +102,7 @@ class Simulator(CableInputs):
         place(scene, self._geometries, self._ends, self._cable)
         gradients = length_gradients(self._cable) if inextensible(scene) else None
         frequency = largest_frequency(scene, self._cable, gradients)
+        frequency = with_grasps_to_come(scene, model, frequency)
         self._choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self._choice)
         self._open_account()
@@ -159,9 +166,10 @@ class Simulator(CableInputs):
 
         Args:
             times: of the poses, rising [s], shape (T,), the first not after the present; the last
-                is where the advance ends.
+                is where the advance ends, at the first step not before it.
             poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7).
-            samples: times of the samples [s], rising, after the present.
+            samples: times of the samples [s], rising, after the present and not after the last of
+                `times`.
 
         Returns:
             As `advance_steps`, and control points x, y, z, theta of the samples up to the last good
@@ -183,15 +191,25 @@ class Simulator(CableInputs):
             raise ValueError("times: needs two or more, each later than the one before")
         if stamps[0] > self.time + 1e-9 * self.step:
             raise ValueError(f"times: needs a first time of {self.time!r} s, the present, or less")
-        count = int(np.floor(stamps[-1] / self.step + 1e-9)) - self._steps
+        count = int(np.ceil(stamps[-1] / self.step - 1e-9)) - self._steps
+        if count < 1:
+            raise ValueError(
+                f"times: end at {stamps[-1]:g} s, not after the present, {self.time:g} s; "
+                "give a later last time"
+            )
+        wanted = checked_samples(samples, self.time, stamps[-1])
+        rows = {
+            known_holder(self.scene, name): checked_poses(name, given, len(stamps))
+            for name, given in poses.items()
+        }
         grid: Array = self.step * np.arange(self._steps, self._steps + count + 1, dtype=float)
         paths = {}
-        for name, given in poses.items():
-            rows: Array = arguments.numbers(f"poses of {name}", given, (len(stamps), 7))
-            paths[name] = on_grid(grid, stamps, rows)
+        for name, given in rows.items():
+            paths[name] = on_grid(grid, stamps, given)
             self.set_end(name, paths[name][0, :3], paths[name][0, 3:])
+            self._extend(self._needs_along(name, paths[name]))
         cable = self._cable  # after set_end, which may have brought in more terms
-        recorder = Recorder(self._model, arguments.numbers("samples", samples, (None,), "s"))
+        recorder = Recorder(self._model, wanted)
         motions = np.repeat(cable.motion[None], max(count, 0), axis=0)
         for name, path in paths.items():
             row = list(self.scene.holders).index(name)
@@ -258,8 +276,8 @@ class Simulator(CableInputs):
         before = self.snapshot()
         given = place.copy()
         self._ends.put(place, 0.0)
-        moved = np.abs(place - given).max()
         self._cable.put(place, speed, 0.0)
+        moved = np.abs(self.control_points - given).max()
         self._open_account()
         if not math.isfinite(self._cable.entry(layout.ENERGY_START)):
             self.restore(before)
@@ -287,18 +305,25 @@ class Simulator(CableInputs):
         Args:
             points: in their order along the cable [m], shape (M, 3), NaN where missing; or several
                 frames of the same points, shape (F, M, 3).
-            times: of the frames [s], shape (F,); time 0 is the first state. Its velocities are
-                those of lines through up to four frames, of parabolas through more; one frame is
-                at rest.
-            coordinates: material coordinates of the points [m], shape (M,); default: found from
-                the distances between the points.
+            times: of the frames [s], rising, shape (F,); time 0 is the first state. Its velocities
+                are those of lines through up to four frames, of parabolas through more; one frame
+                is at rest.
+            coordinates: material coordinates of the points [m], rising, shape (M,); default: found
+                from the distances between the points.
 
         Raises:
-            TypeError: not numbers. ValueError: another shape, fewer than two points, coordinates
-                beyond the cable, or points out of the coordinates of the scene's step.
+            TypeError: not numbers. ValueError: another shape, fewer than two points, points that
+                coincide or lie lengths apart, times or coordinates that do not rise or leave the
+                cable, or points out of the coordinates of the scene's step.
         """
         given = points, times, coordinates
         place, rates = cable_through(self.scene, self._ends, self._model.knots, *given)
+        across = [axis for axis in range(3) if axis not in self._model.axes]
+        plane = self._model.rest[across]
+        apart = np.abs(np.asarray(points, dtype=float)[..., across] - plane)
+        if not np.any(apart > IN_PLANE * self.scene.cable.length):
+            # What the solution leaves the plane by is rounding.
+            place[:, across], rates[:, across] = plane, 0.0
         twist = self.control_points[:, 3:]
         self.start_from(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
@@ -350,14 +375,27 @@ class Simulator(CableInputs):
     def _open_account(self) -> None:
         self._cable.open_account(self.scene)
 
+    def _needs_along(self, end: str, path: Array) -> Needs:
+        """Needs once an end effector moves along a path of poses, shape (K, 7)."""
+        turned = rotations.multiply(path[:, 3:], rotations.conjugate(path[0, 3:]))
+        turns = rotations.to_rotation_vector(turned)
+        across = [axis for axis in range(3) if axis not in self._model.axes]
+        leaves = bool(across) and bool(
+            np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self._model.axes)]).max() > 1e-12
+        )
+        clamped = end in self.scene.ends and self.scene.ends[end].clamped
+        twists = clamped and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
+        return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
+
     def _take_over_grasps(self, other: Simulator) -> list[str]:
         """Hold what another simulator's grasps hold and the scene says; those still to take it."""
         held, taking = dict(self._geometries), []
         for grasp in self.scene.grasps:
             name, before = grasp.name, other._geometries[grasp.name]
             if grasp.taken and before.u is not None and grasp.at == other.scene.grasp(name).at:
-                held[name] = before
-                self._ends.hold(name, before)
+                longer = self.scene.cable.length / other.scene.cable.length
+                held[name] = replace(before, u=before.u * longer)
+                self._ends.hold(name, held[name])
             else:
                 held[name] = replace(held[name], u=None)
                 taking += [name] * grasp.taken

@@ -31,6 +31,9 @@ SPIKE, CLEAR = 2.0, 0.02  # of the distance of the next worst point; of the leng
 OUTLIER = 6.0  # of the median distance of a point's frames from its path
 MOST_SPIKES = 0.3  # of the points
 PROJECTIONS = 5  # of points onto the curve, to find their coordinates
+LEAST_APART = 1e-6  # [s] between frames; velocities of nearer ones are noise
+WITHIN = 1e-6, 2.0  # of the length, least and most of the median distance to the points' middle
+IN_PLANE = 1e-9  # of the length, distance from a plane that counts as none
 QUADRATIC = 5  # frames from which the motion is a parabola and not a line
 
 
@@ -164,6 +167,7 @@ def cable_through(
     seen: Mask = np.asarray(np.isfinite(place).all(axis=1))
     if seen.sum() < 2:
         raise ValueError(f"points: {seen.sum()} of {len(seen)} are known; give two or more")
+    _check_extent(place[seen], spline.length)
     if coordinates is None:
         u = np.full(len(seen), np.nan)
         u[seen] = _found(spline, scene, place[seen])
@@ -173,6 +177,11 @@ def cable_through(
             raise ValueError(
                 f"coordinates: {u.min():g} to {u.max():g} m leave the cable, 0 to "
                 f"{spline.length:g} m; change them or cable.length"
+            )
+        if not np.all(np.diff(u) > 0.0):
+            raise ValueError(
+                f"coordinates: {arguments.given(u.tolist())} do not rise; give the points in their "
+                "order from start to end, each with its own"
             )
     seen[seen] = _no_spikes(spline, u[seen], place[seen])
     curve = spline.through(u[seen], place[seen])
@@ -197,7 +206,23 @@ def _frames(points: ArrayLike, times: ArrayLike | None) -> tuple[Array, Array]:
     stamps = np.zeros(1) if times is None else arguments.numbers("times", times, (None,), "s")
     if len(stamps) != len(frames):
         raise ValueError(f"times: {len(stamps)} for {len(frames)} frames of points; give one each")
+    if not np.all(np.diff(stamps) >= LEAST_APART):
+        raise ValueError(
+            f"times: {arguments.given(stamps.tolist())} do not rise by {LEAST_APART:g} s or more; "
+            "give each frame its time"
+        )
     return frames, stamps
+
+
+def _check_extent(points: Array, length: float) -> None:
+    """Refuse points (M, 3) that cannot be of one cable; some of them may be spikes."""
+    distance = float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
+    least, most = WITHIN
+    if not least * length <= distance <= most * length:
+        raise ValueError(
+            f"points: lie {distance:.3g} m from their middle (median) on a cable of {length:g} m; "
+            "give points along it in m, or change cable.length"
+        )
 
 
 def _at_zero(frames: Array, times: Array) -> tuple[Array, Array]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline
+from dlo_sim.core import arguments, bspline
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Scene
@@ -21,9 +22,10 @@ Array = NDArray[np.float64]
 TENSION, CURVATURE = "tension [N]", "curvature [1/m]"
 _POINTS = 60  # of the centerline of a bag
 _ENERGY, _ERROR = "energy [J]", "error estimate [m]"  # keys of the diagnostics
+_LARGEST = float(np.finfo("f4").max)  # of the numbers in a page
 _LAST = CONTROL_POINTS.removeprefix("~")
-# What `dlo_sim simulate --output` writes -> number of dimensions.
-_NEEDED = {"time": 1, "control_points": 3, "centerline": 3}
+# What every output of `dlo_sim simulate` holds.
+_NEEDED = ("time", "control_points", "centerline")
 
 
 class RunError(Exception):
@@ -96,16 +98,19 @@ def read_recording(path: Path) -> Run:
         RunError: it is no such file.
     """
     try:
-        with np.load(path) as file:
+        with zipfile.ZipFile(path), np.load(path) as file:
             found = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise RunError(
             f"{path}: cannot be read ({error}); give an npz of dlo_sim simulate, or a bag's folder"
         ) from None
-    for name, dimensions in _NEEDED.items():
-        array = found.get(name, np.empty(0))
-        if array.ndim != dimensions or len(array) < 1 or len(array) != len(found["time"]):
+    for name in _NEEDED:
+        if name not in found or not found[name].size:
             raise RunError(f"{path}: has no {name} of a run; make it with dlo_sim simulate")
+    try:
+        found |= _checked(found)
+    except (TypeError, ValueError) as refusal:
+        raise RunError(f"{path}: {refusal}; make it with dlo_sim simulate") from None
     time = found["time"]
     titles = {"tension": TENSION, "curvature": CURVATURE}
     energy = found.get("energy")
@@ -117,6 +122,33 @@ def read_recording(path: Path) -> Run:
         colors={title: found[name] for name, title in titles.items() if name in found},
         curves=() if energy is None else (Curve(_ENERGY, time, {"energy": energy}),),
     )
+
+
+def _checked(found: dict[str, Array]) -> dict[str, Array]:
+    """The arrays of a run as floats.
+
+    Raises:
+        TypeError, ValueError: one is no finite numbers, its shape does not fit the others, it is
+            more than a page can hold, or the times do not rise.
+    """
+    time = arguments.numbers("time", found["time"], (None,), "s")
+    if not np.all(np.diff(time) > 0.0):
+        raise ValueError(f"time: needs to rise, got {arguments.given(time.tolist())}")
+    line = arguments.numbers("centerline", found["centerline"], (len(time), None, 3), "m")
+    shapes: dict[str, tuple[int | None, ...]] = {
+        "control_points": (len(time), None, 4),
+        "tension": line.shape[:2],
+        "curvature": line.shape[:2],
+        "energy": time.shape,
+    }
+    checked = {"time": time, "centerline": line}
+    for name, shape in shapes.items():
+        if name in found:
+            checked[name] = arguments.numbers(name, found[name], shape)
+    for name, array in checked.items():
+        if np.abs(array).max() > _LARGEST:
+            raise ValueError(f"{name}: needs numbers up to {_LARGEST:g}, got {np.abs(array).max()}")
+    return checked
 
 
 def read_bag(
@@ -143,6 +175,13 @@ def read_bag(
     knots = _knots(path, scene, poses.shape[1])
     u = np.linspace(0.0, knots[-1], _POINTS)
     points = poses[:, :, :3]
+    good = np.all(np.abs(poses) <= _LARGEST, axis=(1, 2))
+    if not good.all():
+        at = (stamps[np.argmin(good)] - stamps[0]) * 1e-9
+        raise RunError(
+            f"{path}: {node}{_LAST}: the message {at:g} s after the first is not finite; "
+            "give a bag of a run that went well"
+        )
     shape = strain(knots, u)
     colors = {CURVATURE: shape.curvature(points)}
     if scene is not None and not scene.without_tension:

@@ -1,6 +1,7 @@
 """Recordings from bags and files, and a real one."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,84 @@ def test_the_command_writes_a_scene_that_predicts(moving, tmp_path, capsys):
     assert "cable.bending_stiffness" in capsys.readouterr().out
     scene = load_scene(output)
     assert scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.1)
+
+
+LINE = np.zeros((1, 4, 6, 3))
+LINE[..., 0] = np.linspace(0.0, 1e6, 6)
+# The two frames and two markers that are missing where only the grippers are seen at first.
+LATE = np.outer(np.arange(4) < 2, np.arange(6) % 4 > 1)[..., None]
+GIVEN = {"pos_um": LINE, "rate_hz": 100, "clamped": [0, 1, -2, -1], "length_m": 0.8, "mass_g": 30}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"pos_um": np.full_like(LINE, np.nan)}, "pos_um: points 0 and 1 .* leave one"),
+        ({"pos_um": np.zeros_like(LINE)}, "pos_um: points 0 and 1 .* leave one"),
+        ({"pos_um": 1e200 * LINE}, r"pos_um: 1e\+200 m is no place of a marker; give at most"),
+        ({"pos_um": LINE + [np.inf, 0, 0]}, "pos_um: inf m is no place of a marker; give"),
+        ({"pos_um": LINE[:, :1]}, "pos_um: run piece 0: 1 frames; give 3 or more"),
+        ({"pos_um": LINE[:, :2]}, "pos_um: run piece 0: 2 frames; give 3 or more"),
+        ({"pos_um": LINE[:0]}, "pos_um: has shape .*; give numbers"),
+        ({"pos_um": LINE.astype(str)}, "pos_um: holds <U32; give numbers"),
+        ({"pos_um": LINE + 1j}, "pos_um: holds complex128; give numbers"),
+        (
+            {"pos_um": np.where(np.arange(4)[:, None, None] == 2, np.nan, LINE)},
+            "pos_um: the markers on the gripper of the start are missing .* frame 2; give two",
+        ),
+        (
+            {"pos_um": np.where(LATE, np.nan, LINE)},
+            "pos_um: run piece 0: no marker is known in the first 2 frames",
+        ),
+        *(({"rate_hz": rate}, "rate_hz: ") for rate in (0, -5, np.nan, [1, 2, 3], "abc")),
+        *(({"length_m": length}, "length_m: .* give 0.01 to 1000") for length in (0, -1, 1e9)),
+        ({"length_m": 3.0}, "length_m: 3 m, but pos_um gives 0.8 m along the markers; correct"),
+        *(({"mass_g": mass}, "mass_g: .* give 0.001 to 100000") for mass in (0, 1e30)),
+        ({"clamped": [0, 1, 99, 100]}, r"clamped: \[0.0, 1.0, 99.0, 100.0\]; give"),
+    ],
+)  # fmt: skip
+def test_data_that_cannot_be_are_refused_by_their_key(tmp_path, changes, words):
+    path = tmp_path / "run.npz"
+    np.savez(path, **GIVEN)
+    assert read_recordings(path)[0].known["cable.length"] == pytest.approx(0.8)
+    np.savez(path, **{**GIVEN, **changes})
+    with pytest.raises(MeasurementError, match=f"^{path}: {words}"):
+        read_recordings(path)
+
+
+def test_pieces_keep_the_frames_that_a_start_needs(moving):
+    assert min(len(part.times) for part in moving[0].pieces(0.01)) == 3
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "words"),
+    [
+        ("start", np.nan, "/start_pose: .* is no pose; repair"),
+        ("markers", np.inf, "/markers: inf m is no place of a marker; give"),
+        ("markers", 1e9, r"/markers: 1e\+09 m is no place of a marker; give"),
+    ],
+)
+def test_bags_that_cannot_be_are_refused_by_their_topic(moving, tmp_path, part, value, words):
+    given = moving[0].pieces(0.25)[0]
+    markers, poses = given.markers.copy(), dict(given.poses)
+    if part == "markers":
+        markers[2:] = value
+    else:
+        poses[part] = value * poses[part]
+    folder = bag_of(tmp_path / "bag", replace(given, markers=markers, poses=poses), cdr.POSE_ARRAY)
+    with pytest.raises(MeasurementError, match=f"^{folder}: {words}"):
+        read_recordings(folder)
+
+
+def test_files_that_are_no_archives_are_refused(tmp_path):
+    path = tmp_path / "run.npz"
+    with path.open("wb") as file:
+        np.save(file, LINE)
+    with pytest.raises(MeasurementError, match=f"^{path}: cannot be read .*; give a .npz file"):
+        read_recordings(path)
+    path.write_bytes(b"")
+    with pytest.raises(MeasurementError, match=f"^{path}: cannot be read .*; give a .npz file"):
+        read_recordings(path)
 
 
 @pytest.mark.parametrize(

@@ -250,7 +250,9 @@ class TestRefused:
         out = tmp_path / "out"
         self.refuse(bag, scene, out, "no topic /other in bag", compare={"start": "/other"})
         self.refuse(bag, scene, out, "'end': this end is free", compare={"end": "/wrench"})
-        self.refuse(bag, scene, out, "the ends are", compare={"middle": "/wrench"})
+        self.refuse(
+            bag, scene, out, "nothing of that name holds the cable", compare={"middle": "/wrench"}
+        )
         self.refuse(
             bag, scene, out, "is geometry_msgs/msg/Pose", compare={"start": "/gripper_pose"}
         )

@@ -72,6 +72,25 @@ def test_goes_on_with_the_same_shape_and_motion(ran, path):
     assert session.simulator.control_points[0, 2] == pytest.approx(gripper, abs=1e-3)
 
 
+def test_a_cable_that_a_grasp_took_is_held_on(tmp_path):
+    free = {**VALUES, "grasps.names": ["hand"], "grasps.hand.at": 0.7, "grasps.hand.taken": False}
+    session = Session(scene_from_values(free))
+    move(session, T0, T0 + SECOND)
+    session.reconfigure(session.scene.with_values({"grasps.hand.taken": True}))
+    place = session.simulator.centerline([0.28])
+    move(session, T0 + SECOND, T0 + 2 * SECOND)
+    assert session.simulator.centerline([0.28]) == pytest.approx(place, abs=1e-9)
+    save_state(tmp_path / "state", session.saved)
+    saved, _ = load_state(tmp_path / "state", scene_from_values(free))
+    assert saved.scene.grasps[0].taken
+    again = Session(saved.scene, resume=saved)
+    move(again, T0 + 5 * SECOND, T0 + 6 * SECOND)
+    assert again.simulator.centerline([0.28]) == pytest.approx(place, abs=1e-9)
+    again.reset()
+    move(again, T0 + 7 * SECOND, T0 + 8 * SECOND)
+    assert np.abs(again.simulator.centerline([0.28]) - place).max() > 1e-3, "reset places it anew"
+
+
 def test_saved_again_and_after_a_change_of_parameters(ran, path, tmp_path):
     session = Session(SCENE, resume=load_state(path, SCENE)[0])
     move(session, T0 + 3 * SECOND, T0 + 4 * SECOND)

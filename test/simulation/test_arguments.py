@@ -78,6 +78,7 @@ CALLS = {
         (lambda sim, x: sim.take(x), "grasp", ()),
         (lambda sim, x: sim.take("hand", x), "at", (None,)),
     ],
+    "check_take": [(lambda sim, x: sim.check_take(x), "grasp", ())],
     "release": [(lambda sim, x: sim.release(x), "grasp", ())],
     "take_over": [(lambda sim, x: sim.take_over(x), "other", ())],
     "centerline": [(lambda sim, x: sim.centerline(x), "u", ())],

@@ -61,6 +61,23 @@ def test_it_is_what_single_motions_and_steps_are():
     assert sim.end_pose("start")[0] == pytest.approx(paths["start"][-1, :3], abs=1e-12)
 
 
+def test_a_path_that_leaves_the_plane_later_brings_in_space():
+    cable = {key: value for key, value in SOFT.items() if not key.startswith("loads.")}
+    sim = simulator(cable, {"loads.names": []}, method="energy_momentum", step=STEP)
+    assert len(sim.model.axes) == 2
+    times = STEP * np.arange(21)
+    path = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (21, 1))
+    path[5:, 1] = 0.02 * np.linspace(0.0, 1.0, 16)
+    _, points = sim.follow(times, {"start": path}, times[1:])
+    assert points[-1, 0, :3] == pytest.approx([0.0, 0.02, 0.0], abs=1e-12)
+
+
+def test_the_advance_ends_at_the_last_pose_even_between_steps():
+    sim, times = held(), np.array([0.0, 0.008, 0.0176])
+    report, points = sim.follow(times, poses(sim, times), times[1:])
+    assert report.status.ok and len(points) == 2 and sim.time == pytest.approx(0.02)
+
+
 def test_poses_between_the_steps_are_met_by_a_smooth_path():
     sim, times = held(), np.linspace(0.0, 0.2, 31)
     paths = poses(sim, times)
@@ -81,6 +98,12 @@ def test_poses_between_the_steps_are_met_by_a_smooth_path():
             "end: 'foot' is not known",
         ),
         ([0.0, 0.1], [], "poses"),
+        (
+            [-0.2, -0.1],
+            {},
+            "times: end at -0.1 s, not after the present, 0 s; give a later last time",
+        ),
+        ([0.0, 0.1], {"start": np.zeros((2, 7))}, "poses of start: row 0 has a quaternion of zero"),
     ],
 )
 def test_times_and_poses_that_do_not_fit_are_refused(times, path, text):
@@ -89,6 +112,14 @@ def test_times_and_poses_that_do_not_fit_are_refused(times, path, text):
     with pytest.raises((TypeError, ValueError), match="^" + text):
         sim.follow(times, path, [0.1])
     assert np.array_equal(sim.cable.state, before)
+
+
+@pytest.mark.parametrize("samples", [[0.05, 0.02], [0.05, 0.05], [-0.1, 0.1], [0.0], [0.2]])
+def test_samples_outside_the_advance_or_not_rising_are_refused(samples):
+    sim = held()
+    with pytest.raises(ValueError, match="^samples: .* do not rise from after the present, 0 s"):
+        sim.follow([0.0, 0.1], {}, samples)
+    assert sim.steps == 0
 
 
 def test_explicit_methods_refuse():

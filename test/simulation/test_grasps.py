@@ -55,6 +55,38 @@ def test_reactions_of_a_resting_cable_balance_its_weight(clamped):
     assert np.abs(sim.velocities).max() < 1e-6
 
 
+@pytest.mark.parametrize("share, place", [(0.03, [0.029, 0, 0.002]), (0.97, [0.271, 0, 0.043])])
+@pytest.mark.parametrize("method", ["energy_momentum", "generalized_alpha"])
+def test_reactions_balance_where_a_grasp_is_beside_a_clamp(method, share, place):
+    """The force of the grasp also pushes the control points that the clamp holds."""
+    ends = {"start.clamped": True, "end.clamped": True, "damping.mass": 20.0}
+    sim = held(method, **ends, **{"grasps.hand.at": share, "grasps.hand.position": place})
+    sim.advance(0.1)
+    forces = sum(sim.reaction(name)[0] for name in ("start", "hand", "end"))
+    assert forces == pytest.approx(-weight(sim), abs=2e-3 * np.linalg.norm(weight(sim)))
+
+
+def test_a_place_that_is_held_already_is_not_taken():
+    sim = held(**{"grasps.names": ["hand", "other"], "grasps.other.taken": False})
+    for grasp, at in (("other", 0.0), ("other", 1.0), ("other", 0.4)):
+        before = sim.cable.state.copy()
+        with pytest.raises(ValueError, match="^grasps.other.at: the cable is held at .* already"):
+            sim.take(grasp, at)
+        assert np.array_equal(sim.cable.state, before)
+        assert sim.advance_steps(1).status.ok
+    sim.take("other", 0.41)
+    assert sim.advance(0.02).status.ok
+    with pytest.raises(SceneError, match="^grasps.hand.at: the cable is held at 0 m already"):
+        held(**{"grasps.hand.at": 0.0})
+
+
+def test_a_shorter_cable_is_held_at_the_same_share():
+    sim = held()
+    other = sim.reconfigured(sim.scene.with_values({"cable.length": 0.8}))
+    assert at(other, 0.4) == pytest.approx([0.12, 0.05, -0.02], abs=1e-9)
+    assert np.isfinite(other.control_points).all() and other.advance(0.05).status.ok
+
+
 def test_a_cable_that_hangs_from_its_middle_alone_finds_its_rest():
     free = {"start.fixed": [False] * 3, "end.fixed": [False] * 3}
     middle = {
@@ -142,6 +174,14 @@ def test_a_spring_pulls_towards_its_gripper():
     away = np.array([0.12, 0.05, -0.02]) - at(sim, 0.4)
     assert sim.reaction("hand")[0] == pytest.approx(away * [2.0, 3.0, 4.0], rel=1e-6)
     assert np.linalg.norm(away) > 1e-4
+
+
+def test_an_explicit_step_is_chosen_for_springs_to_come():
+    stiff = {"grasps.hand.fixed": [False] * 3, "grasps.hand.spring": [1e5] * 3}
+    sim = held("velocity_verlet", **stiff, **{"grasps.hand.taken": False, "integrator.step": 0.0})
+    assert sim.step < 0.5 * held("velocity_verlet", **{"integrator.step": 0.0}).step
+    sim.take("hand", 0.4)
+    assert sim.advance(0.02).status.ok
 
 
 def test_snapshots_and_reconfiguration_keep_what_is_held():

@@ -21,6 +21,7 @@ SCENE = {
     "integrator.step": 0.01,
 }
 U = np.linspace(0.08, 0.92, 12)
+LINE = np.linspace([0.0, 0.0, 0.0], [0.5, 0.0, -0.1], 4)
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +118,13 @@ def test_a_free_end(swinging):
         ((np.zeros((2, 4, 3)), [0.0]), "times: 1 for 2 frames"),
         ((np.eye(4, 3), None, [0.1, 0.2, 0.3, 1.3]), "leave the cable"),
         ((np.eye(4, 3), None, [0.1, 0.2]), "coordinates"),
+        ((np.ones((4, 3)),), "points: lie 0 m from their middle .* give points along it"),
+        ((1e3 * LINE,), "points: lie .* m from their middle .* give points along it"),
+        (([LINE, LINE], [0.0, -0.01]), "times: .* do not rise by 1e-06 s or more; give"),
+        (([LINE, LINE], [0.0, 0.0]), "times: .* do not rise by 1e-06 s or more; give"),
+        (([LINE, LINE], [0.0, 1e-12]), "times: .* do not rise by 1e-06 s or more; give"),
+        ((LINE, None, [0.9, 0.6, 0.3, 0.1]), "coordinates: .* do not rise; give the points"),
+        ((LINE, None, [0.1, 0.1, 0.3, 0.4]), "coordinates: .* do not rise; give the points"),
     ],
 )
 def test_refusals_name_the_argument_and_change_nothing(arguments, words):
@@ -125,6 +133,19 @@ def test_refusals_name_the_argument_and_change_nothing(arguments, words):
     with pytest.raises(ValueError, match=words):
         sim.start_from_points(*arguments)
     assert np.array_equal(sim.control_points, before)
+
+
+@pytest.mark.parametrize("kept", [[0, 1, 2, 4, 5, 6], [0, 6], [1, 3]])
+def test_points_in_the_plane_start_a_planar_scene(kept):
+    flat = {"terms.out_of_plane": "off", "terms.twist": "off"}
+    u = np.linspace(0.0, 1.0, 7)
+    points = np.stack([0.5 * u, 0.0 * u, -0.3 * np.sin(np.pi * u)], axis=1)
+    given = np.full_like(points, np.nan)
+    given[kept] = points[kept]
+    sim = started(given, **flat)
+    assert not sim.control_points[:, 1].any()
+    with pytest.raises(ValueError, match="control points: leave the coordinates"):
+        started(given + [0.0, 1e-3, 0.0], **flat)
 
 
 def test_points_that_are_too_near_each_other_do_not_shorten_the_cable(swinging):

@@ -61,17 +61,58 @@ def test_scene_of_another_run_is_refused(made):
         ({}, "has no time of a run"),
         ({"time": np.zeros(3)}, "has no control_points of a run"),
         ({"time": np.zeros(0), "control_points": np.zeros((0, 4, 4))}, "has no time of a run"),
-        ({"time": np.zeros(3), "control_points": np.zeros((2, 4, 4))}, "has no control_points"),
+        ("npy", "cannot be read"),
     ],
 )
 def test_file_that_holds_no_run_is_refused(tmp_path, arrays, complaint):
     path = tmp_path / "run.npz"
     if arrays is None:
         path.write_bytes(b"not an npz")
+    elif arrays == "npy":
+        with path.open("wb") as file:
+            np.save(file, np.zeros(3))
     else:
         np.savez(path, **arrays)
     with pytest.raises(RunError, match=complaint):
         read_run(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "spoil", "complaint"),
+    [
+        ("time", lambda time: time.astype(str), "time: needs a list of finite numbers"),
+        ("time", lambda time: time * np.nan, "time: needs a list of finite numbers"),
+        ("time", lambda time: time[::-1], "time: needs to rise, got"),
+        ("time", lambda time: time * 0.0, "time: needs to rise, got"),
+        ("centerline", lambda line: line[..., :2], "centerline: needs finite numbers of shape"),
+        ("centerline", lambda line: line * np.nan, "centerline: needs finite numbers of shape"),
+        ("centerline", lambda line: line + 1j, "centerline: needs finite numbers of shape"),
+        ("centerline", lambda line: line + 1e300, "centerline: needs numbers up to"),
+        ("control_points", lambda points: points * np.nan, "control_points: needs finite numbers"),
+        ("control_points", lambda points: points[:2], "control_points: needs finite numbers"),
+        ("tension", lambda tension: tension * np.nan, "tension: needs finite numbers of shape"),
+        ("tension", lambda tension: tension[:, :3], "tension: needs finite numbers of shape"),
+        ("curvature", lambda curvature: curvature[:3], "curvature: needs finite numbers of shape"),
+        ("energy", lambda energy: energy[:3], "energy: needs"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_by_their_key(made, tmp_path, key, spoil, complaint):
+    with np.load(made.recording) as file:
+        arrays = dict(file)
+    path = tmp_path / "run.npz"
+    np.savez(path, **{**arrays, key: spoil(arrays[key])})
+    with pytest.raises(RunError, match=f"^{path}: {complaint}.*; make it with dlo_sim simulate"):
+        read_run(path)
+
+
+def test_bag_of_a_state_that_is_not_finite_is_refused(tmp_path):
+    states = [np.cumsum(np.ones((7, 7)), axis=0)] * 3
+    states[1] = states[0] * np.nan
+    write_bag(tmp_path / "bag", states, [(0.0,) * 6] * 3, "/dlo_sim")
+    with pytest.raises(
+        RunError, match="/dlo_sim/control_points: the message 0.02 s after the first"
+    ):
+        read_run(tmp_path / "bag")
 
 
 def test_folder_that_is_no_bag_is_refused(tmp_path):

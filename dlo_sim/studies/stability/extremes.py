@@ -17,7 +17,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.report import Cell
-from dlo_sim.studies.stability.cables import Values
+from dlo_sim.studies.stability.cables import TIGHT, Values
 
 Array = NDArray[np.float64]
 Action = Callable[[Simulator], Simulator | None]
@@ -103,7 +103,7 @@ def examine(extreme: Extreme, share: float = 1.0) -> Finding:
     """Run a scene (or the first `share` of it) and judge it."""
     run = None
     try:
-        simulator = Simulator(scene_from_values(extreme.values))
+        simulator = Simulator(scene_from_values(TIGHT | extreme.values))
         run = Run(simulator, simulator.control_points)
         last = extreme.duration * share
         for moment, action in (*extreme.events, (last, lambda simulator: None)):

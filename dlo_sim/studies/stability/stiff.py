@@ -16,6 +16,7 @@ from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import runs
 from dlo_sim.studies.report import Column, Header, Report
+from dlo_sim.studies.stability.cables import TIGHT
 from dlo_sim.studies.stopwatch import step_cost
 
 SIZES = {True: (9, 19), False: (9, 13, 19, 40)}  # control points
@@ -70,7 +71,7 @@ def wire(n: int, method: str, step: float = 0.0, gauss: int = 0) -> Scene:
     values["discretization.control_points"] = n
     if gauss:
         values |= {"discretization.quadrature": "gauss", "discretization.samples": gauss}
-    return load_scene(shipped_scene("paper_wire"), values)
+    return load_scene(shipped_scene("paper_wire"), TIGHT | values)
 
 
 def measured(quick: bool, progress: Callable[[float], None]) -> list[Stiff]:

@@ -1,0 +1,164 @@
+"""How what is held moves: drifts that carry the cable along, rates, work done (`engine.held`)."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, first, load, store, zero
+from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine.grasps import MOTION_SIZE, place, rates, turned
+from dlo_sim.engine.held import (
+    add_shifts,
+    aim,
+    component,
+    component3,
+    defects,
+    directions_turn,
+    fill_system,
+    grasps_move,
+    invert,
+    pin,
+    point_value,
+    project,
+    turn_to_aim,
+    values_along,
+)
+from dlo_sim.engine.layout import (
+    AHEAD,
+    AXES,
+    DIM,
+    DIRECTION,
+    DIRECTION_ROWS,
+    DRIVE_WORK,
+    HELD,
+    HELD_BODY,
+    HELD_WEIGHTS,
+    INVERSE,
+    LEDGER,
+    LINE,
+    LINES,
+    MOTION,
+    MOVED,
+    POINT_ROWS,
+    PULL,
+    RATES,
+    SYSTEM,
+    TARGETS,
+)
+from dlo_sim.engine.lines import kinetic
+from dlo_sim.engine.tables import grasp_of, line_of, point_of
+
+
+@part
+def add_moved(shape, state, scratch, share):
+    """MOVED += a share of the rows RATES."""
+    for k in range(shape[HELD]):
+        at = shape[MOVED] + k * LANES
+        store(state, at, load(state, at) + share * load(scratch, shape[RATES] + k * LANES))
+
+
+@part
+def forget_moved(shape, state):
+    """MOVED counts from here."""
+    for at in range(shape[HELD] * LANES):
+        state[shape[MOVED] + at] = 0.0
+
+
+@piece(
+    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS),
+    *(NUMBERS, NUMBERS, REAL, REAL),
+)
+def carry(shape, model, inputs, state, scratch, x, w, t, dt):
+    """Drift over dt to time t: x += dt w, and what is held to its place, with all that hangs on it.
+
+    What is held moved by the rows MOVED (added to): the mean of its way along the directions before
+    and after. What the impulses along turning directions change in the energy of w is the work of
+    the grasps: booked here.
+    """
+    held = shape[HELD]
+    width = shape[LINE] * shape[LINES]
+    moves = grasps_move(shape, inputs)
+    turn = False
+    energy = zero()
+    if moves:
+        aim(shape, model, inputs, scratch, t)
+        turn = directions_turn(shape, state, scratch)
+        defects(shape, model, scratch, shape[AHEAD], scratch, x)
+        add_moved(shape, state, scratch, 0.5 if turn else 1.0)
+        if turn:
+            energy = kinetic(shape, model, w)
+            values_along(shape, model, state, scratch, x)
+            add_moved(shape, state, scratch, -0.5)
+    for at in range(0, width, LANES):
+        store(x, at, load(x, at) + dt * load(w, at))
+    if not moves:
+        return
+    defects(shape, model, scratch, shape[AHEAD], scratch, x)
+    if turn and dt == 0.0:
+        turn_to_aim(shape, model, state, scratch)  # a jump goes along the new directions
+    elif turn:
+        fill_system(shape, model, scratch, scratch, shape[AHEAD], state, shape[DIRECTION])
+        invert(shape, scratch, state, shape[INVERSE])
+    add_shifts(shape, model, state, scratch, 1.0, x)
+    if turn:
+        if dt != 0.0:
+            add_shifts(shape, model, state, scratch, 1.0 / dt, w)
+        values_along(shape, model, state, scratch, x)
+        add_moved(shape, state, scratch, 0.5)
+        turn_to_aim(shape, model, state, scratch)
+        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+        at = shape[LEDGER] + DRIVE_WORK * LANES
+        store(state, at, load(state, at) + kinetic(shape, model, w) - energy)
+    for k in range(held):
+        pin(shape, k, load(scratch, shape[TARGETS] + k * LANES), x)
+
+
+@part
+def target_rates(shape, model, inputs, state, scratch, x, t):
+    """Rates of the targets at fixed shape, into the rows RATES: s e.A' - e'.(b.x - s A)."""
+    for k in range(shape[HELD]):
+        point = point_of(shape, k)
+        line = line_of(shape, k)
+        grasp = shape[MOTION] + MOTION_SIZE * grasp_of(shape, k)
+        share = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + 4) * LANES]
+        v = rates(inputs, grasp, t)
+        rate = 0.0
+        if inputs[grasp] == 0.0:
+            pass
+        elif line == shape[DIM]:
+            rate = share * v[3]
+        elif line >= 0:
+            rate = share * component((v[0], v[1], v[2], 0.0), shape[AXES + line])
+        else:
+            body = shape[HELD_BODY] + DIRECTION_ROWS * LANES * k
+            e = turned(inputs, grasp, t, model[body], model[body + LANES], model[body + 2 * LANES])
+            spin = (
+                v[4 + 1] * e[2] - v[4 + 2] * e[1],
+                v[4 + 2] * e[0] - v[4] * e[2],
+                v[4] * e[1] - v[4 + 1] * e[0],
+            )
+            a = place(inputs, grasp, t)
+            for d in range(shape[DIM]):
+                axis = shape[AXES + d]
+                arm = first(point_value(shape, model, point, d, x)) - share * component(a, axis)
+                rate += share * component3(e, axis) * component((v[0], v[1], v[2], 0.0), axis)
+                rate -= component3(spin, axis) * arm
+        store(scratch, shape[RATES] + k * LANES, rate)
+
+
+@part
+def add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v):
+    """v += Y (rates of the targets at time t): the velocity from the momentum variable."""
+    if not grasps_move(shape, inputs):
+        return
+    target_rates(shape, model, inputs, state, scratch, x, t)
+    add_shifts(shape, model, state, scratch, 1.0, v)
+
+
+@part
+def pulled(shape, state, rows, at):
+    """The last pull times rows at `at`: minus the work that what moves the held rows by these does,
+    or minus its power if these are their rates.
+    """
+    f = zero()
+    for k in range(shape[HELD]):
+        f += load(state, shape[PULL] + k * LANES) * load(rows, at + k * LANES)
+    return f

@@ -1,0 +1,178 @@
+"""The begin of an implicit step: first guess, what is held where it will be; and the way back."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, load, shifted
+from dlo_sim.compiling.pieces import (
+    NOTHING,
+    NUMBERS,
+    REAL,
+    TABLE,
+    TRUTH,
+    part,
+    piece,
+)
+from dlo_sim.engine.band import (
+    own_point,
+)
+from dlo_sim.engine.border import set_border
+from dlo_sim.engine.held import (
+    add_shifts,
+    aim,
+    defects,
+    directions_turn,
+    grasps_move,
+    pin,
+    project,
+    turn_to_aim,
+    values_along,
+)
+from dlo_sim.engine.held_motion import add_velocity_of_held
+from dlo_sim.engine.layout import (
+    AHEAD,
+    BORDER,
+    DIM,
+    DIRECTION,
+    DIRECTION_ROWS,
+    HELD,
+    HISTORY,
+    INVERSE,
+    KNOWN,
+    LEDGER,
+    LINE,
+    MARGIN,
+    SIZE,
+    SYSTEM,
+    TARGETS,
+    W,
+    X,
+)
+from dlo_sim.engine.lines import add, clear, copy, difference
+from dlo_sim.engine.springs import (
+    move_anchors,
+    restore_anchors,
+)
+from dlo_sim.engine.tables import line_of
+from dlo_sim.methods.implicit_layout import (
+    CHANGE,
+    COAST,
+    MIDDLE,
+    MIDDLE_DIRECTION,
+    OLD_DIRECTION,
+    OLD_INVERSE,
+    START,
+    START_V,
+    TRAVEL,
+)
+from dlo_sim.methods.newton import (
+    predict,
+)
+
+
+@piece(
+    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, TRUTH),
+    *(REAL, REAL, REAL, REAL, REAL),
+)
+def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g):
+    """First guess: the history goes on, and what is held is placed where it is at the end.
+
+    START_V becomes the velocity at the begin, where nothing moves that of w; MIDDLE_DIRECTION and
+    DIRECTION the directions at the middle and at the end; CHANGE and COAST are set.
+    """
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    start, speed = shifted(scratch, shape[START]), shifted(scratch, shape[START_V])
+    coast, change = shifted(scratch, shape[COAST]), shifted(scratch, shape[CHANGE])
+    directions = shape[HELD] * DIRECTION_ROWS * LANES
+    moves = grasps_move(shape, inputs)
+    copy(shape, x, start)
+    copy(shape, w, speed)
+    for at in range(directions):
+        scratch[shape[OLD_DIRECTION] + at] = state[shape[DIRECTION] + at]
+        scratch[shape[MIDDLE_DIRECTION] + at] = state[shape[DIRECTION] + at]
+    for at in range(shape[HELD] * shape[HELD] * LANES):
+        scratch[shape[OLD_INVERSE] + at] = state[shape[INVERSE] + at]
+    if moves:
+        add_velocity_of_held(shape, model, inputs, state, scratch, x, t0, speed)
+    predict(shape, state, x, w, tau)
+    if not moves:
+        keep_held(shape, model, state, scratch, start, x)
+    if moves:
+        aim(shape, model, inputs, scratch, t0 + 0.5 * tau)
+        for k in range(shape[HELD]):
+            if line_of(shape, k) < 0:
+                for at in range(DIRECTION_ROWS * LANES * k, DIRECTION_ROWS * LANES * (k + 1)):
+                    scratch[shape[MIDDLE_DIRECTION] + at] = scratch[shape[AHEAD] + at]
+        aim(shape, model, inputs, scratch, t0 + tau)
+        if directions_turn(shape, state, scratch):
+            turn_to_aim(shape, model, state, scratch)
+        defects(shape, model, state, shape[DIRECTION], scratch, x)
+        add_shifts(shape, model, state, scratch, 1.0, x)
+        for k in range(shape[HELD]):
+            pin(shape, k, load(scratch, shape[TARGETS] + k * LANES), x)
+        move_anchors(shape, inputs, state, t0 + tau)
+    middle_rows, end_rows = (
+        shifted(scratch, shape[MIDDLE_DIRECTION]),
+        shifted(state, shape[DIRECTION]),
+    )
+    set_border(shape, model, scratch, middle_rows, end_rows)
+    difference(shape, x, start, change)
+    clear(shape, coast)
+    if newmark:
+        acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+        driven = shifted(scratch, shape[TRAVEL])
+        clear(shape, driven)
+        # the change is the travel P (x - start) and what moving grasps carry along
+        copy(shape, change, coast)
+        if moves:
+            time, middle = t0 + theta * tau, shifted(scratch, shape[MIDDLE])
+            copy(shape, start, middle)
+            add(shape, theta, change, middle)
+            aim(shape, model, inputs, scratch, time)
+            turn_to_aim(shape, model, state, scratch)
+            add_velocity_of_held(shape, model, inputs, state, scratch, middle, time, driven)
+            project(shape, model, state, scratch, coast, scratch, shape[SYSTEM])
+            aim(shape, model, inputs, scratch, t0 + tau)
+            turn_to_aim(shape, model, state, scratch)
+        for at in range(shape[SIZE]):
+            carried = change[at] - coast[at]
+            if at < shape[DIM] * shape[LINE]:
+                free = (1.0 - rate) * w[at] + g * tau * acceleration[at]
+                coast[at] = tau * (free + driven[at]) - rate * carried
+            else:
+                coast[at] = (1.0 - rate) * carried
+
+
+@part
+def keep_held(shape, model, state, scratch, start, x):
+    """Leave what is held where it is: a parabola through equal numbers is not equal to them, and
+    what it is off by would grow from step to step.
+    """
+    width, dim = shape[LINE], shape[DIM]
+    for k in range(shape[HELD]):
+        own, line = own_point(shape, k), line_of(shape, k)
+        at = MARGIN + own
+        if own >= 0 and line >= 0:
+            x[line * width + at] = start[line * width + at]
+        elif own >= 0:
+            e = shape[DIRECTION] + DIRECTION_ROWS * LANES * k
+            away = 0.0
+            for d in range(dim):
+                away += state[e + d * LANES] * (x[d * width + at] - start[d * width + at])
+            for d in range(dim):
+                x[d * width + at] -= away * state[e + d * LANES]
+    if shape[BORDER]:
+        difference(shape, start, x, shifted(scratch, shape[CHANGE]))
+        values_along(shape, model, state, scratch, shifted(scratch, shape[CHANGE]))
+        add_shifts(shape, model, state, scratch, 1.0, x)
+
+
+@part
+def undo_step(shape, state, scratch):
+    """The state at the begin of the step; what is known of the motion before is forgotten."""
+    copy(shape, shifted(scratch, shape[START]), shifted(state, shape[X]))
+    for at in range(shape[HELD] * DIRECTION_ROWS * LANES):
+        state[shape[DIRECTION] + at] = scratch[shape[OLD_DIRECTION] + at]
+    for at in range(shape[HELD] * shape[HELD] * LANES):
+        state[shape[INVERSE] + at] = scratch[shape[OLD_INVERSE] + at]
+    restore_anchors(shape, state)
+    state[shape[LEDGER] + KNOWN * LANES] = 0.0

@@ -1,0 +1,195 @@
+"""The end of an implicit step: momentum, reactions, entries of the account."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, first, load, shifted, store
+from dlo_sim.compiling.pieces import (
+    NOTHING,
+    NUMBERS,
+    REAL,
+    TABLE,
+    TRUTH,
+    part,
+    piece,
+)
+from dlo_sim.engine.account import (
+    book,
+)
+from dlo_sim.engine.held import (
+    grasps_move,
+    project,
+    row_value,
+    through_inverse,
+)
+from dlo_sim.engine.layout import (
+    DIM,
+    DIRECTION,
+    DISSIPATED,
+    DRIVE_WORK,
+    FORCE,
+    HAS_REACTION,
+    HELD,
+    HISTORY,
+    INVERSE,
+    KNOWN,
+    LEDGER,
+    LINE,
+    LOAD_WORK,
+    LOADS,
+    NEW_LOAD,
+    RATES,
+    REACTION,
+    SIZE,
+    SYSTEM,
+    TERMS,
+    TWISTED,
+    W,
+    X,
+)
+from dlo_sim.engine.lines import add_product, clear, copy, mass_of, row_product
+from dlo_sim.engine.springs import (
+    anchor_work,
+    book_anchors,
+)
+from dlo_sim.engine.tables import line_of
+from dlo_sim.methods.implicit_layout import (
+    CHANGE,
+    FORCE_OF_HELD,
+    INERTIA,
+    INERTIA_WEIGHT,
+    MASS_WEIGHT,
+    MIDDLE_DIRECTION,
+    NEWMARK_BETA,
+    NEWMARK_GAMMA,
+    OLD_DIRECTION,
+    OLD_INVERSE,
+    SEEN,
+    START,
+    START_V,
+    TRAVEL,
+)
+from dlo_sim.methods.twist_step import solve_twist
+
+
+@piece(
+    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, TRUTH),
+    *(REAL, REAL, REAL, REAL, TRUTH),
+)
+def finish_step(
+    shape, model, inputs, state, scratch, constants, newmark, t0, tau, whole, lost, dissipates
+):
+    """Momentum after the step, reactions, and the step's entries in the account."""
+    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    travel, held = shifted(scratch, shape[TRAVEL]), shape[HELD]
+    moves = grasps_move(shape, inputs)
+    if shape[TERMS] & TWISTED:
+        lost += solve_twist(shape, model, inputs, scratch, x, t0, tau)
+        hold_of_twist(shape, model, scratch, tau)
+    work = 0.0
+    ahead = shifted(scratch, shape[SEEN])
+    for at in range(shape[SIZE]):
+        ahead[at] = 2.0 / tau * change[at] - speed[at]
+    if moves:
+        if newmark:
+            carry_inertia(shape, model, state, scratch, constants, tau)
+        for k in range(held):
+            f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], change)
+            work += first(f * load(scratch, shape[FORCE_OF_HELD] + k * LANES))
+        work += held_energy(shape, model, state, scratch, speed, True)
+        work -= held_energy(shape, model, state, scratch, ahead, False)
+    copy(shape, change, travel)
+    if newmark and moves:
+        project(shape, model, state, scratch, travel, scratch, shape[SYSTEM])
+    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+    beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
+    for at in range(shape[SIZE]):
+        w0, a0 = w[at], acceleration[at]
+        if newmark and at < shape[DIM] * shape[LINE]:
+            a1 = (travel[at] / tau - w0 - tau * (0.5 - beta) * a0) / (tau * beta)
+            w[at] = w0 + tau * ((1.0 - gamma) * a0 + gamma * a1)
+            acceleration[at] = a1
+        else:
+            w[at] = ahead[at]
+            if dissipates:
+                acceleration[at] = (w[at] - w0) / tau
+    if moves:
+        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+        if dissipates:
+            project(shape, model, state, scratch, acceleration, scratch, shape[SYSTEM])
+    if not dissipates:
+        book(shape, state, DISSIPATED, lost)
+    loads, start = shifted(scratch, shape[NEW_LOAD]), shifted(scratch, shape[START])
+    if shape[LOADS]:
+        book(shape, state, LOAD_WORK, row_product(shape, loads, change))
+    book(shape, state, DRIVE_WORK, work + first(anchor_work(shape, model, state, start, x)))
+    book_anchors(shape, state)
+    for k in range(held):
+        at = shape[REACTION] + k * LANES
+        share = tau / whole * first(load(scratch, shape[FORCE_OF_HELD] + k * LANES))
+        store(state, at, load(state, at) + share)
+    state[shape[LEDGER] + HAS_REACTION * LANES] = 1.0
+    state[shape[LEDGER] + KNOWN * LANES] += 1.0
+
+
+@part
+def carry_inertia(shape, model, state, scratch, constants, tau):
+    """Add to FORCE_OF_HELD the inertia of what moving grasps carry: the accelerations of the
+    generalised-alpha method are those of the free motion alone.
+    """
+    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+    push = shifted(scratch, shape[INERTIA])
+    weight, beta = constants[INERTIA_WEIGHT], constants[NEWMARK_BETA]
+    c = weight * (0.5 - beta) - constants[MASS_WEIGHT]
+    clear(shape, push)
+    for at in range(shape[DIM] * shape[LINE]):
+        gain = (change[at] - tau * speed[at]) / (tau * tau)
+        push[at] = (2.0 - weight) * gain + c * acceleration[at]
+    for k in range(shape[HELD]):
+        f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], push)
+        store(scratch, shape[RATES] + k * LANES, f)
+    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, shape[SYSTEM])
+    for k in range(shape[HELD]):
+        at = shape[FORCE_OF_HELD] + k * LANES
+        f = load(scratch, shape[SYSTEM] + k * LANES)
+        store(scratch, at, load(scratch, at) + f)
+
+
+@part
+def held_energy(shape, model, state, scratch, v, old):
+    """Kinetic energy [J] of the motion of what is held, (B v)^T S^-1 (B v) / 2, with the directions
+    at the begin of the step or those of the state.
+    """
+    held = shape[HELD]
+    for k in range(held):
+        f = row_value(shape, model, k, state, shape[DIRECTION], v)
+        if old:
+            f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], v)
+        store(scratch, shape[RATES] + k * LANES, f)
+    if old:
+        through_inverse(shape, scratch, shape[OLD_INVERSE], scratch, 0.5, scratch, shape[SYSTEM])
+    else:
+        through_inverse(shape, state, shape[INVERSE], scratch, 0.5, scratch, shape[SYSTEM])
+    energy = 0.0
+    for k in range(held):
+        energy += scratch[shape[SYSTEM] + k * LANES] * scratch[shape[RATES] + k * LANES]
+    return energy
+
+
+@part
+def hold_of_twist(shape, model, scratch, tau):
+    """What is missing on held rows of the twist, into FORCE_OF_HELD."""
+    line, dim = shape[DIM], shape[DIM]
+    at = line * shape[LINE]
+    row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
+    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    force = shifted(scratch, shape[FORCE])
+    for k in range(at, at + shape[LINE]):
+        row[k] = 2.0 / tau * (change[k] / tau - speed[k])
+        push[k] = -force[k]
+    add_product(shape, model, mass_of(shape, line), line, 1.0, row, push)
+    for k in range(shape[HELD]):
+        if line_of(shape, k) == dim:
+            f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], push)
+            store(scratch, shape[FORCE_OF_HELD] + k * LANES, f)

@@ -1,0 +1,183 @@
+"""The equations of an implicit step: forces, momentum balance, tangent."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, first, load, shifted, store
+from dlo_sim.compiling.pieces import (
+    NUMBERS,
+    REAL,
+    TABLE,
+    TRUTH,
+    part,
+    piece,
+)
+from dlo_sim.engine.account import (
+    notes_of,
+)
+from dlo_sim.engine.band import (
+    add_lines,
+    add_springs,
+    clamps_here,
+    clear_band,
+    clear_held,
+    eliminate,
+    hold,
+    own_point,
+    turn_vector,
+)
+from dlo_sim.engine.border import balance_border, solve_border, stiffen_border
+from dlo_sim.engine.discrete import discrete_force
+from dlo_sim.engine.forces import add_weight
+from dlo_sim.engine.layout import (
+    BETA,
+    DAMPED,
+    DIM,
+    DIRECTION,
+    FORCE,
+    GRAVITY,
+    HELD,
+    HISTORY,
+    LINE,
+    LINES,
+    LOADS,
+    MARGIN,
+    MASS,
+    NEW_LOAD,
+    SIZE,
+    TERMS,
+    VISCOUS,
+    N,
+    X,
+)
+from dlo_sim.engine.lines import add, add_product, clear, mass_of, row_product
+from dlo_sim.engine.loads import add_load_stiffness, load_force
+from dlo_sim.engine.springs import (
+    spring_force,
+)
+from dlo_sim.engine.tables import line_of
+from dlo_sim.engine.tangent import add_tangent
+from dlo_sim.methods.implicit_layout import (
+    BAND,
+    CHANGE,
+    COAST,
+    DAMPING_FORCE,
+    FACTORS_OF_SAMPLES,
+    FORCE_OF_HELD,
+    INERTIA,
+    MIDDLE,
+    MIDDLE_DIRECTION,
+    SEEN,
+    START,
+    START_V,
+    residual_of,
+)
+
+
+@piece(
+    *(REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, discrete_force),
+    *(REAL, REAL, REAL, REAL, TRUTH),
+)
+def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, theta, rate, discrete):
+    """All forces of the step between START and the present configuration into FORCE.
+
+    CHANGE is what is between the two. Damping sees the velocity at theta; tau times it is SEEN:
+    rate (q1 - q0) + COAST, which is q1 - q0 for the midpoint family. Returns the energy lost to
+    damping.
+    """
+    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
+    start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
+    middle, seen = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[SEEN])
+    damping, coast = shifted(scratch, shape[DAMPING_FORCE]), shifted(scratch, shape[COAST])
+    loads, notes = shifted(scratch, shape[NEW_LOAD]), notes_of(shape, scratch)
+    clear(shape, force)
+    clear(shape, loads)
+    clear(shape, damping)
+    for at in range(0, shape[SIZE], LANES):
+        moved = load(change, at)
+        store(middle, at, load(start, at) + theta * moved)
+        store(seen, at, rate * moved + load(coast, at))
+    viscous = model[shape[BETA]] / tau if shape[TERMS] & DAMPED else 0.0
+    if discrete:
+        discrete_force(shape, model, state, start, x, seen, viscous, force, notes)
+    else:
+        discrete_force(shape, model, state, middle, middle, seen, viscous, force, notes)
+    lost = notes[0]
+    if shape[TERMS] & GRAVITY:
+        add_weight(shape, model, force)
+    spring_force(shape, model, state, middle, theta, force)
+    if shape[LOADS]:
+        load_force(shape, model, inputs, scratch, middle, t + theta * tau, loads)
+        add(shape, 1.0, loads, force)
+    if shape[TERMS] & DAMPED:
+        for line in range(shape[LINES]):
+            matrix = shape[VISCOUS] + mass_of(shape, line) - shape[MASS]
+            add_product(shape, model, matrix, line, -1.0 / tau, seen, damping)
+        add(shape, 1.0, damping, force)
+        lost -= first(row_product(shape, damping, change))
+    return lost
+
+
+@part
+def balance(shape, model, state, scratch, a, b, c):
+    """Residual of the momentum balance into RESIDUAL, in the frames of the clamps, and what is
+    missing on held rows into FORCE_OF_HELD. Returns the size of the work against inertia.
+    """
+    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+    row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
+    force, residual = shifted(scratch, shape[FORCE]), residual_of(shape, scratch)
+    for at in range(0, dim * width, LANES):
+        f = a * load(change, at) - b * load(speed, at)
+        store(row, at, f - c * load(acceleration, at))
+        store(push, at, 0.0)
+    inertia = 0.0
+    for d in range(dim):
+        add_product(shape, model, shape[MASS], d, 1.0, row, push)
+        for i in range(n):
+            at = d * width + MARGIN + i
+            inertia += abs(push[at] * change[at])
+            residual[i * dim + d] = force[at] - push[at]
+    turn_vector(shape, shifted(scratch, shape[MIDDLE_DIRECTION]), True, residual)
+    balance_border(shape, scratch, residual, shifted(scratch, shape[FORCE_OF_HELD]))
+    for k in range(shape[HELD]):
+        own, line = own_point(shape, k), line_of(shape, k)
+        if own >= 0 and line < dim:
+            d = line
+            if line < 0:
+                d = 1 if clamps_here(shape, k) else 2
+            store(scratch, shape[FORCE_OF_HELD] + k * LANES, -residual[own * dim + d])
+    clear_held(shape, residual)
+    return inertia
+
+
+@piece(
+    *(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, add_tangent),
+    *(REAL, REAL, REAL, REAL, REAL, TRUTH),
+)
+def newton_matrix(
+    shape, model, inputs, state, scratch, add_tangent, t, tau, a, theta, rate, discrete
+):
+    """Tangent of the momentum balance into BAND, factorised; whether that went well."""
+    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
+    start, middle = shifted(scratch, shape[START]), shifted(scratch, shape[MIDDLE])
+    factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
+    clear_band(shape, band)
+    add_lines(shape, model, shape[MASS], a, band)
+    viscous = 0.0
+    if shape[TERMS] & DAMPED:
+        add_lines(shape, model, shape[VISCOUS], rate / tau, band)
+        viscous = model[shape[BETA]] * rate / (2.0 * theta * tau)
+    if discrete:
+        add_tangent(shape, model, state, start, x, viscous, 2.0 * theta, factors, band)
+    else:
+        add_tangent(shape, model, state, middle, middle, viscous, 2.0 * theta, factors, band)
+    add_springs(shape, model, theta, band)
+    add_load_stiffness(shape, model, inputs, middle, t + theta * tau, theta, band)
+    rows = shifted(scratch, shape[MIDDLE_DIRECTION])
+    hold(shape, rows, shifted(state, shape[DIRECTION]), band)
+    stiffen_border(shape, scratch, band)
+    if not eliminate(band, shape[N] * shape[DIM], shape[DIM]):
+        return False
+    solve_border(shape, scratch, band)
+    return True
