@@ -42,7 +42,6 @@ class Recording:
         shares: material coordinates of the markers in lengths of the cable, shape (M,).
         known: scene key -> value that the data give.
         counted: markers that the mean of an error also counts because they are known, with none.
-        wrench: at the start [N, N m], load on the cable, shape (F, 6), or None.
 
     Raises:
         MeasurementError: too few frames, times that do not rise, or no marker to start from.
@@ -55,7 +54,6 @@ class Recording:
     shares: Array
     known: Mapping[str, object] = field(default_factory=dict)
     counted: int = 0
-    wrench: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.times)
@@ -85,7 +83,6 @@ class Recording:
             times=self.times[first:last] - start,
             markers=self.markers[first:last],
             poses={end: path[first:last] for end, path in self.poses.items()},
-            wrench=None if self.wrench is None else self.wrench[first:last],
         )
 
     @property
