@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.measurement import LEAST_FRAMES, Recording
 from dlo_sim.identification.prediction import begin
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -60,11 +60,12 @@ def spline_distance(item: tuple[Scene, Recording]) -> float:
     apart = []
     for frame in _frames(recording):
         simulator = Simulator(scene, _poses(recording, frame))
+        still_frames = np.full(LEAST_FRAMES, frame)
         part = Recording(
             recording.name,
-            recording.times[:1],
-            recording.markers[frame : frame + 1],
-            {end: path[frame : frame + 1] for end, path in recording.poses.items()},
+            recording.times[:LEAST_FRAMES],
+            recording.markers[still_frames],
+            {end: path[still_frames] for end, path in recording.poses.items()},
             recording.shares,
         )
         begin(simulator, part, u, 1)
