@@ -15,8 +15,7 @@ import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from numba import config, njit, types
-from numba.core.errors import NumbaExperimentalFeatureWarning
+from numba import NumbaExperimentalFeatureWarning, config, njit, types
 
 from dlo_sim.compiling.directory import kept
 
