@@ -126,10 +126,11 @@ def run_lanes(lanes: Sequence[Lane], step: float, duration: float, times: Array)
     stack = _Stack([*lanes, *[lanes[-1]] * (LANES - len(lanes))], times)
     method = METHODS[lanes[0].method]
     advance_splitting(
-        *(stack.shape, stack.model, stack.inputs, stack.state, stack.scratch, code_of(ENGINE)),
+        (stack.shape, stack.model, stack.inputs, stack.state, stack.scratch),
+        code_of(ENGINE),
         *(np.array(method.drift_weights), np.array(method.kick_weights)),
         *(0, max(1, int(np.ceil(duration / step - 1e-9))), step, GUARD_STEPS),
-        *(times, stack.samples.ravel(), stack.energies.ravel(), stack.marks),
+        (times, stack.samples.ravel(), stack.energies.ravel(), stack.marks),
     )
     return [stack.run(lane, k, step) for k, lane in enumerate(lanes)]
 

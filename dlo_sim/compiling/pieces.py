@@ -85,6 +85,11 @@ def piece(result: Any, *arguments: Any) -> Callable[[Callable[..., Any]], Piece]
     return lambda function: Piece(function, found(*[_kind(given) for given in arguments]))
 
 
+def bundle(*kinds: Any) -> Any:
+    """Type of a tuple of arrays that are passed together."""
+    return types.Tuple(kinds)
+
+
 def _kind(given: Any) -> Any:
     if isinstance(given, tuple):
         # numba 0.58 takes a tuple that begins with a function for one of like functions.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, size, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, part, piece
+from dlo_sim.engine.bishop import couple_twist, coupled_energy
 from dlo_sim.engine.elastic import elastic_energy, elastic_force
 from dlo_sim.engine.layout import (
     BENDING_ENERGY,
+    BISHOP,
     DIM,
     ENERGIES,
     GRAVITY,
@@ -41,6 +43,8 @@ def forces(shape, model, state, x, out):
     elastic_force(shape, model, state, x, out)
     if terms & TORSION:
         torsion_force(shape, model, x, out)
+    if terms & BISHOP:
+        couple_twist(shape, model, state, x, x, 0.0, True, True, out)
     if terms & TWISTED:
         add_differences(shape, model, shape[TWIST], shape[DIM], -1.0, x, out)
     if terms & GRAVITY:
@@ -83,8 +87,10 @@ def energies(shape, model, state, x, out):
     store(out, STRETCHING * LANES, gathered(shape, stretching))
     store(out, BENDING_ENERGY * LANES, gathered(shape, bending))
     if terms & TWISTED:
-        f = difference_form(shape, model, shape[TWIST], shape[DIM], x)
-        store(out, TWISTING * LANES, 0.5 * gathered(shape, f))
+        f = 0.5 * difference_form(shape, model, shape[TWIST], shape[DIM], x)
+        if terms & BISHOP:
+            f += coupled_energy(shape, model, state, x)
+        store(out, TWISTING * LANES, gathered(shape, f))
     if terms & TORSION:
         store(out, TORSIONAL * LANES, gathered(shape, torsion_energy(shape, model, x)))
     if terms & PLASTICITY:

@@ -90,9 +90,10 @@ def place(m, at, t):
     twist = m[at + 33]
     if angle > 0.0:
         along = (w0 * u0 + w1 * u1 + w2 * u2) / angle
-        twist += 2.0 * np.arctan2(np.sin(0.5 * angle) * along, np.cos(0.5 * angle))
-        # The arctangent covers one turn of the half angle; count the whole ones.
+        # The arctangent covers one turn of the half angle; the whole ones are counted.
         turns = np.floor(angle / (4.0 * np.pi) + 0.5)
+        half = 0.5 * angle - 2.0 * np.pi * turns
+        twist += 2.0 * np.arctan2(np.sin(half) * along, np.cos(half))
         twist += np.copysign(4.0 * np.pi * turns, along)
     return (
         m[at + 3] + s * (m[at + 6] + s * m[at + 9]) + a0,

@@ -23,9 +23,11 @@ from dlo_sim.engine.grasps import MOTION_SIZE, place, turned
 from dlo_sim.engine.layout import (
     AHEAD,
     AXES,
+    BISHOP,
     DIM,
     DIRECTION,
     DIRECTION_ROWS,
+    FRAME_TURN,
     GRASPS,
     HELD,
     HELD_BODY,
@@ -43,6 +45,7 @@ from dlo_sim.engine.layout import (
     STRIDE,
     SYSTEM,
     TARGETS,
+    TERMS,
 )
 from dlo_sim.engine.tables import first_of_point, grasp_of, line_of, own_of, point_of
 
@@ -161,7 +164,7 @@ def pin(shape, k, value, x):
 
 
 @part
-def aim(shape, model, inputs, scratch, t):
+def aim(shape, model, inputs, state, scratch, t):
     """Targets and directions of all rows at time t, into scratch."""
     dim = shape[DIM]
     for k in range(shape[HELD]):
@@ -171,7 +174,10 @@ def aim(shape, model, inputs, scratch, t):
         share = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + 4) * LANES]
         a = place(inputs, grasp, t)
         if line == dim:
-            store(scratch, shape[TARGETS] + k * LANES, share * a[3])
+            angle = zero() + a[3]
+            if shape[TERMS] & BISHOP:
+                angle += load(state, shape[FRAME_TURN] + grasp_of(shape, k) * LANES)
+            store(scratch, shape[TARGETS] + k * LANES, share * angle)
         elif line >= 0:
             store(scratch, shape[TARGETS] + k * LANES, share * component(a, shape[AXES + line]))
         else:

@@ -79,7 +79,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
     turn = False
     energy = zero()
     if moves:
-        aim(shape, model, inputs, scratch, t)
+        aim(shape, model, inputs, state, scratch, t)
         turn = directions_turn(shape, state, scratch)
         defects(shape, model, scratch, shape[AHEAD], scratch, x)
         add_moved(shape, state, scratch, 0.5 if turn else 1.0)

@@ -55,6 +55,7 @@ SPRING = 32  # 5 rows a spring row: basis values and stiffness [N/m]
 LOAD_BASIS = 33  # a line a load: its basis values
 LOAD_POINT = 34  # 8 rows a load: basis values, slopes [1/m]
 SCALES = 35  # rows below
+FRAME_FACTORS = 36  # 7 lines, as FACTORS: of integral b' b' with the first control point held
 # -- shape: offsets in inputs -------------------------------------------------------------------
 MOTION = 40  # MOTION_SIZE numbers a grasp (`engine.grasps`)
 LOAD = 41  # 7 rows a load: force (3), torque (3), frequency
@@ -74,6 +75,8 @@ ANCHOR_BOOKED = 63  # the same up to which work is booked
 LEDGER = 61
 NATURAL = 62  # 3 rows a sample of every block: weight EI times its natural curvature vector
 RATES_BEFORE = 65  # rows, held: rates of the targets that the velocities belong to
+REFERENCE = 66  # positions at the end of the last step, SIZE (`engine.bishop`)
+FRAME_TURN = 68  # a row a grasp: by how much the frame of theta is behind its own [rad]
 PLASTIC = 64  # 6 rows a sample of every block: plastic curvature and the tangent it belongs to
 # -- shape: offsets in scratch ------------------------------------------------------------------
 FORCE = 70
@@ -85,6 +88,7 @@ RATES = 75  # rows, held: scratch
 TARGETS = 76  # rows, held: scratch
 AHEAD = 77  # 4 rows a held row: directions at a time to come
 SYSTEM = 78  # rows, held x held: scratch of their inversion
+FRAME_SPARE = 45  # two lines
 NOTES = 79  # NOTE_ROWS rows that pass results from one function to the next
 # -- shape: tables of whole numbers -------------------------------------------------------------
 POINT_TABLE = (
@@ -137,6 +141,7 @@ TORSION = 32
 PLASTICITY = 64
 GRAVITY = 128
 DAMPED = 256  # linear damping and stiffness damping
+BISHOP = 512  # twist against the Bishop frame
 
 # -- rows of the ledger [J] ---------------------------------------------------------------------
 LOAD_WORK = 0

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, shifted
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine.account import notes_of, update_account
+from dlo_sim.engine.bundles import BARE_RECORDS
 from dlo_sim.engine.forces import energies
 from dlo_sim.engine.held_motion import add_velocity_of_held
 from dlo_sim.engine.layout import BEFORE, SIZE, V0, V1, W, X
@@ -24,8 +25,9 @@ def velocities(shape, model, inputs, state, scratch, t, out):
 
 
 @part
-def begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau):
+def begin_sample(shape, model, inputs, state, scratch, records, t0, tau):
     """Keep the state before a step if a sample falls into it; true if so."""
+    times, _, _, marks = records
     k = marks[0]
     if k < marks[1] and times[k] <= t0 + tau * (1.0 + 1e-9):
         copy(shape, shifted(state, shape[X]), shifted(scratch, shape[BEFORE]))
@@ -37,12 +39,11 @@ def begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau):
 
 @piece(
     *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, energies, update_account),
-    *(NUMBERS, NUMBERS, NUMBERS, TABLE, REAL, REAL),
+    *(BARE_RECORDS, REAL, REAL),
 )
-def end_sample(
-    shape, model, inputs, state, scratch, look, update, times, samples, powers, marks, t0, tau
-):
+def end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau):
     """Store every sample time inside the step. The energy is that of the end of the step."""
+    times, samples, powers, marks = records
     v0, v1 = shifted(scratch, shape[V0]), shifted(scratch, shape[V1])
     before = shifted(scratch, shape[BEFORE])
     x = shifted(state, shape[X])

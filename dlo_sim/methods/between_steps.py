@@ -5,7 +5,7 @@ account. Pieces for callers from Python.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, bare, first, load, shifted, store
-from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, TRUTH, WHOLE, WHOLES, part, piece
+from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, TRUTH, WHOLE, part, piece
 from dlo_sim.engine import account
 from dlo_sim.engine.band import (
     add_springs,
@@ -18,6 +18,7 @@ from dlo_sim.engine.band import (
     width_of,
 )
 from dlo_sim.engine.border import keep_border, set_border, solve_border, stiffen_border
+from dlo_sim.engine.bundles import CABLE, bared
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
@@ -75,60 +76,61 @@ from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES, residual_o
 from dlo_sim.methods.works import evaluate
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL)
-def turn_to(shape, model, inputs, state, scratch, t):
+@piece(NOTHING, CABLE, REAL)
+def turn_to(cable, t):
     """Directions of the state: those of the grasps at time t."""
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch = bare(state), bare(scratch)
+    shape, model, inputs, state, scratch = bared(cable)
     if shape[HELD]:
-        aim(shape, model, inputs, scratch, t)
+        aim(shape, model, inputs, state, scratch, t)
         turn_to_aim(shape, model, state, scratch)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL)
-def place_held(shape, model, inputs, state, scratch, t):
+@piece(NOTHING, CABLE, REAL)
+def place_held(cable, t):
     """Move the cable by the least kinetic distance to where it is held at time t."""
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch = bare(state), bare(scratch)
+    shape, model, inputs, state, scratch = bared(cable)
     x = shifted(state, shape[X])
     if shape[HELD]:
-        aim(shape, model, inputs, scratch, t)
+        aim(shape, model, inputs, state, scratch, t)
         turn_to_aim(shape, model, state, scratch)
         defects(shape, model, state, shape[DIRECTION], scratch, x)
         add_shifts(shape, model, state, scratch, 1.0, x)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS)
-def keep_free_motion(shape, model, state, scratch):
+@piece(NOTHING, CABLE)
+def keep_free_motion(cable):
     """W holds velocities: leave of them what keeps the grasps at rest."""
-    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    shape, model, _, state, scratch = bared(cable)
     if shape[HELD]:
         project(shape, model, state, scratch, shifted(state, shape[W]), scratch, shape[SYSTEM])
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL, REALS)
-def velocity(shape, model, inputs, state, scratch, t, out):
+@piece(NOTHING, CABLE, REAL, REALS)
+def velocity(cable, t, out):
     """Velocities of all control points at time t into the lines of `out`."""
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    velocities(shape, model, inputs, bare(state), bare(scratch), t, bare(out))
+    shape, model, inputs, state, scratch = bared(cable)
+    velocities(shape, model, inputs, state, scratch, t, bare(out))
 
 
-@piece(REAL, WHOLES, REALS, REALS)
-def kinetic_energy(shape, model, v):
+@piece(REAL, CABLE, REALS)
+def kinetic_energy(cable, v):
     """v^T M v / 2 [J] of one cable."""
-    return first(kinetic(bare(shape), bare(model), bare(v)))
+    shape, model, _, _, _ = bared(cable)
+    return first(kinetic(shape, model, bare(v)))
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, energies)
-def open_account(shape, model, state, scratch, look):
+@piece(NOTHING, CABLE, energies)
+def open_account(cable, look):
     """Open the energy account at the present state."""
-    account.open_account(bare(shape), bare(model), bare(state), bare(scratch), look)
+    shape, model, _, state, scratch = bared(cable)
+    account.open_account(shape, model, state, scratch, look)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, energies)
-def measure(shape, model, state, scratch, look):
+@piece(NOTHING, CABLE, energies)
+def measure(cable, look):
     """Kinetic energy of w into the notes, potential energies into the ledger."""
-    account.measure(bare(shape), bare(model), bare(state), bare(scratch), look)
+    shape, model, _, state, scratch = bared(cable)
+    account.measure(shape, model, state, scratch, look)
 
 
 @piece(NOTHING, REALS, WHOLE, REAL, REALS)
@@ -145,20 +147,20 @@ def grasp_turn(inputs, at, t, direction):
     direction[0], direction[1], direction[2] = v[0], v[1], v[2]
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, forces, REAL, REALS)
-def all_forces(shape, model, inputs, state, scratch, forces, t, out):
+@piece(NOTHING, CABLE, forces, REAL, REALS)
+def all_forces(cable, forces, t, out):
     """Potential and load forces at the present configuration into the lines of `out`."""
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch, out = bare(state), bare(scratch), bare(out)
+    shape, model, inputs, state, scratch = bared(cable)
+    out = bare(out)
     x = shifted(state, shape[X])
     forces(shape, model, state, x, out)
     load_force(shape, model, inputs, scratch, x, t, out)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, add_tangent)
-def stiffness(shape, model, state, scratch, add_tangent):
+@piece(NOTHING, CABLE, add_tangent)
+def stiffness(cable, add_tangent):
     """Hessian of the potential energy of the spatial lines into BAND."""
-    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    shape, model, _, state, scratch = bared(cable)
     band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
     clear_band(shape, band)
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
@@ -166,22 +168,22 @@ def stiffness(shape, model, state, scratch, add_tangent):
     add_springs(shape, model, 1.0, band)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS)
-def moment_stiffness(shape, model, inputs, state, scratch):
+@piece(NOTHING, CABLE)
+def moment_stiffness(cable):
     """Add the stiffness of moments at time zero, which turn with the cable, to BAND."""
-    shape, scratch, state = bare(shape), bare(scratch), bare(state)
+    shape, model, inputs, state, scratch = bared(cable)
     band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
-    add_load_stiffness(shape, bare(model), bare(inputs), x, 0.0, 1.0, band)
+    add_load_stiffness(shape, model, inputs, x, 0.0, 1.0, band)
 
 
-@piece(WHOLE, WHOLES, REALS, REALS, REALS, REALS)
-def solve_held(shape, model, state, scratch, unknowns):
+@piece(WHOLE, CABLE, REALS)
+def solve_held(cable, unknowns):
     """Solve BAND y = unknowns in place with what is held kept: number of negative pivots, or -1.
 
     For a symmetric matrix that is the number of its negative eigenvalues.
     """
-    shape, model, state = bare(shape), bare(model), bare(state)
-    scratch, y = bare(scratch), bare(unknowns)
+    shape, model, _, state, scratch = bared(cable)
+    y = bare(unknowns)
     dim = shape[DIM]
     size, width = shape[N] * dim, width_of(dim)
     band, directions = shifted(scratch, shape[BAND]), shifted(state, shape[DIRECTION])
@@ -208,10 +210,10 @@ def solve_held(shape, model, state, scratch, unknowns):
     return negative
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, TRUTH)
-def free_acceleration(shape, model, state, scratch, lines, keep):
+@piece(NOTHING, CABLE, REALS, TRUTH)
+def free_acceleration(cable, lines, keep):
     """P M^-1 f of forces in lines, in place; with `keep` false without P."""
-    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    shape, model, _, state, scratch = bared(cable)
     x = bare(lines)
     solve_mass(shape, model, x)
     if keep and shape[HELD]:
@@ -243,7 +245,7 @@ def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
             time = low + 2.0 * RATE_STEP * side
             copy(shape, x, moved)
             add(shape, time - t, v, moved)
-            aim(shape, model, inputs, scratch, time)
+            aim(shape, model, inputs, state, scratch, time)
             target_rates(shape, model, inputs, state, scratch, moved, time)
             for k in range(shape[HELD]):
                 if grasp_of(shape, k) == g:
@@ -252,15 +254,15 @@ def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
                     out[k] += (2.0 * side - 1.0) * first(f) / (2.0 * RATE_STEP)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REAL, REALS, REALS)
-def held_force(shape, model, inputs, state, scratch, t, force, out):
+@piece(NOTHING, CABLE, REAL, REALS, REALS)
+def held_force(cable, t, force, out):
     """Forces [N] (moments [N m] of the twist) of the grasps on the held rows at one instant: `out`,
     shape (held,). `force`: lines of all other forces f, overwritten.
 
     The rows ask for B M^-1 (f + B^T out) = the accelerations that the grasps prescribe.
     """
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch, f, out = bare(state), bare(scratch), bare(force), bare(out)
+    shape, model, inputs, state, scratch = bared(cable)
+    f, out = bare(force), bare(out)
     held = shape[HELD]
     solve_mass(shape, model, f)
     for k in range(held):
@@ -274,11 +276,11 @@ def held_force(shape, model, inputs, state, scratch, t, force, out):
         out[k] = scratch[shape[SYSTEM] + k * LANES]
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, discrete_force, REALS, REALS)
-def damping_forces(shape, model, inputs, state, scratch, discrete_force, v, out):
+@piece(NOTHING, CABLE, discrete_force, REALS, REALS)
+def damping_forces(cable, discrete_force, v, out):
     """out += forces of the linear damping and of the viscosity at velocities v, lines."""
-    shape, model, state = bare(shape), bare(model), bare(state)
-    scratch, v, out = bare(scratch), bare(v), bare(out)
+    shape, model, _, state, scratch = bared(cable)
+    v, out = bare(v), bare(out)
     for line in range(shape[LINES]):
         matrix = shape[VISCOUS] + mass_of(shape, line) - shape[MASS]
         add_product(shape, model, matrix, line, -1.0, v, out)
@@ -296,20 +298,19 @@ def damping_forces(shape, model, inputs, state, scratch, discrete_force, v, out)
             add_differences(shape, model, shape[TWIST], shape[DIM], -beta, v, out)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, carry, REAL)
-def jump(shape, model, inputs, state, scratch, carry, t):
+@piece(NOTHING, CABLE, carry, REAL)
+def jump(cable, carry, t):
     """Put what is held in no time where it is at t. What does that does the change of the potential
     energy, which the caller books: the trapezoidal rule knows nothing of so long a way.
     """
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch = bare(state), bare(scratch)
+    shape, model, inputs, state, scratch = bared(cable)
     x, w = shifted(state, shape[X]), shifted(state, shape[W])
     carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
     move_anchors(shape, inputs, state, t)
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, evaluate, forces, REAL)
-def settle(shape, model, inputs, state, scratch, evaluate, forces, t):
+@piece(NOTHING, CABLE, evaluate, forces, REAL)
+def settle(cable, evaluate, forces, t):
     """Book the work up to time t."""
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    evaluate(shape, model, inputs, bare(state), bare(scratch), forces, t)
+    shape, model, inputs, state, scratch = bared(cable)
+    evaluate(shape, model, inputs, state, scratch, forces, t)

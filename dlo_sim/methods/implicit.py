@@ -27,7 +27,6 @@ from dlo_sim.compiling.pieces import (
     TABLE,
     TRUTH,
     WHOLE,
-    WHOLES,
     part,
     piece,
 )
@@ -36,14 +35,16 @@ from dlo_sim.engine.account import (
     RESOLUTION,
     measure,
     notes_of,
-    update_account,
 )
+from dlo_sim.engine.bishop import follow_shape
+from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies
 from dlo_sim.engine.held import (
     grasps_move,
 )
 from dlo_sim.engine.layout import (
+    BISHOP,
     DIM,
     DISSIPATED,
     DIVERGED,
@@ -60,10 +61,11 @@ from dlo_sim.engine.layout import (
     NOT_CONVERGED,
     OK,
     REACTION,
+    TERMS,
     N,
     X,
 )
-from dlo_sim.engine.sampling import begin_sample, end_sample
+from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
@@ -86,8 +88,10 @@ from dlo_sim.methods.newton import (
     turned_over,
 )
 from dlo_sim.methods.step_begin import begin_step, undo_step
+from dlo_sim.methods.step_close import CLOSING, close_step
 from dlo_sim.methods.step_end import finish_step
 from dlo_sim.methods.step_equations import balance, newton_matrix, step_force
+from dlo_sim.methods.twist_step import step_twist
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
@@ -120,7 +124,10 @@ def allowed_defect(shape, state, tolerance, inertia):
     return max(loose, min(tolerance, TIGHT) * scale)
 
 
-PARTS_OF_STEP = (begin_step, step_force, newton_matrix, finish_step, discrete_force, add_tangent)
+PARTS_OF_STEP = (
+    *(begin_step, step_force, newton_matrix, finish_step, discrete_force, add_tangent),
+    *(step_twist, follow_shape),
+)
 """The pieces of one implicit step."""
 
 
@@ -151,7 +158,8 @@ def implicit_step(
 
     The matrix is factorised at the first guess and kept while corrections shrink fast.
     """
-    _, begin_step, step_force, newton_matrix, finish_step, discrete_force, add_tangent = pieces
+    _, begin_step, step_force, newton_matrix, finish_step, discrete_force, add_tangent = pieces[:7]
+    step_twist, follow_shape = pieces[7], pieces[8]
     ledger = shape[LEDGER]
     # The generalised-alpha method needs an acceleration; its first step is one by the midpoint
     # rule.
@@ -171,6 +179,7 @@ def implicit_step(
     begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g)
     reach = largest(shape, x)  # size of the configuration, for the iteration's round-off floor
     moves = grasps_move(shape, inputs)
+    coupled = shape[TERMS] & BISHOP != 0
     converged = False
     iterations = 0
     previous = np.inf
@@ -185,6 +194,8 @@ def implicit_step(
         lost = step_force(
             shape, model, inputs, state, scratch, discrete_force, t0, tau, theta, rate, discrete
         )
+        if coupled:
+            lost += step_twist(shape, model, inputs, state, scratch, t0, tau, discrete)
         inertia = balance(shape, model, state, scratch, a, b, c)
         if converged or iterations == MAX_ITERATIONS:
             break
@@ -222,8 +233,9 @@ def implicit_step(
             # The coordinates have no digits left: the account cannot be better than this.
             at = ledger + FLOOR * LANES
             state[at] = max(state[at], RESOLUTION * defect)
-        # What moving grasps do is booked with the forces after the last correction.
-        if converged and not moves:
+        # What moving grasps do is booked with the forces after the last correction, and the twist
+        # is that of the last shape.
+        if converged and not (moves or coupled):
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy
@@ -245,6 +257,8 @@ def implicit_step(
             lost,
             dissipates,
         )
+        if coupled:
+            follow_shape(shape, model, inputs, state, scratch)
     else:
         undo_step(shape, state, scratch)
     return converged, iterations
@@ -264,20 +278,15 @@ def absorb_loss(shape, model, state, scratch):
         state[at + DISSIPATED * LANES] += missing
 
 
-ENGINE = (energies, update_account, end_sample, implicit_step, PARTS_OF_STEP)
+ENGINE = (energies, implicit_step, PARTS_OF_STEP, CLOSING)
 """The pieces that the loop calls."""
 
 
 @piece(
-    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE, REALS, REALS, TRUTH, REAL),
-    *(WHOLE, WHOLE, WHOLE, REAL, REALS, REALS, REALS, WHOLES),
+    *(COUNTS, CABLE, ENGINE, REALS, REALS, TRUTH, REAL, WHOLE, WHOLE, WHOLE, REAL, RECORDS),
 )
 def advance_implicit(
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
+    cable,
     engine,
     constants,
     substeps,
@@ -287,10 +296,7 @@ def advance_implicit(
     first_step,
     steps,
     tau,
-    times,
-    samples,
-    powers,
-    marks,
+    records,
 ):
     """Advance by whole steps; returns (status, steps done, Newton iterations).
 
@@ -298,23 +304,18 @@ def advance_implicit(
     `halvings` (at most MAX_HALVINGS) is how often a step may be halved. The energy account is
     updated every step.
     """
-    _, look, update, end_sample, implicit_step, pieces = engine
+    _, look, implicit_step, pieces, closing = engine
     parts = len(substeps)
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch, constants, substeps = (
-        bare(state),
-        bare(scratch),
-        bare(constants),
-        bare(substeps),
-    )
-    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
-    iterations = 0
+    arrays, records = bared(cable), bared_records(records)
+    shape, model, inputs, state, scratch = arrays
+    constants, substeps = bare(constants), bare(substeps)
+    iterations, looked_at = 0, parts > 0
     budget = max(BUDGET // (shape[N] * shape[DIM]), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         begun = iterations
-        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
         for k in range(shape[HELD]):
             store(state, shape[REACTION] + k * LANES, 0.0)
         at = 0.0
@@ -343,22 +344,6 @@ def advance_implicit(
         if constants[THETA] != 0.5:
             measure(shape, model, state, scratch, look)
             absorb_loss(shape, model, state, scratch)
-        if not update(shape, model, state, scratch, look):
+        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
             return DIVERGED, step - first_step, iterations
-        if sampling:
-            end_sample(
-                shape,
-                model,
-                inputs,
-                state,
-                scratch,
-                look,
-                update,
-                times,
-                samples,
-                powers,
-                marks,
-                t0,
-                tau,
-            )
     return OK, steps, iterations

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, bare
+from dlo_sim.compiling.lanes import LANES
 from dlo_sim.compiling.pieces import (
     COUNTS,
     REAL,
     REALS,
     TRUTH,
     WHOLE,
-    WHOLES,
     part,
     piece,
 )
 from dlo_sim.engine import layout
 from dlo_sim.engine.account import COUNT, measure
+from dlo_sim.engine.bundles import CABLE, RECORDS, bared
 from dlo_sim.methods import implicit
 
 
 @part
 def potential(shape, model, state, scratch, look):
     """Potential energy [J] of the present state."""
-    shape, state = bare(shape), bare(state)
-    measure(shape, bare(model), state, bare(scratch), look)
+    measure(shape, model, state, scratch, look)
     total = 0.0
     for k in range(COUNT):
         total += state[shape[layout.LEDGER] + (layout.ENERGY + k) * LANES]
@@ -30,17 +29,13 @@ def potential(shape, model, state, scratch, look):
 
 
 @piece(
-    *(COUNTS, implicit.advance_implicit, WHOLES, REALS, REALS, REALS, REALS, implicit.ENGINE),
-    *(REALS, REALS, TRUTH, REAL, WHOLE, WHOLE, REAL, REALS, REALS, REALS, WHOLES),
+    *(COUNTS, implicit.advance_implicit, CABLE, implicit.ENGINE),
+    *(REALS, REALS, TRUTH, REAL, WHOLE, WHOLE, REAL, RECORDS),
     *(WHOLE, WHOLE, REALS, REALS, REALS),
 )
 def advance_along(
     advance,
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
+    cable,
     engine,
     constants,
     substeps,
@@ -49,10 +44,7 @@ def advance_along(
     halvings,
     first,
     tau,
-    times,
-    samples,
-    powers,
-    marks,
+    records,
     steps,
     width,
     motions,
@@ -64,6 +56,7 @@ def advance_along(
 
     What turning that axis changes in energy is work of the grasps.
     """
+    shape, model, inputs, state, scratch = bared(cable)
     used, at = 0, shape[layout.MOTION]
     for k in range(steps):
         for j in range(width):
@@ -75,8 +68,8 @@ def advance_along(
             turned = potential(shape, model, state, scratch, engine[1]) - before
             state[shape[layout.LEDGER] + layout.DRIVE_WORK * LANES] += turned
         status, _, iterations = advance(
-            shape, model, inputs, state, scratch, engine, constants, substeps, discrete,
-            tolerance, halvings, first + k, 1, tau, times, samples, powers, marks,
+            cable, engine, constants, substeps, discrete,
+            tolerance, halvings, first + k, 1, tau, records,
         )  # fmt: skip
         used += iterations
         if status != layout.OK:

@@ -23,11 +23,11 @@ from dlo_sim.compiling.pieces import (
     REALS,
     TRUTH,
     WHOLE,
-    WHOLES,
     part,
     piece,
 )
 from dlo_sim.engine.account import book
+from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move
 from dlo_sim.engine.held_motion import add_velocity_of_held
 from dlo_sim.engine.layout import (
@@ -64,6 +64,7 @@ from dlo_sim.methods.length_constraints import (
     solve,
 )
 from dlo_sim.methods.splitting import ENGINE, decay_flow, drift
+from dlo_sim.methods.step_close import close_step, flow
 
 MOST_PROJECTIONS = 20
 
@@ -150,34 +151,16 @@ def rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t
     return good
 
 
-@piece(
-    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE),
-    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
-)
-def advance_rattle(
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
-    engine,
-    first_step,
-    steps,
-    tau,
-    guard,
-    times,
-    samples,
-    powers,
-    marks,
-):
+@piece(COUNTS, CABLE, ENGINE, WHOLE, WHOLE, REAL, WHOLE, RECORDS)
+def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
 
     A step whose constraints cannot be met ends the run.
     """
-    _, forces, look, carry, evaluate, update, end_sample = engine
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch = bare(state), bare(scratch)
-    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    _, forces, look, carry, evaluate, closing = engine
+    arrays = bared(cable)
+    shape, model, inputs, state, scratch = arrays
+    records = bared_records(records)
     evaluations = 0
     if steps > 0:
         evaluate(shape, model, inputs, state, scratch, forces, first_step * tau)
@@ -186,37 +169,23 @@ def advance_rattle(
             return NOT_CONVERGED, 0, 0
     for step in range(first_step, first_step + steps):
         t0 = step * tau
-        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         if not rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t0, tau):
             return NOT_CONVERGED, step - first_step, evaluations
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         evaluations += 1
-        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
+        flow(shape, model, inputs, state, scratch, closing)
+        looked_at = (step + 1) % guard == 0
+        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
             return DIVERGED, step - first_step, evaluations
-        if sampling:
-            end_sample(
-                shape,
-                model,
-                inputs,
-                state,
-                scratch,
-                look,
-                update,
-                times,
-                samples,
-                powers,
-                marks,
-                t0,
-                tau,
-            )
     return OK, steps, evaluations
 
 
-@piece(TRUTH, WHOLES, REALS, REALS, REALS)
-def to_rest_length(shape, model, state, scratch):
+@piece(TRUTH, CABLE)
+def to_rest_length(cable):
     """Move a configuration to rest length by the least kinetic distance; true if done."""
-    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    shape, model, _, state, scratch = bared(cable)
     prepare(shape, model, scratch)
     x = shifted(state, shape[X])
     for _ in range(MOST_PROJECTIONS):
@@ -227,14 +196,14 @@ def to_rest_length(shape, model, state, scratch):
     return False
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, REALS, REALS, REALS, REALS)
-def add_constraint_force(shape, model, state, scratch, v, acceleration, force):
+@piece(NOTHING, CABLE, REALS, REALS, REALS)
+def add_constraint_force(cable, v, acceleration, force):
     """force += - G^T lambda of the present motion, all of them lines.
 
     `acceleration`: that of the cable without constraints of its length; lambda follows from
     G a = - |dr'/dt|^2, the second derivative of the constraints.
     """
-    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
+    shape, model, _, state, scratch = bared(cable)
     v, acceleration, force = bare(v), bare(acceleration), bare(force)
     x = shifted(state, shape[X])
     prepare(shape, model, scratch)

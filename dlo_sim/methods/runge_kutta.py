@@ -9,8 +9,9 @@ the stages. The forces at the end are the first stage of the next step.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
-from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
+from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, part, piece
 from dlo_sim.engine.account import book
+from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.held_motion import add_velocity_of_held, forget_moved, pulled
 from dlo_sim.engine.layout import (
@@ -25,7 +26,6 @@ from dlo_sim.engine.layout import (
     LINES,
     LOADS,
     OK,
-    PLASTICITY,
     PULL,
     RATES,
     SIZE,
@@ -36,11 +36,11 @@ from dlo_sim.engine.layout import (
 )
 from dlo_sim.engine.lines import add, copy, form, gathered, mass_of, solve_mass
 from dlo_sim.engine.loads import load_force
-from dlo_sim.engine.plasticity import plastic_flow
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import W_BEGIN, W_RATES, X_BEGIN, X_RATES
 from dlo_sim.methods.splitting import ENGINE
+from dlo_sim.methods.step_close import close_step, flow
 from dlo_sim.methods.turning import add_turning, face
 
 
@@ -130,43 +130,24 @@ def to_end(shape, model, inputs, state, scratch, carry, stages, table, t, tau):
         project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
 
 
-@piece(
-    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE, REALS, REALS),
-    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
-)
-def advance_runge_kutta(
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
-    engine,
-    table,
-    nodes,
-    first_step,
-    steps,
-    tau,
-    guard,
-    times,
-    samples,
-    powers,
-    marks,
-):
+@piece(COUNTS, CABLE, ENGINE, REALS, REALS, WHOLE, WHOLE, REAL, WHOLE, RECORDS)
+def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, guard, records):
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
     `advance_splitting` does.
 
     `table`: rows a_ij and, last, b_j, shape (s + 1, s) flattened; `nodes`: c_i, shape (s,).
     """
-    _, forces, look, carry, evaluate, update, end_sample = engine
+    _, forces, look, carry, evaluate, closing = engine
     stages = len(nodes)
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch, table = bare(state), bare(scratch), bare(table)
-    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    arrays = bared(cable)
+    shape, model, inputs, state, scratch = arrays
+    records = bared_records(records)
+    table = bare(table)
     evaluations, power = 0, zero()
     fresh = False  # the rates of stage 0 are those of the present state
     for step in range(first_step, first_step + steps):
         t0, t1 = step * tau, (step + 1) * tau
-        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
         if not fresh:
             evaluate(shape, model, inputs, state, scratch, forces, t0)
             power = keep_rates(shape, model, inputs, state, scratch, t0, 0)
@@ -188,26 +169,8 @@ def advance_runge_kutta(
         evaluate(shape, model, inputs, state, scratch, forces, t1)
         power = keep_rates(shape, model, inputs, state, scratch, t1, 0)
         evaluations += stages
-        fresh = True
-        if shape[TERMS] & PLASTICITY:
-            plastic_flow(shape, model, state, shifted(state, shape[X]))
-            fresh = False
-        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
+        fresh = not flow(shape, model, inputs, state, scratch, closing)
+        looked_at = (step + 1) % guard == 0
+        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
             return DIVERGED, step - first_step, evaluations
-        if sampling:
-            end_sample(
-                shape,
-                model,
-                inputs,
-                state,
-                scratch,
-                look,
-                update,
-                times,
-                samples,
-                powers,
-                marks,
-                t0,
-                tau,
-            )
     return OK, steps, evaluations

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store
-from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
-from dlo_sim.engine.account import book, update_account
+from dlo_sim.compiling.lanes import LANES, load, shifted, store
+from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, part, piece
+from dlo_sim.engine.account import book
+from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.layout import (
@@ -29,17 +30,16 @@ from dlo_sim.engine.layout import (
     NOTES,
     OK,
     PARTS,
-    PLASTICITY,
     STRIDE,
     TERMS,
     W,
     X,
 )
 from dlo_sim.engine.lines import add, form, gathered, mass_of
-from dlo_sim.engine.plasticity import plastic_flow
-from dlo_sim.engine.sampling import begin_sample, end_sample
+from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.sane_cables import keep_sane
+from dlo_sim.methods.step_close import CLOSING, flow
 from dlo_sim.methods.works import evaluate, foresee_work, has_work
 
 
@@ -63,7 +63,7 @@ def decay_flow(shape, model, state, scratch, dt):
             store(w, at, factor * load(w, at))
 
 
-ENGINE = (forces, energies, carry, evaluate, update_account, end_sample)
+ENGINE = (forces, energies, carry, evaluate, CLOSING)
 """The pieces that a loop of an explicit method calls."""
 
 
@@ -75,27 +75,9 @@ def drift(shape, model, inputs, state, scratch, carry, t, dt):
     move_anchors(shape, inputs, state, t)
 
 
-@piece(
-    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE, REALS, REALS),
-    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
-)
+@piece(COUNTS, CABLE, ENGINE, REALS, REALS, WHOLE, WHOLE, REAL, WHOLE, RECORDS)
 def advance_splitting(
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
-    engine,
-    drift_weights,
-    kick_weights,
-    first_step,
-    steps,
-    tau,
-    guard,
-    times,
-    samples,
-    powers,
-    marks,
+    cable, engine, drift_weights, kick_weights, first_step, steps, tau, guard, records
 ):
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
 
@@ -104,10 +86,10 @@ def advance_splitting(
     changes nothing) the energy account is checked; of eight cables side by side also at the end,
     and the loop goes on while one of them is sane.
     """
-    _, forces, look, carry, evaluate, update, end_sample = engine
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch = bare(state), bare(scratch)
-    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    _, forces, look, carry, evaluate, closing = engine
+    _, update, end_sample, _ = closing
+    shape, model, inputs, state, scratch = bared(cable)
+    records = bared_records(records)
     w, force = shifted(state, shape[W]), shifted(scratch, shape[FORCE])
     evaluations = 0
     fresh = False  # FORCE holds the acceleration of the present state
@@ -117,7 +99,7 @@ def advance_splitting(
             evaluate(shape, model, inputs, state, scratch, forces, first_step * tau)
     for step in range(first_step, first_step + steps):
         t0 = step * tau
-        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
         elapsed = 0.0
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         for stage in range(len(drift_weights)):
@@ -136,8 +118,7 @@ def advance_splitting(
         if works and not fresh:
             foresee_work(shape, model, inputs, state)
         decay_flow(shape, model, state, scratch, 0.5 * tau)
-        if shape[TERMS] & PLASTICITY:
-            plastic_flow(shape, model, state, shifted(state, shape[X]))
+        if flow(shape, model, inputs, state, scratch, closing):
             fresh = False
         if (step + 1) % guard == 0 or (eight and step + 1 == first_step + steps):
             if works and not fresh:
@@ -148,19 +129,5 @@ def advance_splitting(
             if not sane:
                 return DIVERGED, step - first_step, evaluations
         if sampling:
-            end_sample(
-                shape,
-                model,
-                inputs,
-                state,
-                scratch,
-                look,
-                update,
-                times,
-                samples,
-                powers,
-                marks,
-                t0,
-                tau,
-            )
+            end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
     return OK, steps, evaluations

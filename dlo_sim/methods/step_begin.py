@@ -97,12 +97,12 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
     if not moves:
         keep_held(shape, model, state, scratch, start, x)
     if moves:
-        aim(shape, model, inputs, scratch, t0 + 0.5 * tau)
+        aim(shape, model, inputs, state, scratch, t0 + 0.5 * tau)
         for k in range(shape[HELD]):
             if line_of(shape, k) < 0:
                 for at in range(DIRECTION_ROWS * LANES * k, DIRECTION_ROWS * LANES * (k + 1)):
                     scratch[shape[MIDDLE_DIRECTION] + at] = scratch[shape[AHEAD] + at]
-        aim(shape, model, inputs, scratch, t0 + tau)
+        aim(shape, model, inputs, state, scratch, t0 + tau)
         if directions_turn(shape, state, scratch):
             turn_to_aim(shape, model, state, scratch)
         defects(shape, model, state, shape[DIRECTION], scratch, x)
@@ -127,11 +127,11 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
             time, middle = t0 + theta * tau, shifted(scratch, shape[MIDDLE])
             copy(shape, start, middle)
             add(shape, theta, change, middle)
-            aim(shape, model, inputs, scratch, time)
+            aim(shape, model, inputs, state, scratch, time)
             turn_to_aim(shape, model, state, scratch)
             add_velocity_of_held(shape, model, inputs, state, scratch, middle, time, driven)
             project(shape, model, state, scratch, coast, scratch, shape[SYSTEM])
-            aim(shape, model, inputs, scratch, t0 + tau)
+            aim(shape, model, inputs, state, scratch, t0 + tau)
             turn_to_aim(shape, model, state, scratch)
         for at in range(shape[SIZE]):
             carried = change[at] - coast[at]

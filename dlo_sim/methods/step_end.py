@@ -22,6 +22,7 @@ from dlo_sim.engine.held import (
     through_inverse,
 )
 from dlo_sim.engine.layout import (
+    BISHOP,
     DIM,
     DIRECTION,
     DISSIPATED,
@@ -84,7 +85,8 @@ def finish_step(
     travel, held = shifted(scratch, shape[TRAVEL]), shape[HELD]
     moves = grasps_move(shape, inputs)
     if shape[TERMS] & TWISTED:
-        lost += solve_twist(shape, model, inputs, scratch, x, t0, tau)
+        if not shape[TERMS] & BISHOP:
+            lost += solve_twist(shape, model, inputs, scratch, x, t0, tau)
         hold_of_twist(shape, model, scratch, tau)
     work = 0.0
     ahead = shifted(scratch, shape[SEEN])

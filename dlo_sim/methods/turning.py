@@ -42,7 +42,7 @@ from dlo_sim.engine.tables import grasp_of, line_of
 def face(shape, model, inputs, state, scratch, t):
     """Take over the directions that what is held has at time t."""
     if grasps_move(shape, inputs):
-        aim(shape, model, inputs, scratch, t)
+        aim(shape, model, inputs, state, scratch, t)
         if directions_turn(shape, state, scratch):
             turn_to_aim(shape, model, state, scratch)
 

@@ -1,9 +1,14 @@
-"""The twist line of an implicit step: linear, so one symmetric solve by the midpoint rule."""
+"""The twist line of an implicit step: linear, so one symmetric solve by the midpoint rule.
+
+In the Bishop frame it depends on the new shape and the shape on it: `step_twist` solves it for
+every guess of the shape, so that it is eliminated from the iteration.
+"""
 
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import first, shifted
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import NUMBERS, REAL, TABLE, TRUTH, part, piece
+from dlo_sim.engine.bishop import couple_twist
 from dlo_sim.engine.layout import (
     BETA,
     DAMPED,
@@ -19,6 +24,7 @@ from dlo_sim.engine.layout import (
     TWIST,
     VISCOUS,
     N,
+    X,
 )
 from dlo_sim.engine.lines import (
     add_differences,
@@ -173,3 +179,24 @@ def solve_twist(shape, model, inputs, scratch, x, t0, tau):
         twisted = first(gathered(shape, difference_form(shape, model, shape[TWIST], line, change)))
         lost += beta * twisted
     return lost
+
+
+@piece(REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH)
+def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
+    """`solve_twist` in the Bishop frame of the present guess of the shape, and what the twist adds
+    to the forces on the centerline in FORCE. Returns the energy lost, likewise.
+    """
+    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
+    begin, end = shifted(scratch, shape[START]), x
+    if not discrete:
+        begin = end = shifted(scratch, shape[MIDDLE])
+    viscous = model[shape[BETA]] / tau if shape[TERMS] & DAMPED else 0.0
+    couple_twist(shape, model, state, begin, end, viscous, True, False, force)
+    lost = solve_twist(shape, model, inputs, scratch, x, t0, tau)
+    if not discrete:
+        first_ = shape[DIM] * shape[LINE]
+        for at in range(first_, first_ + shape[LINE]):
+            start = scratch[shape[START] + at]
+            begin[at] = start + 0.5 * scratch[shape[CHANGE] + at]
+    taken = couple_twist(shape, model, state, begin, end, viscous, False, True, force)
+    return lost + first(gathered(shape, taken))

@@ -7,9 +7,10 @@ go along, projected onto the directions at the end of the step.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store
-from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, WHOLES, part, piece
+from dlo_sim.compiling.lanes import LANES, load, shifted, store
+from dlo_sim.compiling.pieces import COUNTS, REAL, WHOLE, part, piece
 from dlo_sim.engine.account import write
+from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.layout import (
     DIVERGED,
@@ -18,20 +19,18 @@ from dlo_sim.engine.layout import (
     KNOWN,
     LEDGER,
     OK,
-    PLASTICITY,
     SIZE,
     SYSTEM,
-    TERMS,
     W,
     X,
 )
 from dlo_sim.engine.lines import add
-from dlo_sim.engine.plasticity import plastic_flow
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import MEAN
 from dlo_sim.methods.runge_kutta import add_decay, lose_energy
 from dlo_sim.methods.splitting import ENGINE
+from dlo_sim.methods.step_close import close_step, flow
 
 
 @part
@@ -64,40 +63,20 @@ def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
     add(shape, 1.0, mean, w)
 
 
-@piece(
-    *(COUNTS, WHOLES, REALS, REALS, REALS, REALS, ENGINE, REAL, REAL),
-    *(WHOLE, WHOLE, REAL, WHOLE, REALS, REALS, REALS, WHOLES),
-)
-def advance_zhai(
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
-    engine,
-    psi,
-    phi,
-    first_step,
-    steps,
-    tau,
-    guard,
-    times,
-    samples,
-    powers,
-    marks,
-):
+@piece(COUNTS, CABLE, ENGINE, REAL, REAL, WHOLE, WHOLE, REAL, WHOLE, RECORDS)
+def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records):
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
     `advance_splitting` does.
     """
-    _, forces, look, carry, evaluate, update, end_sample = engine
-    shape, model, inputs = bare(shape), bare(model), bare(inputs)
-    state, scratch = bare(state), bare(scratch)
-    times, samples, powers, marks = bare(times), bare(samples), bare(powers), bare(marks)
+    _, forces, look, carry, evaluate, closing = engine
+    arrays = bared(cable)
+    shape, model, inputs, state, scratch = arrays
+    records = bared_records(records)
     evaluations = 0
     fresh = False  # FORCE holds w' of the present state
     for step in range(first_step, first_step + steps):
         t0, t1 = step * tau, (step + 1) * tau
-        sampling = begin_sample(shape, model, inputs, state, scratch, times, marks, t0, tau)
+        sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
         if not fresh:
             accelerate(shape, model, inputs, state, scratch, evaluate, forces, t0)
             evaluations += 1
@@ -106,26 +85,8 @@ def advance_zhai(
         lose_energy(shape, model, state, 0.5 * tau)
         accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
         evaluations += 1
-        fresh = True
-        if shape[TERMS] & PLASTICITY:
-            plastic_flow(shape, model, state, shifted(state, shape[X]))
-            fresh = False
-        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
+        fresh = not flow(shape, model, inputs, state, scratch, closing)
+        looked_at = (step + 1) % guard == 0
+        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
             return DIVERGED, step - first_step, evaluations
-        if sampling:
-            end_sample(
-                shape,
-                model,
-                inputs,
-                state,
-                scratch,
-                look,
-                update,
-                times,
-                samples,
-                powers,
-                marks,
-                t0,
-                tau,
-            )
     return OK, steps, evaluations

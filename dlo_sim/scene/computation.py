@@ -69,8 +69,9 @@ class Terms:
     bend: str = parameter("auto", "Bending energy.", choices=SWITCH)
     twist: str = parameter(
         "auto",
-        "Torsion energy and the twist angle.",
-        choices=("auto", "on", "off", "frenet", "quasistatic"),
+        "Torsion energy and the twist angle: on = theta' alone; bishop = in a rotation-minimising "
+        "frame, which bends the cable too; frenet = against the torsion of the centerline.",
+        choices=("auto", "on", "off", "bishop", "frenet", "quasistatic"),
     )
     gravity: str = parameter("auto", "Weight.", choices=SWITCH)
     damping: str = parameter("auto", "All damping.", choices=SWITCH)

@@ -16,6 +16,7 @@ TERMS = (
     "bend",
     "twist",
     "frenet",
+    "bishop",
     "plasticity",
     "gravity",
     "springs",
@@ -32,7 +33,7 @@ class Needs:
 
     Attributes:
         stretch, bend, twist, gravity, springs, loads, drive, damping, plasticity: present or not.
-        frenet: twist is measured against the Frenet torsion.
+        frenet, bishop: twist is measured against the Frenet torsion, or in the Bishop frame.
         axes: world axes that the motion needs: all three, or the two of a coordinate plane.
         left_out: name of each absent term -> reason.
         warnings: one line for each term that is switched off although the scene needs it: the key,
@@ -48,6 +49,7 @@ class Needs:
     drive: bool
     damping: bool
     frenet: bool
+    bishop: bool
     plasticity: bool
     axes: tuple[int, ...]
     left_out: dict[str, str]
@@ -132,6 +134,7 @@ def needs_of(scene: Scene) -> Needs:
     return Needs(
         **present,
         frenet=frenet_wanted(scene),
+        bishop=bishop_wanted(scene),
         axes=axes,
         left_out=reasons,
         warnings=tuple(warnings),
@@ -201,6 +204,11 @@ def frenet_wanted(scene: Scene) -> bool:
     return scene.terms.twist == "frenet"
 
 
+def bishop_wanted(scene: Scene) -> bool:
+    """Whether twist is measured in the Bishop frame, and so felt by the centerline."""
+    return scene.terms.twist == "bishop"
+
+
 def plasticity_wanted(scene: Scene) -> bool:
     """Whether bending can leave a set."""
     switch = scene.terms.plasticity
@@ -230,8 +238,9 @@ def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool
 def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     """All three axes, or the two of a plane; and whether anything can leave that plane."""
     switch = scene.terms.out_of_plane
-    # Frenet torsion and plasticity exist in space only.
-    in_space = switch == "on" or frenet_wanted(scene) or plasticity_wanted(scene)
+    # Both frames of the twist, and plasticity, exist in space only.
+    framed = frenet_wanted(scene) or bishop_wanted(scene)
+    in_space = switch == "on" or framed or plasticity_wanted(scene)
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)
         or _driven(scene)

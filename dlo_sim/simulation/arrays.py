@@ -33,6 +33,7 @@ class Counts:
     loads: int
     plastic: bool
     curved: bool
+    bishop: bool = False
     border: int = 0
     constraints: int = 0
     stride: int = 1
@@ -80,6 +81,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.LOAD_BASIS: c.loads * c.line,
             layout.LOAD_POINT: c.loads * layout.LOAD_POINT_ROWS * LANES,
             layout.SCALES: layout.SCALE_ROWS * LANES,
+            layout.FRAME_FACTORS: 7 * c.line * c.bishop,
             CONSTRAINTS: c.constraints * CONSTRAINT_ENTRIES,
         },
         "inputs": {
@@ -100,6 +102,8 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.RATES_BEFORE: c.held * LANES,
             layout.ANCHOR: c.springs * LANES,
             layout.ANCHOR_BOOKED: c.springs * LANES,
+            layout.REFERENCE: c.size * c.bishop,
+            layout.FRAME_TURN: c.grasps * LANES * c.bishop,
             layout.LEDGER: layout.LEDGER_ROWS * LANES,
             layout.NATURAL: samples * layout.NATURAL_ROWS if c.curved else 0,
             layout.PLASTIC: samples * layout.PLASTIC_ROWS if c.plastic else 0,
@@ -114,6 +118,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.TARGETS: c.held * LANES,
             layout.AHEAD: c.held * layout.DIRECTION_ROWS * LANES,
             layout.SYSTEM: c.held * max(c.held, 1) * LANES,
+            layout.FRAME_SPARE: 2 * c.line * c.bishop,
             layout.NOTES: layout.NOTE_ROWS * LANES,
             **border_rooms(c.n * c.dim, 4 * c.dim, c.border),
             **implicit_rooms(c.n, c.dim, c.samples, c.held, c.size),
@@ -177,6 +182,7 @@ def counts_of(shape: Table, stride: int) -> Counts:
         **{name: int(shape[index]) for name, index in counted.items()},
         plastic=bool(terms & layout.PLASTICITY),
         curved=bool(terms & layout.CURVED),
+        bishop=bool(terms & layout.BISHOP),
         stride=stride,
     )
 

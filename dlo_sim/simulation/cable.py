@@ -51,11 +51,6 @@ class Cable:
         """shape, model, inputs, state, scratch: the first arguments of the compiled functions."""
         return self.model.shape, self.model.values, self.inputs, self.state, self.scratch
 
-    @property
-    def _inner(self) -> tuple[Any, ...]:
-        """The same without the inputs."""
-        return self.model.shape, self.model.values, self.state, self.scratch
-
     # -- views ----------------------------------------------------------------------------------
 
     @property
@@ -87,6 +82,14 @@ class Cable:
         return self.model.rows(self.state, layout.ANCHOR, int(self.model.shape[layout.SPRINGS]))
 
     @property
+    def frame_turn(self) -> Array:
+        """By how much the frame of the twist is behind that of each grasp [rad], a view of shape
+        (grasps, LANES); empty without such a frame.
+        """
+        count = int(self.model.shape[layout.GRASPS]) * self.model.has(layout.BISHOP)
+        return self.model.rows(self.state, layout.FRAME_TURN, count)
+
+    @property
     def ledger(self) -> Array:
         """The account, a view of shape (LEDGER_ROWS, LANES); of one cable lane 0 counts."""
         return self.model.rows(self.state, layout.LEDGER, layout.LEDGER_ROWS)
@@ -110,7 +113,7 @@ class Cable:
 
     def point_grasps(self, t: float) -> None:
         """Directions of what is held: those of the grasps at time t."""
-        between_steps.turn_to(*self.arrays, t)
+        between_steps.turn_to(self.arrays, t)
 
     def put(self, points: Array, rates: Array, time: float | None = None) -> None:
         """Take over control points (n, 4) and their velocities; nothing of before is known.
@@ -119,32 +122,31 @@ class Cable:
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
-            between_steps.place_held(*self.arrays, time)
+            between_steps.place_held(self.arrays, time)
         self.w[:] = self.model.to_lines(rates)
-        between_steps.keep_free_motion(*self._inner)
+        between_steps.keep_free_motion(self.arrays)
         at, size = self.model.shape[layout.HISTORY], self.model.shape[layout.SIZE]
         self.state[at : at + 3 * size] = 0.0
         self.model.rows(self.state, layout.RATES_BEFORE, len(self.model.holding.rows))[:] = 0.0
         self.ledger[[layout.KNOWN, layout.IS_BOOKED, layout.PENDING, layout.HAS_REACTION]] = 0.0
+        self.open_frame()
+
+    def open_frame(self) -> None:
+        """The twist angles are those in the Bishop frame of the present shape."""
+        if self.model.has(layout.BISHOP):
+            self.model.view(self.state, layout.REFERENCE)[:] = self.x
+            self.frame_turn[:] = 0.0
 
     def velocities(self, t: float) -> Array:
         """Velocities of all control points at time t, lines of shape (lines, n)."""
         out = self._lines()
-        between_steps.velocity(*self.arrays, t, out)
+        between_steps.velocity(self.arrays, t, out)
         return self.shown(out)
 
     def kinetic(self, lines: Array | None = None) -> float:
         """Kinetic energy [J] of velocities in lines, by default of w."""
-        if lines is None:
-            at, size = self.model.shape[layout.W], self.model.shape[layout.SIZE]
-            return float(
-                between_steps.kinetic_energy(
-                    self.model.shape, self.model.values, self.state[at : at + size]
-                )
-            )
-        return float(
-            between_steps.kinetic_energy(self.model.shape, self.model.values, self.padded(lines))
-        )
+        v = self.padded(self.w if lines is None else lines)
+        return float(between_steps.kinetic_energy(self.arrays, v))
 
     # -- account --------------------------------------------------------------------------------
 
@@ -153,11 +155,11 @@ class Cable:
         cable = scene.cable
         self.ledger[:] = 0.0
         self.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
-        between_steps.open_account(*self._inner, energies.code)
+        between_steps.open_account(self.arrays, energies.code)
 
     def potentials(self) -> Array:
         """Potential energies [J] in the order of `layout.ENERGIES`."""
-        between_steps.measure(*self._inner, energies.code)
+        between_steps.measure(self.arrays, energies.code)
         first = layout.ENERGY
         return self.ledger[first : first + len(layout.ENERGIES), 0].copy()
 
@@ -178,7 +180,7 @@ class Cable:
     def settle(self, t: float) -> None:
         """Book the work up to time t that a step has left for the next one."""
         if self.entry(layout.IS_BOOKED):
-            between_steps.settle(*self.arrays, evaluate.code, forces.code, t)
+            between_steps.settle(self.arrays, evaluate.code, forces.code, t)
 
     def present_energy(self) -> float:
         """Kinetic energy of w and potential energy [J]."""
@@ -196,10 +198,10 @@ class Cable:
         velocities in lines, those of the damping too.
         """
         out = self._lines()
-        between_steps.all_forces(*self.arrays, forces.code, t, out)
+        between_steps.all_forces(self.arrays, forces.code, t, out)
         if rates is not None and self.model.has(layout.DAMPED):
             v = self.padded(rates)
-            between_steps.damping_forces(*self.arrays, discrete_force.code, v, out)
+            between_steps.damping_forces(self.arrays, discrete_force.code, v, out)
         return self.shown(out)
 
     def held_force(self, t: float, force: Array | None = None) -> Array:
@@ -208,14 +210,14 @@ class Cable:
         """
         lines = self.padded(self.forces(t, self.velocities(t)) if force is None else force)
         held = np.zeros(int(self.model.shape[layout.HELD]))
-        between_steps.held_force(*self.arrays, t, lines, held)
+        between_steps.held_force(self.arrays, t, lines, held)
         return held
 
     def stiffness(self) -> Array:
         """Hessian of the potential energy of the spatial lines: the band matrix of scratch, a view
         of shape (n dim, width); entry (r, c) at [r, c - r + 4 dim - 1].
         """
-        between_steps.stiffness(*self._inner, add_tangent.code)
+        between_steps.stiffness(self.arrays, add_tangent.code)
         return self.band
 
     @property
@@ -236,16 +238,16 @@ class Cable:
 
     def add_moment_stiffness(self) -> None:
         """Add the stiffness of moments at time zero to the band matrix (unsymmetric)."""
-        between_steps.moment_stiffness(*self.arrays)
+        between_steps.moment_stiffness(self.arrays)
 
     def solve_held(self, unknowns: Array) -> int:
         """Solve band x = unknowns in place with what is held kept; negative pivots, or -1."""
-        return int(between_steps.solve_held(*self._inner, unknowns))
+        return int(between_steps.solve_held(self.arrays, unknowns))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
         """P M^-1 f of forces in lines (lines, n); with `keep` false without P."""
         lines = self.padded(force)
-        between_steps.free_acceleration(*self._inner, lines, keep)
+        between_steps.free_acceleration(self.arrays, lines, keep)
         return self.shown(lines)
 
     @property
@@ -262,7 +264,7 @@ class Cable:
         """
         self.settle(t)
         before = self.potentials().sum()
-        between_steps.jump(*self.arrays, carry.code, t)
+        between_steps.jump(self.arrays, carry.code, t)
         points = self.model.to_columns(self.x)
         put(points)
         self.x[:] = self.model.to_lines(points)

@@ -1,4 +1,4 @@
-"""When a twisted cable would coil: twist and bending are not coupled here, so it does not."""
+"""When a twisted cable would coil, where its twist does not act on its shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def coiling_warning(scene: Scene, cable: Cable) -> str:
     is GJ times the mean of theta', the tension that of the mean stretch; slack counts as none.
     """
     model, material = cable.model, scene.cable
-    if not model.twist or model.has(layout.TORSION):
+    if not model.twist or model.has(layout.TORSION) or model.has(layout.BISHOP):
         return ""
     theta, points = cable.x[-1], cable.x[:-1]
     moment = abs(theta[-1] - theta[0]) * material.GJ / material.length
@@ -30,5 +30,5 @@ def coiling_warning(scene: Scene, cable: Cable) -> str:
         return ""
     return (
         f"twisting moment of {moment:.3g} N m: a straight cable would coil from {limit:.3g} N m, "
-        f"which this model does not show; turn the ends less"
+        f"which it does with terms.twist: bishop only; set that, or turn the ends less"
     )

@@ -189,6 +189,13 @@ class EndDrive:
             self._write(end, EndMotion.resting(*other.pose(end, t)))
             self.motion[row, TWIST] = other.place_at(end, t)[3]
 
+    def take_frame_turns(self, turns: Array) -> None:
+        """Count from here on with the angles [rad], a row a grasp, by which the frame of the twist
+        fell behind (`engine.bishop`); they become zero.
+        """
+        self.motion[: len(turns), TWIST] += turns[:, 0]
+        turns[:] = 0.0
+
     def stays_in_plane(self, end: str, axes: tuple[int, ...]) -> bool:
         """Whether this end's motion and tangent keep to the plane of two axes (true for three)."""
         if len(axes) == 3:

@@ -33,8 +33,7 @@ def gradients(cable: Cable) -> Array:
 
 def to_rest_length(cable: Cable) -> bool:
     """Move a configuration onto the constraints; true if that succeeded."""
-    model = cable.model
-    return bool(rattle.to_rest_length(model.shape, model.values, cable.state, cable.scratch))
+    return bool(rattle.to_rest_length(cable.arrays))
 
 
 def to_equilibrium(cable: Cable, step: float) -> bool:
@@ -50,7 +49,7 @@ def to_equilibrium(cable: Cable, step: float) -> bool:
     for _ in range(MOST_STEPS):
         engine = code_of(rattle.ENGINE)
         status, _, _ = rattle.advance_rattle(
-            *cable.arrays, engine, 0, 1, step, MOST_STEPS, *nothing.arrays
+            cable.arrays, engine, 0, 1, step, MOST_STEPS, nothing.arrays
         )
         if status != layout.OK:
             return False
@@ -83,7 +82,5 @@ def held_force(cable: Cable, t: float) -> Array:
             acceleration[: len(model.axes)] += np.outer(cable.direction(k), shift)
     lines = cable.padded(force)
     v = cable.padded(cable.velocities(t))
-    rattle.add_constraint_force(
-        model.shape, model.values, cable.state, cable.scratch, v, cable.padded(acceleration), lines
-    )
+    rattle.add_constraint_force(cable.arrays, v, cable.padded(acceleration), lines)
     return cable.held_force(t, cable.shown(lines))

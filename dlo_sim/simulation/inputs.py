@@ -199,6 +199,7 @@ class CableInputs(CableView):
     def _replace(self, needs: Needs, geometries: Geometries) -> None:
         """Go on with other needs or grasps from the present state."""
         points, rates = self.control_points, self.velocities
+        self._ends.take_frame_turns(self._cable.frame_turn)
         old, ledger = self._cable, self._cable.ledger.copy()
         self._geometries = geometries
         self._rebuild(needs)

@@ -165,6 +165,7 @@ def build_model(
         loads=len(scene.loads) if needs.loads else 0,
         plastic=needs.plasticity,
         curved=curved,
+        bishop=needs.bishop,
         border=holding.border,
         constraints=n - 1 if inextensible(scene) else 0,
     )
@@ -212,6 +213,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.PLASTICITY: needs.plasticity,
         layout.GRAVITY: needs.gravity,
         layout.DAMPED: needs.damping,
+        layout.BISHOP: needs.bishop,
     }
     return sum(bit for bit, there in present.items() if there)
 
@@ -273,7 +275,10 @@ class _Filling:
                 pull, mass.multiply(space, np.ones(model.n))
             )
         if model.twist:
-            self._matrix(layout.TWIST, 0, scene.cable.GJ * mass.gram(model.knots, 1, model.rule))
+            slopes = mass.gram(model.knots, 1, model.rule)
+            self._matrix(layout.TWIST, 0, scene.cable.GJ * slopes)
+            if self._needs.bishop:
+                self._factors(layout.FRAME_FACTORS, 0, slopes, np.arange(model.n) == 0)
         if self._needs.damping:
             self._damping(np.stack(bands), gram)
         self._held(bands)
@@ -329,12 +334,16 @@ class _Filling:
         for line in {0, len(bands) - 1} if self._model.twist else {0}:
             kind, band = int(line >= self._dim), bands[line]
             self._matrix(layout.MASS, kind, band)
-            lower, inverse = mass.factorize(band, np.zeros(self._model.n, dtype=bool))
-            seven = self._lines(layout.FACTORS, 7, 7 * kind)
-            seven[3] = inverse
-            for k in range(1, 4):
-                seven[3 - k] = lower[k - 1]
-                seven[3 + k, :-k] = lower[k - 1, k:]
+            self._factors(layout.FACTORS, kind, band, np.zeros(self._model.n, dtype=bool))
+
+    def _factors(self, offset: int, kind: int, band: Array, held: NDArray[np.bool_]) -> None:
+        """L D L^T of a symmetric band matrix as seven lines."""
+        lower, inverse = mass.factorize(band, held)
+        seven = self._lines(offset, 7, 7 * kind)
+        seven[3] = inverse
+        for k in range(1, 4):
+            seven[3 - k] = lower[k - 1]
+            seven[3 + k, :-k] = lower[k - 1, k:]
 
     def _damping(self, bands: Array, gram: Array) -> None:
         scene, model = self._scene, self._model

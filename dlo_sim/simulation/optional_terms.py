@@ -87,7 +87,8 @@ def check_terms(scene: Scene, needs: Needs) -> None:
         raise SceneError("terms.contact: 'on' is not available in this version; use auto or off")
     if scene.terms.twist == "quasistatic":
         raise SceneError(
-            "terms.twist: 'quasistatic' is not available in this version; use auto, on or frenet"
+            "terms.twist: 'quasistatic' is not available in this version; use bishop, whose twist "
+            "has its inertia"
         )
     if scene.terms.stretch == "on" and inextensible(scene):
         raise SceneError(

@@ -357,6 +357,7 @@ class Simulator(CableInputs):
         if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             points, rates = (resampled(values, old, new, u) for values in (points, rates))
+        other._ends.take_frame_turns(other._cable.frame_turn)
         self._ends.take_over(other._ends, other.time)
         if any(self._ends.twists(end) for end in self.scene.ends):
             self._extend(self._needs.with_twist(self.scene))

@@ -186,6 +186,7 @@ class _Search:
         """Newton correction of the spatial lines, shape (dim, n); None where it leads uphill."""
         cable, dim = self._cable, self._dim
         n, x = cable.model.n, cable.x
+        cable.open_frame()  # the shape is found without twist
         force = cable.forces()
         band = cable.stiffness()
         if cable.loads.size and cable.loads[:, 3:6].any():

@@ -40,9 +40,9 @@ class _Explicit:
     def __call__(
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
-        given = (first, steps, tau, GUARD_STEPS, *recorder.arrays)
+        given = (first, steps, tau, GUARD_STEPS, recorder.arrays)
         status, done, evaluations = self._loop.code(
-            *cable.arrays, code_of(self._engine), *self._own, *given
+            cable.arrays, code_of(self._engine), *self._own, *given
         )
         return status, done, evaluations
 
@@ -64,7 +64,7 @@ class _Implicit:
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
         status, done, iterations = implicit.advance_implicit.code(
-            *cable.arrays, code_of(implicit.ENGINE), *self._own, first, steps, tau, *recorder.arrays
+            cable.arrays, code_of(implicit.ENGINE), *self._own, first, steps, tau, recorder.arrays
         )
         return status, done, iterations
 
@@ -80,9 +80,8 @@ class _Implicit:
         """The same, each step with motions of its own (`methods.implicit_along`)."""
         return advance_along.code(
             implicit.advance_implicit.code,
-            *cable.arrays,
-            code_of(implicit.ENGINE),
-            *(*self._own, first, tau, *recorder.arrays),
+            *(cable.arrays, code_of(implicit.ENGINE)),
+            *(*self._own, first, tau, recorder.arrays),
             *(len(motions), motions[0].size, motions.ravel(), *natural),
         )
 

@@ -39,7 +39,11 @@ def refusal(values: dict) -> str:
         ("frame_id", 5, "5 is not a text"),
         ("frame_id", "a\nb", "is not a name"),
         ("frame_id", "x" * 300, "is not a name"),
-        ("terms.twist", "frennet", "'frennet' is unknown; give one of auto, on, off, frenet"),
+        (
+            "terms.twist",
+            "frennet",
+            "'frennet' is unknown; give one of auto, on, off, bishop, frenet",
+        ),
         ("terms.twist", "frennet", "did you mean frenet?"),
         ("gravity", -9.81, "-9.81 is not a list; give a list of 3 values"),
         ("gravity", "down", "'down' is not a list"),

@@ -1,0 +1,227 @@
+"""Twist against the Bishop frame, assembled: strain theta' + tau; see `terms.bishop`.
+
+Within a step the frame of theta follows every tangent by the smallest rotation from its direction
+at the last step's end, REFERENCE, and so twists by tau. At the end of the step `follow_shape` makes
+it rotation-minimising along the cable again: theta takes over the spline psi whose psi' is closest
+to tau. What of tau no spline is, an error of the discretisation, goes: it takes GJ/2 of its square,
+which is booked, and would pile up where a cable turns again and again.
+
+What a gripper prescribes is its own angle since its motion began, in a frame that follows the
+tangent directly. FRAME_TURN says by how much the frame of theta is behind that one: the angle that
+theta took over, less the area on the unit sphere between the two ways of the tangent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_sim.compiling.lanes import LANES, load, shifted, store, zero
+from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, part, piece
+from dlo_sim.engine.elastic import (
+    bending_at,
+    block_of,
+    coefficients,
+    curve,
+    gathered_sample,
+    sample_of,
+    scatter,
+    scatter_lines,
+    tangent_at,
+)
+from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, framed
+from dlo_sim.engine.layout import (
+    BLOCKS,
+    BOOKED,
+    DIM,
+    DISSIPATED,
+    FRAME_FACTORS,
+    FRAME_SPARE,
+    FRAME_TURN,
+    HELD,
+    LEDGER,
+    LINE,
+    MARGIN,
+    MOTION,
+    QUADRATURE,
+    REFERENCE,
+    SAMPLES,
+    SCALES,
+    SIZE,
+    SLOPE,
+    STIFFNESS_GJ,
+    XI,
+    N,
+    X,
+)
+from dlo_sim.engine.lines import gathered
+from dlo_sim.engine.tables import grasp_of, line_of, own_of, point_of
+from dlo_sim.engine.torsion import angle_block
+from dlo_sim.terms import bishop
+
+
+@part
+def polynomial(a, xi):
+    """a0 + a1 xi + a2 xi^2."""
+    return a[0] + xi * (a[1] + xi * a[2])
+
+
+@part
+def add_polynomial(a, f, xi):
+    """f times 1, xi, xi^2 added."""
+    return a[0] + f, a[1] + xi * f, a[2] + xi * xi * f
+
+
+@part
+def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
+    """out -= what tau adds to the discrete gradient of the twisting energy between x0 and x1: with
+    `turn` on theta, with `push` on the centerline. `viscous` is beta / time, 0 without.
+
+    Returns the energy [J] that viscosity takes beyond that of theta alone, to be gathered.
+    """
+    stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
+    taken, reference = zero(), shifted(state, shape[REFERENCE])
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        s = load(model, block + SLOPE * LANES)
+        r = curve(shape, model, reference, b, 1.0)
+        p, q = curve(shape, model, x0, b, 1.0), curve(shape, model, x1, b, 1.0)
+        angle0, angle1 = angle_block(shape, model, x0, b), angle_block(shape, model, x1, b)
+        g0 = g1 = g2 = turned = (zero(), zero(), zero())
+        for j in range(shape[SAMPLES]):
+            at = sample_of(block, j)
+            xi = load(model, at + XI * LANES)
+            w = stiffness * load(model, at + QUADRATURE * LANES)
+            t, k = tangent_at(r, xi), bending_at(r, xi, s)
+            t0, k0 = tangent_at(p, xi), bending_at(p, xi, s)
+            t1, k1 = tangent_at(q, xi), bending_at(q, xi, s)
+            before, after = bishop.change(t, k, t0, k0), bishop.change(t, k, t1, k1)
+            rate, change = 0.5 * (before + after), after - before
+            if turn:
+                turned = add_polynomial(turned, w * (rate + viscous * change), xi)
+            if push:
+                theta0, theta1 = polynomial(angle0, xi), polynomial(angle1, xi)
+                own = theta1 - theta0
+                stress = w * (rate + 0.5 * (theta0 + theta1) + viscous * (change + own))
+                taken += w * viscous * change * (change + 2.0 * own)
+                g, _, _ = bishop.mean_gradient(t0, k0, t1, k1)
+                g0 = gathered_sample(g0, stress * g[0], zero(), xi)
+                g1 = gathered_sample(g1, stress * g[1], zero(), xi)
+                g2 = gathered_sample(g2, stress * g[2], zero(), xi)
+        if push:
+            scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
+        if turn:
+            at = shape[DIM] * shape[LINE] + MARGIN + LANES * b
+            scatter(turned, at, 1, model, block, -1.0, out)
+    return taken
+
+
+@part
+def coupled_energy(shape, model, state, x):
+    """What tau adds to the twisting energy of theta alone [J], to be gathered."""
+    stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
+    sum_, reference = zero(), shifted(state, shape[REFERENCE])
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        s = load(model, block + SLOPE * LANES)
+        r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
+        angle = angle_block(shape, model, x, b)
+        for j in range(shape[SAMPLES]):
+            at = sample_of(block, j)
+            xi = load(model, at + XI * LANES)
+            rate = bishop.change(
+                tangent_at(r, xi), bending_at(r, xi, s), tangent_at(p, xi), bending_at(p, xi, s)
+            )
+            w = stiffness * load(model, at + QUADRATURE * LANES)
+            sum_ += w * rate * (0.5 * rate + polynomial(angle, xi))
+    return sum_
+
+
+@part
+def add_rates(shape, model, state, x, psi, remove, out):
+    """out += integral b' (tau - remove psi'). Returns the integral of that squared, to be
+    gathered.
+    """
+    reference, sum_ = shifted(state, shape[REFERENCE]), zero()
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        s = load(model, block + SLOPE * LANES)
+        r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
+        own = coefficients(psi, MARGIN + LANES * b, 1, model, block)
+        turned = (zero(), zero(), zero())
+        for j in range(shape[SAMPLES]):
+            at = sample_of(block, j)
+            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            rate = bishop.change(
+                tangent_at(r, xi), bending_at(r, xi, s), tangent_at(p, xi), bending_at(p, xi, s)
+            )
+            rate = rate - remove * polynomial(own, xi)
+            turned = add_polynomial(turned, w * rate, xi)
+            sum_ += w * rate * rate
+        scatter(turned, MARGIN + LANES * b, 1, model, block, 1.0, out)
+    return sum_
+
+
+@part
+def solve_line(shape, model, factors, x):
+    """Solve in place on one line with the factors at an offset of the model."""
+    n, width = shape[N], shape[LINE]
+    for k in range(MARGIN, n + MARGIN):
+        f = factors + k
+        x[k] -= model[f] * x[k - 3] + model[f + width] * x[k - 2]
+        x[k] -= model[f + 2 * width] * x[k - 1]
+    for k in range(n + MARGIN - 1, MARGIN - 1, -1):
+        f = factors + k
+        x[k] = x[k] * model[f + 3 * width] - model[f + 6 * width] * x[k + 3]
+        x[k] -= model[f + 5 * width] * x[k + 2] + model[f + 4 * width] * x[k + 1]
+
+
+@part
+def edge(shape, x, own):
+    """Unit vector along the cable at the end where control point `own` is."""
+    width, at = shape[LINE], MARGIN + max(own, 1)
+    v0, v1 = x[at] - x[at - 1], x[at + width] - x[at + width - 1]
+    v2 = x[at + 2 * width] - x[at + 2 * width - 1]
+    inverse = 1.0 / np.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
+    return inverse * v0, inverse * v1, inverse * v2
+
+
+@part
+def area(a, b, c):
+    """Signed area of the triangle of three directions on the unit sphere: by so much is a frame
+    that goes by a -> b -> c with the smallest rotations ahead of one that goes a -> c.
+    """
+    triple = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
+    triple += a[2] * (b[0] * c[1] - b[1] * c[0])
+    sides = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + b[0] * c[0] + b[1] * c[1] + b[2] * c[2]
+    return 2.0 * np.arctan2(triple, 1.0 + sides + c[0] * a[0] + c[1] * a[1] + c[2] * a[2])
+
+
+@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
+def follow_shape(shape, model, inputs, state, scratch):
+    """Take theta, and what the grasps prescribe, to the Bishop frame of the present shape."""
+    n, line = shape[N], shape[DIM] * shape[LINE]
+    x, reference = shifted(state, shape[X]), shifted(state, shape[REFERENCE])
+    booked, psi = shifted(state, shape[BOOKED]), shifted(scratch, shape[FRAME_SPARE])
+    spare = shifted(psi, shape[LINE])
+    for at in range(2 * shape[LINE]):
+        psi[at] = 0.0
+    add_rates(shape, model, state, x, spare, 0.0, psi)
+    psi[MARGIN] = 0.0
+    solve_line(shape, model, shape[FRAME_FACTORS], psi)
+    lost = gathered(shape, add_rates(shape, model, state, x, psi, 1.0, spare))
+    stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
+    at = shape[LEDGER] + DISSIPATED * LANES
+    store(state, at, load(state, at) + 0.5 * stiffness * lost)
+    for at in range(MARGIN, MARGIN + n):
+        x[line + at] += psi[at]
+        booked[line + at] += psi[at]
+    for k in range(shape[HELD]):
+        if line_of(shape, k) == shape[DIM]:
+            own, grasp = own_of(shape, point_of(shape, k)), grasp_of(shape, k)
+            m = shape[MOTION] + MOTION_SIZE * grasp + DIRECTION
+            begin = framed(inputs, m - DIRECTION, inputs[m], inputs[m + 1], inputs[m + 2])
+            turned = area(begin, edge(shape, reference, own), edge(shape, x, own))
+            at = shape[FRAME_TURN] + grasp * LANES
+            store(state, at, load(state, at) + (psi[MARGIN + own] - turned))
+    for at in range(0, shape[SIZE], LANES):
+        store(reference, at, load(x, at))

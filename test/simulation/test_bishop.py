@@ -1,0 +1,241 @@
+"""Twist in the Bishop frame: driven by grippers, felt by the centerline (`terms.twist: bishop`)."""
+
+import numpy as np
+import pytest
+from cables import simulator
+
+from dlo_sim.core import bspline, rotations
+from dlo_sim.core.end_motion import EndMotion
+
+LENGTH = 1.0
+SHAFT = {
+    "cable.length": LENGTH,
+    "cable.diameter": 0.01,
+    "cable.density": 1200.0,
+    "cable.youngs_modulus": 1e7,
+    "gravity": [0.0, 0.0, 1e-5],
+    "start.fixed": [True] * 3,
+    "start.clamped": True,
+    "end.fixed": [True] * 3,
+    "end.clamped": True,
+    "end.position": [1.0, 0.0, 0.0],
+    "terms.twist": "bishop",
+    "damping.stiffness": 0.02,
+    "damping.mass": 1.0,
+    "discretization.control_points": 17,
+}
+SLACK = {
+    "gravity": [0.0, 0.0, -9.81],
+    "end.position": [0.7, 0.1, 0.2],
+    "end.tangent": [1.0, 0.3, 0.0],
+}
+
+
+def held(method="energy_momentum", step=0.01, **values):
+    changed = {key.replace("__", "."): value for key, value in values.items()}
+    return simulator(SHAFT, changed, method=method, step=step)
+
+
+def turn(sim, end, rotation, duration):
+    """Turn an end effector about its place by a rotation vector [rad], at a constant rate."""
+    place, orientation = sim.end_pose(end)
+    still = np.zeros(3)
+    sim.set_motion(
+        end,
+        EndMotion(
+            start=sim.time,
+            duration=duration,
+            position=np.array([place, still, still]),
+            orientation=orientation,
+            rotation=np.array([np.asarray(rotation) / duration, still]),
+        ),
+    )
+
+
+def roll(sim, angle, duration=4.0):
+    """Turn the end about its own tangent."""
+    turn(sim, "end", angle * sim._ends.tangent("end", sim.time), duration)
+
+
+def slip(sim):
+    """Rotation of the cable's material frame against the gripper at the end, as a vector [rad]."""
+    frame = sim.frames(np.linspace(0.0, LENGTH, 801))[-1]
+    own = rotations.multiply(rotations.conjugate(sim.end_pose("end")[1]), frame)
+    return rotations.to_rotation_vector(own * np.sign(own[3]))
+
+
+def largest(sim, axes, duration):
+    """Largest way across some axes [m] while the simulation goes on."""
+    ways = []
+    for _ in range(10):
+        sim.advance(0.1 * duration)
+        ways.append(np.ptp(sim.control_points[:, axes], axis=0).max())
+    return max(ways)
+
+
+def test_a_straight_shaft_turns_end_to_end():
+    sim = held(gravity=[0.0, 0.0, 0.0])
+    roll(sim, 3.0)
+    sim.advance(8.0)
+    np.testing.assert_allclose(sim.control_points[:, 3], 3.0 * sim.greville / LENGTH, atol=1e-6)
+    moment = sim.scene.cable.GJ * 3.0 / LENGTH
+    for end, sign in (("start", -1.0), ("end", 1.0)):
+        np.testing.assert_allclose(sim.reaction(end)[1], [sign * moment, 0.0, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False)])
+def test_it_buckles_at_greenhills_twist(share, stable):
+    """Clamped at both ends: M L / EI = 8.987 (Greenhill 1883)."""
+    sim = held()
+    cable = sim.scene.cable
+    roll(sim, share * 8.9868 * cable.EI / cable.GJ)
+    assert (largest(sim, [1, 2], 16.0) < 3e-5) == stable
+
+
+def ring(n=33):
+    """A ring, with weight enough to leave its plane."""
+    sim = held(
+        end__position=[-1e-4, 0.0, 0.0],
+        start__tangent=[1.0, 0.0, 0.0],
+        end__tangent=[1.0, 0.0, 0.0],
+        initial__shape="straight",
+        discretization__control_points=n,
+        damping__mass=3.0,
+        gravity=[0.0, 1e-6, 1e-6],
+    )
+    u = np.linspace(0.0, LENGTH, 400)
+    angle, radius = 2.0 * np.pi * u / LENGTH, 0.5 * LENGTH / np.pi
+    circle = np.stack([np.sin(angle), 0.0 * angle, 1.0 - np.cos(angle)], axis=1)
+    points = np.zeros((n, 4))
+    first, values = bspline.active_basis(sim.model.knots, u)
+    basis = np.zeros((len(u), n))
+    np.put_along_axis(basis, first[:, None] + np.arange(4), values, axis=1)
+    points[:, :3] = np.linalg.lstsq(basis, radius * circle, rcond=None)[0]
+    with pytest.warns(UserWarning, match="moved back"):
+        sim.start_from(points)
+    sim.advance(2.0)
+    return sim
+
+
+@pytest.mark.parametrize(("share", "stable"), [(0.95, True), (1.04, False)])
+def test_a_ring_buckles_at_michells_twist(share, stable):
+    """2 pi sqrt(3) EI / GJ (Michell 1889, Zajac 1962)."""
+    sim = ring()
+    cable = sim.scene.cable
+    roll(sim, share * 2.0 * np.pi * np.sqrt(3.0) * cable.EI / cable.GJ)
+    assert (largest(sim, [1], 10.0) < 2e-3) == stable
+
+
+def test_a_gripper_that_turns_keeps_the_material_frame():
+    """Rolled, and swung about an axis across which it points: on the way and after a full turn."""
+    sim = held(**{key.replace(".", "__"): value for key, value in SLACK.items()}, step=0.005)
+    sim.advance(0.5)
+    begin, angle = slip(sim), sim.control_points[-1, 3]
+    turn(sim, "end", [2.0 * np.pi, 0.0, 0.0], 2.0)
+    for _ in range(4):
+        sim.advance(0.5)
+        np.testing.assert_allclose(slip(sim), begin, atol=2e-3)  # a step behind while it turns
+    sim.advance(0.5)
+    np.testing.assert_allclose(slip(sim), begin, atol=1e-3)
+    # The link is conserved: what is no twist is writhe, and it does not come back by itself.
+    assert 4.0 < sim.control_points[-1, 3] - angle < 5.5
+    roll(sim, -4.0 * np.pi, 2.0)
+    sim.advance(3.0)
+    np.testing.assert_allclose(slip(sim), begin, atol=1e-3)
+
+
+def test_turning_everything_twists_nothing():
+    """Both grippers around a vertical axis, twice: the cable comes along and is as it was."""
+    still = {
+        "gravity": [0.0, 0.0, -9.81],
+        "end.position": [0.7, 0.1, 0.2],
+        "discretization.control_points": 25,
+    }
+    sim = held(**{key.replace(".", "__"): value for key, value in still.items()}, step=0.005)
+    sim.advance(10.0)
+    before, points = sim.energy(), sim.control_points.copy()
+    times = np.linspace(0.0, 6.0, 1201)
+    s = times / times[-1]
+    turned = np.outer(4.0 * np.pi * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), [0.0, 0.0, 0.5])
+    about = np.hstack([np.sin(turned)[:, :3], np.cos(turned[:, 2:])])
+    poses = {
+        end: np.hstack(
+            [
+                rotations.rotate(about, sim.end_pose(end)[0]),
+                rotations.multiply(about, sim.end_pose(end)[1]),
+            ]
+        )
+        for end in ("start", "end")
+    }
+    sim.follow(sim.time + times, poses, sim.time + times[-1:])
+    sim.advance(10.0)
+    np.testing.assert_allclose(sim.control_points[:, :3], points[:, :3], atol=2e-5)
+    assert abs(sim.energy().twist - before.twist) < 1e-5 * before.bend
+    assert sim.energy_error < 1e-5
+
+
+def test_shapes_without_curvature_give_no_jump():
+    """From a sagging cable through a straight one to an arch: the frame has no 0/0 anywhere."""
+    sim = held(gravity=[0.0, 0.0, 0.0], end__position=[0.9, 0.0, 0.0], damping__mass=5.0)
+    roll(sim, 2.0, 0.5)
+    sim.advance(1.0)
+    angles = []
+    for force in np.linspace(-0.02, 0.02, 41):
+        sim.set_end("end", position=[0.9 + 0.0999 * (1.0 - abs(force) / 0.02), 0.0, 0.0])
+        sim.advance(0.1)
+        angles.append(sim.control_points[:, 3].copy())
+        assert np.isfinite(sim.control_points).all()
+    assert np.abs(np.diff(angles, axis=0)).max() < 0.3
+
+
+@pytest.mark.parametrize(
+    ("method", "step", "close"),
+    [
+        ("velocity_verlet", 2e-4, 3e-4),
+        ("rk4", 2e-4, 3e-4),
+        ("zhai", 2e-4, 3e-4),
+        ("implicit_midpoint", 2e-3, 3e-4),
+        ("generalized_alpha", 2e-3, 3e-3),
+        ("energy_momentum", 2e-3, 3e-4),
+    ],
+)
+def test_methods_agree(method, step, close):
+    def moved(method, step):
+        slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
+        sim = held(method, step, **slack, damping__stiffness=0.0)
+        turn(sim, "end", [1.5, 0.4, -0.5], 0.3)
+        sim.advance(0.4)
+        return sim
+
+    sim, reference = moved(method, step), moved("energy_momentum", 5e-4)
+    np.testing.assert_allclose(
+        sim.control_points[:, :3], reference.control_points[:, :3], atol=close
+    )
+    assert sim.energy_error < 1e-2
+    assert np.abs(reference.control_points[-1, 3]) > 0.5
+
+
+def test_its_energy_account_closes():
+    """What of the frame's twist no spline is counts as lost: much of it in few long steps."""
+    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
+    coarse = {"discretization__control_points": 8, "integrator__tolerance": 1e-11}
+    sim = held(**slack, **coarse, damping__stiffness=0.0, step=0.01)
+    turn(sim, "end", [3.0, 1.0, -0.5], 0.3)
+    sim.advance(3.0)
+    assert sim.energy().twist > 1e-3
+    assert sim.energy_error < 1e-9
+
+
+def test_it_goes_on_where_terms_come_in():
+    """A load that comes in rebuilds the arrays; the twist stays what it was."""
+    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
+    sims = [held(**slack, step=0.005) for _ in range(2)]
+    for sim in sims:
+        turn(sim, "end", [3.0, 1.0, -0.5], 1.0)
+        sim.advance(1.5)
+    sims[1]._replace(sims[1]._needs, sims[1]._geometries)
+    before, after = (sim.energy().twist for sim in sims)
+    assert after == pytest.approx(before, rel=2e-3)
+    for sim in sims:
+        sim.advance(0.5)
+    np.testing.assert_allclose(sims[1].control_points, sims[0].control_points, atol=2e-3)
