@@ -229,9 +229,7 @@ def test_python_examples_run(examples):
     assert (batch["sag"] < -0.01).all(), "the wires fall"
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("terms.contact", "on"), ("terms.twist", "quasistatic")]
-)
+@pytest.mark.parametrize(("key", "value"), [("terms.twist", "quasistatic")])
 def test_what_is_said_to_be_refused_is(methods_page, key, value):
     from dlo_sim.simulation.simulator import Simulator
 

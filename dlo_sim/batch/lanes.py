@@ -31,6 +31,7 @@ _OTHER_TERMS = {
     layout.TWISTED: "twist",
     layout.TORSION: "Frenet torsion",
     layout.PLASTICITY: "plasticity",
+    layout.CONTACT: "contact",
 }
 # How the rooms of the arrays are laid out (`engine.layout`); all others are rows.
 _LINES = (

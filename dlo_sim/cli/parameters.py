@@ -18,7 +18,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the table; returns the exit status."""
     if options.json:
-        rows = [dataclasses.asdict(row) for row in scene_parameters(("<name>",), ("<name>",))]
+        rows = [dataclasses.asdict(row) for row in scene_parameters(*[("<name>",)] * 3)]
         print_json({"parameters": rows})
     else:
         print(markdown_table())

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, root, total, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine.contact import contact_force
 from dlo_sim.engine.elastic import (
     bending_at,
     block_of,
@@ -30,6 +31,7 @@ from dlo_sim.engine.layout import (
     BEND,
     BENDING,
     BLOCKS,
+    CONTACT,
     CURVED,
     LINEAR,
     QUADRATURE,
@@ -147,4 +149,6 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
             g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
             g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
+    if terms & CONTACT:
+        contact_force(shape, model, x0, x1, out)
     lost[0] = total(taken)

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, size, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, part, piece
 from dlo_sim.engine.bishop import couple_twist, coupled_energy
+from dlo_sim.engine.contact import contact_energy, contact_force
 from dlo_sim.engine.elastic import elastic_energy, elastic_force
 from dlo_sim.engine.layout import (
     BENDING_ENERGY,
     BISHOP,
+    CONTACT,
+    CONTACT_ENERGY,
     DIM,
     ENERGIES,
     GRAVITY,
@@ -49,6 +52,8 @@ def forces(shape, model, state, x, out):
         add_differences(shape, model, shape[TWIST], shape[DIM], -1.0, x, out)
     if terms & GRAVITY:
         add_weight(shape, model, out)
+    if terms & CONTACT:
+        contact_force(shape, model, x, x, out)
     spring_force(shape, model, state, x, 1.0, out)
 
 
@@ -99,4 +104,7 @@ def energies(shape, model, state, x, out):
         weight, large = weight_energy(shape, model, x)
         store(out, WEIGHT_ENERGY * LANES, gathered(shape, weight))
         store(out, len(ENERGIES) * LANES, gathered(shape, large))
+    if terms & CONTACT:
+        f = contact_energy(shape, model, x)
+        store(out, CONTACT_ENERGY * LANES, gathered(shape, f))
     store(out, SPRING_ENERGY * LANES, spring_energy(shape, model, state, x))

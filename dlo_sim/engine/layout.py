@@ -35,6 +35,7 @@ SPRINGS = 15  # rows held through a stiffness
 GRASPS = 16
 LOADS = 17
 BORDER = 18  # held rows between control points, the last ones (`engine.border`)
+PLANES = 19  # obstacles (`engine.contact`)
 
 # -- shape: offsets in model --------------------------------------------------------------------
 MESH = 20
@@ -55,6 +56,7 @@ SPRING = 32  # 5 rows a spring row: basis values and stiffness [N/m]
 LOAD_BASIS = 33  # a line a load: its basis values
 LOAD_POINT = 34  # 8 rows a load: basis values, slopes [1/m]
 SCALES = 35  # rows below
+PLANE = 37  # 4 rows a plane: its normal on the lines, and where it is along that [m]
 FRAME_FACTORS = 36  # 7 lines, as FACTORS: of integral b' b' with the first control point held
 # -- shape: offsets in inputs -------------------------------------------------------------------
 MOTION = 40  # MOTION_SIZE numbers a grasp (`engine.grasps`)
@@ -117,7 +119,9 @@ HARDENING = 3  # H [N m^2]
 SPAN_LENGTH = 4  # shortest span [m]
 ROUND_OFF_AXIAL = 5  # EA L [N m], 0 without stretching
 ROUND_OFF_BENDING = 6  # EI L [N m^3], 0 without bending
-SCALE_ROWS = 7
+CONTACT_STIFFNESS = 7  # [N/m^2]
+SCALE_ROWS = 8
+PLANE_ROWS = 4
 
 # -- rows of a block of the mesh ----------------------------------------------------------------
 # 0..11: r' = A + B xi + C xi^2 from four control points: rows 3 k + (0, 1, 2) of control point k
@@ -127,7 +131,8 @@ SHARE = 14  # 1 / h [1/m]
 LINEAR = 15  # 3 where the stretch of a span has a linear part, else 0
 AXIAL = 16  # EA [N]
 BENDING = 17  # EI [N m^2]
-HEAD = 18
+VALUES = 18  # values of the four basis functions at xi = 0
+HEAD = 22
 XI, QUADRATURE, SAMPLE = 0, 1, 2  # rows of a sample: xi, weight [m]
 NATURAL_ROWS, PLASTIC_ROWS = 3, 6
 
@@ -142,6 +147,7 @@ PLASTICITY = 64
 GRAVITY = 128
 DAMPED = 256  # linear damping and stiffness damping
 BISHOP = 512  # twist against the Bishop frame
+CONTACT = 1024
 
 # -- rows of the ledger [J] ---------------------------------------------------------------------
 LOAD_WORK = 0
@@ -163,9 +169,9 @@ TORSION_SUM = 15
 TORSION_WORST = 16
 TORSION_LAST = 17
 ENERGY = 18  # present energies by name
-ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring")
+ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
 STRETCHING, BENDING_ENERGY, TWISTING, TORSIONAL = 0, 1, 2, 3
-PLASTIC_ENERGY, WEIGHT_ENERGY, SPRING_ENERGY = 4, 5, 6
+PLASTIC_ENERGY, WEIGHT_ENERGY, SPRING_ENERGY, CONTACT_ENERGY = 4, 5, 6, 7
 ENERGY_BEGIN = ENERGY + len(ENERGIES)  # the same at the start
 NOTE_ROWS = len(ENERGIES) + 3
 LEDGER_ROWS = ENERGY_BEGIN + len(ENERGIES)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, root, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine.contact import add_contact_tangent
 from dlo_sim.engine.discrete import mean
 from dlo_sim.engine.elastic import (
     bending_at,
@@ -28,6 +29,7 @@ from dlo_sim.engine.layout import (
     BEND,
     BENDING,
     BLOCKS,
+    CONTACT,
     CURVED,
     DIM,
     LINEAR,
@@ -186,6 +188,8 @@ def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
         for i in range(dim):
             for j in range(dim):
                 add_entry(shape, model, b, i, j, viscous, scale, scratch, band)
+    if shape[TERMS] & CONTACT:
+        add_contact_tangent(shape, model, x0, x1, scale, scratch, band)
 
 
 @part

@@ -226,6 +226,47 @@ class Grasp(Holder):
 
 
 @dataclass(frozen=True)
+class Contact:
+    """How the cable and obstacles press on each other; there is no friction."""
+
+    stiffness: float = parameter(
+        0.0,
+        "Force per length of cable and depth; 0 = the cable's own weight (on earth, if it has "
+        "none) presses it in by a hundredth of its diameter.",
+        "N/m^2",
+        0.0,
+        1.0e12,
+    )
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A body at rest that the cable cannot enter."""
+
+    name: str
+    shape: str = parameter(
+        "plane",
+        "plane: all that lies below the plane through position across the z axis.",
+        choices=("plane",),
+    )
+    position: Vector = parameter(ORIGIN, "A point of its surface.", "m", -1.0e6, 1.0e6)
+    orientation: tuple[float, float, float, float] = parameter(
+        (0.0, 0.0, 0.0, 1.0), "Quaternion x, y, z, w of its axes, world frame.", "", -1.0, 1.0
+    )
+
+    @property
+    def normal(self) -> Vector:
+        """Its z axis, a unit vector: out of the obstacle."""
+        x, y, z, w = self.orientation
+        scale = 1.0 / (x * x + y * y + z * z + w * w)
+        return (
+            2.0 * scale * (x * z + w * y),
+            2.0 * scale * (y * z - w * x),
+            1.0 - 2.0 * scale * (x * x + y * y),
+        )
+
+
+@dataclass(frozen=True)
 class Load:
     """A force or wrench on the cable, from a topic or from a signal."""
 

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from dlo_sim.scene.cable import Cable, End, Holder, Load, Vector
+from dlo_sim.scene.cable import Cable, End, Holder, Load, Obstacle, Vector
 from dlo_sim.scene.computation import Discretization, Outputs
 from dlo_sim.scene.refusal import refusal, shown
 
@@ -101,6 +101,17 @@ def check_holder(name: str, end: Holder) -> None:
             f"would move nothing, since it holds nothing; set {name}.fixed: [true, true, true] or "
             f"remove {name}.pose_topic",
         )
+
+
+def check_obstacles(obstacles: Sequence[Obstacle]) -> None:
+    """Refuse an orientation that is no rotation."""
+    for obstacle in obstacles:
+        if not any(obstacle.orientation):
+            raise refusal(
+                f"obstacles.{obstacle.name}.orientation",
+                obstacle.orientation,
+                "is no rotation; give x, y, z, w, [0.0, 0.0, 0.0, 1.0] for none",
+            )
 
 
 def check_placement(ends: Mapping[str, End], length: float, shape: str) -> None:

@@ -14,11 +14,13 @@ from typing import Any
 from dlo_sim.scene import consistency
 from dlo_sim.scene.cable import (
     Cable,
+    Contact,
     Damping,
     End,
     Grasp,
     Holder,
     Load,
+    Obstacle,
     Plasticity,
     Torsion,
     Vector,
@@ -37,9 +39,11 @@ from dlo_sim.scene.computation import (
 from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_parameters
 from dlo_sim.scene.refusal import SceneError, brief
 
+Names = tuple[str, ...]
 # Groups with a block for each name, and the names that mean something else.
-_NAMED: dict[str, tuple[str, ...]] = {"loads": (), "grasps": ("start", "end")}
+_NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ()}
 # Parameters that every ROS node has; a scene file may set them, the scene does not need them.
+EARTH = 9.81  # [m/s^2]
 _ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
 
 
@@ -70,6 +74,12 @@ class Scene:
         "Names of the grippers between the ends; each has a block `grasps.<name>`.",
         read_only=True,
     )
+    obstacles: tuple[Obstacle, ...] = parameter(
+        (),
+        "Names of what the cable can touch; each has a block `obstacles.<name>`.",
+        read_only=True,
+    )
+    contact: Contact = Contact()
     initial: Initial = Initial()
     integrator: Integrator = Integrator()
     inputs: Inputs = Inputs()
@@ -82,6 +92,14 @@ class Scene:
         """Floor of the Frenet torsion [1/m]: as given, or 1 % of the curvature of the ring that the
         cable can be bent to, 0.01 * 2 pi / L."""
         return self.torsion.curvature_floor or 0.02 * math.pi / self.cable.length
+
+    @property
+    def contact_stiffness(self) -> float:
+        """Force per length of cable and depth in an obstacle [N/m^2]: as given, or so that the
+        weight presses the cable in by 1 % of its diameter."""
+        pull = math.hypot(*self.gravity) or EARTH
+        depth = 0.01 * self.cable.diameter
+        return self.contact.stiffness or self.cable.mu * pull / depth
 
     @property
     def ends(self) -> dict[str, End]:
@@ -121,8 +139,8 @@ class Scene:
         """A scene with these parameters changed, all checked together.
 
         Args:
-            values: dotted key -> value, for example `{"cable.length": 2.0}`; loads and grasps
-                that are no longer named are dropped.
+            values: dotted key -> value, for example `{"cable.length": 2.0}`; loads, grasps
+                and obstacles that are no longer named are dropped.
 
         Raises:
             SceneError: if a key is unknown or the scene would be impossible.
@@ -153,30 +171,35 @@ class Scene:
         for load in self.loads:
             consistency.check_load(load)
         consistency.check_topics(dict(self.holder_keys()), self.loads)
+        consistency.check_obstacles(self.obstacles)
         consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)
         consistency.check_colors(self.outputs, self.without_tension)
 
 
-def default_scene(load_names: tuple[str, ...] = (), grasp_names: tuple[str, ...] = ()) -> Scene:
-    """The scene of an empty file, with these loads and grasps."""
-    loads = tuple(Load(name, position=0.0 if name == "start" else 1.0) for name in load_names)
-    return replace(Scene(), loads=loads, grasps=tuple(Grasp(name=name) for name in grasp_names))
+def default_scene(
+    load_names: Names = (), grasp_names: Names = (), obstacle_names: Names = ()
+) -> Scene:
+    """The scene of an empty file, with these loads, grasps and obstacles."""
+    return replace(
+        Scene(),
+        loads=tuple(Load(name, position=0.0 if name == "start" else 1.0) for name in load_names),
+        grasps=tuple(Grasp(name=name) for name in grasp_names),
+        obstacles=tuple(Obstacle(name) for name in obstacle_names),
+    )
 
 
 @lru_cache(maxsize=16)
-def scene_parameters(
-    load_names: tuple[str, ...] = (), grasp_names: tuple[str, ...] = ()
-) -> tuple[Parameter, ...]:
-    """Every parameter of a scene with these loads and grasps, with its default."""
+def scene_parameters(*names_of_groups: Names) -> tuple[Parameter, ...]:
+    """Every parameter of a scene with these loads, grasps and obstacles, with its default."""
     names = {f"{group}.names" for group in _NAMED}
-    rows = parameters_of(default_scene(load_names, grasp_names))
+    rows = parameters_of(default_scene(*names_of_groups))
     return tuple(replace(row, default=()) if row.key in names else row for row in rows)
 
 
 def parameters_of_scene(scene: Scene) -> tuple[Parameter, ...]:
     """Every parameter of a scene, with its default."""
-    loads, grasps = (tuple(item.name for item in group) for group in (scene.loads, scene.grasps))
-    return scene_parameters(loads, grasps)
+    groups = (getattr(scene, group) for group in _NAMED)
+    return scene_parameters(*(tuple(item.name for item in group) for group in groups))
 
 
 def scene_from_values(values: Mapping[str, object]) -> Scene:
@@ -216,7 +239,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
-    """The values with changes, without the blocks of loads and grasps that are no longer named."""
+    """The values with changes, without the blocks of names that are gone."""
     left = dict(values)
     for group in _NAMED:
         if f"{group}.names" in changes:
@@ -237,7 +260,7 @@ def mapping(name: str, values: object) -> dict[str, object]:
     return dict(values)
 
 
-def _names(group: str, values: Mapping[str, object]) -> tuple[str, ...]:
+def _names(group: str, values: Mapping[str, object]) -> Names:
     """The names that values give to a group."""
     row = next(row for row in scene_parameters() if row.key == f"{group}.names")
     names = check_value(row, values.get(row.key, row.default))

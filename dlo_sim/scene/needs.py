@@ -18,6 +18,7 @@ TERMS = (
     "frenet",
     "bishop",
     "plasticity",
+    "contact",
     "gravity",
     "springs",
     "loads",
@@ -32,7 +33,8 @@ class Needs:
     """Which terms a scene's step contains.
 
     Attributes:
-        stretch, bend, twist, gravity, springs, loads, drive, damping, plasticity: present or not.
+        stretch, bend, twist, gravity, springs, loads, drive, damping, plasticity, contact:
+            present or not.
         frenet, bishop: twist is measured against the Frenet torsion, or in the Bishop frame.
         axes: world axes that the motion needs: all three, or the two of a coordinate plane.
         left_out: name of each absent term -> reason.
@@ -51,6 +53,7 @@ class Needs:
     frenet: bool
     bishop: bool
     plasticity: bool
+    contact: bool
     axes: tuple[int, ...]
     left_out: dict[str, str]
     warnings: tuple[str, ...] = field(default=(), compare=False)
@@ -114,7 +117,6 @@ def needs_of(scene: Scene) -> Needs:
     twisting = _twisted(scene, axes) if terms.twist == "off" else _may_twist(scene)
     if len(axes) == 2:
         decide("out_of_plane", terms.out_of_plane, leaves, f"everything lies in {_plane(axes)}")
-    decide("contact", terms.contact, False, "not available in this version")
     present = {
         "stretch": decide("stretch", terms.stretch, scene.cable.EA > 0.0, "axial stiffness is 0"),
         "bend": decide("bend", terms.bend, scene.cable.EI > 0.0, "bending stiffness is 0"),
@@ -124,6 +126,7 @@ def needs_of(scene: Scene) -> Needs:
         "loads": decide("loads", "auto", bool(scene.loads), "no loads"),
         "drive": decide("drive", "auto", _driven(scene), "no gripper moves an end"),
         "damping": decide("damping", terms.damping, _damped(scene), "no damping"),
+        "contact": decide("contact", terms.contact, bool(scene.obstacles), "no obstacles"),
         "plasticity": decide("plasticity", terms.plasticity, _yields(scene), "no yield curvature"),
     }
     if inextensible(scene):
@@ -158,6 +161,7 @@ def _lost(scene: Scene, axes: tuple[int, ...]) -> dict[str, str]:
         "gripper or a moment does; set it to auto",
         "gravity": f"terms.gravity: off, so the cable has no weight, although gravity is "
         f"{list(scene.gravity)} m/s^2; set it to auto",
+        "contact": "terms.contact: off, so the cable goes through its obstacles; set it to auto",
         "damping": "terms.damping: off, so no motion dies away, although the scene has damping "
         "coefficients; set it to auto",
         "plasticity": "terms.plasticity: off, so bending leaves no set, although "
@@ -272,9 +276,10 @@ def _ends_leave(scene: Scene, normal: int) -> bool:
 
 
 def _forces_leave(scene: Scene, normal: int) -> bool:
-    """Whether weight, loads or natural curvature bend the cable towards axis `normal`."""
+    """Whether weight, loads, obstacles or natural curvature bend the cable to axis `normal`."""
     leaving = [scene.gravity[normal]]
     around = [axis for axis in range(3) if axis != normal]
+    leaving += [obstacle.normal[normal] for obstacle in scene.obstacles]
     for load in scene.loads:
         leaving.append(load.force[normal])
         leaving += [load.torque[axis] for axis in around]

@@ -16,7 +16,7 @@ def markdown_table() -> str:
         "| parameter | type | default | unit | range | meaning |",
         "|---|---|---|---|---|---|",
     ]
-    lines += [_markdown_row(row) for row in scene_parameters(("<name>",), ("<name>",))]
+    lines += [_markdown_row(row) for row in scene_parameters(*[("<name>",)] * 3)]
     return "\n".join(lines)
 
 

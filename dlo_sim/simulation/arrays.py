@@ -34,6 +34,7 @@ class Counts:
     plastic: bool
     curved: bool
     bishop: bool = False
+    planes: int = 0
     border: int = 0
     constraints: int = 0
     stride: int = 1
@@ -81,6 +82,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.LOAD_BASIS: c.loads * c.line,
             layout.LOAD_POINT: c.loads * layout.LOAD_POINT_ROWS * LANES,
             layout.SCALES: layout.SCALE_ROWS * LANES,
+            layout.PLANE: c.planes * layout.PLANE_ROWS * LANES,
             layout.FRAME_FACTORS: 7 * c.line * c.bishop,
             CONSTRAINTS: c.constraints * CONSTRAINT_ENTRIES,
         },
@@ -148,6 +150,7 @@ def new_shape(counts: Counts, terms: int, axes: tuple[int, ...]) -> tuple[Table,
         layout.GRASPS: c.grasps,
         layout.LOADS: c.loads,
         layout.BORDER: c.border,
+        layout.PLANES: c.planes,
     }
     for index, value in dimension.items():
         shape[index] = value
@@ -176,6 +179,7 @@ def counts_of(shape: Table, stride: int) -> Counts:
         "grasps": layout.GRASPS,
         "loads": layout.LOADS,
         "border": layout.BORDER,
+        "planes": layout.PLANES,
     }
     terms = int(shape[layout.TERMS])
     return Counts(

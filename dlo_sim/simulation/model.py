@@ -166,6 +166,7 @@ def build_model(
         plastic=needs.plasticity,
         curved=curved,
         bishop=needs.bishop,
+        planes=len(scene.obstacles) * needs.contact,
         border=holding.border,
         constraints=n - 1 if inextensible(scene) else 0,
     )
@@ -214,6 +215,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.GRAVITY: needs.gravity,
         layout.DAMPED: needs.damping,
         layout.BISHOP: needs.bishop,
+        layout.CONTACT: needs.contact,
     }
     return sum(bit for bit, there in present.items() if there)
 
@@ -288,6 +290,8 @@ class _Filling:
             model.values[at : at + gram.size] = gram.ravel()
         self._loads()
         self._scales()
+        if self._needs.contact:
+            self._planes()
 
     def _lines(self, offset: int, count: int, skip: int = 0) -> Array:
         shape = self._model.shape
@@ -318,6 +322,7 @@ class _Filling:
         here = table[:spans]
         here[:, :12] = derivative.reshape(spans, 12)
         here[:, layout.PADDING] = 0.0
+        here[:, layout.VALUES : layout.VALUES + 4] = polynomials[:, :, 0]
         table[:, layout.SLOPE] = 2.0 / lengths[0]
         here[:, layout.SLOPE] = 2.0 / lengths
         here[:, layout.SHARE] = 1.0 / lengths
@@ -329,6 +334,16 @@ class _Filling:
         blocks = table.reshape(-1, LANES, height).transpose(0, 2, 1)
         at = int(shape[layout.MESH])
         model.values[at : at + blocks.size] = blocks.ravel()
+
+    def _planes(self) -> None:
+        """The cable keeps its radius away from every plane."""
+        scene, model = self._scene, self._model
+        rows = self._rows(layout.PLANE, len(scene.obstacles) * layout.PLANE_ROWS)
+        for k, plane in enumerate(scene.obstacles):
+            row = rows[k * layout.PLANE_ROWS :]
+            normal = np.array(plane.normal)
+            row[: self._dim] = normal[list(model.axes), None]
+            row[3] = normal @ (plane.position - model.rest) + 0.5 * scene.cable.diameter
 
     def _masses(self, bands: list[Array]) -> None:
         for line in {0, len(bands) - 1} if self._model.twist else {0}:
@@ -405,6 +420,7 @@ class _Filling:
             layout.SPAN_LENGTH: float(np.diff(bspline.breaks(self._model.knots)).min()),
             layout.ROUND_OFF_AXIAL: cable.EA * cable.length * needs.stretch,
             layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,
+            layout.CONTACT_STIFFNESS: self._scene.contact_stiffness,
         }
         rows = self._rows(layout.SCALES, layout.SCALE_ROWS)
         for row, value in values.items():

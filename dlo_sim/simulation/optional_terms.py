@@ -83,8 +83,8 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     Raises:
         SceneError: naming the key and the cure.
     """
-    if scene.terms.contact == "on":
-        raise SceneError("terms.contact: 'on' is not available in this version; use auto or off")
+    if needs.contact and not scene.obstacles:
+        raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
     if scene.terms.twist == "quasistatic":
         raise SceneError(
             "terms.twist: 'quasistatic' is not available in this version; use bishop, whose twist "

@@ -122,8 +122,10 @@ class Energy:
     twist: float
     gravity: float
     spring: float
+    contact: float = 0.0
 
     @property
     def total(self) -> float:
         """Sum of all parts [J]."""
-        return self.kinetic + self.stretch + self.bend + self.twist + self.gravity + self.spring
+        elastic = self.stretch + self.bend + self.twist + self.spring + self.contact
+        return self.kinetic + elastic + self.gravity

@@ -26,7 +26,7 @@ from dlo_sim.simulation.following import (
     natural_along,
     on_grid,
 )
-from dlo_sim.simulation.frequency import largest_frequency, with_grasps_to_come
+from dlo_sim.simulation.frequency import largest_frequency, with_what_comes
 from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of, known_holder
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inextensible import gradients as length_gradients
@@ -102,7 +102,7 @@ class Simulator(CableInputs):
         place(scene, self._geometries, self._ends, self._cable)
         gradients = length_gradients(self._cable) if inextensible(scene) else None
         frequency = largest_frequency(scene, self._cable, gradients)
-        frequency = with_grasps_to_come(scene, model, frequency)
+        frequency = with_what_comes(scene, model, frequency)
         self._choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self._choice)
         self._open_account()

@@ -191,6 +191,7 @@ class CableView:
             twist=e["twist"] + e["torsion"],
             gravity=e["gravity"],
             spring=e["spring"],
+            contact=e["contact"],
         )
 
     @property

@@ -62,7 +62,7 @@ def test_only_the_default_position_of_a_load_depends_on_its_name():
 
 def test_markdown_has_one_row_per_parameter_and_whole_cells():
     lines = markdown_table().splitlines()
-    assert len(lines) == 2 + len(scene_parameters(("tip",), ("hand",)))
+    assert len(lines) == 2 + len(scene_parameters(("tip",), ("hand",), ("table",)))
     assert all(line.count("|") == 7 for line in lines)
     assert "| `cable.length` | double | `1.0` | m | 0.0001 to 10000 | Rest length L. |" in lines
     assert any(line.startswith("| `loads.<name>.force` | double[3] |") for line in lines)

@@ -1,0 +1,178 @@
+"""Contact with planes, assembled: gaps at the samples of every span, less the cable's radius.
+
+The gap is linear in the control points: n . r(u) - d with the plane's normal n, so it is one
+polynomial a span. The mesh has derivatives of the basis as polynomials of the local coordinate;
+with their values at xi = 0 these are the basis itself.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, load, size, store, total, zero
+from dlo_sim.compiling.pieces import part
+from dlo_sim.engine.elastic import block_of, coefficients, sample_of, scatter
+from dlo_sim.engine.layout import (
+    BLOCKS,
+    CONTACT_STIFFNESS,
+    DIM,
+    LINE,
+    MARGIN,
+    PLANE,
+    PLANE_ROWS,
+    PLANES,
+    QUADRATURE,
+    SAMPLES,
+    SCALES,
+    SLOPE,
+    STRIDE,
+    VALUES,
+    XI,
+    N,
+)
+from dlo_sim.terms import contact
+
+
+@part
+def plane_of(shape, k):
+    """Offset of the rows of plane k: its normal on the lines, and d [m]."""
+    return shape[PLANE] + PLANE_ROWS * LANES * k
+
+
+@part
+def integrated(inverse_slope, v, a, b, c, xi):
+    """v + integral of a + b xi + c xi^2 from the middle of the span."""
+    return v + xi * inverse_slope * (a + xi * (0.5 * b + xi * c * (1.0 / 3.0)))
+
+
+@part
+def gap_polynomial(shape, model, x, b, plane):
+    """The gap on the spans of a block: value in the middle, and its derivative's coefficients."""
+    at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
+    block = block_of(shape, b)
+    g = zero() - load(model, plane + 3 * LANES), zero(), zero(), zero()
+    for d in range(shape[DIM]):
+        normal, here = load(model, plane + d * LANES), at + d * width
+        slopes = coefficients(x, here, stride, model, block)
+        value = load(model, block + VALUES * LANES) * load(x, here)
+        for k in range(1, 4):
+            value += load(model, block + (VALUES + k) * LANES) * load(x, here + k * stride)
+        g = (
+            g[0] + normal * value,
+            g[1] + normal * slopes[0],
+            g[2] + normal * slopes[1],
+            g[3] + normal * slopes[2],
+        )
+    return g
+
+
+@part
+def contact_force(shape, model, x0, x1, out):
+    """out -= discrete gradient of the contact energy between x0 and x1."""
+    stiffness = load(model, shape[SCALES] + CONTACT_STIFFNESS * LANES)
+    stride = shape[STRIDE]
+    for k in range(shape[PLANES]):
+        plane = plane_of(shape, k)
+        for b in range(shape[BLOCKS]):
+            block = block_of(shape, b)
+            inverse = 1.0 / load(model, block + SLOPE * LANES)
+            p = gap_polynomial(shape, model, x0, b, plane)
+            q = gap_polynomial(shape, model, x1, b, plane)
+            f0 = f1 = f2 = f3 = zero()
+            for j in range(shape[SAMPLES]):
+                at = sample_of(block, j)
+                xi = load(model, at + XI * LANES)
+                g0 = integrated(inverse, p[0], p[1], p[2], p[3], xi)
+                g1 = integrated(inverse, q[0], q[1], q[2], q[3], xi)
+                w = load(model, at + QUADRATURE * LANES)
+                f = w * contact.mean_gradient(stiffness, g0, g1)
+                f0 += f
+                f1 += xi * f
+                f2 += xi * xi * f
+                f3 += xi * xi * xi * f
+            on_slopes = inverse * f1, 0.5 * inverse * f2, (1.0 / 3.0) * inverse * f3
+            for d in range(shape[DIM]):
+                normal = load(model, plane + d * LANES)
+                at = d * shape[LINE] + MARGIN * stride + LANES * b
+                scatter(on_slopes, at, stride, model, block, -normal, out)
+                for i in range(4):
+                    to = at + i * stride
+                    value = load(model, block + (VALUES + i) * LANES)
+                    store(out, to, load(out, to) - normal * value * f0)
+
+
+@part
+def contact_energy(shape, model, x):
+    """Energy of contact [J], to be gathered."""
+    stiffness = load(model, shape[SCALES] + CONTACT_STIFFNESS * LANES)
+    sum_ = zero()
+    for k in range(shape[PLANES]):
+        for b in range(shape[BLOCKS]):
+            block = block_of(shape, b)
+            inverse = 1.0 / load(model, block + SLOPE * LANES)
+            p = gap_polynomial(shape, model, x, b, plane_of(shape, k))
+            for j in range(shape[SAMPLES]):
+                at = sample_of(block, j)
+                g = integrated(inverse, p[0], p[1], p[2], p[3], load(model, at + XI * LANES))
+                w = load(model, at + QUADRATURE * LANES)
+                sum_ += w * contact.energy(stiffness, g)
+    return sum_
+
+
+@part
+def basis_at(model, block, k, inverse, xi):
+    """Value of basis function k of a span."""
+    row = block + 3 * k * LANES
+    value = load(model, block + (VALUES + k) * LANES)
+    a, b, c = load(model, row), load(model, row + LANES), load(model, row + 2 * LANES)
+    return integrated(inverse, value, a, b, c, xi)
+
+
+@part
+def add_contact_tangent(shape, model, x0, x1, scale, scratch, band):
+    """band += scale times the Jacobian of that discrete gradient by x1; one cable only.
+
+    `scratch`: SAMPLES + 1 rows.
+    """
+    stiffness = load(model, shape[SCALES] + CONTACT_STIFFNESS * LANES)
+    spare = shape[SAMPLES] * LANES
+    for k in range(shape[PLANES]):
+        plane = plane_of(shape, k)
+        for b in range(shape[BLOCKS]):
+            block = block_of(shape, b)
+            inverse = 1.0 / load(model, block + SLOPE * LANES)
+            p = gap_polynomial(shape, model, x0, b, plane)
+            q = gap_polynomial(shape, model, x1, b, plane)
+            touched = zero()
+            for j in range(shape[SAMPLES]):
+                at = sample_of(block, j)
+                xi = load(model, at + XI * LANES)
+                g0 = integrated(inverse, p[0], p[1], p[2], p[3], xi)
+                g1 = integrated(inverse, q[0], q[1], q[2], q[3], xi)
+                w = scale * load(model, at + QUADRATURE * LANES)
+                h = w * contact.mean_hessian(stiffness, g0, g1)
+                store(scratch, j * LANES, h)
+                touched += size(h)
+            if total(touched) > 0.0:
+                for first in range(4):
+                    for other in range(4):
+                        f = zero()
+                        for j in range(shape[SAMPLES]):
+                            xi = load(model, sample_of(block, j) + XI * LANES)
+                            both = basis_at(model, block, first, inverse, xi)
+                            both = both * basis_at(model, block, other, inverse, xi)
+                            f += both * load(scratch, j * LANES)
+                        store(scratch, spare, f)
+                        add_block(shape, model, b, plane, first, other, scratch, spare, band)
+
+
+@part
+def add_block(shape, model, b, plane, first, other, numbers, at, band):
+    """Add n n^T times a number a span between two control points of every span of a block."""
+    dim = shape[DIM]
+    half, width = 4 * dim - 1, 16 * (dim - 1)
+    spans = min(LANES, shape[N] - 3 - LANES * b)
+    for i in range(dim):
+        for j in range(dim):
+            product = model[plane + i * LANES] * model[plane + j * LANES]
+            to = ((LANES * b + first) * dim + i) * width + (other - first) * dim + j - i + half
+            for span in range(spans):
+                band[to + dim * width * span] += product * numbers[at + span]

@@ -1,0 +1,42 @@
+"""Frictionless contact: k/2 g^2 per length of cable where the gap g to an obstacle is negative."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import size
+from dlo_sim.compiling.pieces import part
+
+TINY = 1e-300  # two gaps of zero
+
+
+@part
+def depth(g):
+    """min(g, 0)."""
+    return 0.5 * (g - size(g))
+
+
+@part
+def energy(stiffness, g):
+    """k/2 min(g, 0)^2."""
+    d = depth(g)
+    return 0.5 * stiffness * d * d
+
+
+@part
+def share_inside(g0, g1):
+    """Share of the way from g0 to g1 that lies inside the obstacle."""
+    return size(depth(g0) + depth(g1)) / (size(g0) + size(g1) + TINY)
+
+
+@part
+def mean_gradient(stiffness, g0, g1):
+    """Divided difference of the energy: k times the mean depth, times that share; without
+    cancellation, and for g0 = g1 the derivative.
+    """
+    return 0.5 * stiffness * (depth(g0) + depth(g1)) * share_inside(g0, g1)
+
+
+@part
+def mean_hessian(stiffness, g0, g1):
+    """d/dg1 of `mean_gradient`."""
+    share, sign = share_inside(g0, g1), g1 / (size(g1) + TINY)
+    return 0.5 * stiffness * share * (1.0 - sign + share * sign)

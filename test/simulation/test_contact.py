@@ -1,0 +1,167 @@
+"""Frictionless contact with planes."""
+
+import warnings
+
+import numpy as np
+import pytest
+from cables import scene_of, simulator
+
+from dlo_sim.batch import simulate_batch
+from dlo_sim.core import rotations
+from dlo_sim.scene.loading import SceneError
+
+RADIUS = 0.005
+ROD = {
+    "cable.length": 0.5,
+    "cable.diameter": 2.0 * RADIUS,
+    "cable.density": 1200.0,
+    "cable.youngs_modulus": 1e7,
+    "start.fixed": [False] * 3,
+    "start.position": [0.0, 0.0, 0.05],
+    "end.position": [0.45, 0.0, 0.15],
+    "discretization.control_points": 13,
+    "obstacles.names": ["table"],
+}
+DAMPED = {"damping.mass": 5.0, "damping.stiffness": 0.01}
+
+
+def falling(*values, method="energy_momentum", step=0.005):
+    return simulator(ROD, *values, method=method, step=step)
+
+
+def weight(sim):
+    cable = sim.scene.cable
+    return cable.mu * cable.length * 9.81
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.2])
+def test_it_comes_to_rest_on_a_table(yaw):
+    """One hundredth of its diameter deep, whichever way it lies."""
+    end = [0.45 * np.cos(yaw), 0.45 * np.sin(yaw), 0.15]
+    sim = falling(DAMPED, {"end.position": end})
+    sim.advance(30.0)
+    depth = RADIUS - sim.centerline(np.linspace(0.0, 0.5, 101))[:, 2]
+    np.testing.assert_allclose(depth, 0.02 * RADIUS, rtol=1e-3)
+    energy = sim.energy()
+    assert energy.kinetic < 1e-9
+    # k/2 depth^2 of the whole length: the depth carries the weight
+    stiffness = sim.scene.contact_stiffness
+    assert energy.contact == pytest.approx(0.5 * weight(sim) ** 2 / (stiffness * 0.5), rel=2e-3)
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
+def test_a_bounce_keeps_the_energy(step):
+    sim = falling({"integrator.tolerance": 1e-12}, step=step)
+    touched = 0.0
+    for _ in range(20):
+        sim.advance(0.05)
+        touched = max(touched, sim.energy().contact)
+    assert touched > 1e-3
+    assert sim.energy_error < 1e-8
+
+
+def test_explicit_methods_choose_a_step_that_bears_contact():
+    hard = {"contact.stiffness": 1e8}
+    sim, soft = (falling(k, method="velocity_verlet", step=0.0) for k in (hard, {}))
+    assert sim.step < min(soft.step, 0.5 * np.sqrt(sim.scene.cable.mu / 1e8))
+    assert sim.advance(1.0).status.ok
+    assert sim.energy_error < 0.02
+
+
+def test_it_slides_down_a_slope():
+    """Lying along the contour of a slope of 0.3 rad: sideways at g sin(0.3), and no faster."""
+    slope = rotations.from_rotation_vector(np.array([0.3, 0.0, 0.0]))
+    normal = rotations.rotate(slope, np.array([0.0, 0.0, 1.0]))
+    place = 0.98 * RADIUS * normal
+    sim = falling(
+        {
+            "obstacles.table.orientation": slope.tolist(),
+            "start.position": place.tolist(),
+            "end.position": (place + [0.5, 0.0, 0.0]).tolist(),
+        }
+    )
+    assert len(sim.model.axes) == 3
+    sim.advance(1.0)
+    moved = sim.centerline([0.25])[0] - place
+    assert abs(moved @ normal) < 2e-4
+    down = -0.5 * 9.81 * np.sin(0.3) * rotations.rotate(slope, np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(moved[1:], down[1:], rtol=2e-3)
+
+
+def test_a_plane_across_the_motion_keeps_it_flat():
+    held = {"start.fixed": [True] * 3}
+    assert len(falling(held).model.axes) == 2
+    tilted = rotations.from_rotation_vector(np.array([0.1, 0.0, 0.0])).tolist()
+    assert len(falling(held, {"obstacles.table.orientation": tilted}).model.axes) == 3
+
+
+def test_methods_agree():
+    """On a hard landing, until a little after it."""
+
+    def after(method, step):
+        sim = falling({"contact.stiffness": 3e4}, method=method, step=step)
+        sim.advance(0.2)
+        return sim
+
+    reference = after("energy_momentum", 2e-4)
+    assert reference.energy().contact > 0.0
+    for method, step in (("velocity_verlet", 5e-5), ("implicit_midpoint", 2e-4), ("rk4", 5e-5)):
+        sim = after(method, step)
+        np.testing.assert_allclose(sim.control_points, reference.control_points, atol=3e-4)
+
+
+def test_a_held_cable_lies_down_in_its_equilibrium():
+    held = {
+        "start.fixed": [True] * 3,
+        "end.fixed": [True] * 3,
+        "start.position": [0.0, 0.0, 0.05],
+        "end.position": [0.35, 0.0, 0.05],
+        "cable.youngs_modulus": 1e5,
+        "discretization.control_points": 25,
+    }
+    sim = falling(held, DAMPED)
+    u = np.linspace(0.0, 0.5, 201)
+    before = sim.centerline(u)
+    assert 0.6 * RADIUS < before[:, 2].min() < RADIUS
+    sim.advance(2.0)
+    np.testing.assert_allclose(sim.centerline(u), before, atol=1e-4)
+
+
+def test_batches_of_it_are_its_runs():
+    damped = {"damping.mass": 5.0}
+    scenes = [
+        scene_of(
+            ROD,
+            damped,
+            {"start.position": [0.0, 0.0, 0.05 + 0.01 * k]},
+            method="velocity_verlet",
+            step=1e-4,
+        )
+        for k in range(3)
+    ]
+    result = simulate_batch(scenes, duration=0.3)
+    for k, scene in enumerate(scenes):
+        sim = simulator(
+            ROD,
+            damped,
+            {"start.position": list(scene.start.position)},
+            method="velocity_verlet",
+            step=1e-4,
+        )
+        sim.advance(0.3)
+        np.testing.assert_allclose(result.control_points[k, -1], sim.control_points, atol=1e-12)
+    assert all("contact" in reason for reason in result.one_by_one)
+
+
+def test_what_cannot_be_touched_is_refused():
+    with pytest.raises(SceneError, match="terms.contact: 'on' needs obstacles"):
+        falling({"obstacles.names": [], "terms.contact": "on"})
+    with pytest.raises(SceneError, match="obstacles.table.orientation: .* is no rotation"):
+        falling({"obstacles.table.orientation": [0.0] * 4})
+    with pytest.raises(SceneError, match="obstacles.table.shape: 'sphere' is unknown"):
+        falling({"obstacles.table.shape": "sphere"})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim = falling({"terms.contact": "off"})
+    assert "contact" not in sim.active_terms
+    assert any("goes through its obstacles" in line for line in sim.warnings)
