@@ -1,6 +1,7 @@
 """Recordings from bags and files, and a real one."""
 
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -105,6 +106,16 @@ def test_the_command_writes_a_scene_that_predicts(moving, tmp_path, capsys):
     assert "cable.bending_stiffness" in capsys.readouterr().out
     scene = load_scene(output)
     assert scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.1)
+
+
+def test_plots_without_matplotlib_are_refused_before_the_fit(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name in ("dlo_sim.cli.residuals", "dlo_sim.studies.plotting"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    output = tmp_path / "fitted.yaml"
+    words = ["identify", "missing.npz", "--scene", "two_grippers", "--output", str(output)]
+    assert main([*words, "--plots", str(tmp_path)]) == 2
+    assert "--plots needs matplotlib" in capsys.readouterr().err
 
 
 LINE = np.zeros((1, 4, 6, 3))
@@ -231,5 +242,5 @@ def test_pieces_of_a_long_recording():
 def test_fitted_scenes_predict_a_recorded_cable(cable, most):
     scene = load_scene(ROOT / "config" / "cables" / f"{cable}.yaml", {"initial.shape": "straight"})
     pieces = read_recordings(PLACE / "deform_dlo" / f"{cable}_calib.npz")[:4:2]
-    errors = [1e2 * score(piece, predict(scene, piece)).l1 for piece in pieces]
+    errors = [1e2 * score(piece, predict(scene, piece).markers).l1 for piece in pieces]
     assert np.mean(errors) < most
