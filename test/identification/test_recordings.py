@@ -55,8 +55,8 @@ def _marker(types, header, point):
     )
 
 
-def bag_of(folder, recording, kind):
-    """A bag of a recording."""
+def bag_of(folder, recording, kind, cut=0):
+    """A bag of a recording; of the markers' messages so many bytes are cut off."""
     topics = {"/markers": kind, **dict.fromkeys(POSES, cdr.POSE_STAMPED)}
     writer = BagWriter(folder, topics, "mcap")
     encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
@@ -71,6 +71,7 @@ def bag_of(folder, recording, kind):
             data = array.encode(stamp, np.hstack([points, still]))
         else:
             data = serialised(kind, stamp, points)
+        data = data[: len(data) - cut]
         writer.write("/markers", stamp, data)
     writer.finish()
     return folder
@@ -182,6 +183,13 @@ def test_bags_that_cannot_be_are_refused_by_their_topic(moving, tmp_path, part, 
         poses[part] = value * poses[part]
     folder = bag_of(tmp_path / "bag", replace(given, markers=markers, poses=poses), cdr.POSE_ARRAY)
     with pytest.raises(MeasurementError, match=f"^{folder}: {words}"):
+        read_recordings(folder)
+
+
+def test_a_message_that_is_cut_is_refused_with_its_topic_and_a_cure(moving, tmp_path):
+    given = moving[0].pieces(0.25)[0]
+    folder = bag_of(tmp_path / "bag", given, "sensor_msgs/msg/PointCloud2", cut=40)
+    with pytest.raises(MeasurementError, match="a message on /markers: .*; repair the recording"):
         read_recordings(folder)
 
 
