@@ -3,6 +3,7 @@
 import argparse
 import shlex
 from collections.abc import Callable, Sequence
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,9 +143,9 @@ def _rows(found: "Identified") -> dict[str, str]:
     }
     rows |= {label: f"left: {reason}" for label, reason in found.fit.left.items()}
     for axis in found.reactions:
+        alike = "" if isnan(axis.correlation) else f"correlation {axis.correlation:.3f}, "
         rows[f"force {axis.axis}"] = (
-            f"correlation {axis.correlation:.3f}, rms error {axis.rms_error:.3f} N of "
-            f"{axis.spread_measured:.3f} N"
+            f"{alike}rms error {axis.rms_error:.3f} N of {axis.spread_measured:.3f} N"
         )
     if found.failures:
         rows["failed"] = "; ".join(found.failures)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.intervals import NORMAL, covariance
 from dlo_sim.identification.prediction import Sensor
-from dlo_sim.identification.problem import Problem, Unknown
+from dlo_sim.identification.problem import DELAY, Problem, Unknown
 from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
@@ -30,6 +30,7 @@ EVALUATIONS, FEW = 9, 6  # steps of a stage, at most, and of a fit that goes on 
 GAIN = 1e-3  # share of the cost that ends a stage
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
+DELAYS = tuple(np.linspace(-0.1, 0.1, 11).tolist())  # [s] to start from
 WIDE = "its 95 % interval is wider than the range that was searched"
 DRAWS, SEED = 12, 1  # of noise of the starts
 
@@ -111,7 +112,7 @@ def fit(
         for k in np.flatnonzero(wide):
             left[problem.unknowns[k].label] = WIDE
             tell(f"{problem.unknowns[k].label} is left at its value: {WIDE}")
-        active &= ~wide
+        active = active & ~wide
         seen = np.where(wide, problem.start(), seen)
         if active.any():
             seen = run.solved(seen, active, FEW)
@@ -139,7 +140,20 @@ class _Run:
             grid.append(point)
         errors = self._all(grid)
         costs = [_cost(error) for error in errors]
-        return grid[int(np.argmin(costs))]
+        return self._with_best_delays(grid[int(np.argmin(costs))])
+
+    def _with_best_delays(self, seen: Array) -> Array:
+        """With the delay of each force from a grid that leaves least of it but a constant."""
+        delays = [(k, one.at) for k, one in enumerate(self.problem.unknowns) if one.key == DELAY]
+        if not delays:
+            return seen
+        places = [k for k, _ in delays]
+        points = [np.where(np.isin(np.arange(len(seen)), places), at, seen) for at in DELAYS]
+        forces = [errors[:, -3:] - errors[:, -3:].mean(axis=0) for errors in self._all(points)]
+        best = seen.copy()
+        for place, axis in delays:
+            best[place] = DELAYS[int(np.argmin([_cost(force[:, axis]) for force in forces]))]
+        return best
 
     def solved(self, seen: Array, active: Mask, most: int) -> Array:
         """Where the active unknowns make the cost least."""

@@ -5,7 +5,7 @@ from simulated_cables import TRUTH, recorded
 
 import dlo_sim
 from dlo_sim.batch.workers import Here
-from dlo_sim.identification.fit import FitError
+from dlo_sim.identification.fit import WIDE, FitError
 from dlo_sim.identification.identify import identify
 
 pytest.importorskip("scipy")
@@ -51,6 +51,17 @@ def test_a_cable_at_rest_tells_no_damping():
     assert set(found.fit.left) == {"damping.stiffness"}
     assert any("damping.stiffness is left at its value" in line for line in said)
     assert found.scene.damping.stiffness == START["damping.stiffness"]
+
+
+def test_a_number_that_may_be_anywhere_is_left_after_the_fit(monkeypatch):
+    """The drag of a cable at rest, where the check before the fit knows of no noise."""
+    monkeypatch.setattr("dlo_sim.identification.problem.MARKER_NOISE", 1e-9)
+    keys = ("cable.bending_stiffness", "damping.air_drag")
+    still = recorded(TRUTH, amount=0.0, noise=2e-4)
+    found, said = identified([still], keys, **{"damping.air_drag": 0.03})
+    assert found.fit.left == {"damping.air_drag": WIDE}
+    assert said == [f"damping.air_drag is left at its value: {WIDE}"]
+    assert found.scene.damping.air_drag == 0.03
 
 
 def test_twins_are_told_from_each_other_by_nothing(moving):

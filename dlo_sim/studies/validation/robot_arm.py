@@ -108,7 +108,7 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
     verdicts = {}
     for name, stiffness, tip, *_ in resting:
         verdicts[f"{name} at rest, EI x {stiffness}"] = f"tip {1e2 * tip:.2f} cm off"
-    for name, run, x, x_rms, _, _, z_rms, *_ in moving:
+    for name, run, x, x_rms, _, _, _, z_rms, *_ in moving:
         words = f"Fx correlation {x:.2f}, rms {x_rms:.2f} N; Fz rms {z_rms:.2f} N"
         verdicts[f"{name} moving, {run}"] = words
     return verdicts
