@@ -2,7 +2,8 @@
 
 import argparse
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,11 +34,14 @@ def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
         "Fit stiffness, damping, drag, length, natural curvature and where the grippers hold to "
-        "markers on a cable that grippers move, and write the scene with the fitted numbers. Each "
+        "markers on a cable that grippers move, or stiffness, damping and drag to the force it "
+        "exerts, and write the scene with the fitted numbers. Each "
         "has a 95 % interval; what the data cannot tell is left at its value, and said. "
         "Only motion is seen: stiffness and drag are fitted for the given mass."
     )
-    parser.add_argument("data", metavar="DATA", type=Path, help=".npz of markers, or a bag")
+    parser.add_argument(
+        "data", metavar="DATA", type=Path, help=".npz of markers, or a bag of markers or a force"
+    )
     parser.add_argument(
         "--scene", metavar="SCENE", required=True, help="scene file, or a shipped scene's name"
     )
@@ -67,7 +71,8 @@ def add_arguments(parser: Parser) -> None:
         metavar="NAME=TOPIC",
         action="append",
         default=[],
-        help="topic of a bag: markers=..., start=..., end=... (default: the only one of its type)",
+        help="topic of a bag: markers=... or force=..., start=..., end=... (default: the only one "
+        "of its type)",
     )
     parser.add_argument("--plots", metavar="DIR", type=Path, help="folder for residual pictures")
     add_scene_options(parser)
@@ -77,6 +82,7 @@ def run(options: argparse.Namespace) -> int:
     """Fit, write and print; returns the exit status."""
     scene = read_scene(options.scene, options.assignments)
     check_output_file(options.output)
+    draw = None if options.plots is None else _drawing()
 
     from dlo_sim.batch.workers import open_workers
     from dlo_sim.identification.fit import FitError
@@ -96,8 +102,8 @@ def run(options: argparse.Namespace) -> int:
         raise CommandError(str(refusal)) from None
     _write(options, found)
     facts = _facts(options, found)
-    if options.plots is not None:
-        _draw(options.plots, found)
+    if draw is not None:
+        draw(options.plots, found)
     if options.json:
         print_json(facts)
         return 0
@@ -122,8 +128,10 @@ def _topics(texts: Sequence[str]) -> dict[str, str]:
     topics: dict[str, str] = {}
     for text in texts:
         name, _, topic = text.partition("=")
-        if name not in ("markers", "start", "end") or not topic:
-            raise CommandError(f"--topic {text!r} is not NAME=TOPIC; give markers=/topic")
+        if name not in ("markers", "force", "start", "end") or not topic:
+            raise CommandError(
+                f"--topic {text!r} is not NAME=TOPIC; give markers, force, start or end=/topic"
+            )
         topics[name] = topic
     return topics
 
@@ -134,6 +142,13 @@ def _rows(found: "Identified") -> dict[str, str]:
         for number in found.fit.numbers
     }
     rows |= {label: f"left: {reason}" for label, reason in found.fit.left.items()}
+    for axis in found.reactions:
+        alike = "" if isnan(axis.correlation) else f"correlation {axis.correlation:.3f}, "
+        rows[f"force {axis.axis}"] = (
+            f"{alike}rms error {axis.rms_error:.3f} N of {axis.spread_measured:.3f} N"
+        )
+    if found.failures:
+        rows["failed"] = "; ".join(found.failures)
     for name, score in found.scores.items():
         rows[name] = f"mean distance {1e3 * score.distance:.2f} mm, L1 {1e2 * score.l1:.3f} cm"
     return rows
@@ -149,6 +164,8 @@ def _facts(options: argparse.Namespace, found: "Identified") -> dict[str, Any]:
         },
         "left": found.fit.left,
         "scores": found.scores,
+        "reactions": found.reactions,
+        "failures": found.failures,
         "pieces": found.pieces,
         "left_out": found.left_out,
         "evaluations": found.fit.evaluations,
@@ -173,7 +190,12 @@ def _write(options: argparse.Namespace, found: "Identified") -> None:
     write_whole(options.output, lambda path: path.write_text(text, encoding="utf-8"))
 
 
-def _draw(folder: Path, found: "Identified") -> None:
+def _drawing() -> "Callable[[Path, Identified], None]":
+    """What draws the residuals.
+
+    Raises:
+        CommandError: no matplotlib.
+    """
     try:
         from dlo_sim.cli.residuals import draw_residuals
     except ModuleNotFoundError as missing:
@@ -182,5 +204,4 @@ def _draw(folder: Path, found: "Identified") -> None:
         raise CommandError(
             "--plots needs matplotlib; install dlo_sim with the extra 'plots'"
         ) from None
-    folder.mkdir(parents=True, exist_ok=True)
-    draw_residuals(folder, found)
+    return draw_residuals

@@ -1,4 +1,4 @@
-"""Pictures of what a fit leaves: error by marker, and over time."""
+"""Pictures of what a fit leaves: error by marker and over time, or the force over time."""
 
 from __future__ import annotations
 
@@ -15,11 +15,31 @@ if TYPE_CHECKING:
 
 def draw_residuals(folder: Path, found: Identified) -> None:
     """`residuals.png`: distance of each marker, and mean distance over time, piece by piece; the
-    left-out pieces are dashed.
+    left-out pieces are dashed. Of forces: measured and predicted, axis by axis.
     """
+    folder.mkdir(parents=True, exist_ok=True)
+    figure = _of_forces(found) if found.reactions else _of_markers(found)
+    figure.savefig(folder / "residuals.png", dpi=110)
+
+
+def _of_forces(found: Identified) -> Any:
+    figure, panels = new_figure(3, 1, 11.0, 9.0)
+    for piece, predicted in zip(found.recordings, found.predicted, strict=True):
+        if piece.forces is None:
+            continue
+        for k, axes in enumerate(panels):
+            axes.plot(piece.times, piece.forces[:, k], "k.-", lw=0.6, ms=3, label="measured")
+            axes.plot(piece.times, predicted.forces[:, k], color="tab:red", label="predicted")
+            axes.set(ylabel=f"{'xyz'[k]} [N]", xlabel="time [s]" if k == 2 else "")
+            axes.grid(alpha=0.3)
+    panels[0].legend(fontsize="small")
+    return figure
+
+
+def _of_markers(found: Identified) -> Any:
     figure, (by_marker, by_time) = new_figure(1, 2, 11.0, 4.6)
     for k, (piece, predicted) in enumerate(zip(found.recordings, found.predicted, strict=True)):
-        distance = 1e3 * np.linalg.norm(predicted - piece.markers, axis=-1)
+        distance = 1e3 * np.linalg.norm(predicted.markers - piece.markers, axis=-1)
         seen = k < len(found.recordings) - found.left_out
         look: dict[str, Any] = {
             "linestyle": "-" if seen else "--",
@@ -34,4 +54,4 @@ def draw_residuals(folder: Path, found: Identified) -> None:
     for axes in (by_marker, by_time):
         axes.set_ylim(bottom=0.0)
         axes.grid(alpha=0.3)
-    figure.savefig(folder / "residuals.png", dpi=110)
+    return figure

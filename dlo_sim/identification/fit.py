@@ -5,10 +5,6 @@ the best of a grid. Before a stage, what the data cannot tell is taken out and l
 are the derivatives of the errors by the unknowns in units of their widths. While a singular value
 of J is so small that a change by a width is lost in the noise, the unknown that has the largest
 share in it goes.
-
-Intervals: with H = J^T W J and the sums g_t = J_t^T W_t e_t over the markers of frame t, the
-covariance is H^-1 S H^-1, where S = sum over lags of the autocovariance of g (Newey & West 1987),
-up to where the errors are no longer correlated. Markers that err together and for long count once.
 """
 
 from __future__ import annotations
@@ -21,20 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
-from dlo_sim.identification.problem import Problem, Unknown
+from dlo_sim.identification.intervals import NORMAL, covariance
+from dlo_sim.identification.prediction import Sensor
+from dlo_sim.identification.problem import DELAY, Problem, Unknown
 from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Progress = Callable[[float], None]
-SOFT = 0.02  # [m], error beyond which a marker counts less
-NOISE = 0.002  # [m] of a marker, before the fit
 TOGETHER = 20.0  # errors that count as one, before the fit
 EVALUATIONS, FEW = 9, 6  # steps of a stage, at most, and of a fit that goes on from another
 GAIN = 1e-3  # share of the cost that ends a stage
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
-NORMAL = 1.96  # standard deviations of 95 %
+DELAYS = tuple(np.linspace(-0.1, 0.1, 11).tolist())  # [s] to start from
+WIDE = "its 95 % interval is wider than the range that was searched"
+KEPT = 40  # points whose errors are kept: a fit comes back to them
+DRAWS, SEED = 12, 1  # of noise of the starts
 
 
 class FitError(Exception):
@@ -56,13 +55,14 @@ class Fit:
     """What came of a fit.
 
     Attributes:
-        scene: with the fitted values. numbers: fitted.
+        scene, sensor: with the fitted values. numbers: fitted.
         left: label -> why it was left at its value.
         seen: what the fit saw of the numbers at the end.
         evaluations: simulations of all recordings.
     """
 
     scene: Scene
+    sensor: Sensor
     numbers: tuple[Number, ...]
     left: dict[str, str]
     seen: Array
@@ -106,9 +106,18 @@ def fit(
         if not active.any():
             continue
         seen = run.solved(seen, active, EVALUATIONS if before is None else FEW)
-    if not active.any():
-        raise FitError("the data tell none of the numbers; record a cable that moves")
-    return run.result(seen, active, left)
+    while active.any():
+        found, wide = run.result(seen, active, left)
+        if not wide.any():
+            return found
+        for k in np.flatnonzero(wide):
+            left[problem.unknowns[k].label] = WIDE
+            tell(f"{problem.unknowns[k].label} is left at its value: {WIDE}")
+        active = active & ~wide
+        seen = np.where(wide, problem.start(), seen)
+        if active.any():
+            seen = run.solved(seen, active, FEW)
+    raise FitError("the data tell none of the numbers; record a cable that moves")
 
 
 class _Run:
@@ -117,6 +126,7 @@ class _Run:
     def __init__(self, problem: Problem, workers: Workers, progress: Progress) -> None:
         self.problem, self.workers, self.progress = problem, workers, progress
         self.evaluations = 0
+        self._known: dict[bytes, Array] = {}
         stages = np.bincount([one.stage for one in problem.unknowns]).cumsum()
         self._expected = len(STARTS) + float(EVALUATIONS * (stages + 1).sum())
 
@@ -132,7 +142,20 @@ class _Run:
             grid.append(point)
         errors = self._all(grid)
         costs = [_cost(error) for error in errors]
-        return grid[int(np.argmin(costs))]
+        return self._with_best_delays(grid[int(np.argmin(costs))])
+
+    def _with_best_delays(self, seen: Array) -> Array:
+        """With the delay of each force from a grid that leaves least of it but a constant."""
+        delays = [(k, one.at) for k, one in enumerate(self.problem.unknowns) if one.key == DELAY]
+        if not delays:
+            return seen
+        places = [k for k, _ in delays]
+        points = [np.where(np.isin(np.arange(len(seen)), places), at, seen) for at in DELAYS]
+        forces = [errors[:, -3:] - errors[:, -3:].mean(axis=0) for errors in self._all(points)]
+        best = seen.copy()
+        for place, axis in delays:
+            best[place] = DELAYS[int(np.argmin([_cost(force[:, axis]) for force in forces]))]
+        return best
 
     def solved(self, seen: Array, active: Mask, most: int) -> Array:
         """Where the active unknowns make the cost least."""
@@ -151,7 +174,6 @@ class _Run:
             lambda x: self.linear(at(x), active)[1].reshape(-1, len(x)),
             (low, high),
             loss="soft_l1",
-            f_scale=SOFT,
             x_scale=widths,
             ftol=GAIN,
             max_nfev=most,
@@ -159,7 +181,7 @@ class _Run:
         return at(found.x)
 
     def linear(self, seen: Array, active: Mask) -> tuple[Array, Array]:
-        """Errors (T, 3 M) and derivatives (T, 3 M, active) at a point, by forward differences."""
+        """Errors (T, N) and derivatives (T, N, active) at a point, by forward differences."""
         steps = np.diag([0.01 * one.width for one in self.problem.unknowns])[active]
         here, *there = self._all([seen, *(seen + steps)])
         columns = [(other - here) / step.sum() for other, step in zip(there, steps, strict=True)]
@@ -169,7 +191,7 @@ class _Run:
         """Those active and those new that the data can tell, and why not the others."""
         wanted, unknowns = active | new, self.problem.unknowns
         _, derivatives = self.linear(seen, wanted)
-        lost = indistinct(derivatives, unknowns, wanted, active)
+        lost = indistinct(derivatives / self.problem.noise, unknowns, wanted, active)
         wanted[[k for k, _ in lost]] = False
         return wanted, {unknowns[k].label: reason for k, reason in lost}
 
@@ -180,36 +202,65 @@ class _Run:
         widths, low, high = rows[active].T
         return widths, low, high
 
-    def result(self, seen: Array, active: Mask, left: dict[str, str]) -> Fit:
-        """The fit with its intervals."""
-        deviation = NORMAL * np.sqrt(np.diag(covariance(*self.linear(seen, active))))
+    def result(self, seen: Array, active: Mask, left: dict[str, str]) -> tuple[Fit, Mask]:
+        """The fit with its intervals, and which of its numbers may be anywhere."""
+        errors, derivatives = self.linear(seen, active)
+        spread = covariance(
+            errors, derivatives, self.problem.pieces, self._from_starts(seen, errors)
+        )
+        deviation = NORMAL * np.sqrt(np.maximum(np.diag(spread), 0.0))  # rounding
         numbers = []
         for k, off in zip(np.flatnonzero(active), deviation, strict=True):
             one, at = self.problem.unknowns[k], seen[k]
-            numbers.append(Number(one, *(one.value(x) for x in (at, at - off, at + off))))
+            floor = -np.inf if one.log else one.least
+            numbers.append(
+                Number(one, *(one.value(x) for x in (at, max(at - off, floor), at + off)))
+            )
         known = tuple(number.unknown for number in numbers)
-        scene = replace(self.problem, unknowns=known).scene_at(seen[active])
-        return Fit(scene, tuple(numbers), left, seen, self.evaluations)
+        scene, sensor = replace(self.problem, unknowns=known).at(seen[active])
+        wide = np.zeros_like(active)
+        wide[active] = deviation > [number.unknown.reach for number in numbers]
+        return Fit(scene, sensor, tuple(numbers), left, seen, self.evaluations), wide
+
+    def _from_starts(self, seen: Array, errors: Array) -> list[Array]:
+        """Changes of the errors by noise of the frames from which the recordings start."""
+        rng, own = np.random.default_rng(SEED), self.problem
+        if any(one.forces is not None for one in own.recordings):
+            return []
+        draws = [own.disturbed(rng).errors([seen], self.workers)[0] for _ in range(DRAWS)]
+        self.evaluations += DRAWS
+        return [draw - errors for draw in draws]
 
     def _all(self, points: list[Array]) -> list[Array]:
-        self.evaluations += len(points)
-        found = self.problem.errors(points, self.workers)
+        """Errors at points; those of the last `KEPT` are known."""
+        keys = [point.tobytes() for point in points]
+        new = {
+            key: point for key, point in zip(keys, points, strict=True) if key not in self._known
+        }
+        errors = self.problem.errors([*new.values()], self.workers)
+        self._known |= dict(zip(new, errors, strict=True))
+        found = [self._known[key] for key in keys]
+        for key in [*self._known][:-KEPT]:
+            del self._known[key]
+        self.evaluations += len(new)
         self.progress(min(self.evaluations / self._expected, 1.0))
         return found
 
 
 def _cost(errors: Array) -> float:
     """Sum of the soft L1 of errors."""
-    return float(np.sum(np.sqrt(1.0 + (errors / SOFT) ** 2) - 1.0))
+    return float(np.sum(np.sqrt(1.0 + errors**2) - 1.0))
 
 
 def indistinct(
     derivatives: Array, unknowns: tuple[Unknown, ...], active: Mask, kept: Mask
 ) -> list[tuple[int, str]]:
-    """Places and reasons of the active unknowns, but for those kept, that the data cannot tell."""
+    """Places and reasons of the active unknowns, but for those kept, that the data cannot tell by
+    derivatives of the errors in units of their noise.
+    """
     places: list[int] = np.flatnonzero(active).tolist()
     widths = np.array([unknowns[k].width for k in places])
-    scaled = derivatives.reshape(-1, len(places)) * widths / (NOISE * np.sqrt(TOGETHER))
+    scaled = derivatives.reshape(-1, len(places)) * widths / np.sqrt(TOGETHER)
     found = []
     while places:
         _, values, shares = np.linalg.svd(scaled, full_matrices=False)
@@ -217,7 +268,7 @@ def indistinct(
             break
         worst = int(np.argmax(np.abs(shares[-1])))
         alone = float(np.linalg.norm(scaled[:, worst]))
-        reason = f"changed by {widths[worst]:.2g} it moves the markers by less than their noise"
+        reason = f"changed by {widths[worst]:.2g} it changes what is measured by less than noise"
         if alone >= 1.0:
             others = np.argsort(-np.abs(shares[-1]))
             other = next(unknowns[places[k]].label for k in others if k != worst)
@@ -227,34 +278,3 @@ def indistinct(
         del places[worst]
         scaled, widths = np.delete(scaled, worst, axis=1), np.delete(widths, worst)
     return found
-
-
-def covariance(errors: Array, derivatives: Array) -> Array:
-    """Covariance of the unknowns from errors (T, N) and derivatives (T, N, unknowns)."""
-    weights = 1.0 / np.sqrt(1.0 + (errors / SOFT) ** 2)
-    curvature = np.einsum("tn,tnj,tnk->jk", weights, derivatives, derivatives)
-    scores = np.einsum("tn,tn,tnj->tj", weights, errors, derivatives)
-    lags = _correlated_frames(errors)
-    spread = scores.T @ scores
-    for lag in range(1, lags):
-        both = (1.0 - lag / lags) * scores[lag:].T @ scores[:-lag]
-        spread += both + both.T
-    inverse = np.linalg.pinv(curvature)
-    # As many degrees of freedom are used as there are unknowns.
-    count = len(errors) / lags
-    return (
-        inverse
-        @ spread
-        @ inverse
-        * count
-        / max(count - derivatives.shape[2] / errors.shape[1], 1.0)
-    )
-
-
-def _correlated_frames(errors: Array) -> int:
-    """Frames up to which errors are correlated: twice the first lag below 1/e, at least 1."""
-    power = float(np.sum(errors**2))
-    for lag in range(1, len(errors) // 4):
-        if float(np.sum(errors[lag:] * errors[:-lag])) < power / np.e:
-            return 1 if lag == 1 else 2 * lag
-    return max(1, len(errors) // 4)

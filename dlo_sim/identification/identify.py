@@ -6,18 +6,15 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
 from dlo_sim.identification.measurement import START_FRAMES, Recording
-from dlo_sim.identification.prediction import COMPUTATION, predicted_of
+from dlo_sim.identification.prediction import COMPUTATION, Prediction, predicted_of
 from dlo_sim.identification.problem import Problem, Unknown, prepared, unknowns_of
-from dlo_sim.identification.scores import Score, mean_score, score
+from dlo_sim.identification.scores import Score, mean_score, reaction, score
+from dlo_sim.replay.comparison import AxisComparison
 from dlo_sim.scene.description import Scene
 
-Array = NDArray[np.float64]
 TRAINING, LEFT_OUT, ALL = "training pieces", "left-out pieces", "all pieces, fitted to all"
 
 
@@ -28,19 +25,23 @@ class Identified:
     Attributes:
         scene: with the numbers fitted to all pieces. fit: of all pieces.
         scores: of the training and the left-out pieces with the numbers of the first fit, and of
-            all pieces with those of the last.
+            all pieces with those of the last; of markers.
+        reactions: axis by axis, of a recording of forces.
+        failures: pieces that the scene with the fitted numbers could not simulate to their end.
         pieces: number of pieces. left_out: of them not seen by the first fit.
-        recordings, predicted: all pieces and their markers with the first fit.
+        recordings, predicted: all pieces and what the first fit predicts of them.
         seconds: it took.
     """
 
     scene: Scene
     fit: Fit
     scores: dict[str, Score]
+    reactions: list[AxisComparison]
+    failures: list[str]
     pieces: int
     left_out: int
     recordings: tuple[Recording, ...]
-    predicted: tuple[Array, ...]
+    predicted: tuple[Prediction, ...]
     seconds: float
 
 
@@ -66,24 +67,37 @@ def identify(
         FitError: keys that cannot be fitted, or no scipy. SceneError: an impossible scene.
     """
     began = time.perf_counter()
-    pieces = tuple(part for one in recordings for part in one.pieces(piece))
     given = {**COMPUTATION, **recordings[0].known, **asked}
     base = prepared(scene.with_values(given))
-    problem = Problem(base, _chosen(unknowns_of(base), keys, asked), pieces, START_FRAMES)
+    if recordings[0].forces is not None:
+        _check_alone(base)
+    pieces = tuple(part.smoothed(base) for one in recordings for part in one.pieces(piece))
+    unknowns = _chosen(unknowns_of(base, recordings[0]), keys, asked)
+    problem = Problem(base, unknowns, pieces, START_FRAMES)
     away = int(left_out * len(pieces))
     first = replace(problem, recordings=pieces[: len(pieces) - away])
     found = fit(first, workers, lambda share: progress(0.6 * share if away else share), tell)
-    predicted = predicted_of(found.scene, pieces, workers)
-    scores = {TRAINING: _score(pieces[: len(pieces) - away], predicted)}
+    predicted = last = predicted_of(found.scene, pieces, workers, found.sensor)
+    scores = _scores(TRAINING, pieces[: len(pieces) - away], predicted)
     if away:
-        scores[LEFT_OUT] = _score(pieces[-away:], predicted[-away:])
+        scores |= _scores(LEFT_OUT, pieces[-away:], predicted[-away:])
         found = fit(problem, workers, lambda share: progress(0.6 + 0.4 * share), tell, found)
-        scores[ALL] = _score(pieces, predicted_of(found.scene, pieces, workers))
+        last = predicted_of(found.scene, pieces, workers, found.sensor)
+        scores |= _scores(ALL, pieces, last)
+    failures = [
+        f"{one.name}: {made.failure}"
+        for one, made in zip(pieces, last, strict=True)
+        if made.failure
+    ]
+    for failure in failures:
+        tell(f"the fitted scene fails in {failure}; its last good shape counts from there on")
     shape = {"initial.shape": asked.get("initial.shape", scene.initial.shape)}
     return Identified(
         found.scene.with_values(shape),
         found,
         scores,
+        [row for one, made in zip(pieces, last, strict=True) for row in reaction(one, made)],
+        failures,
         len(pieces),
         away,
         pieces,
@@ -92,8 +106,23 @@ def identify(
     )
 
 
-def _score(pieces: Sequence[Recording], predicted: Sequence[Array]) -> Score:
-    return mean_score([score(*both) for both in zip(pieces, predicted, strict=False)])
+def _scores(
+    title: str, pieces: Sequence[Recording], predicted: Sequence[Prediction]
+) -> dict[str, Score]:
+    """Mean score of the pieces under a title; nothing where there are no markers."""
+    both = zip(pieces, predicted, strict=False)
+    scores = [score(one, made.markers) for one, made in both if one.markers.size]
+    return {title: mean_score(scores)} if scores else {}
+
+
+def _check_alone(scene: Scene) -> None:
+    """Refuse to fit a force to more than one end effector."""
+    held = [name for name, holder in scene.holders.items() if holder.held]
+    if held != ["start"]:
+        raise FitError(
+            f"the scene is held by {', '.join(held) or 'nothing'}; a force is fitted where the "
+            "start alone holds: set end.fixed to [false, false, false]"
+        )
 
 
 def _chosen(

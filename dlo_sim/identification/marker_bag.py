@@ -1,4 +1,4 @@
-"""Markers on a cable and poses of its grippers from a bag."""
+"""Markers on a cable, the force it exerts, and poses of its grippers from a bag."""
 
 from __future__ import annotations
 
@@ -29,11 +29,13 @@ DECODERS = {
 
 def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
     """The recording in a bag: PoseArray, MarkerArray or PointCloud2 of the markers in their order
-    from start to end, and a PoseStamped topic for each end effector.
+    from start to end, or a WrenchStamped of the load on the start, and a PoseStamped topic for each
+    end effector.
 
     Args:
-        topics: `markers`, `start`, `end` -> topic; by default the only one of the markers' types,
-            and the pose topics in whose names `start` and `end` stand, or the only one as start.
+        topics: `markers` or `force`, `start`, `end` -> topic; by default the only one of markers,
+            else the only wrench, and the pose topics in whose names `start` and `end` stand, or the
+            only one as start.
 
     Raises:
         MeasurementError: no bag, or topics that are not there or not the only ones.
@@ -52,41 +54,51 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
                 stamp, points = DECODERS[message.type](message.data)
                 stamped[name].append((stamp, checked_points(f"{path}: {message.topic}", points)))
             else:
-                pose = cdr.decode(message.type, message.data)
-                values = np.array(pose.values)
-                if not np.isfinite(values).all() or not values[3:].any():
+                found = cdr.decode(message.type, message.data)
+                values = np.array(found.values[:3] if name == "force" else found.values)
+                if not np.isfinite(values).all() or (name != "force" and not values[3:].any()):
                     raise MeasurementError(
-                        f"{path}: {message.topic}: {pose.values} is no pose; repair the recording"
+                        f"{path}: {message.topic}: {found.values} is no "
+                        f"{'force' if name == 'force' else 'pose'}; repair the recording"
                     )
-                stamped[name].append((pose.stamp_ns, values))
+                stamped[name].append((found.stamp_ns, values))
         except cdr.DecodeError as trouble:
-            raise MeasurementError(f"{path}: a message on {message.topic}: {trouble}") from None
+            raise MeasurementError(
+                f"{path}: a message on {message.topic}: {trouble}; repair the recording, or name "
+                "another topic by --topic"
+            ) from None
     return _recording(path, stamped)
 
 
 def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """`markers`, `start`, `end` -> topic and type."""
+    """`markers` or `force`, `start`, `end` -> topic and type."""
     kinds = {topic: types[0] for topic, types in bag.topics.items()}
     chosen = {}
     for name, topic in topics.items():
-        wanted = tuple(DECODERS) if name == "markers" else (cdr.POSE_STAMPED,)
+        wanted = {"markers": tuple(DECODERS), "force": (cdr.WRENCH_STAMPED,)}.get(
+            name, (cdr.POSE_STAMPED,)
+        )
         if kinds.get(topic) not in wanted:
             raise MeasurementError(
                 f"--topic {name}={topic}: the bag has no such topic of type {' or '.join(wanted)}; "
                 f"it has {topic_list(bag.topics)}"
             )
         chosen[name] = topic, kinds[topic]
-    if "markers" not in chosen:
-        found = [topic for topic, kind in kinds.items() if kind in DECODERS]
+    if {"markers", "force"} <= set(chosen):
+        raise MeasurementError("--topic markers and --topic force: name one of them")
+    if not {"markers", "force"} & set(chosen):
+        markers = [topic for topic, kind in kinds.items() if kind in DECODERS]
+        forces = [topic for topic, kind in kinds.items() if kind == cdr.WRENCH_STAMPED]
+        name, found = ("markers", markers) if markers else ("force", forces)
         if len(found) != 1:
             raise MeasurementError(
-                f"{bag.path}: {len(found)} topics hold markers; name one by --topic markers=TOPIC "
-                f"of {topic_list(bag.topics)}"
+                f"{bag.path}: {len(markers)} topics hold markers, {len(forces)} a force; name one "
+                f"by --topic markers=TOPIC or --topic force=TOPIC of {topic_list(bag.topics)}"
             )
-        chosen["markers"] = found[0], kinds[found[0]]
+        chosen[name] = found[0], kinds[found[0]]
     if not {"start", "end"} & set(chosen):
         poses = [topic for topic, kind in kinds.items() if kind == cdr.POSE_STAMPED]
-        for end in ("start", "end"):
+        for end in ("start", "end") if len(poses) > 1 else ("start",):
             near = [topic for topic in poses if end in topic] or (poses if end == "start" else [])
             if len(near) == 1:
                 chosen[end] = near[0], cdr.POSE_STAMPED
@@ -99,33 +111,39 @@ def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
 
 
 def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Recording:
-    """The markers' frames with the poses interpolated to their stamps, where all are known."""
+    """Frames of the markers or forces with the poses interpolated to their stamps, where all are
+    known.
+    """
     for name, messages in stamped.items():
         if len(messages) < 3:
             raise MeasurementError(f"{path}: {len(messages)} messages of {name}; record more")
     poses = {end: _rows(stamped[end]) for end in ("start", "end") if end in stamped}
     begin = max(stamps[0] for stamps, _ in poses.values())
     end = min(stamps[-1] for stamps, _ in poses.values())
-    counts = [len(points) for _, points in stamped["markers"]]
-    count = int(np.median(counts))
+    measured = stamped["force"] if "force" in stamped else stamped["markers"]
+    count = int(np.median([len(points) for _, points in measured]))
     frames = {
         stamp: points
-        for stamp, points in stamped["markers"]
+        for stamp, points in measured
         if begin <= stamp <= end and len(points) == count
     }
     if len(frames) < 3 or count < 3:
         raise MeasurementError(
-            f"{path}: {len(frames)} frames of {count} markers lie within the poses; needs 3 of 3"
+            f"{path}: {len(frames)} frames of {count} markers or forces lie within the poses; "
+            "needs 3 of 3"
         )
     stamps = np.array(sorted(frames))
-    markers = np.stack([frames[stamp] for stamp in stamps])
+    rows = np.stack([frames[stamp] for stamp in stamps])
     times = (stamps - stamps[0]) * 1e-9
     paths = {
-        end: _interpolated((known - stamps[0]) * 1e-9, rows, times)
-        for end, (known, rows) in poses.items()
+        end: _interpolated((known - stamps[0]) * 1e-9, poses_there, times)
+        for end, (known, poses_there) in poses.items()
     }
+    if "force" in stamped:
+        none = np.zeros((len(times), 0, 3))
+        return Recording(path.name, times, none, paths, np.zeros(0), forces=rows)
     held = [paths[end][:, None, :3] for end in ("start", "end") if end in paths]
-    chain = np.concatenate([held[0], markers, *held[1:]], axis=1)
+    chain = np.concatenate([held[0], rows, *held[1:]], axis=1)
     try:
         length, shares = shares_along(chain)
     except MeasurementError as refusal:
@@ -134,7 +152,7 @@ def _recording(path: Path, stamped: Mapping[str, list[tuple[int, Array]]]) -> Re
     known = {"cable.length": length, "start.position": paths["start"][0, :3].tolist()}
     if "end" in paths:
         known["end.position"] = paths["end"][0, :3].tolist()
-    return Recording(path.name, times, markers, paths, shares, known)
+    return Recording(path.name, times, rows, paths, shares, known)
 
 
 def _rows(messages: list[tuple[int, Array]]) -> tuple[NDArray[np.int64], Array]:

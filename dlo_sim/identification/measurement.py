@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -10,10 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
+from dlo_sim.scene.description import Scene
+from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 
 Array = NDArray[np.float64]
 START_FRAMES = 2  # from which the simulation of a recording starts
 LEAST_FRAMES = START_FRAMES + 1
+DIFFERENCE = 4  # order of the differences of frames that are noise and no motion
+NORMAL_MEDIAN = 0.6745  # of |x|, x normal
 FARTHEST = 1e4  # [m] of a marker from the origin
 # Direction of the cable in the frame of a gripper that is known by two markers, and how that frame
 # stands where the cable leaves the start straight down and comes up to the end: the y axis is the
@@ -42,6 +47,8 @@ class Recording:
         shares: material coordinates of the markers in lengths of the cable, shape (M,).
         known: scene key -> value that the data give.
         counted: markers that the mean of an error also counts because they are known, with none.
+        forces: load of the cable on the end effectors [N], shape (F, 3); None where not measured.
+            Such a recording starts from rest.
 
     Raises:
         MeasurementError: too few frames, times that do not rise, or no marker to start from.
@@ -54,6 +61,7 @@ class Recording:
     shares: Array
     known: Mapping[str, object] = field(default_factory=dict)
     counted: int = 0
+    forces: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.times)
@@ -61,14 +69,19 @@ class Recording:
             raise MeasurementError(f"{self.name}: {count} frames; give {LEAST_FRAMES} or more")
         if not np.isfinite(self.times).all() or not np.all(np.diff(self.times) > 0.0):
             raise MeasurementError(f"{self.name}: the times do not rise; give each frame its own")
-        if not np.isfinite(self.markers[:START_FRAMES]).all(axis=-1).any():
+        seen = np.isfinite(self.markers[:START_FRAMES]).all(axis=-1).any()
+        if self.forces is None and not seen:
             raise MeasurementError(
                 f"{self.name}: no marker is known in the first {START_FRAMES} frames, from which "
                 "the simulation starts; leave out these frames, or cut other pieces by --piece"
             )
 
     def pieces(self, duration: float) -> list[Recording]:
-        """Parts of about this duration [s] and of `LEAST_FRAMES` or more, each from time 0."""
+        """Parts of about this duration [s] and of `LEAST_FRAMES` or more, each from time 0; what
+        starts from rest is one.
+        """
+        if self.forces is not None:
+            return [self]
         count = max(1, min(round(self.duration / duration), len(self.times) // LEAST_FRAMES))
         edges = np.linspace(0, len(self.times), count + 1).astype(int)
         return [self._part(*part, count) for part in itertools.pairwise(edges)]
@@ -85,10 +98,39 @@ class Recording:
             poses={end: path[first:last] for end, path in self.poses.items()},
         )
 
+    def disturbed(self, rng: np.random.Generator, frames: int) -> Recording:
+        """With noise on the markers of the first frames, as large as that of all frames is by the
+        differences between five that follow each other.
+        """
+        order = min(DIFFERENCE, len(self.times) - 1)
+        apart = np.abs(np.diff(self.markers, order, axis=0)) / math.sqrt(
+            math.comb(2 * order, order)
+        )
+        markers = self.markers.copy()
+        noise = float(np.nanmedian(apart)) / NORMAL_MEDIAN if apart.size else 0.0
+        markers[:frames] += rng.normal(0.0, noise, markers[:frames].shape)
+        return replace(self, markers=markers)
+
+    def smoothed(self, scene: Scene) -> Recording:
+        """With the poses as `pose_smoothing` of the scene's ends has them."""
+        half = {end: round(1e9 * scene.ends[end].pose_smoothing) for end in self.poses}
+        paths = {end: _smoothed(self.times, path, half[end]) for end, path in self.poses.items()}
+        return replace(self, poses=paths)
+
     @property
     def duration(self) -> float:
         """From the first frame to the last [s]."""
         return float(self.times[-1])
+
+
+def _smoothed(times: Array, path: Array, half_window_ns: int) -> Array:
+    smoother = PoseSmoother(half_window_ns, round(2e9 * times[-1]))
+    found = []
+    for time, (x, y, z, *turn) in zip(times.tolist(), path.tolist(), strict=True):
+        a, b, c, d = turn
+        found += smoother.add(Pose(round(1e9 * time), (x, y, z), (a, b, c, d)))
+    found += smoother.flush()
+    return np.array([(*pose.position, *pose.orientation) for pose in found])
 
 
 def checked_points(name: str, points: Array) -> Array:

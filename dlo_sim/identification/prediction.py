@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import START_FRAMES, Recording
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -26,31 +28,112 @@ COMPUTATION: dict[str, object] = {
 }
 
 
-def predict(scene: Scene, recording: Recording, start_frames: int = START_FRAMES) -> Array:
-    """Markers [m] that the scene predicts from the first frames and the poses, shape (F, M, 3).
+@dataclass(frozen=True)
+class Sensor:
+    """How a force sensor reads, axis by axis, shape (3,) each.
 
-    After a failed step the last good state is kept.
+    Attributes:
+        delay: its reading belongs to poses so much earlier [s]. offset: added to the force [N].
+    """
+
+    delay: Sequence[float] = (0.0, 0.0, 0.0)
+    offset: Sequence[float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Of one recording.
+
+    Attributes:
+        markers: [m], shape (F, M, 3). forces: as the sensor reads them [N], shape (F, 3).
+        failure: why and when the scene failed; empty if it did not. From then on its last good
+            state is kept.
+    """
+
+    markers: Array
+    forces: Array
+    failure: str
+
+
+def predict(
+    scene: Scene,
+    recording: Recording,
+    start_frames: int = START_FRAMES,
+    sensor: Sensor | None = None,
+) -> Prediction:
+    """What the scene predicts from the start and the poses.
+
+    The start are the first frames of the markers; of a recording of forces it is the equilibrium at
+    the first pose.
     """
     poses = {end: (path[0, :3], path[0, 3:]) for end, path in recording.poses.items()}
+    times = recording.times
+    if recording.forces is not None:
+        scene = scene.with_values({"initial.shape": "equilibrium"})
     simulator = Simulator(scene, poses)
     u = recording.shares * scene.cable.length
-    begin(simulator, recording, u, start_frames)
-    first = bspline.evaluate(simulator.control_points[:, :3], simulator.model.knots, u)
-    times = recording.times
-    _, points = simulator.follow(times, recording.poses, times[1:])
+    samples = times[1:]
+    if recording.forces is None:
+        begin(simulator, recording, u, start_frames)
+    else:
+        steps = np.arange(1, int(times[-1] / simulator.step + 1e-9) + 1)
+        samples = np.minimum(steps * simulator.step, times[-1])
+    first = simulator.control_points[None, :, :3]
+    report, points = simulator.follow(times, recording.poses, samples)
+    path = np.concatenate([first, points[:, :, :3]])
+    kept = np.repeat(path[-1:], len(samples) + 1 - len(path), axis=0)
+    path = np.concatenate([path, kept])
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
-    moved = basis @ points[:, :, :3]
-    last = moved[-1] if len(moved) else first
-    kept = np.repeat(last[None], len(times) - 1 - len(moved), axis=0)
-    return np.concatenate([first[None], moved, kept])
+    forces = np.zeros((len(times), 0))
+    if recording.forces is not None:
+        grid = np.concatenate([[0.0], samples])
+        load = load_on_robot(scene, simulator.model.knots, grid, path)
+        sensor = sensor or Sensor()
+        forces = _at(times[:, None] - sensor.delay, grid, load) + sensor.offset
+        path = _at(times, grid, path)
+    return Prediction(basis @ path, forces, report.message)
 
 
-def predicted_of(scene: Scene, recordings: Sequence[Recording], workers: Workers) -> list[Array]:
+def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Array:
+    """Load of the cable on what holds it [N], shape (K, 3).
+
+    It is M g - dP/dt - D, with the momentum P and the external damping force D = alpha P + c int
+    r' dt ds, and with point masses at the ends: what several end effectors bear together.
+
+    Args:
+        times: evenly rising [s], shape (K,). path: control points at these [m], shape (K, n, 3).
+    """
+    ends = np.array([scene.start.mass, scene.end.mass])
+    shares = (knots[bspline.DEGREE + 1 :] - knots[: -bspline.DEGREE - 1]) / (bspline.DEGREE + 1)
+    (drag, alpha), masses = external_rates(scene), scene.cable.mu * shares
+    dragged = drag * masses
+    masses[[0, -1]] += ends
+    dragged[[0, -1]] += alpha * ends
+    step = times[1] - times[0]
+    moments = np.einsum("n,knd->kd", masses, path)
+    external = np.gradient(np.einsum("n,knd->kd", dragged, path), step, axis=0)
+    # The mean of both steps at an instant, as the steps' own equations have it.
+    rate = np.diff(moments, 2, axis=0) / step**2
+    inertia = np.concatenate([rate[:1], rate, rate[-1:]])
+    return np.asarray(masses.sum() * np.array(scene.gravity) - inertia - external)
+
+
+def _at(times: Array, grid: Array, rows: Array) -> Array:
+    """Rows at other times, linear between those of a grid; times of each column, or of all."""
+    flat = rows.reshape(len(grid), -1)
+    each = times if times.ndim == 2 else np.repeat(times[:, None], flat.shape[1], axis=1)
+    columns = [np.interp(at, grid, column) for at, column in zip(each.T, flat.T, strict=True)]
+    return np.stack(columns, axis=-1).reshape(len(times), *rows.shape[1:])
+
+
+def predicted_of(
+    scene: Scene, recordings: Sequence[Recording], workers: Workers, sensor: Sensor | None = None
+) -> list[Prediction]:
     """`predict` of several recordings."""
-    return list(workers.map(_predict, [(scene, one) for one in recordings]))
+    return list(workers.map(_predict, [(scene, one, START_FRAMES, sensor) for one in recordings]))
 
 
-def _predict(item: tuple[Scene, Recording]) -> Array:
+def _predict(item: tuple[Scene, Recording, int, Sensor | None]) -> Prediction:
     return predict(*item)
 
 

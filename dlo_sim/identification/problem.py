@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.measurement import Recording
-from dlo_sim.identification.prediction import predict
+from dlo_sim.identification.prediction import Sensor, predict
 from dlo_sim.scene.description import Scene, scene_values
 
 Array = NDArray[np.float64]
 BETWEEN = 0.05  # [s] between frames that are compared: markers of a cable hardly move on their own
 POINTS = 7  # of the natural curvature
+MARKER, FORCE = 0.02, 0.3  # [m], [N], errors beyond which a measurement counts less
+MARKER_NOISE, FORCE_NOISE = 0.1, 0.3  # of these
+DELAY, OFFSET = "sensor.delay", "sensor.offset"
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Unknown:
     """A number to fit.
 
     Attributes:
-        key: of the scene. at: place in its list, or None.
+        key: of the scene, or DELAY or OFFSET. at: place in its list, or None.
         log: the fit sees the logarithm.
         width: how far it is usually off; reach: how far it may go; both of what the fit sees.
         least: what it may not fall below; of a logarithm its start where the scene has less.
@@ -58,14 +61,23 @@ class Unknown:
         return float(np.exp(seen)) if self.log else float(seen)
 
 
-def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
-    """All that can be fitted to a scene."""
+def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
+    """All that can be fitted to a scene from markers, or from forces."""
     length, mu = scene.cable.length, scene.cable.mu
-    return (
+    material = (
         Unknown("cable.bending_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
         Unknown("cable.torsional_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
         Unknown("damping.stiffness", 1.0, 6.0, log=True, least=0.03),
         Unknown("damping.air_drag", 0.2 * mu, 5.0 * mu, least=0.0),
+    )
+    if recording.forces is not None:
+        return (
+            *material,
+            *(Unknown(OFFSET, 0.3, 5.0, at=k) for k in range(3)),
+            *(Unknown(DELAY, 0.03, 0.2, at=k) for k in range(3)),
+        )
+    return (
+        *material,
         Unknown("cable.length", 0.02 * length, 0.1 * length),
         *(
             Unknown("cable.rest_curvature", 2.0 / length, 20.0 / length, at=k, stage=1)
@@ -107,19 +119,56 @@ class Problem:
 
     def start(self) -> Array:
         """What the fit sees of the scene's own values."""
-        values = scene_values(self.scene)
+        values = self._values
         found = [
             values[one.key] if one.at is None else values[one.key][one.at] for one in self.unknowns
         ]
         return np.array([one.seen(value) for one, value in zip(self.unknowns, found, strict=True)])
 
-    def scene_at(self, seen: Array) -> Scene:
-        """The scene with these values."""
-        return self.scene.with_values(self.values_at(seen))
+    def at(self, seen: Array) -> tuple[Scene, Sensor]:
+        """The scene and the sensor with these values."""
+        values, present = self._changed(seen), self._values
+        delay, offset = (values.pop(key, present[key]) for key in (DELAY, OFFSET))
+        return self.scene.with_values(values), Sensor(tuple(delay), tuple(offset))
 
-    def values_at(self, seen: Array) -> dict[str, object]:
-        """Scene key -> value."""
-        present = scene_values(self.scene)
+    def errors(self, points: Sequence[Array], workers: Workers) -> list[Array]:
+        """For each of several vectors the errors of all recordings as `error_of` has them, shape
+        (T, N).
+        """
+        pairs = [(*self.at(seen), one) for seen in points for one in self.recordings]
+        found = list(workers.map(error_of, [(*pair, self.start_frames) for pair in pairs]))
+        count = len(self.recordings)
+        return [
+            np.concatenate(found[first : first + count]) for first in range(0, len(found), count)
+        ]
+
+    @property
+    def noise(self) -> float:
+        """Of the measurements before the fit, by MARKER or FORCE: that of a force is what the arm's
+        shocks do to a sensor on it.
+        """
+        return MARKER_NOISE if self.recordings[0].forces is None else FORCE_NOISE
+
+    @property
+    def pieces(self) -> NDArray[np.int64]:
+        """Which recording each row of `errors` is of, shape (T,)."""
+        counts = [len(one.times[compared(one, self.start_frames)]) for one in self.recordings]
+        return np.repeat(np.arange(len(counts)), counts)
+
+    def disturbed(self, rng: np.random.Generator) -> Problem:
+        """The problem with more of the markers' own noise on the frames from which it starts."""
+        return replace(
+            self, recordings=tuple(one.disturbed(rng, self.start_frames) for one in self.recordings)
+        )
+
+    @property
+    def _values(self) -> dict[str, Any]:
+        nothing = list(Sensor().delay)
+        return {**scene_values(self.scene), DELAY: nothing, OFFSET: nothing}
+
+    def _changed(self, seen: Array) -> dict[str, Any]:
+        """Key -> value."""
+        present = self._values
         changed: dict[str, Any] = {}
         for one, number in zip(self.unknowns, seen, strict=True):
             if one.at is None:
@@ -132,26 +181,21 @@ class Problem:
             changed["cable.rest_curvature_axis"] = (np.array(axis) / np.linalg.norm(axis)).tolist()
         return changed
 
-    def scenes_at(self, seen: Array) -> list[tuple[Scene, Recording, int]]:
-        """What `errors` takes, for every recording."""
-        scene = self.scene_at(seen)
-        return [(scene, recording, self.start_frames) for recording in self.recordings]
 
-    def errors(self, points: Sequence[Array], workers: Workers) -> list[Array]:
-        """For each of several vectors the errors of all recordings [m], shape (T, 3 M)."""
-        items = [item for seen in points for item in self.scenes_at(seen)]
-        found = list(workers.map(error_of, items))
-        count = len(self.recordings)
-        return [
-            np.concatenate(found[first : first + count]) for first in range(0, len(found), count)
-        ]
-
-
-def error_of(item: tuple[Scene, Recording, int]) -> Array:
-    """Predicted less measured markers [m] at the frames compared, shape (T, 3 M); 0 where a marker
-    is missing.
-    """
-    scene, recording, frames = item
+def compared(recording: Recording, start_frames: int) -> slice:
+    """Which frames of a recording are compared."""
     every = max(1, round(BETWEEN / float(np.median(np.diff(recording.times)))))
-    apart = (predict(scene, recording, frames) - recording.markers)[frames::every]
-    return np.nan_to_num(apart).reshape(len(apart), -1)
+    return slice(start_frames, None, every)
+
+
+def error_of(item: tuple[Scene, Sensor, Recording, int]) -> Array:
+    """Predicted less measured markers by MARKER and forces by FORCE at the frames compared, shape
+    (T, 3 M), with forces (T, 3 M + 3); 0 where one is missing.
+    """
+    scene, sensor, recording, frames = item
+    found, chosen = predict(scene, recording, frames, sensor), compared(recording, frames)
+    markers = (found.markers - recording.markers)[chosen] / MARKER
+    rows = [markers.reshape(len(markers), -1)]
+    if recording.forces is not None:
+        rows.append((found.forces - recording.forces)[chosen] / FORCE)
+    return np.nan_to_num(np.hstack(rows))

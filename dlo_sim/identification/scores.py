@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.identification.measurement import Recording
+from dlo_sim.identification.prediction import Prediction
+from dlo_sim.replay.comparison import AxisComparison, compare_reaction
 
 Array = NDArray[np.float64]
 SLOW = 0.5  # [s], error that lasts longer is slow
@@ -43,6 +45,16 @@ def score(recording: Recording, predicted: Array) -> Score:
         float(np.nanmean(np.linalg.norm(np.nanmean(error, axis=0), axis=-1))),
         _l1(recording, slow),
         _l1(recording, error - slow),
+    )
+
+
+def reaction(recording: Recording, predicted: Prediction) -> list[AxisComparison]:
+    """Predicted against measured forces, axis by axis; empty where none were measured."""
+    if recording.forces is None:
+        return []
+    times, known = recording.times, np.isfinite(recording.forces).all(axis=1)
+    return compare_reaction(
+        times, predicted.forces, times[known], recording.forces[known], sign=1.0
     )
 
 

@@ -1,6 +1,7 @@
 """Recordings from bags and files, and a real one."""
 
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,8 +55,8 @@ def _marker(types, header, point):
     )
 
 
-def bag_of(folder, recording, kind):
-    """A bag of a recording."""
+def bag_of(folder, recording, kind, cut=0):
+    """A bag of a recording; of the markers' messages so many bytes are cut off."""
     topics = {"/markers": kind, **dict.fromkeys(POSES, cdr.POSE_STAMPED)}
     writer = BagWriter(folder, topics, "mcap")
     encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
@@ -70,6 +71,7 @@ def bag_of(folder, recording, kind):
             data = array.encode(stamp, np.hstack([points, still]))
         else:
             data = serialised(kind, stamp, points)
+        data = data[: len(data) - cut]
         writer.write("/markers", stamp, data)
     writer.finish()
     return folder
@@ -105,6 +107,16 @@ def test_the_command_writes_a_scene_that_predicts(moving, tmp_path, capsys):
     assert "cable.bending_stiffness" in capsys.readouterr().out
     scene = load_scene(output)
     assert scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.1)
+
+
+def test_plots_without_matplotlib_are_refused_before_the_fit(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name in ("dlo_sim.cli.residuals", "dlo_sim.studies.plotting"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    output = tmp_path / "fitted.yaml"
+    words = ["identify", "missing.npz", "--scene", "two_grippers", "--output", str(output)]
+    assert main([*words, "--plots", str(tmp_path)]) == 2
+    assert "--plots needs matplotlib" in capsys.readouterr().err
 
 
 LINE = np.zeros((1, 4, 6, 3))
@@ -174,6 +186,13 @@ def test_bags_that_cannot_be_are_refused_by_their_topic(moving, tmp_path, part, 
         read_recordings(folder)
 
 
+def test_a_message_that_is_cut_is_refused_with_its_topic_and_a_cure(moving, tmp_path):
+    given = moving[0].pieces(0.25)[0]
+    folder = bag_of(tmp_path / "bag", given, "sensor_msgs/msg/PointCloud2", cut=40)
+    with pytest.raises(MeasurementError, match="a message on /markers: .*; repair the recording"):
+        read_recordings(folder)
+
+
 def test_files_that_are_no_archives_are_refused(tmp_path):
     path = tmp_path / "run.npz"
     with path.open("wb") as file:
@@ -231,5 +250,5 @@ def test_pieces_of_a_long_recording():
 def test_fitted_scenes_predict_a_recorded_cable(cable, most):
     scene = load_scene(ROOT / "config" / "cables" / f"{cable}.yaml", {"initial.shape": "straight"})
     pieces = read_recordings(PLACE / "deform_dlo" / f"{cable}_calib.npz")[:4:2]
-    errors = [1e2 * score(piece, predict(scene, piece)).l1 for piece in pieces]
+    errors = [1e2 * score(piece, predict(scene, piece).markers).l1 for piece in pieces]
     assert np.mean(errors) < most

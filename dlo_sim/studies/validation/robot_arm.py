@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
+from dlo_sim.identification.fit import Fit
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.report import Column, Header, Report
+from dlo_sim.studies.validation import moved_cable
 
 Array = NDArray[np.float64]
 TURN, REST = 0.7, 1.6  # [s] from one clamp angle to the next, and there
@@ -29,14 +31,6 @@ RESTING: Header = [
     Column("from below", "cm", ".2f"),
     Column("from above", "cm", ".2f"),
     "angles with two shapes",
-]
-MOVING: Header = [
-    "cable",
-    Column("Fx correlation", "", ".2f"),
-    Column("Fx rms error", "N", ".2f"),
-    Column("Fz correlation", "", ".2f"),
-    Column("Fz rms error", "N", ".2f"),
-    Column("Fz bias", "N", ".2f"),
 ]
 
 
@@ -88,13 +82,18 @@ def published(path: Path) -> dict[str, object]:
 def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]:
     """Tables of shapes at rest and of reactions; verdicts."""
     resting: list[list[Any]] = []
-    moving: list[list[Any]] = []
+    runs = {one.name: one for one in sets if one.path.is_dir()}
+    moved = {name: moved_cable.recorded(one.path, one.scene) for name, one in runs.items()}
+    fits: dict[str, Fit] = {}
     for number, one in enumerate(sets):
         if one.path.is_file():
             resting += _resting(one, not request.quick)
-        else:
-            moving.append(_moving(one))
+        elif not request.quick:
+            fits[one.name] = moved_cable.fitted(one.scene, moved[one.name], request.workers)
         request.progress(0.8 + 0.2 * (number + 1) / len(sets))
+    moving: list[list[Any]] = []
+    for name, one in runs.items():
+        moving += moved_cable.rows(name, one.scene, moved[name], fits)
     if resting or moving:
         report.section("Cables on a robot arm")
     if resting:
@@ -104,13 +103,14 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
         )
         report.table("resting", RESTING, resting, "Tip at rest, mean distance over the angles")
     if moving:
-        report.table("moving", MOVING, moving, "Reaction at the gripper against the sensor")
+        report.text(moved_cable.EXPLANATION)
+        report.table("moving", moved_cable.HEADER, moving, "Reaction and tip of moved cables")
     verdicts = {}
     for name, stiffness, tip, *_ in resting:
         verdicts[f"{name} at rest, EI x {stiffness}"] = f"tip {1e2 * tip:.2f} cm off"
-    for name, x, x_rms, _, z_rms, _ in moving:
+    for name, run, x, x_rms, _, _, _, z_rms, *_ in moving:
         words = f"Fx correlation {x:.2f}, rms {x_rms:.2f} N; Fz rms {z_rms:.2f} N"
-        verdicts[f"{name} moving"] = words
+        verdicts[f"{name} moving, {run}"] = words
     return verdicts
 
 
@@ -191,11 +191,3 @@ def tips(scene: Scene, turns: Array) -> Array:
     simulator = Simulator(scene, {"start": (poses[0, :3], poses[0, 3:])})
     _, points = simulator.follow(times, {"start": poses}, knots + 0.98 * REST)
     return np.asarray(points[:, -1, :3])
-
-
-def _moving(one: Set) -> list[Any]:
-    from dlo_sim.replay.replay import replay_bag  # loads the bag library
-
-    summary = replay_bag(one.path, one.scene, None, compare={"start": "/ft_compensated"})
-    x, _, z = summary.comparison["start"]
-    return [one.name, x.correlation, x.rms_error, z.correlation, z.rms_error, z.bias]

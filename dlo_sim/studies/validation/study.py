@@ -52,13 +52,15 @@ class Cable:
     """Recordings of a cable, its scene, and what came of them.
 
     Attributes:
-        predicted: of every piece. scores: likewise. seconds: per step of 10 ms.
+        predicted: markers of every piece. failures: of pieces whose simulation failed, from where
+            on the last good shape counts. scores: of every piece. seconds: per step of 10 ms.
     """
 
     name: str
     scene: Scene
     pieces: tuple[Recording, ...]
     predicted: tuple[Array, ...]
+    failures: tuple[str, ...]
     scores: tuple[Score, ...]
     seconds: float
 
@@ -91,12 +93,15 @@ def run_study(request: Request) -> Outcome:
         mean, worst = mean_score(cable.scores), max(one.l1 for one in cable.scores)
         verdicts[cable.name] = (
             f"L1 {1e2 * mean.l1:.3f} cm, free markers {1e2 * mean.distance:.2f} cm off, "
-            f"worst piece {1e2 * worst:.2f} cm, {1e3 * cable.seconds:.3f} ms per 10 ms"
+            f"worst piece {1e2 * worst:.2f} cm, {1e3 * cable.seconds:.3f} ms per 10 ms, "
+            f"{len(cable.failures)} of {len(cable.pieces)} pieces failed"
         )
         request.progress(0.8 * (number + 1) / (len(files) + len(sets)))
     if rows:
         report.table("markers", HEADER, rows, "Error of the markers, mean of the pieces")
     for cable in cables:
+        for failure in cable.failures:
+            report.text(f"Failed: {failure}; its last good shape counts from there on.")
         _pictures(report, cable)
     verdicts |= robot_arm.compare(report, sets, request)
     report.write([verdict_list(verdicts)])
@@ -126,10 +131,13 @@ def _predicted(path: Path, folder: Path, most: int) -> Cable:
     pieces = tuple(read_recordings(path)[:most])
     predict(scene, pieces[0])  # compiles
     began = time.perf_counter()
-    predicted = tuple(predict(scene, piece) for piece in pieces)
+    made = [predict(scene, piece) for piece in pieces]
     seconds = (time.perf_counter() - began) / sum(piece.duration for piece in pieces)
-    scores = tuple(score(*both) for both in zip(pieces, predicted, strict=True))
-    return Cable(path.stem, scene, pieces, predicted, scores, 0.01 * seconds)
+    both = list(zip(pieces, made, strict=True))
+    scores = tuple(score(piece, one.markers) for piece, one in both)
+    failures = tuple(f"{piece.name}: {one.failure}" for piece, one in both if one.failure)
+    markers = tuple(one.markers for one in made)
+    return Cable(path.stem, scene, pieces, markers, failures, scores, 0.01 * seconds)
 
 
 def _rows(cable: Cable, request: Request) -> list[list[Cell]]:
