@@ -24,6 +24,7 @@ RESOLUTIONS = (5, 6, 7, 8, 9, 10, 11, 12, 13, 15, 17, 19, 21, 25, 29, 33, 41, 57
 POINTS = (2, 3)  # Gauss points per span
 SHARES = (1.0, 0.5, 0.25)  # of an explicit method's own step
 PARTS = (1, 2, 4, 8, 16, 32)  # of a timer period, for the steps of implicit methods
+PERIODS = (8, 4, 2)  # in a step where nothing arrives in between
 PLACES = 21  # points of the cable that are compared
 MOST_TIMES = 1000
 HOPELESS = 2.0  # times the best run time: finer settings of a method are not tried any more
@@ -171,9 +172,7 @@ def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, f
     Only of a scene that holds all of its motion: what grippers and live loads will do is not known.
     """
     scene = search.job.scene
-    if any(end.driven for end in scene.holders.values()):
-        return best, error
-    if any(load.signal == "none" for load in scene.loads):
+    if _live(scene):
         return best, error
     for name in SWITCHES:
         simulator = Simulator(best.setting.applied(scene))
@@ -192,11 +191,18 @@ def _without_terms(search: _Search, best: Trial, error: float) -> tuple[Trial, f
     return best, error
 
 
+def _live(scene: Scene) -> bool:
+    """Whether poses or loads arrive while it runs."""
+    driven = any(holder.driven for holder in scene.holders.values())
+    return driven or any(load.signal == "none" for load in scene.loads)
+
+
 def _steps(search: _Search, setting: Setting) -> list[float]:
     """Steps to try [s], from long to short; empty if the scene refuses the setting."""
     scene = search.job.scene
     if METHODS[setting.method].family == IMPLICIT:
-        return [1.0 / scene.rate / part for part in PARTS]
+        longer = [] if _live(scene) else [periods / scene.rate for periods in PERIODS]
+        return [*longer, *(1.0 / scene.rate / part for part in PARTS)]
     try:
         own = longest_step(setting.applied(scene))
     except SceneError:

@@ -27,6 +27,7 @@ from dlo_sim.tuning.search import (
     TRIED,
     _method,
     _Search,
+    _steps,
     _without_terms,
     present_setting,
     tune,
@@ -324,3 +325,14 @@ def test_stretching_that_is_left_out_is_tried_one_way():
     assert ways_to_stretch(scene, "rattle") == ("sample",)
     assert ways_to_stretch(_wire({"terms.stretch": "off"}), "velocity_verlet") == ("sample",)
     assert ways_to_stretch(scene, "velocity_verlet") == ("sample", "span")
+
+
+def test_implicit_steps_beyond_a_timer_period_where_nothing_arrives_in_between():
+    setting = Setting("energy_momentum", 9)
+    for values, periods in (({}, 8), ({"end.pose_topic": "/pose"}, 1)):
+        job = Job(_wire(values), 0.2, (0.5,), 0.01)
+        search = _Search(job, Reference(np.zeros((0, 1, 3)), setting, 0.0), 1e-3, [], _quiet)
+        steps = _steps(search, setting)
+        assert steps[0] == pytest.approx(periods / job.scene.rate)
+        assert steps == sorted(steps, reverse=True)
+        assert steps[-1] == pytest.approx(1.0 / 32.0 / job.scene.rate)
