@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import code_of
 from dlo_sim.core.methods import METHODS, SPLITTING
 from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import ACTIVE
@@ -128,7 +127,7 @@ def run_lanes(lanes: Sequence[Lane], step: float, duration: float, times: Array)
     method = METHODS[lanes[0].method]
     advance_splitting(
         (stack.shape, stack.model, stack.inputs, stack.state, stack.scratch),
-        code_of(ENGINE),
+        ENGINE.code,
         *(np.array(method.drift_weights), np.array(method.kick_weights)),
         *(0, max(1, int(np.ceil(duration / step - 1e-9))), step, GUARD_STEPS),
         (times, stack.samples.ravel(), stack.energies.ravel(), stack.marks),

@@ -11,11 +11,14 @@ fastmath {contract} (fused multiply-add only; NaN and the order of sums keep the
 
 from __future__ import annotations
 
+import functools
 import warnings
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from numba import NumbaExperimentalFeatureWarning, config, njit, types
+from numba.experimental import structref
 
 from dlo_sim.compiling.directory import kept
 
@@ -94,7 +97,7 @@ def _kind(given: Any) -> Any:
     if isinstance(given, tuple):
         # numba 0.58 takes a tuple that begins with a function for one of like functions.
         return types.Tuple([types.int64, *[_kind(one) for one in given]])
-    return given.kind if isinstance(given, Piece) else given
+    return given.kind if isinstance(given, (Piece, Engine)) else given
 
 
 def code_of(given: Any) -> Any:
@@ -102,3 +105,39 @@ def code_of(given: Any) -> Any:
     if isinstance(given, tuple):
         return len(given), *[code_of(one) for one in given]
     return given.code
+
+
+@structref.register
+class _EngineType(types.StructRef):
+    """Type of what `Engine.code` is."""
+
+
+class _Handle(structref.StructRefProxy):
+    """A tuple of machine code behind one pointer."""
+
+
+structref.define_proxy(_Handle, _EngineType, ["pieces"])
+
+
+def _handle(pieces: Any) -> Any:
+    return _Handle(pieces)
+
+
+class Engine:
+    """Pieces that a loop calls, (nested) tuples of them: in compiled functions `engine.pieces`,
+    behind their number.
+
+    Each function that Python hands over costs a call some 25 us; one handle to all of them 1 us.
+    """
+
+    def __init__(self, *pieces: Any) -> None:
+        self._pieces = pieces
+        self.kind = _EngineType([("pieces", _kind(pieces))])
+
+    @functools.cached_property
+    def code(self) -> Any:
+        """The handle to the machine code, compiled or read from disk at its first use."""
+        pieces = code_of(self._pieces)
+        if config.DISABLE_JIT:
+            return SimpleNamespace(pieces=pieces)
+        return Piece(_handle, self.kind(_kind(self._pieces))).code(pieces)

@@ -27,6 +27,7 @@ from dlo_sim.compiling.pieces import (
     TABLE,
     TRUTH,
     WHOLE,
+    Engine,
     part,
     piece,
 )
@@ -278,7 +279,7 @@ def absorb_loss(shape, model, state, scratch):
         state[at + DISSIPATED * LANES] += missing
 
 
-ENGINE = (energies, implicit_step, PARTS_OF_STEP, CLOSING)
+ENGINE = Engine(energies, implicit_step, PARTS_OF_STEP, CLOSING)
 """The pieces that the loop calls."""
 
 
@@ -304,7 +305,7 @@ def advance_implicit(
     `halvings` (at most MAX_HALVINGS) is how often a step may be halved. The energy account is
     updated every step.
     """
-    _, look, implicit_step, pieces, closing = engine
+    _, look, implicit_step, pieces, closing = engine.pieces
     parts = len(substeps)
     arrays, records = bared(cable), bared_records(records)
     shape, model, inputs, state, scratch = arrays

@@ -62,10 +62,10 @@ def advance_along(
         for j in range(width):
             inputs[at + j] = motions[k * width + j]
         if len(moments):
-            before = potential(shape, model, state, scratch, engine[1])
+            before = potential(shape, model, state, scratch, engine.pieces[1])
             for j in range(len(moments)):
                 state[shape[layout.NATURAL] + j] = moments[j] * axes[3 * k + (j // LANES) % 3]
-            turned = potential(shape, model, state, scratch, engine[1]) - before
+            turned = potential(shape, model, state, scratch, engine.pieces[1]) - before
             state[shape[layout.LEDGER] + layout.DRIVE_WORK * LANES] += turned
         status, _, iterations = advance(
             cable, engine, constants, substeps, discrete,

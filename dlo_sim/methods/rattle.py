@@ -157,7 +157,7 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
 
     A step whose constraints cannot be met ends the run.
     """
-    _, forces, look, carry, evaluate, closing = engine
+    _, forces, look, carry, evaluate, closing = engine.pieces
     arrays = bared(cable)
     shape, model, inputs, state, scratch = arrays
     records = bared_records(records)

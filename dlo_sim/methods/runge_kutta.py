@@ -137,7 +137,7 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
 
     `table`: rows a_ij and, last, b_j, shape (s + 1, s) flattened; `nodes`: c_i, shape (s,).
     """
-    _, forces, look, carry, evaluate, closing = engine
+    _, forces, look, carry, evaluate, closing = engine.pieces
     stages = len(nodes)
     arrays = bared(cable)
     shape, model, inputs, state, scratch = arrays

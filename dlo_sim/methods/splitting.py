@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
-from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, part, piece
+from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, Engine, part, piece
 from dlo_sim.engine.account import book
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.forces import energies, forces
@@ -63,7 +63,7 @@ def decay_flow(shape, model, state, scratch, dt):
             store(w, at, factor * load(w, at))
 
 
-ENGINE = (forces, energies, carry, evaluate, CLOSING)
+ENGINE = Engine(forces, energies, carry, evaluate, CLOSING)
 """The pieces that a loop of an explicit method calls."""
 
 
@@ -86,7 +86,7 @@ def advance_splitting(
     changes nothing) the energy account is checked; of eight cables side by side also at the end,
     and the loop goes on while one of them is sane.
     """
-    _, forces, look, carry, evaluate, closing = engine
+    _, forces, look, carry, evaluate, closing = engine.pieces
     _, update, end_sample, _ = closing
     shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)

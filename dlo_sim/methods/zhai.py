@@ -68,7 +68,7 @@ def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
     `advance_splitting` does.
     """
-    _, forces, look, carry, evaluate, closing = engine
+    _, forces, look, carry, evaluate, closing = engine.pieces
     arrays = bared(cable)
     shape, model, inputs, state, scratch = arrays
     records = bared_records(records)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import code_of
 from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine import layout
 from dlo_sim.methods import rattle
@@ -47,7 +46,7 @@ def to_equilibrium(cable: Cable, step: float) -> bool:
     peak, still = 0.0, 0
     resting = cable.x.copy()
     for _ in range(MOST_STEPS):
-        engine = code_of(rattle.ENGINE)
+        engine = rattle.ENGINE.code
         status, _, _ = rattle.advance_rattle(
             cable.arrays, engine, 0, 1, step, MOST_STEPS, nothing.arrays
         )

@@ -7,7 +7,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import code_of
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.methods import implicit, rattle, runge_kutta, splitting, zhai
 from dlo_sim.methods.implicit_along import advance_along
@@ -42,7 +41,7 @@ class _Explicit:
     ) -> tuple[int, int, int]:
         given = (first, steps, tau, GUARD_STEPS, recorder.arrays)
         status, done, evaluations = self._loop.code(
-            cable.arrays, code_of(self._engine), *self._own, *given
+            cable.arrays, self._engine.code, *self._own, *given
         )
         return status, done, evaluations
 
@@ -64,7 +63,7 @@ class _Implicit:
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
         status, done, iterations = implicit.advance_implicit.code(
-            cable.arrays, code_of(implicit.ENGINE), *self._own, first, steps, tau, recorder.arrays
+            cable.arrays, implicit.ENGINE.code, *self._own, first, steps, tau, recorder.arrays
         )
         return status, done, iterations
 
@@ -80,7 +79,7 @@ class _Implicit:
         """The same, each step with motions of its own (`methods.implicit_along`)."""
         return advance_along.code(
             implicit.advance_implicit.code,
-            *(cable.arrays, code_of(implicit.ENGINE)),
+            *(cable.arrays, implicit.ENGINE.code),
             *(*self._own, first, tau, recorder.arrays),
             *(len(motions), motions[0].size, motions.ravel(), *natural),
         )
