@@ -17,7 +17,7 @@ _SAME_EPOCH = 1.0  # [s]; the node takes stamps that are farther off for those o
 
 def findings(scene: Scene, found: Survey) -> Iterator[Finding]:
     """Each input topic, then the clock."""
-    poses = {resolved(entry.topic) for entry in input_topics(scene) if entry.kind == "pose"}
+    poses = {resolved(entry.topic) for entry in input_topics(scene) if entry.is_pose}
     if not found.heard:
         yield ok("the scene listens to no topic")
     for heard in found.heard:

@@ -148,7 +148,7 @@ class Holder:
     tangent: Vector = parameter(
         ORIGIN,
         "Direction of the cable (from start towards end) here, in the end-effector's frame; "
-        "zeros = from start.position to end.position.",
+        "zeros = from start.position to end.position, for two_points the x axis.",
         "",
         -1.0e6,
         1.0e6,
@@ -165,8 +165,23 @@ class Holder:
     )
     pose_topic: str = parameter(
         "",
-        "Topic (PoseStamped) of the end-effector; empty = it stands still.",
+        "Topic of the end-effector's pose; empty = it stands still.",
         read_only=True,
+    )
+    pose_type: str = parameter(
+        "pose",
+        "What the topic carries: PoseStamped, or PoseArray of two points on the line of the cable, "
+        "the first nearer to the start. The end-effector is midway between them, its x axis points "
+        "from the first to the second and is the tangent.",
+        choices=("pose", "two_points"),
+        read_only=True,
+    )
+    pose_spacing: float = parameter(
+        0.0,
+        "Distance between two_points; messages in which it is 10 % off are refused, 0 = any.",
+        "m",
+        0.0,
+        1.0e3,
     )
     pose_timeout: float = parameter(
         1.0,

@@ -65,11 +65,16 @@ class PoseArray(NamedTuple):
 
 
 def decode(message_type: str, raw: Bytes) -> Stamped:
-    """Header and numbers of a WrenchStamped (6), Vector3Stamped (3) or PoseStamped (7).
+    """Header and numbers of a WrenchStamped (6), Vector3Stamped (3) or PoseStamped (7), or the
+    positions of a PoseArray (3 each).
 
     Raises:
         DecodeError: truncated or overlong bytes, an unknown encapsulation, an impossible header.
     """
+    if message_type == POSE_ARRAY:
+        array = decode_pose_array(raw)
+        positions = array.poses[:, :3].ravel().tolist()
+        return Stamped(array.stamp_ns, array.frame_id, tuple(positions))
     count = _VALUES[message_type]
     order, stamp_ns, frame_id, end = _decode_header(raw)
     begin = 4 + (end - 4 + 7 & ~7)

@@ -22,6 +22,7 @@ REASONS: dict[str, str] = {
     "not_finite": "a NaN or infinite number",
     "too_large": "a force, torque or position beyond inputs.max_force, inputs.max_torque, 1e6 m",
     "bad_quaternion": "an orientation whose norm is not 1",
+    "bad_points": "two_points that coincide, are not two, not pose_spacing apart, or exchanged",
     "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",
     "too_old": "a stamp more than 1 s behind the last one used, or behind the clock before any",
     "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",

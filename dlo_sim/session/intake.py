@@ -13,6 +13,8 @@ SIGN AND FRAME OF EVERY INPUT
 - `PoseStamped` (`start.pose_topic`, `end.pose_topic`): pose of the END EFFECTOR in the world frame
   (`frame_id` or empty); rotates vectors from the end effector's axes into the world's. The cable is
   attached at `<end>.offset` with `<end>.tangent` in it.
+- `PoseArray` of two points (`<end>.pose_type: two_points`): the END EFFECTOR is midway between
+  them, its x axis, the tangent, points from the first to the second; it does not roll.
 """
 
 from __future__ import annotations
@@ -21,7 +23,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dlo_sim.core.one_rotation import normalized
+import numpy as np
+
+from dlo_sim.core.one_rotation import normalized, turn_between
+from dlo_sim.core.rotations import IDENTITY
+from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.cable import Load
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
@@ -35,6 +41,9 @@ from dlo_sim.session.topics import InputTopic
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.
 SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
+
+# Two points turn by no more than this from one message to the next [rad].
+MOST_TURN = 0.5 * math.pi
 
 
 @dataclass
@@ -59,25 +68,38 @@ class _Topic:
     ) -> None:
         self.record = record
         self.source = source
-        self.type = entries[0].type
-        self.is_pose = entries[0].kind == "pose"
+        self.type, self.kind = entries[0].type, entries[0].kind
+        self.is_pose = entries[0].is_pose
         self.entries = entries
         self.loads: tuple[Load, ...] = ()
+        self.spacing = 0.0
         self.clear()
 
     def configure(self, scene: Scene) -> None:
         """Take what the scene says about the targets."""
         targets = [entry.target for entry in self.entries]
         if self.is_pose:
-            self.record.timeout = min(scene.holders[target].pose_timeout for target in targets)
+            holders = [scene.holders[target] for target in targets]
+            self.record.timeout = min(holder.pose_timeout for holder in holders)
+            self.spacing = max(holder.pose_spacing for holder in holders)
         else:
             self.loads = tuple(scene.load(target) for target in targets)
             self.record.timeout = min(load.timeout for load in self.loads)
 
     def clear(self) -> None:
-        """Forget where the last pose was."""
-        self.last_position: tuple[float, ...] | None = None
+        """Forget the last pose."""
+        self.last: Pose | None = None
         self.too_fast_since_ns: int | None = None
+
+    def pose(self, values: tuple[float, ...], stamp_ns: int) -> Pose:
+        """The pose that a message gives."""
+        if self.kind == "two_points":
+            before = IDENTITY if self.last is None else self.last.orientation
+            points = np.array(values).reshape(1, 2, 3)
+            ((px, py, pz, x, y, z, w),) = poses_of_two_points(points, before).tolist()
+        else:
+            px, py, pz, x, y, z, w = values
+        return Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
 
 
 class Intake:
@@ -124,7 +146,7 @@ class Intake:
         topic.record.last_arrival_ns = arrival_ns
         try:
             message = cdr.decode(topic.type, raw)
-            sound = self._content.check(message, topic.is_pose)
+            sound = self._content.check(message, topic.kind, topic.spacing)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
             return []
@@ -170,19 +192,20 @@ class Intake:
         (values, end), stamp_ns, verdict = decision.content, decision.stamp_ns, decision.verdict
         if verdict is Verdict.START_OVER:
             self.clear()
+        poses: dict[str, Pose] = {}
+        loads: dict[str, LoadMessage] = {}
         if topic.is_pose:
-            self._check_speed(topic, values, stamp_ns)
-            topic.last_position = values[:3]
+            pose = topic.pose(values, stamp_ns)
+            self._check_speed(topic, pose)
+            if topic.kind == "two_points":
+                _check_turn(topic.last, pose)
+            topic.last = pose
+            poses = {entry.target: pose for entry in topic.entries}
+        else:
+            loads = self._loads(topic, values, stamp_ns, end)
         topic.source.last_ns = stamp_ns
         topic.record.accepted += 1
-        if topic.is_pose:
-            return Accepted(self._poses(topic, values, stamp_ns), {}, verdict)
-        return Accepted({}, self._loads(topic, values, stamp_ns, end), verdict)
-
-    def _poses(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> dict[str, Pose]:
-        px, py, pz, x, y, z, w = values
-        pose = Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
-        return {entry.target: pose for entry in topic.entries}
+        return Accepted(poses, loads, verdict)
 
     def _loads(
         self, topic: _Topic, values: tuple[float, ...], stamp_ns: int, end: str
@@ -194,14 +217,14 @@ class Intake:
             found[load.name] = LoadMessage(stamp_ns, (fx, fy, fz), (tx, ty, tz), end)
         return found
 
-    def _check_speed(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> None:
+    def _check_speed(self, topic: _Topic, pose: Pose) -> None:
         """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm; p_last = last one used."""
-        last, last_stamp = topic.last_position, topic.source.last_ns
+        last, last_stamp, stamp_ns = topic.last, topic.source.last_ns, pose.stamp_ns
         if last is None or last_stamp is None:
             topic.too_fast_since_ns = None
             return
         passed = (stamp_ns - last_stamp) * 1e-9
-        distance = math.dist(values[:3], last)
+        distance = math.dist(pose.position, last.position)
         if distance <= self._limits.max_speed * min(passed, SPEED_WINDOW) + SPEED_SLACK:
             topic.too_fast_since_ns = None
             return
@@ -213,3 +236,14 @@ class Intake:
             since = (stamp_ns - topic.too_fast_since_ns) * 1e-9
             detail += f"; for {since:.1f} s now: if the gripper really is there, call ~/reset"
         raise Refused("too_fast", detail)
+
+
+def _check_turn(last: Pose | None, pose: Pose) -> None:
+    """Refuse two points that have changed places."""
+    turn = math.hypot(*turn_between(last.orientation, pose.orientation)) if last else 0.0
+    if turn > MOST_TURN:
+        raise Refused(
+            "bad_points",
+            f"turned by {math.degrees(turn):.0f} degrees since the last message; publish them in "
+            "one order, first nearer to the start; if the gripper really turned, call ~/reset",
+        )

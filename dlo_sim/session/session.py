@@ -398,7 +398,8 @@ def _look_at(simulator: CableSimulator, scene: Scene) -> None:
 def _wiring(scene: Scene) -> dict[str, object]:
     """Everything that a running session cannot change: key -> value."""
     found: dict[str, object] = {"frame_id": scene.frame_id}
-    found |= {f"{key}.pose_topic": holder.pose_topic for key, holder in scene.holder_keys()}
+    for key, holder in scene.holder_keys():
+        found |= {f"{key}.pose_topic": holder.pose_topic, f"{key}.pose_type": holder.pose_type}
     found["loads.names"] = tuple(load.name for load in scene.loads)
     found["grasps.names"] = tuple(grasp.name for grasp in scene.grasps)
     found |= {f"loads.{load.name}.topic": load.input_topic for load in scene.loads}

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline, rotations
+from dlo_sim.core import arguments, bspline, one_rotation, rotations
+from dlo_sim.core.two_points import X_AXIS
 from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
@@ -57,8 +58,12 @@ def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict
     """
     poses = {} if poses is None else _checked(scene, poses)
     placed: dict[str, tuple[Array, Array, Array]] = {}
+    straight = _straight_direction(scene, *(np.array(e.position) for e in scene.ends.values()))
     for name, end in scene.holders.items():
-        position, orientation = poses.get(name, (end.position, rotations.IDENTITY))
+        resting = rotations.IDENTITY
+        if end.pose_type == "two_points":
+            resting = one_rotation.aligned(resting, X_AXIS, straight.tolist())
+        position, orientation = poses.get(name, (end.position, resting))
         position, orientation = np.asarray(position), np.asarray(orientation)
         placed[name] = (position, orientation, position + rotations.rotate(orientation, end.offset))
     line = _straight_direction(scene, placed["start"][2], placed["end"][2])
@@ -70,7 +75,9 @@ def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict
     for name, holder in scene.holders.items():
         position, orientation, attachment = placed[name]
         tangent = np.asarray(holder.tangent, dtype=float)
-        if not tangent.any():
+        if holder.pose_type == "two_points":
+            tangent = np.array(X_AXIS)
+        elif not tangent.any():
             tangent = rotations.rotate(rotations.conjugate(orientation), line)
         tangent = tangent / np.linalg.norm(tangent)
         result[name] = Geometry(position, orientation, attachment, tangent, coordinates[name])

@@ -167,7 +167,9 @@ class Simulator(CableInputs):
         Args:
             times: of the poses, rising [s], shape (T,), the first not after the present; the last
                 is where the advance ends, at the first step not before it.
-            poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7).
+            poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7); or two
+                points on the line of the cable [m], shape (T, 2, 3), the first nearer to the start,
+                with the end effector midway and no roll.
             samples: times of the samples [s], rising, after the present and not after the last of
                 `times`.
 
@@ -198,10 +200,11 @@ class Simulator(CableInputs):
                 "give a later last time"
             )
         wanted = checked_samples(samples, self.time, stamps[-1])
-        rows = {
-            known_holder(self.scene, name): checked_poses(name, given, len(stamps))
-            for name, given in poses.items()
-        }
+        rows = {}
+        for name, given in poses.items():
+            before = self.end_pose(known_holder(self.scene, name))[1]
+            tangent = self._geometries[name].tangent
+            rows[name] = checked_poses(name, given, len(stamps), before, tangent)
         grid: Array = self.step * np.arange(self._steps, self._steps + count + 1, dtype=float)
         paths = {}
         for name, given in rows.items():
