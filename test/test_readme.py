@@ -160,6 +160,7 @@ def test_table_of_topics_is_complete(node_page):
             "grasps.hand.pose_topic": "~/hand/pose",
             "grasps.camera.pose_topic": "~/camera/points",
             "grasps.camera.pose_type": "two_points",
+            "grasps.camera.taken_topic": "~/camera/taken",
         }
     )
     wanted = {(entry.topic, "in", entry.type) for entry in input_topics(scene)}

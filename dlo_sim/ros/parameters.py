@@ -83,14 +83,14 @@ class SceneParameters(Generic[Prepared]):
             _declare(node, row, values[key])
         self._prepared: tuple[Scene, Prepared] | None = None
 
-    def begin_with(self, scene: Scene) -> None:
-        """Take over other values before changes are followed."""
+    def take_over(self, scene: Scene) -> None:
+        """Show the values of a scene that has come about otherwise."""
         old, new = scene_values(self.scene), scene_values(scene)
+        self.scene = scene  # so that nothing is prepared for it
         for key, value in new.items():
             if value != old[key]:
                 kind = _TYPES[self._rows[key].kind]
                 self._node.set_parameters([NodeParameter(key, kind, _node_value(value))])
-        self.scene = scene
 
     def follow(
         self,

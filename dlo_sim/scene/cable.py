@@ -234,6 +234,12 @@ class Grasp(Holder):
         True,
         "Whether it holds the cable; what is taken while the simulation runs is held where it is.",
     )
+    taken_topic: str = parameter(
+        "",
+        "Topic (Bool) that lets it take (true) or release the cable when a message arrives; "
+        "`taken` follows. Empty = parameter and services alone.",
+        read_only=True,
+    )
     clamped: bool = parameter(
         False,
         "Direction of the cable held by the gripper too, its roll not; needs all three axes fixed.",

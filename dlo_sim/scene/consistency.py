@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from dlo_sim.scene.cable import Cable, End, Holder, Load, Vector
+from dlo_sim.scene.cable import Cable, End, Grasp, Holder, Load, Vector
 from dlo_sim.scene.computation import Discretization, Outputs
 from dlo_sim.scene.refusal import refusal, shown
 
@@ -179,6 +179,11 @@ def check_load(load: Load) -> None:
 def check_topics(holders: Holders, loads: Sequence[Load]) -> None:
     """Refuse topic names that are not well formed, and topics with two meanings."""
     inputs = [(f"{n}.pose_topic", e.pose_topic, e.pose_type) for n, e in holders.items()]
+    inputs += [
+        (f"{n}.taken_topic", e.taken_topic, "taken")
+        for n, e in holders.items()
+        if isinstance(e, Grasp)
+    ]
     inputs += [(f"loads.{load.name}.topic", load.input_topic, load.type) for load in loads]
     seen: dict[str, tuple[str, str]] = {}
     for key, topic, kind in inputs:

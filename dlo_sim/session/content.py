@@ -63,7 +63,7 @@ class ContentCheck:
             _check_pose(values)
         elif kind == "two_points":
             _check_points(values, spacing)
-        else:
+        elif kind != "taken":
             self._check_size(values)
         is_pose = kind in ("pose", "two_points")
         return Sound(values, self._check_frame(message.frame_id, is_pose))

@@ -37,6 +37,7 @@ EVENTS: dict[str, str] = {
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
     "late": "a message came after the simulation had passed its time; it counts from now on",
+    "not_taken": "a gripper was to take the cable where it is held already",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",
     "reset": "reset was called",
@@ -118,7 +119,7 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
     age = None if record.last_arrival_ns is None else (now_ns - record.last_arrival_ns) * 1e-9
     level, message = OK, "receiving"
     if age is None:
-        level, message = WARN, "no message yet"
+        level, message = WARN if record.timeout else OK, "no message yet"
     elif record.timeout and age > record.timeout:
         level, message = STALE, f"silent for {age:.1f} s"
     if fresh:

@@ -13,6 +13,8 @@ SIGN AND FRAME OF EVERY INPUT
 - `PoseStamped` (`start.pose_topic`, `end.pose_topic`): pose of the END EFFECTOR in the world frame
   (`frame_id` or empty); rotates vectors from the end effector's axes into the world's. The cable is
   attached at `<end>.offset` with `<end>.tangent` in it.
+- `Bool` of a grasp (`grasps.<name>.taken_topic`): whether the grasp holds the cable. It has no
+  stamp and counts at its arrival, in a bag at the time of recording.
 - `PoseArray` of two points (`<end>.pose_type: two_points`): the END EFFECTOR is midway between
   them, its x axis, the tangent, points from the first to the second; it does not roll.
 """
@@ -21,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,6 +37,7 @@ from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.load_schedule import LoadMessage
 from dlo_sim.session.pose_smoothing import Pose
+from dlo_sim.session.take_schedule import TakeMessage
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import InputTopic
 
@@ -51,13 +54,15 @@ class Accepted:
     """A message that is used.
 
     Attributes:
-        poses: end -> pose; loads: load name -> message (one topic may drive several).
         verdict: what its stamp means for everything before it.
+        poses: end -> pose; loads: load name -> message; takes: grasp -> message (one topic may
+            drive several).
     """
 
-    poses: dict[str, Pose]
-    loads: dict[str, LoadMessage]
     verdict: Verdict
+    poses: dict[str, Pose] = field(default_factory=dict)
+    loads: dict[str, LoadMessage] = field(default_factory=dict)
+    takes: dict[str, TakeMessage] = field(default_factory=dict)
 
 
 class _Topic:
@@ -82,7 +87,7 @@ class _Topic:
             holders = [scene.holders[target] for target in targets]
             self.record.timeout = min(holder.pose_timeout for holder in holders)
             self.spacing = max(holder.pose_spacing for holder in holders)
-        else:
+        elif self.kind != "taken":
             self.loads = tuple(scene.load(target) for target in targets)
             self.record.timeout = min(load.timeout for load in self.loads)
 
@@ -178,7 +183,7 @@ class Intake:
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
                 if decision.verdict is Verdict.DECIDE:  # its place does not depend on its content
-                    found.append(Accepted({}, {}, decision.verdict))
+                    found.append(Accepted(decision.verdict))
         return found
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:
@@ -192,20 +197,22 @@ class Intake:
         (values, end), stamp_ns, verdict = decision.content, decision.stamp_ns, decision.verdict
         if verdict is Verdict.START_OVER:
             self.clear()
-        poses: dict[str, Pose] = {}
-        loads: dict[str, LoadMessage] = {}
+        accepted = Accepted(verdict)
         if topic.is_pose:
             pose = topic.pose(values, stamp_ns)
             self._check_speed(topic, pose)
             if topic.kind == "two_points":
                 _check_turn(topic.last, pose)
             topic.last = pose
-            poses = {entry.target: pose for entry in topic.entries}
+            accepted.poses = {entry.target: pose for entry in topic.entries}
+        elif topic.kind == "taken":
+            message = TakeMessage(stamp_ns, bool(values[0]))
+            accepted.takes = {entry.target: message for entry in topic.entries}
         else:
-            loads = self._loads(topic, values, stamp_ns, end)
+            accepted.loads = self._loads(topic, values, stamp_ns, end)
         topic.source.last_ns = stamp_ns
         topic.record.accepted += 1
-        return Accepted(poses, loads, verdict)
+        return accepted
 
     def _loads(
         self, topic: _Topic, values: tuple[float, ...], stamp_ns: int, end: str

@@ -18,7 +18,8 @@ MARKERS = (CENTERLINE, CONTROL_POLYGON)
 REACTION = "~/{}/reaction"
 
 _POSES = {"pose": cdr.POSE_STAMPED, "two_points": cdr.POSE_ARRAY}
-_INPUTS = {**_POSES, "wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
+_LOADS = {"wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
+_INPUTS = {**_POSES, **_LOADS, "taken": cdr.BOOL}
 
 
 def output_topics(scene: Scene) -> dict[str, str]:
@@ -42,8 +43,8 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name; as in the scene (`~/...`), or on the wire.
-        kind: `pose` or `two_points`, `wrench` or `force`.
-        target: what holds the cable for a pose, the load's name otherwise.
+        kind: `pose` or `two_points`, `wrench` or `force`, `taken`.
+        target: name of what holds the cable, or of the load.
     """
 
     topic: str
@@ -62,11 +63,12 @@ class InputTopic(NamedTuple):
 
 
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
-    """Every topic that this scene listens to, poses first; a topic may drive several targets."""
+    """Every topic that this scene listens to, poses first; one may drive several targets."""
     found = [
         InputTopic(e.pose_topic, e.pose_type, name) for name, e in scene.holders.items() if e.driven
     ]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
+    found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
     return tuple(found)
 
 
