@@ -160,6 +160,14 @@ class Holder:
         -1.0e3,
         1.0e3,
     )
+    jaw: float = parameter(
+        0.0,
+        "Length of cable that a clamp holds straight: from an end inwards, on both sides of a "
+        "grasp in equal parts.",
+        "m",
+        0.0,
+        1.0e3,
+    )
     frame: str = parameter(
         "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
     )

@@ -94,6 +94,12 @@ def check_holder(name: str, end: Holder) -> None:
             True,
             f"needs {name}.fixed: [true, true, true] (it is {shown(end.fixed)})",
         )
+    if end.jaw and not end.clamped:
+        raise refusal(
+            f"{name}.jaw",
+            end.jaw,
+            f"m of cable is held straight by a clamp alone; set {name}.clamped: true, or remove it",
+        )
     if end.pose_type == "two_points" and any(end.tangent):
         raise refusal(
             f"{name}.tangent",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.geometry import STIFFEST
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -41,11 +44,18 @@ def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) 
 
 
 def with_grasps_to_come(scene: Scene, model: Model, frequency: float) -> float:
-    """The same [rad/s] once a grasp that holds nothing yet pulls at the cable by its springs.
+    """The same [rad/s] once the grasps that hold nothing yet have taken the cable.
 
-    A spring k at the basis values b adds at most k b.(M^-1 b) to omega^2 (Weyl's inequality).
+    A spring k at the basis values b adds at most k b.(M^-1 b) to omega^2, a jaw the largest omega^2
+    of the bending stiffness that it adds, if it were everywhere (Weyl's inequality).
     """
-    stiffest = max((max(g.spring) for g in scene.grasps if not g.taken), default=0.0)
+    idle = [grasp for grasp in scene.grasps if not grasp.taken]
+    if any(grasp.jaw for grasp in idle):
+        bending = (STIFFEST - 1.0) * scene.cable.EI * mass.gram(model.knots, 2)
+        free = np.ones(model.n, dtype=bool)
+        added = spectrum.largest_of_line(bending, model.band(layout.MASS, 0), free)
+        frequency = math.hypot(frequency, added)
+    stiffest = max((max(grasp.spring) for grasp in idle), default=0.0)
     if not stiffest:
         return frequency
     inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, 0)))
