@@ -180,6 +180,13 @@ class Simulator(CableInputs):
         Raises:
             TypeError, ValueError: an explicit method, or times and poses that do not fit.
         """
+        report, recorder = self.record_along(times, poses, samples)
+        return report, recorder.control_points
+
+    def record_along(
+        self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
+    ) -> tuple[Report, Recorder]:
+        """`follow`, with the energies of the samples too."""
         if self._choice.method.family != IMPLICIT:
             raise ValueError(
                 f"integrator.method: {self.method} follows no poses; give energy_momentum"
@@ -224,7 +231,7 @@ class Simulator(CableInputs):
         message = "" if made.status.ok else f"{made.status.value} (at {self.time:.6g} s)"
         simulated = made.steps * self.step
         report = Report(made.status, message, made.steps, simulated, made.evaluations)
-        return report, recorder.control_points
+        return report, recorder
 
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
