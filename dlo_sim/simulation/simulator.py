@@ -310,7 +310,7 @@ class Simulator(CableInputs):
     ) -> None:
         """Make a smooth cable of the right length through measured points the first state.
 
-        Noise is smoothed and spikes are left out. Held ends stay where they are held.
+        Noise is smoothed and spikes are left out. Ends and grasps stay where they hold it.
 
         Args:
             points: in their order along the cable [m], shape (M, 3), NaN where missing; or several
@@ -327,7 +327,9 @@ class Simulator(CableInputs):
                 cable, or points out of the coordinates of the scene's step.
         """
         given = points, times, coordinates
-        place, rates = cable_through(self.scene, self._ends, self._model.knots, *given)
+        place, rates = cable_through(
+            self.scene, self._ends, self._geometries, self._model.knots, *given
+        )
         across = [axis for axis in range(3) if axis not in self._model.axes]
         plane = self._model.rest[across]
         apart = np.abs(np.asarray(points, dtype=float)[..., across] - plane)
