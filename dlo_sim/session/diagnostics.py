@@ -146,6 +146,7 @@ def session_status(
     failed: bool,
     waiting: bool,
     lag: float,
+    delay: float | None,
     most_lag: float,
     offset: float,
     extra: Mapping[str, str],
@@ -157,6 +158,7 @@ def session_status(
         simulator: read for time, step, method, terms and energy.
         accuracy: the estimated error and what it means.
         lag, most_lag: how far the state is behind [s], and what is worth a warning.
+        delay: how long ago the stamp of the state was [s]: an input acts in the state of its stamp.
         offset: clock minus stamps [s].
         extra: more values.
     """
@@ -186,6 +188,7 @@ def session_status(
         ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
         *accuracy.values(),
         ("lag [s]", f"{lag:.3f}"),
+        ("inputs act after [s]", "never" if delay is None else f"{delay:.4f}"),
         ("skipped [s]", f"{journal.skipped_ns * 1e-9:.3f}"),
         ("clock minus stamps [s]", f"{offset:.9g}"),
         ("messages used", str(journal.accepted)),

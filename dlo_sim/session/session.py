@@ -212,6 +212,7 @@ class Session:
             failed=bool(self._failure),
             waiting=not self.started,
             lag=self._pacing.lag_ns * 1e-9,
+            delay=(now_ns - self.stamp_ns) * 1e-9 if self.started else None,
             most_lag=self.scene.inputs.catch_up,
             offset=self._time.offset_ns * 1e-9,
             extra=extra or {},
