@@ -42,7 +42,7 @@ def pose(hand, t):
 
 def test_reactions_balance_weight_and_inertia():
     """In every step the mean of the reactions and the weight is the change of momentum. Measured
-    4e-6 of the largest reaction.
+    9e-7 of the largest reaction.
     """
     session = Session(scene_from_values(VALUES))
     encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
