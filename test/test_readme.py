@@ -156,13 +156,16 @@ def test_table_of_topics_is_complete(node_page):
             "end.fixed": [True, True, True],
             "loads.names": ["start", "end", "force"],
             "loads.force.type": "force",
-            "grasps.names": ["hand"],
+            "grasps.names": ["hand", "camera"],
             "grasps.hand.pose_topic": "~/hand/pose",
+            "grasps.camera.pose_topic": "~/camera/points",
+            "grasps.camera.pose_type": "two_points",
+            "grasps.camera.taken_topic": "~/camera/taken",
         }
     )
     wanted = {(entry.topic, "in", entry.type) for entry in input_topics(scene)}
     wanted |= {(topic, "out", kind) for topic, kind in output_topics(scene).items()}
-    wanted = {(topic.replace("hand", "<name>"), *more) for topic, *more in wanted}
+    wanted = {(re.sub("hand|camera", "<name>", topic), *more) for topic, *more in wanted}
     shown = set()
     for names, direction, kind, meaning in table_rows(section(node_page, "Topics")):
         shown |= {(name, direction, kind) for name in named(names)}

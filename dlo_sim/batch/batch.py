@@ -6,15 +6,17 @@ spread over workers. Who computes what never changes a number.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.batch.lanes import LANES, Lane, Run, new_lane, reason_against, run_lanes
 from dlo_sim.batch.workers import Workers, open_workers
+from dlo_sim.core import arguments
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.recording import energies_at, record_simulator, sample_times
@@ -23,6 +25,9 @@ from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 Start = tuple[ArrayLike, ArrayLike]
+Given = TypeVar("Given")
+Path = tuple[ArrayLike, Mapping[str, ArrayLike]]
+FOLLOWS = "its end effectors follow poses"
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,7 @@ class _Asked:
     first: int
     scenes: tuple[Scene, ...]
     starts: tuple[Start | None, ...]
+    paths: tuple[Path | None, ...]
     duration: float
     every: float
 
@@ -87,6 +93,7 @@ def simulate_batch(
     duration: float,
     *,
     initial: Sequence[Start | None] | None = None,
+    poses: Sequence[Path | None] | None = None,
     every: float | None = None,
     workers: Workers | None = None,
     processes: int | None = None,
@@ -111,6 +118,9 @@ def simulate_batch(
         duration: simulated time [s], above 0; covered by whole steps.
         initial: for each scene None (as the scene says) or (control points, velocities), each of
             shape (n_u, 4) [m, rad; m/s, rad/s].
+        poses: for each scene None (its end effectors rest) or (times, {end or grasp: poses}) as for
+            `Simulator.follow`, which the scene then does: times from 0 to the duration [s], an
+            implicit method. The first sample is the state before.
         every: time between samples [s]; default: the start and the end.
         workers: from `open_workers`, to be used again; else they are opened for this call:
         processes: on this machine, default one per core, 1 = none but this one; scheduler: address
@@ -123,11 +133,13 @@ def simulate_batch(
             its number. WorkersError: nobody at the address.
     """
     every = duration if every is None else every
-    starts = _checked(scenes, duration, initial, every)
-    asked = [
-        _Asked(k, tuple(scenes[k : k + LANES]), tuple(starts[k : k + LANES]), duration, every)
-        for k in range(0, len(scenes), LANES)
-    ]
+    _check(scenes, duration, every)
+    starts, paths = _each("initial", initial, scenes), _each("poses", poses, scenes)
+    asked = []
+    for k in range(0, len(scenes), LANES):
+        part = slice(k, k + LANES)
+        given = tuple(scenes[part]), tuple(starts[part]), tuple(paths[part])
+        asked.append(_Asked(k, *given, duration, every))
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
     runs: dict[int, Run] = {}
     with opened as crew:
@@ -140,12 +152,7 @@ def simulate_batch(
     return _gathered([runs[k] for k in range(len(scenes))], sample_times(duration, every))
 
 
-def _checked(
-    scenes: Sequence[Scene],
-    duration: float,
-    initial: Sequence[Start | None] | None,
-    every: float,
-) -> Sequence[Start | None]:
+def _check(scenes: Sequence[Scene], duration: float, every: float) -> None:
     if not scenes:
         raise ValueError("scenes: there are none; give at least one")
     for name, value in (("duration", duration), ("every", every)):
@@ -158,15 +165,22 @@ def _checked(
                 f"scene {k} has {scene.discretization.control_points} control points, scene 0 has "
                 f"{count}; give scenes of one number of control points"
             )
-    if initial is not None and len(initial) != len(scenes):
-        raise ValueError(f"initial: {len(initial)} states for {len(scenes)} scenes; give one each")
-    return [None] * len(scenes) if initial is None else initial
+
+
+def _each(
+    name: str, given: Sequence[Given | None] | None, scenes: Sequence[Scene]
+) -> Sequence[Given | None]:
+    """What is given for each scene, or None for each."""
+    if given is not None and len(given) != len(scenes):
+        raise ValueError(f"{name}: {len(given)} for {len(scenes)} scenes; give one each, or None")
+    return [None] * len(scenes) if given is None else given
 
 
 def _look_at(asked: _Asked) -> list[Lane | Run]:
     """Lanes of the scenes that fit; the others are run at once."""
     found: list[Lane | Run] = []
-    for k, (scene, start) in enumerate(zip(asked.scenes, asked.starts, strict=True), asked.first):
+    given = zip(asked.scenes, asked.starts, asked.paths, strict=True)
+    for k, (scene, start, path) in enumerate(given, asked.first):
         try:
             simulator = Simulator(scene)
             if start is not None:
@@ -176,29 +190,64 @@ def _look_at(asked: _Asked) -> list[Lane | Run]:
         except (TypeError, ValueError) as refusal:
             raise ValueError(f"initial {k}: {refusal}") from None
         reason = reason_against(simulator)
-        if reason:
+        if path is not None:
+            found.append(_run_along(k, simulator, path, asked))
+        elif reason:
             found.append(_run_alone(simulator, asked.duration, asked.every, reason))
         else:
             found.append(new_lane(simulator))
     return found
 
 
+def _run_along(k: int, simulator: Simulator, path: Path, asked: _Asked) -> Run:
+    """The run of a scene whose end effectors follow poses."""
+    times = sample_times(asked.duration, asked.every)
+    first, energy = simulator.control_points[None], simulator.energy().total
+    try:
+        stamps = arguments.numbers("times", path[0], (None,), "s")
+        if len(stamps) and abs(stamps[-1] - asked.duration) > 1e-9 * asked.duration:
+            raise ValueError(
+                f"times: end at {stamps[-1]:g} s, the batch at {asked.duration:g} s; give poses up "
+                "to its end"
+            )
+        report, recorder = simulator.record_along(stamps, path[1], times[1:])
+    except (TypeError, ValueError) as refusal:
+        raise ValueError(f"poses {k}: {refusal}") from None
+    points = np.concatenate([first, recorder.control_points])
+    energies = np.append(energy, recorder.energies[: recorder.count, 0])
+    energies = energies_at(times[: len(points)], energies, simulator.step, asked.every)
+    return _single(simulator, points, energies, report.status, report.message, times, FOLLOWS)
+
+
 def _run_alone(simulator: Simulator, duration: float, every: float, reason: str) -> Run:
-    recording = record_simulator(simulator, duration, every)
-    repeated = len(sample_times(duration, every)) - len(recording.time)
+    done, times = record_simulator(simulator, duration, every), sample_times(duration, every)
+    status = Status[done.status.upper()]
+    samples = done.control_points, done.energy
+    return _single(simulator, *samples, status, done.message, times, reason)
+
+
+def _single(
+    simulator: Simulator,
+    points: Array,
+    energy: Array,
+    status: Status,
+    message: str,
+    times: Array,
+    reason: str,
+) -> Run:
+    """The run of a simulator of its own; after its samples the last good state is repeated."""
+    repeated = len(times) - len(points)
     last = simulator.control_points[None]
-    points = np.concatenate([recording.control_points, np.repeat(last, repeated, axis=0)])
-    energy = np.concatenate([recording.energy, np.repeat(recording.energy[-1:], repeated)])
     return Run(
-        control_points=points,
-        energy=energy,
-        good=len(recording.time),
+        control_points=np.concatenate([points, np.repeat(last, repeated, axis=0)]),
+        energy=np.concatenate([energy, np.repeat(energy[-1:], repeated)]),
+        good=len(points),
         energy_error=simulator.energy_error,
-        status=Status[recording.status.upper()],
-        message=recording.message,
-        method=recording.method,
-        step=recording.step_s,
-        simulated=recording.simulated_s,
+        status=status,
+        message=message,
+        method=simulator.method,
+        step=simulator.step,
+        simulated=simulator.time,
         one_by_one=reason,
     )
 

@@ -69,6 +69,22 @@ def turned(start: Quaternion, rotation: Vector) -> Quaternion:
     return product(exponential(rotation), start)
 
 
+def aligned(q: Quaternion, body: Vector, direction: Vector) -> Quaternion:
+    """The orientation nearest to q that turns one unit vector into another, of the world.
+
+    From the opposite one there is no nearest: half a turn about the axis across it that is nearest
+    to the coordinate axis least aligned with it.
+    """
+    x, y, z, w = q
+    *present, _ = product(product(q, (*body, 0.0)), (-x, -y, -z, w))
+    cosine = sum(a * b for a, b in zip(present, direction, strict=True))
+    swing = (*cross(present, direction), 1.0 + cosine)
+    if math.hypot(*swing) < 1e-8:
+        least = min(range(3), key=lambda k: abs(present[k]))
+        swing = (*cross(present, [float(k == least) for k in range(3)]), 0.0)
+    return normalized(product(normalized(swing), q))
+
+
 def normalized(q: Quaternion) -> Quaternion:
     """q / |q|.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from dlo_sim.doctor.finding import Finding, note, ok, problem
-from dlo_sim.session.topics import input_topics, resolved
+from dlo_sim.session.topics import InputTopic, input_topics, resolved
 
 if TYPE_CHECKING:
     from dlo_sim.ros.survey import Heard, Survey
@@ -17,18 +17,18 @@ _SAME_EPOCH = 1.0  # [s]; the node takes stamps that are farther off for those o
 
 def findings(scene: Scene, found: Survey) -> Iterator[Finding]:
     """Each input topic, then the clock."""
-    poses = {resolved(entry.topic) for entry in input_topics(scene) if entry.kind == "pose"}
+    entries = {resolved(entry.topic): entry for entry in input_topics(scene)}
     if not found.heard:
         yield ok("the scene listens to no topic")
     for heard in found.heard:
-        yield from _topic(heard, heard.sources.topic in poses)
+        yield from _topic(heard, entries[heard.sources.topic])
     if found.simulated_time:
         yield note("/clock is published", "start the node with --ros-args -p use_sim_time:=true")
     if found.offset is not None:
         yield epoch(found.offset, found.simulated_time)
 
 
-def _topic(heard: Heard, is_pose: bool) -> Iterator[Finding]:
+def _topic(heard: Heard, entry: InputTopic) -> Iterator[Finding]:
     topic, kind = heard.sources.topic, heard.sources.type
     for line in heard.sources.problems:
         yield problem(line, "correct the publisher, or the topic's name in the scene")
@@ -36,10 +36,15 @@ def _topic(heard: Heard, is_pose: bool) -> Iterator[Finding]:
         yield problem(line, "correct the publisher's QoS")
     if not heard.sources.count:
         cure = f"publish {kind} there, or name another topic in the scene"
-        if is_pose:
+        if entry.is_pose:
             yield problem(f"nobody publishes {topic}; the node waits for it", cure)
+        elif entry.kind == "taken":
+            yield note(f"nobody publishes {topic}; '{entry.target}' stays as it is", cure)
         else:
             yield note(f"nobody publishes {topic}; the load is zero", cure)
+        return
+    if entry.kind == "taken":
+        yield ok(f"{topic} is published")
         return
     if not heard.rate:
         yield problem(f"{topic} is published, and hardly a message came", "let its publisher send")

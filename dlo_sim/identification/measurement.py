@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
+from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 
@@ -25,8 +26,8 @@ FARTHEST = 1e4  # [m] of a marker from the origin
 # world's. The roll of such a gripper is not measured; its frame turns by the least rotation.
 TANGENT = (1.0, 0.0, 0.0)
 _HANGING = {
-    "start": ((0.0, 0.0, -1.0), ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))),
-    "end": ((0.0, 0.0, 1.0), ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))),
+    "start": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+    "end": ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
 }
 
 
@@ -151,29 +152,22 @@ def checked_points(name: str, points: Array) -> Array:
 def poses_of_two_markers(end: str, first: Array, second: Array) -> Array:
     """Poses (F, 7) of a gripper that holds the cable midway between two markers (F, 3).
 
-    The x axis is the direction from the first to the second; from frame to frame the orientation
-    changes by the least rotation.
+    The x axis points from the second to the first; from frame to frame the orientation changes by
+    the least rotation.
 
     Raises:
         MeasurementError: a marker is missing, or both are at the same place.
     """
-    direction = second - first
-    distance = np.linalg.norm(direction, axis=1, keepdims=True)
+    distance = np.linalg.norm(second - first, axis=1, keepdims=True)
     if not np.all(distance > 0.0):
         worst = int(np.argmin(distance[:, 0] > 0.0))
         raise MeasurementError(
             f"the markers on the gripper of the {end} are missing or at the same place in frame "
             f"{worst}; give two apart in every frame"
         )
-    direction = direction / distance
-    down, frame = _HANGING[end]
-    upright = rotations.from_matrix(np.array(frame).T)
-    orientation = [
-        rotations.multiply(rotations.minimal_rotation(np.array(down), direction[0]), upright)
-    ]
-    for turn in rotations.minimal_rotation(direction[:-1], direction[1:]):
-        orientation.append(rotations.normalized(rotations.multiply(turn, orientation[-1])))
-    return np.hstack([0.5 * (first + second), np.array(orientation)])
+    x, y, z, w = rotations.from_matrix(np.array(_HANGING[end]).T).tolist()
+    points = np.stack([first, second], axis=1)
+    return poses_of_two_points(points, (x, y, z, w), body=(-1.0, 0.0, 0.0))
 
 
 def shares_along(points: Array) -> tuple[float, Array]:

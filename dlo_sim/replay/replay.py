@@ -117,7 +117,7 @@ def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[s
     driven: list[str] = []
     for entry in input_topics(scene):
         inputs[resolved(entry.topic)] = entry.type
-        if entry.kind == "pose":
+        if entry.is_pose:
             driven.append(resolved(entry.topic))
     if not inputs:
         raise ReplayError(

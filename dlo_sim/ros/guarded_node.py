@@ -5,7 +5,7 @@ can carry and they cannot hold, and whatever a callback raises ends the process.
 serve by the node's own methods, so this is where their messages are checked.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -27,6 +27,8 @@ class GuardedNode(Node):
 
     Attributes:
         clock_watch: what is known of /clock.
+        overrides: values of params files and -p by name, None for an empty list; nothing is
+            declared of them.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -36,6 +38,8 @@ class GuardedNode(Node):
             SceneError: rclpy refuses its name, its namespace or a parameter of its own.
         """
         self.clock_watch = ClockWatch()
+        self.overrides: dict[str, Any] | None = None
+        options |= {"automatically_declare_parameters_from_overrides": True}
         try:
             super().__init__(name, **options)
         except (RuntimeError, ParameterException) as error:
@@ -51,6 +55,17 @@ class GuardedNode(Node):
             return str(self.resolve_topic_name(topic))
         except (RuntimeError, ValueError) as error:
             raise SceneError(f"{brief(topic)}: {one_line(error)}; give another name") from None
+
+    def declare_parameters(
+        self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
+    ) -> list[Any]:
+        """As of every node; but the overrides, which rclpy would declare first of all and which it
+        shows nowhere else, are only noted: it cannot declare an empty list.
+        """
+        if ignore_override and self.overrides is None:
+            self.overrides = {name: value for name, value, *_ in parameters}
+            return []
+        return list(super().declare_parameters(namespace, parameters, ignore_override))
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[[Any], None], *args: Any, **options: Any

@@ -67,7 +67,7 @@ class CableNode(GuardedNode):
         saved = self._keeper.found(scene)
         if saved is not None:
             scene = saved.scene
-            self._scene_parameters.begin_with(scene)
+            self._scene_parameters.take_over(scene)
         self._session = self._built(scene, saved)
         self._status = self._session.status
         self._times = TickTimes()
@@ -127,7 +127,7 @@ class CableNode(GuardedNode):
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(SetBool, "~/pause", self._on_pause)
         for grasp in self._session.scene.grasps:
-            answer = partial(self._on_grasp, f"grasps.{grasp.name}.taken")
+            answer = partial(self._on_grasp, grasp.name)
             self.create_service(Trigger, f"~/{grasp.name}/take", partial(answer, True))
             self.create_service(Trigger, f"~/{grasp.name}/release", partial(answer, False))
 
@@ -145,7 +145,7 @@ class CableNode(GuardedNode):
 
     def _tick_timer(self, scene: Scene) -> Timer:
         self._period_ns = round(1e9 / scene.rate)
-        return self.create_timer(1.0 / scene.rate, self._tick)
+        return self.create_timer(1.0 / scene.rate, self._on_timer)
 
     def _log_topics(self) -> None:
         log = self.get_logger()
@@ -168,6 +168,14 @@ class CableNode(GuardedNode):
             self._early[topic] = raw
         else:
             self._session.receive(topic, raw, now)
+
+    def _on_timer(self) -> None:
+        """A tick, between two of which no parameters are being changed."""
+        self._tick()
+        scene = self._session.scene
+        if scene is not self._scene_parameters.scene:  # messages let grasps take or release
+            self._log_grasps(self._scene_parameters.scene)
+            self._scene_parameters.take_over(scene)
 
     def _tick(self) -> None:
         """Advance the session to now and publish."""
@@ -250,7 +258,7 @@ class CableNode(GuardedNode):
         them and not what else is done with parameters.
         """
         self._keep_ticking()
-        before = self._session.scene
+        before, simulator = self._session.scene, self._session.simulator
         self._session.reconfigure(scene, prepared)
         self._outputs.follow(scene)
         if scene.rate != before.rate:
@@ -258,9 +266,23 @@ class CableNode(GuardedNode):
             self._timer = self._tick_timer(scene)
         self._times.interrupt()
         self._tick()
+        self._log_grasps(before)
+        if self._session.simulator is simulator:
+            return
         self.get_logger().info(f"parameters changed: {_summary(self._session)}")
         for line in self._session.simulator.warnings:
             self.get_logger().warning(line)
+
+    def _log_grasps(self, before: Scene) -> None:
+        """Say which grasps hold the cable now, and did not, or the other way round."""
+        scene, saved = self._session.scene, self._session.saved
+        for grasp, was in zip(scene.grasps, before.grasps, strict=True):
+            if grasp.taken == was.taken or saved is None:
+                continue
+            u = saved.geometries[grasp.name].u
+            where = "" if u is None else f" at u = {u / scene.cable.length:.2f}"
+            verb = "released" if u is None else "took"
+            self.get_logger().info(f"{verb} '{grasp.name}'{where}")
 
     # -- services -------------------------------------------------------------------------------
 
@@ -295,9 +317,15 @@ class CableNode(GuardedNode):
         return response
 
     def _on_grasp(
-        self, key: str, taken: bool, request: Trigger.Request, response: Trigger.Response
+        self, name: str, taken: bool, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         """~/<name>/take, ~/<name>/release: set the parameter of a grasp."""
+        key = f"grasps.{name}.taken"
+        if self._session.scene.grasp(name).taken == taken:
+            response.success = True
+            verb = "holds" if taken else "does not hold"
+            response.message = f"nothing to do: {name} {verb} the cable"
+            return response
         (result,) = self.set_parameters([NodeParameter(key, NodeParameter.Type.BOOL, taken)])
         response.success = result.successful
         response.message = result.reason or f"{key}: {str(taken).lower()}"

@@ -6,7 +6,7 @@ refuse, with the same line.
 """
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
@@ -17,10 +17,9 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.exceptions import ParameterNotDeclaredException
-from rclpy.node import Node
 from rclpy.parameter import Parameter as NodeParameter
 
-from dlo_sim.ros.guarded_node import one_line
+from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.scene.checking import check_value, unknown_key
 from dlo_sim.scene.description import Scene, parameters_of_scene, scene_parameters
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
@@ -69,7 +68,7 @@ class SceneParameters(Generic[Prepared]):
         scene: the scene that the parameters describe now.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: GuardedNode) -> None:
         """Read the node's overrides (params files, -p), check them, declare all parameters.
 
         Raises:
@@ -83,14 +82,14 @@ class SceneParameters(Generic[Prepared]):
             _declare(node, row, values[key])
         self._prepared: tuple[Scene, Prepared] | None = None
 
-    def begin_with(self, scene: Scene) -> None:
-        """Take over other values before changes are followed."""
+    def take_over(self, scene: Scene) -> None:
+        """Show the values of a scene that has come about otherwise."""
         old, new = scene_values(self.scene), scene_values(scene)
+        self.scene = scene  # so that nothing is prepared for it
         for key, value in new.items():
             if value != old[key]:
                 kind = _TYPES[self._rows[key].kind]
                 self._node.set_parameters([NodeParameter(key, kind, _node_value(value))])
-        self.scene = scene
 
     def follow(
         self,
@@ -153,7 +152,7 @@ class SceneParameters(Generic[Prepared]):
             self._adopt(scene, prepared)
 
 
-def scene_from_overrides(node: Node) -> Scene:
+def scene_from_overrides(node: GuardedNode) -> Scene:
     """The scene that the node's params files and -p arguments describe.
 
     Parameters that rclpy itself has declared are left to it.
@@ -161,21 +160,19 @@ def scene_from_overrides(node: Node) -> Scene:
     Raises:
         SceneError: one line with the key, the value and the cure.
     """
-    # rclpy ignores overrides that nothing declares, and shows them nowhere else.
-    overrides: Mapping[str, NodeParameter] = node._parameter_overrides
     table = {row.key: row for row in scene_parameters()}
     values: dict[str, object] = {}
-    for name, override in overrides.items():
+    for name, override in (node.overrides or {}).items():
         if node.has_parameter(name) or name.startswith("qos_overrides."):
             continue
-        value = _plain(override.value)
+        value = _plain(override)
         # rcl keeps the name of a parameter given as [] but neither value nor type.
         empty_list = value is None and name in table and table[name].is_array
         values[name] = [] if empty_list else value
     return scene_from_values(values)
 
 
-def check_qos_overrides(node: Node, topics: Iterable[str]) -> None:
+def check_qos_overrides(node: GuardedNode, topics: Iterable[str]) -> None:
     """Refuse a `qos_overrides` that rclpy would stumble over or ignore.
 
     Args:
@@ -189,7 +186,7 @@ def check_qos_overrides(node: Node, topics: Iterable[str]) -> None:
         for topic in topics
         for row in _QOS_POLICIES
     }
-    for name, override in node._parameter_overrides.items():
+    for name, override in (node.overrides or {}).items():
         if not name.startswith("qos_overrides."):
             continue
         if name not in rows:
@@ -197,7 +194,7 @@ def check_qos_overrides(node: Node, topics: Iterable[str]) -> None:
                 f"{name}: is for no input of this scene; these can be given: "
                 f"{', '.join(rows) or 'none'}"
             )
-        check_value(replace(rows[name], key=name), _plain(override.value))
+        check_value(replace(rows[name], key=name), _plain(override))
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:
@@ -240,7 +237,7 @@ def _constraints(row: Parameter) -> str:
     return "; ".join(parts)
 
 
-def _declare(node: Node, row: Parameter, value: Any) -> None:
+def _declare(node: GuardedNode, row: Parameter, value: Any) -> None:
     """Declare one parameter with its checked value.
 
     The override has been read already: rclpy would refuse 5 for 5.0 here. An empty list has no type

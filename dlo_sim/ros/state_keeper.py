@@ -1,5 +1,6 @@
 """Keeps the state of a session in a file, beside the ticks."""
 
+import os
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -25,13 +26,18 @@ class StateKeeper:
         """The state to go on from, if there is one.
 
         Raises:
-            SceneError: the folder does not exist, or the file is not of this scene.
+            SceneError: nothing can be written there, or the file is not of this scene.
         """
         if self._path is None:
             return None
-        if not self._path.parent.is_dir():
+        folder = self._path.parent
+        if not folder.is_dir():
+            raise SceneError(f"state.save_to: the folder {folder} does not exist; create it first")
+        if self._path.is_dir():
+            raise SceneError(f"state.save_to: {self._path} is a folder; give a file in it")
+        if not os.access(folder, os.W_OK):
             raise SceneError(
-                f"state.save_to: the folder {self._path.parent} does not exist; create it first"
+                f"state.save_to: nothing can be written in {folder}; give another folder"
             )
         found = load_state(self._path, scene)
         if found is None:

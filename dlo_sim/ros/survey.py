@@ -14,7 +14,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 from dlo_sim.ros.guarded_node import GuardedNode
 from dlo_sim.ros.status import InputSources
-from dlo_sim.ros.topics import INPUT_QOS, Inputs
+from dlo_sim.ros.topics import Inputs, input_qos
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import TopicRecord
 from dlo_sim.session.session import Session
@@ -121,7 +121,7 @@ def _listen(node: Node, executor: Executor, session: Session, seconds: float, rm
     heard = tuple(
         Heard(
             source,
-            tuple(_incompatible(node, source.topic)),
+            tuple(_incompatible(node, source)),
             session.journal.topics[source.topic],
             listening.rate(source.topic),
             tuple(sorted(listening.frames.get(source.topic, ()))),
@@ -138,10 +138,10 @@ def _spin(executor: Executor, seconds: float, enough: Callable[[], bool] = lambd
         executor.spin_once(timeout_sec=min(left, 0.05))
 
 
-def _incompatible(node: Node, topic: str) -> list[str]:
+def _incompatible(node: Node, source: InputSources) -> list[str]:
     lines = []
-    for info in node.get_publishers_info_by_topic(topic):
-        verdict, reason = qos_check_compatible(info.qos_profile, INPUT_QOS)
+    for info in node.get_publishers_info_by_topic(source.topic):
+        verdict, reason = qos_check_compatible(info.qos_profile, input_qos(source.type))
         if verdict == QoSCompatibility.ERROR:
-            lines.append(f"{info.node_name} publishes {topic} with another QoS: {reason}")
+            lines.append(f"{info.node_name} publishes {source.topic} with another QoS: {reason}")
     return lines

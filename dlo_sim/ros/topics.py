@@ -12,13 +12,15 @@ from rclpy.subscription import Subscription
 
 from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.cdr import encode_marker_delete_all
+from dlo_sim.session.cdr import BOOL, encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
 from dlo_sim.session.topics import DIAGNOSTICS, MARKERS, InputTopic, output_topics
 
 # Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual
 # 5: a tick that takes 20 ms must not lose a 500 Hz wrench.
-INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+_STREAM_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+# What is said once must not be lost.
+_ONCE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 # The newest state also for readers that come later; a slow reader never blocks the node.
 OUTPUT_QOS = QoSProfile(
     depth=1,
@@ -35,6 +37,11 @@ def message_class(kind: str) -> type:
     package, _, name = kind.split("/")
     found: type = getattr(import_module(f"{package}.msg"), name)
     return found
+
+
+def input_qos(kind: str) -> QoSProfile:
+    """How an input of a ROS type is subscribed."""
+    return _ONCE_QOS if kind == BOOL else _STREAM_QOS
 
 
 class Outputs:
@@ -125,7 +132,7 @@ class Inputs:
             message_class(source.type),
             topic,
             lambda raw: receive(topic, raw),
-            INPUT_QOS,
+            input_qos(source.type),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             raw=True,
         )

@@ -148,7 +148,7 @@ class Holder:
     tangent: Vector = parameter(
         ORIGIN,
         "Direction of the cable (from start towards end) here, in the end-effector's frame; "
-        "zeros = from start.position to end.position.",
+        "zeros = from start.position to end.position, for two_points the x axis.",
         "",
         -1.0e6,
         1.0e6,
@@ -160,13 +160,36 @@ class Holder:
         -1.0e3,
         1.0e3,
     )
+    jaw: float = parameter(
+        0.0,
+        "Length of cable that a clamp holds straight: from an end inwards, on both sides of a "
+        "grasp in equal parts.",
+        "m",
+        0.0,
+        1.0e3,
+    )
     frame: str = parameter(
         "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
     )
     pose_topic: str = parameter(
         "",
-        "Topic (PoseStamped) of the end-effector; empty = it stands still.",
+        "Topic of the end-effector's pose; empty = it stands still.",
         read_only=True,
+    )
+    pose_type: str = parameter(
+        "pose",
+        "What the topic carries: PoseStamped, or PoseArray of two points on the line of the cable, "
+        "the first nearer to the start. The end-effector is midway between them, its x axis points "
+        "from the first to the second and is the tangent.",
+        choices=("pose", "two_points"),
+        read_only=True,
+    )
+    pose_spacing: float = parameter(
+        0.0,
+        "Distance between two_points; messages in which it is 10 % off are refused, 0 = any.",
+        "m",
+        0.0,
+        1.0e3,
     )
     pose_timeout: float = parameter(
         1.0,
@@ -218,6 +241,12 @@ class Grasp(Holder):
     taken: bool = parameter(
         True,
         "Whether it holds the cable; what is taken while the simulation runs is held where it is.",
+    )
+    taken_topic: str = parameter(
+        "",
+        "Topic (Bool) that lets it take (true) or release the cable when a message arrives; "
+        "`taken` follows. Empty = parameter and services alone.",
+        read_only=True,
     )
     clamped: bool = parameter(
         False,

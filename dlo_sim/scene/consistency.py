@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from dlo_sim.scene.cable import Cable, End, Holder, Load, Obstacle, Vector
+from dlo_sim.scene.cable import Cable, End, Grasp, Holder, Load, Obstacle, Vector
 from dlo_sim.scene.computation import Discretization, Outputs
 from dlo_sim.scene.refusal import refusal, shown
 
@@ -94,6 +94,24 @@ def check_holder(name: str, end: Holder) -> None:
             True,
             f"needs {name}.fixed: [true, true, true] (it is {shown(end.fixed)})",
         )
+    if end.jaw and not end.clamped:
+        raise refusal(
+            f"{name}.jaw",
+            end.jaw,
+            f"m of cable is held straight by a clamp alone; set {name}.clamped: true, or remove it",
+        )
+    if end.pose_type == "two_points" and any(end.tangent):
+        raise refusal(
+            f"{name}.tangent",
+            end.tangent,
+            f"would be ignored, since {name}.pose_type two_points makes it the x axis; remove it",
+        )
+    if end.pose_type == "pose" and end.pose_spacing:
+        raise refusal(
+            f"{name}.pose_spacing",
+            end.pose_spacing,
+            f"m would be ignored; set {name}.pose_type to two_points, or remove it",
+        )
     if end.driven and not end.held:
         raise refusal(
             f"{name}.pose_topic",
@@ -177,7 +195,12 @@ def check_load(load: Load) -> None:
 
 def check_topics(holders: Holders, loads: Sequence[Load]) -> None:
     """Refuse topic names that are not well formed, and topics with two meanings."""
-    inputs = [(f"{n}.pose_topic", e.pose_topic, "pose") for n, e in holders.items()]
+    inputs = [(f"{n}.pose_topic", e.pose_topic, e.pose_type) for n, e in holders.items()]
+    inputs += [
+        (f"{n}.taken_topic", e.taken_topic, "taken")
+        for n, e in holders.items()
+        if isinstance(e, Grasp)
+    ]
     inputs += [(f"loads.{load.name}.topic", load.input_topic, load.type) for load in loads]
     seen: dict[str, tuple[str, str]] = {}
     for key, topic, kind in inputs:

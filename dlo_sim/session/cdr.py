@@ -25,6 +25,7 @@ Color = tuple[float, float, float, float]
 WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
 VECTOR3_STAMPED = "geometry_msgs/msg/Vector3Stamped"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+BOOL = "std_msgs/msg/Bool"
 POSE_ARRAY = "geometry_msgs/msg/PoseArray"
 MARKER = "visualization_msgs/msg/Marker"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
@@ -65,11 +66,18 @@ class PoseArray(NamedTuple):
 
 
 def decode(message_type: str, raw: Bytes) -> Stamped:
-    """Header and numbers of a WrenchStamped (6), Vector3Stamped (3) or PoseStamped (7).
+    """Header and numbers of a WrenchStamped (6), Vector3Stamped (3) or PoseStamped (7), or the
+    positions of a PoseArray (3 each). A Bool (1) has no header: stamp 0, no frame.
 
     Raises:
         DecodeError: truncated or overlong bytes, an unknown encapsulation, an impossible header.
     """
+    if message_type == BOOL:
+        return Stamped(0, "", (float(_decode_bool(raw)),))
+    if message_type == POSE_ARRAY:
+        array = decode_pose_array(raw)
+        positions = array.poses[:, :3].ravel().tolist()
+        return Stamped(array.stamp_ns, array.frame_id, tuple(positions))
     count = _VALUES[message_type]
     order, stamp_ns, frame_id, end = _decode_header(raw)
     begin = 4 + (end - 4 + 7 & ~7)
@@ -96,12 +104,17 @@ def decode_pose_array(raw: Bytes) -> PoseArray:
     return PoseArray(stamp_ns, frame_id, poses)
 
 
+def _decode_bool(raw: Bytes) -> bool:
+    _check_encapsulation(raw)
+    _check_length(raw, 5)
+    return bool(raw[4])
+
+
 def _decode_header(raw: Bytes) -> tuple[str, int, str, int]:
     """Byte order, stamp [ns], frame, and the offset just behind the frame."""
     if len(raw) < 16:
         raise DecodeError(f"{len(raw)} bytes are too few for a message with a header")
-    if raw[0] != 0 or raw[1] > 1:
-        raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
+    _check_encapsulation(raw)
     order = "<" if raw[1] else ">"
     seconds, nanoseconds, length = _HEADERS[order].unpack_from(raw, 4)
     end = 16 + length
@@ -115,9 +128,14 @@ def _decode_header(raw: Bytes) -> tuple[str, int, str, int]:
     return order, seconds * _NANO + nanoseconds, frame_id, end
 
 
+def _check_encapsulation(raw: Bytes) -> None:
+    if len(raw) < 2 or raw[0] != 0 or raw[1] > 1:
+        raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
+
+
 def _check_length(raw: Bytes, needed: int) -> None:
     if not needed <= len(raw) <= needed + _MOST_PADDING:
-        raise DecodeError(f"{len(raw)} bytes, a message with this header has {needed}")
+        raise DecodeError(f"{len(raw)} bytes, such a message has {needed}")
 
 
 class _Writer:

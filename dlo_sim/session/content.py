@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from dlo_sim.core.two_points import LEAST_APART
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import Stamped
 
 # Positions beyond this cannot be meant [m].
 MOST_DISTANT = 1e6
+
+# Two points may be this share further apart, or nearer, than pose_spacing.
+SPACING_TOLERANCE = 0.1
 
 # A quaternion may be this far from unit length; within it is normalised.
 NORM_TOLERANCE = 1e-3
@@ -42,8 +46,11 @@ class ContentCheck:
             if end.frame:
                 self._frames.setdefault(end.frame, name)
 
-    def check(self, message: Stamped, is_pose: bool) -> Sound:
+    def check(self, message: Stamped, kind: str, spacing: float = 0.0) -> Sound:
         """Finite, not absurd, in a known frame.
+
+        Args:
+            kind: of its topic (`session.topics`). spacing: [m] of two points, 0 = any.
 
         Raises:
             Refused: it cannot be used.
@@ -52,10 +59,13 @@ class ContentCheck:
         # The sum of finite numbers overflows only far beyond every limit.
         if not math.isfinite(sum(values)):
             raise Refused("not_finite", f"{_shown(values)}; repair the publisher")
-        if is_pose:
+        if kind == "pose":
             _check_pose(values)
-        else:
+        elif kind == "two_points":
+            _check_points(values, spacing)
+        elif kind != "taken":
             self._check_size(values)
+        is_pose = kind in ("pose", "two_points")
         return Sound(values, self._check_frame(message.frame_id, is_pose))
 
     def _check_size(self, values: tuple[float, ...]) -> None:
@@ -81,12 +91,31 @@ class ContentCheck:
         )
 
 
-def _check_pose(values: tuple[float, ...]) -> None:
-    if math.hypot(*values[:3]) > MOST_DISTANT:
+def _check_points(values: tuple[float, ...], spacing: float) -> None:
+    if len(values) != 6:
+        raise Refused("bad_points", f"{len(values) // 3} points; publish two")
+    first, second = values[:3], values[3:]
+    _check_position(first)
+    _check_position(second)
+    apart = math.dist(first, second)
+    if apart < LEAST_APART:
+        raise Refused("bad_points", f"{apart:.3g} m apart: they give no direction; publish two")
+    if spacing and abs(apart - spacing) > SPACING_TOLERANCE * spacing:
         raise Refused(
-            "too_large",
-            f"position {_shown(values[:3])} is beyond {MOST_DISTANT:g} m; check its unit",
+            "bad_points",
+            f"{apart:.6g} m apart, pose_spacing is {spacing:g} m; correct it, or the markers",
         )
+
+
+def _check_position(position: tuple[float, ...]) -> None:
+    if math.hypot(*position) > MOST_DISTANT:
+        raise Refused(
+            "too_large", f"position {_shown(position)} is beyond {MOST_DISTANT:g} m; check its unit"
+        )
+
+
+def _check_pose(values: tuple[float, ...]) -> None:
+    _check_position(values[:3])
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise Refused(

@@ -22,6 +22,7 @@ REASONS: dict[str, str] = {
     "not_finite": "a NaN or infinite number",
     "too_large": "a force, torque or position beyond inputs.max_force, inputs.max_torque, 1e6 m",
     "bad_quaternion": "an orientation whose norm is not 1",
+    "bad_points": "two_points that coincide, are not two, not pose_spacing apart, or exchanged",
     "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",
     "too_old": "a stamp more than 1 s behind the last one used, or behind the clock before any",
     "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",
@@ -36,6 +37,7 @@ EVENTS: dict[str, str] = {
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
     "late": "a message came after the simulation had passed its time; it counts from now on",
+    "not_taken": "a gripper was to take the cable where it is held already",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",
     "reset": "reset was called",
@@ -117,7 +119,7 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
     age = None if record.last_arrival_ns is None else (now_ns - record.last_arrival_ns) * 1e-9
     level, message = OK, "receiving"
     if age is None:
-        level, message = WARN, "no message yet"
+        level, message = WARN if record.timeout else OK, "no message yet"
     elif record.timeout and age > record.timeout:
         level, message = STALE, f"silent for {age:.1f} s"
     if fresh:
@@ -144,6 +146,7 @@ def session_status(
     failed: bool,
     waiting: bool,
     lag: float,
+    delay: float | None,
     most_lag: float,
     offset: float,
     extra: Mapping[str, str],
@@ -155,6 +158,7 @@ def session_status(
         simulator: read for time, step, method, terms and energy.
         accuracy: the estimated error and what it means.
         lag, most_lag: how far the state is behind [s], and what is worth a warning.
+        delay: how long ago the stamp of the state was [s]: an input acts in the state of its stamp.
         offset: clock minus stamps [s].
         extra: more values.
     """
@@ -184,6 +188,7 @@ def session_status(
         ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
         *accuracy.values(),
         ("lag [s]", f"{lag:.3f}"),
+        ("inputs act after [s]", "never" if delay is None else f"{delay:.4f}"),
         ("skipped [s]", f"{journal.skipped_ns * 1e-9:.3f}"),
         ("clock minus stamps [s]", f"{offset:.9g}"),
         ("messages used", str(journal.accepted)),

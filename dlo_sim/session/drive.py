@@ -7,7 +7,7 @@ same messages give the same bits however the advance is cut into ticks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -17,6 +17,7 @@ from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
 from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
+from dlo_sim.session.take_schedule import TakeSchedule
 from dlo_sim.session.time_base import SECOND
 
 if TYPE_CHECKING:
@@ -36,8 +37,12 @@ class Advance(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """What goes on with another scene: a simulator, and its companions if it has any."""
+    """What goes on with another scene: a simulator, and its companions if it has any.
 
+    before: the scene that was simulated when this was made.
+    """
+
+    before: Scene
     simulator: CableSimulator
     estimate: ErrorEstimate | None
 
@@ -53,6 +58,7 @@ class Drive:
         live: whether the prediction is made live, for accuracy.estimate auto.
 
     Attributes:
+        scene: what is simulated now.
         simulator: the simulator; placed by `begin`.
         estimate: runs its companions, None without any.
         grid: times of its steps, None before `begin`.
@@ -71,7 +77,7 @@ class Drive:
         self._live = live
         self._too_slow = False
         self._rebuilt = False  # the simulator, so that its first state is not the scene's
-        self._scene = scene
+        self.scene = scene
         self._note = note
         self._factory = factory
         self.paths = {
@@ -82,6 +88,7 @@ class Drive:
             if end.driven
         }
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
+        self.takes = {g.name: TakeSchedule() for g in scene.grasps if g.taken_topic}
         self.grid: StepGrid | None = None
         self.index = 0
         self._knots: dict[str, int | None] = {}
@@ -96,12 +103,16 @@ class Drive:
     @property
     def _estimating(self) -> bool:
         """Whether companions run from the next beginning on."""
-        return _estimated(self._scene, self._live and not self._too_slow)
+        return _estimated(self.scene, self._live and not self._too_slow)
 
     @property
     def _driven(self) -> Stepped:
         """What takes motions, loads and steps: the simulator, alone or with its companions."""
         return self.simulator if self.estimate is None else self.estimate
+
+    @property
+    def _pending(self) -> list[LoadSchedule | TakeSchedule]:
+        return [*self.schedules.values(), *self.takes.values()]
 
     @property
     def now_ns(self) -> int:
@@ -135,8 +146,11 @@ class Drive:
         """
         origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
         poses = {name: path.begin(origin) for name, path in self.paths.items()}
+        told = self._told(origin)
+        if told is not self.scene:
+            self.scene, self._rebuilt = told, True
         if poses or self._rebuilt:
-            self.simulator = self._factory(self._scene, end_poses=poses)
+            self.simulator = self._factory(self.scene, end_poses=poses)
             self._rebuilt = False
         else:
             self.simulator.reset()
@@ -159,7 +173,7 @@ class Drive:
         poses = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
         before = self._factory(saved.scene, end_poses=poses)
         before.restore(saved)
-        self.simulator, self._rebuilt = before.reconfigured(self._scene), True
+        self.simulator, self._rebuilt = before.reconfigured(self.scene), True
         if self.estimate is not None:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
 
@@ -173,6 +187,8 @@ class Drive:
             path.clear()
         for schedule in self.schedules.values():
             schedule.remove(self.simulator)
+        for take in self.takes.values():
+            take.clear()
         self.grid = None
         self.estimate = None
 
@@ -192,7 +208,7 @@ class Drive:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
                 return Advance(self.index - begin, waiting, slow=slow)
-            stop = self._apply_loads(grid, target)
+            stop = self._apply_inputs(grid, target)
             report = self._driven.advance_steps(stop - self.index)
             self.index += report.steps
             slow = report.note or slow
@@ -220,15 +236,21 @@ class Drive:
                 self._driven.set_motion(name, segment.motion)
         return waiting
 
-    def _apply_loads(self, grid: StepGrid, target: int) -> int:
-        """Apply the loads of the present step; returns the step up to which nothing changes."""
+    def _apply_inputs(self, grid: StepGrid, target: int) -> int:
+        """Take, release and load as of the present step; returns the step up to which nothing
+        changes.
+        """
+        told = self._told(self.now_ns)
+        if told is not self.scene:
+            self._take_and_release(told)
         stop = target
         for knot in self._knots.values():
             if knot is not None and knot < stop:
                 stop = knot
         for schedule in self.schedules.values():
             schedule.apply(self.now_ns, grid.step * 1e9, self._driven)
-            change = schedule.next_change_ns()
+        for pending in self._pending:
+            change = pending.next_change_ns()
             if change is not None and change < grid.time_of(stop):
                 stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))
         return stop
@@ -252,7 +274,7 @@ class Drive:
 
     def spare_estimate(self) -> bool:
         """Go on without companions that are not asked for by name; whether there were any."""
-        if self.estimate is None or self._scene.accuracy.estimate == "on":
+        if self.estimate is None or self.scene.accuracy.estimate == "on":
             return False
         self.estimate, self._too_slow = None, True
         return True
@@ -272,8 +294,8 @@ class Drive:
             self.grid.origin_ns += delta_ns
         for path in self.paths.values():
             path.shift_time(delta_ns)
-        for schedule in self.schedules.values():
-            schedule.shift_time(delta_ns)
+        for pending in self._pending:
+            pending.shift_time(delta_ns)
 
     def prepare(self, scene: Scene) -> Prepared:
         """What `reconfigure` needs for another scene with the same driven ends and loads.
@@ -284,17 +306,18 @@ class Drive:
         Raises:
             ValueError: the simulator refuses the scene.
         """
-        if scene == _as_taken(self._scene, scene):
-            for grasp in _taking(self._scene, scene):
+        if scene == _with_taken(self.scene, {g.name: g.taken for g in scene.grasps}):
+            for grasp in _taking(self.scene, scene):
                 self.simulator.check_take(grasp)
-            return Prepared(self.simulator, self.estimate)
+            return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
         if not _estimated(scene, self._live):
-            return Prepared(simulator, None)
+            return Prepared(self.scene, simulator, None)
         from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-        return Prepared(simulator, ErrorEstimate.continued(cast("Simulator", simulator)))
+        estimate = ErrorEstimate.continued(cast("Simulator", simulator))
+        return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:
         """Continue from the present state with another scene, for which `prepare` was called.
@@ -302,11 +325,14 @@ class Drive:
         Taking over the state takes a small part of the time that building took.
         """
         old, grid = self.simulator, self.grid
+        # Messages may have let grasps take or release since `prepare`.
+        pairs = zip(prepared.before.grasps, self.scene.grasps, strict=True)
+        told = _with_taken(scene, {g.name: g.taken for was, g in pairs if g.taken != was.taken})
         if prepared.simulator is old:
-            self._take_and_release(scene)
+            self._take_and_release(told)
             return
-        self.simulator, self.estimate = prepared
-        self._scene, self._too_slow, self._rebuilt = scene, False, True
+        _, self.simulator, self.estimate = prepared
+        self.scene, self._too_slow, self._rebuilt = scene, False, True
         if grid is not None:
             self.simulator.take_over(old)
             if self.estimate is not None:
@@ -318,17 +344,26 @@ class Drive:
         for schedule in self.schedules.values():
             schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
             schedule.resend(self._driven)
+        if told is not scene:
+            self._take_and_release(told)
+
+    def _told(self, now_ns: int) -> Scene:
+        """The scene with grasps as messages up to a time tell them to hold the cable."""
+        taken = {name: take.newest(now_ns) for name, take in self.takes.items()}
+        return _with_taken(self.scene, {k: v for k, v in taken.items() if v is not None})
 
     def _take_and_release(self, scene: Scene) -> None:
         """Let the grasps hold what another scene, which differs in that alone, says."""
-        for grasp in _taking(scene, self._scene):
+        refused = {}
+        for grasp in _taking(scene, self.scene):
             self._driven.release(grasp)
-        for grasp in _taking(self._scene, scene):
+        for grasp in _taking(self.scene, scene):
             try:
                 self._driven.take(grasp)
-            except ValueError as refusal:  # since `prepare` the gripper has moved
+            except ValueError as refusal:
+                refused[grasp] = False
                 self._note("not_taken", str(refusal))
-        self._scene, self._rebuilt = scene, True
+        self.scene, self._rebuilt = _with_taken(scene, refused), True
 
     def _continue_motions(self, old: StepGrid, old_time: float) -> None:
         """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
@@ -354,11 +389,12 @@ def _taking(scene: Scene, other: Scene) -> list[str]:
     return [grasp.name for before, grasp in pairs if grasp.taken and not before.taken]
 
 
-def _as_taken(scene: Scene, other: Scene) -> Scene:
-    """A scene whose grasps hold the cable as those of another scene."""
-    taken = {grasp.name: grasp.taken for grasp in other.grasps}
-    grasps = tuple(replace(g, taken=taken.get(g.name, g.taken)) for g in scene.grasps)
-    return replace(scene, grasps=grasps)
+def _with_taken(scene: Scene, taken: Mapping[str, bool]) -> Scene:
+    """A scene whose grasps of these names hold the cable, or do not; itself if they do already."""
+    if not any(taken.get(g.name, g.taken) != g.taken for g in scene.grasps):
+        return scene
+    grasps = (replace(g, taken=taken.get(g.name, g.taken)) for g in scene.grasps)
+    return replace(scene, grasps=tuple(grasps))
 
 
 def _estimated(scene: Scene, live: bool) -> bool:

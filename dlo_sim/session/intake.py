@@ -13,15 +13,23 @@ SIGN AND FRAME OF EVERY INPUT
 - `PoseStamped` (`start.pose_topic`, `end.pose_topic`): pose of the END EFFECTOR in the world frame
   (`frame_id` or empty); rotates vectors from the end effector's axes into the world's. The cable is
   attached at `<end>.offset` with `<end>.tangent` in it.
+- `Bool` of a grasp (`grasps.<name>.taken_topic`): whether the grasp holds the cable. It has no
+  stamp and counts at its arrival, in a bag at the time of recording.
+- `PoseArray` of two points (`<end>.pose_type: two_points`): the END EFFECTOR is midway between
+  them, its x axis, the tangent, points from the first to the second; it does not roll.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from dlo_sim.core.one_rotation import normalized
+import numpy as np
+
+from dlo_sim.core.one_rotation import normalized, turn_between
+from dlo_sim.core.rotations import IDENTITY
+from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.cable import Load
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
@@ -29,6 +37,7 @@ from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.load_schedule import LoadMessage
 from dlo_sim.session.pose_smoothing import Pose
+from dlo_sim.session.take_schedule import TakeMessage
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import InputTopic
 
@@ -36,19 +45,24 @@ from dlo_sim.session.topics import InputTopic
 # counts, plus a little noise.
 SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
 
+# Two points turn by no more than this from one message to the next [rad].
+MOST_TURN = 0.5 * math.pi
+
 
 @dataclass
 class Accepted:
     """A message that is used.
 
     Attributes:
-        poses: end -> pose; loads: load name -> message (one topic may drive several).
         verdict: what its stamp means for everything before it.
+        poses: end -> pose; loads: load name -> message; takes: grasp -> message (one topic may
+            drive several).
     """
 
-    poses: dict[str, Pose]
-    loads: dict[str, LoadMessage]
     verdict: Verdict
+    poses: dict[str, Pose] = field(default_factory=dict)
+    loads: dict[str, LoadMessage] = field(default_factory=dict)
+    takes: dict[str, TakeMessage] = field(default_factory=dict)
 
 
 class _Topic:
@@ -59,25 +73,38 @@ class _Topic:
     ) -> None:
         self.record = record
         self.source = source
-        self.type = entries[0].type
-        self.is_pose = entries[0].kind == "pose"
+        self.type, self.kind = entries[0].type, entries[0].kind
+        self.is_pose = entries[0].is_pose
         self.entries = entries
         self.loads: tuple[Load, ...] = ()
+        self.spacing = 0.0
         self.clear()
 
     def configure(self, scene: Scene) -> None:
         """Take what the scene says about the targets."""
         targets = [entry.target for entry in self.entries]
         if self.is_pose:
-            self.record.timeout = min(scene.holders[target].pose_timeout for target in targets)
-        else:
+            holders = [scene.holders[target] for target in targets]
+            self.record.timeout = min(holder.pose_timeout for holder in holders)
+            self.spacing = max(holder.pose_spacing for holder in holders)
+        elif self.kind != "taken":
             self.loads = tuple(scene.load(target) for target in targets)
             self.record.timeout = min(load.timeout for load in self.loads)
 
     def clear(self) -> None:
-        """Forget where the last pose was."""
-        self.last_position: tuple[float, ...] | None = None
+        """Forget the last pose."""
+        self.last: Pose | None = None
         self.too_fast_since_ns: int | None = None
+
+    def pose(self, values: tuple[float, ...], stamp_ns: int) -> Pose:
+        """The pose that a message gives."""
+        if self.kind == "two_points":
+            before = IDENTITY if self.last is None else self.last.orientation
+            points = np.array(values).reshape(1, 2, 3)
+            ((px, py, pz, x, y, z, w),) = poses_of_two_points(points, before).tolist()
+        else:
+            px, py, pz, x, y, z, w = values
+        return Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
 
 
 class Intake:
@@ -124,7 +151,7 @@ class Intake:
         topic.record.last_arrival_ns = arrival_ns
         try:
             message = cdr.decode(topic.type, raw)
-            sound = self._content.check(message, topic.is_pose)
+            sound = self._content.check(message, topic.kind, topic.spacing)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
             return []
@@ -156,7 +183,7 @@ class Intake:
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
                 if decision.verdict is Verdict.DECIDE:  # its place does not depend on its content
-                    found.append(Accepted({}, {}, decision.verdict))
+                    found.append(Accepted(decision.verdict))
         return found
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:
@@ -170,19 +197,22 @@ class Intake:
         (values, end), stamp_ns, verdict = decision.content, decision.stamp_ns, decision.verdict
         if verdict is Verdict.START_OVER:
             self.clear()
+        accepted = Accepted(verdict)
         if topic.is_pose:
-            self._check_speed(topic, values, stamp_ns)
-            topic.last_position = values[:3]
+            pose = topic.pose(values, stamp_ns)
+            self._check_speed(topic, pose)
+            if topic.kind == "two_points":
+                _check_turn(topic.last, pose)
+            topic.last = pose
+            accepted.poses = {entry.target: pose for entry in topic.entries}
+        elif topic.kind == "taken":
+            message = TakeMessage(stamp_ns, bool(values[0]))
+            accepted.takes = {entry.target: message for entry in topic.entries}
+        else:
+            accepted.loads = self._loads(topic, values, stamp_ns, end)
         topic.source.last_ns = stamp_ns
         topic.record.accepted += 1
-        if topic.is_pose:
-            return Accepted(self._poses(topic, values, stamp_ns), {}, verdict)
-        return Accepted({}, self._loads(topic, values, stamp_ns, end), verdict)
-
-    def _poses(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> dict[str, Pose]:
-        px, py, pz, x, y, z, w = values
-        pose = Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
-        return {entry.target: pose for entry in topic.entries}
+        return accepted
 
     def _loads(
         self, topic: _Topic, values: tuple[float, ...], stamp_ns: int, end: str
@@ -194,14 +224,14 @@ class Intake:
             found[load.name] = LoadMessage(stamp_ns, (fx, fy, fz), (tx, ty, tz), end)
         return found
 
-    def _check_speed(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> None:
+    def _check_speed(self, topic: _Topic, pose: Pose) -> None:
         """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm; p_last = last one used."""
-        last, last_stamp = topic.last_position, topic.source.last_ns
+        last, last_stamp, stamp_ns = topic.last, topic.source.last_ns, pose.stamp_ns
         if last is None or last_stamp is None:
             topic.too_fast_since_ns = None
             return
         passed = (stamp_ns - last_stamp) * 1e-9
-        distance = math.dist(values[:3], last)
+        distance = math.dist(pose.position, last.position)
         if distance <= self._limits.max_speed * min(passed, SPEED_WINDOW) + SPEED_SLACK:
             topic.too_fast_since_ns = None
             return
@@ -213,3 +243,14 @@ class Intake:
             since = (stamp_ns - topic.too_fast_since_ns) * 1e-9
             detail += f"; for {since:.1f} s now: if the gripper really is there, call ~/reset"
         raise Refused("too_fast", detail)
+
+
+def _check_turn(last: Pose | None, pose: Pose) -> None:
+    """Refuse two points that have changed places."""
+    turn = math.hypot(*turn_between(last.orientation, pose.orientation)) if last else 0.0
+    if turn > MOST_TURN:
+        raise Refused(
+            "bad_points",
+            f"turned by {math.degrees(turn):.0f} degrees since the last message; publish them in "
+            "one order, first nearer to the start; if the gripper really turned, call ~/reset",
+        )

@@ -10,21 +10,23 @@ import json
 import os
 import re
 import time
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_sim import __version__
+from dlo_sim.core.arguments import count, number, numbers
 from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import Needs
 from dlo_sim.scene.refusal import SceneError, brief
 from dlo_sim.session.simulator_protocol import State
 
-_VECTORS = ("position", "orientation", "attachment", "tangent")  # of a geometry
+Array = NDArray[np.float64]
+_VECTORS = {"position": 3, "orientation": 4, "attachment": 3, "tangent": 3}  # of a geometry
 # Groups whose parameters may differ: they do not change what the state means.
 _FREE = ("inputs.", "outputs.", "state.")
 _TAKEN = re.compile(r"grasps\..*\.taken")  # is part of the state
@@ -72,27 +74,61 @@ def load_state(path: Path, scene: Scene) -> tuple[State, float] | None:
     try:
         with np.load(path, allow_pickle=False) as file:
             head, state, inputs = json.loads(str(file["head"])), file["state"], file["inputs"]
+        unfit = _unfit(head, scene)
+        if not unfit:
+            return _snapshot(head, scene, state, inputs), time.time() - head["saved_at"]
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise SceneError(f"state.save_to: {path} is no saved state ({error}); {cure}") from None
+    except OSError as error:
+        raise SceneError(
+            f"state.save_to: {path} cannot be read ({error.strerror or error}); {cure}"
+        ) from None
+    except Exception:  # there is no end of what numpy, zipfile and json make of a damaged file
+        raise SceneError(
+            f"state.save_to: {path} is no saved state, or a damaged one; {cure}"
+        ) from None
+    raise SceneError(f"state.save_to: {path} is of {unfit}; {cure}")
+
+
+def _unfit(head: dict[str, Any], scene: Scene) -> str:
+    """What a state is of that is not of this program and scene; empty if it is."""
     if head["version"] != __version__:
-        raise SceneError(f"state.save_to: {path} is of dlo_sim {head['version']}; {cure}")
+        return f"dlo_sim {head['version']}"
     difference = _difference(head["scene"], json.loads(json.dumps(scene_values(scene))))
-    if difference:
-        raise SceneError(f"state.save_to: {path} is of another scene ({difference}); {cure}")
+    return f"another scene ({difference})" if difference else ""
+
+
+def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> State:
+    """The state of a file.
+
+    Raises:
+        ValueError, TypeError, KeyError: its numbers do not fit together.
+    """
     from dlo_sim.simulation.geometry import Geometry  # these bring the compiler along
+    from dlo_sim.simulation.model import build_model
     from dlo_sim.simulation.simulator import Snapshot
 
     needs = Needs(**{key: _plain(value) for key, value in head["needs"].items()})
-    geometries = {
-        name: Geometry(**dict(zip(_VECTORS, map(np.array, vectors), strict=True)), u=u)
-        for name, (*vectors, u) in head["geometries"].items()
-    }
+    geometries = {}
+    for name in scene.holders:
+        *vectors, u = head["geometries"][name]
+        shaped = {
+            key: numbers(key, vector, (size,))
+            for (key, size), vector in zip(_VECTORS.items(), vectors, strict=True)
+        }
+        geometries[name] = Geometry(**shaped, u=None if u is None else number("u", u))
     taken = (replace(g, taken=geometries[g.name].u is not None) for g in scene.grasps)
     scene = replace(scene, grasps=tuple(taken))
-    snapshot = Snapshot(scene, head["steps"], head["remainder"], needs, state, inputs, geometries)
-    return snapshot, time.time() - head["saved_at"]
+    sizes = build_model(scene, needs, geometries).sizes
+    return Snapshot(
+        scene,
+        count("steps", head["steps"]),
+        number("remainder", head["remainder"]),
+        needs,
+        numbers("state", state, (sizes["state"],)),
+        numbers("inputs", inputs, (sizes["inputs"],)),
+        geometries,
+    )
 
 
 def _difference(saved: dict[str, Any], now: dict[str, Any]) -> str:

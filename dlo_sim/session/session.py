@@ -51,7 +51,6 @@ class Session:
         resume: a saved state to begin with.
 
     Attributes:
-        scene: the scene as configured now.
         inputs: the topics it listens to, by their names on the wire.
         journal: counters of everything accepted, refused, held, skipped.
 
@@ -73,7 +72,6 @@ class Session:
             from dlo_sim.simulation.simulator import Simulator
 
             simulator_factory = Simulator
-        self.scene = scene
         self._time = TimeBase(scene.inputs.time)
         self._naming = naming
         self.inputs = tuple(e._replace(topic=naming.topic(e.topic)) for e in input_topics(scene))
@@ -94,6 +92,11 @@ class Session:
         self._marker_count: int | None = None
         self._given_out: tuple[CableSimulator, int] | None = None
         self._markers_due = False
+
+    @property
+    def scene(self) -> Scene:
+        """The scene as configured now; its grasps hold what they were told to by messages."""
+        return self._drive.scene
 
     @property
     def simulator(self) -> CableSimulator:
@@ -209,6 +212,7 @@ class Session:
             failed=bool(self._failure),
             waiting=not self.started,
             lag=self._pacing.lag_ns * 1e-9,
+            delay=(now_ns - self.stamp_ns) * 1e-9 if self.started else None,
             most_lag=self.scene.inputs.catch_up,
             offset=self._time.offset_ns * 1e-9,
             extra=extra or {},
@@ -278,9 +282,8 @@ class Session:
         """
         if prepared is None:
             prepared = self.prepare(scene)
-        self._drive.reconfigure(scene, prepared)
         time_mode_changed = scene.inputs.time != self.scene.inputs.time
-        self.scene = scene
+        self._drive.reconfigure(scene, prepared)
         self._intake.configure(scene)
         self._accuracy.configure(scene)
         self._pacing.configure(self.scene, self._drive.simulator.step)
@@ -315,6 +318,8 @@ class Session:
                 self._drive.paths[end].add(pose)
             for name, load in accepted.loads.items():
                 self._drive.schedules[name].add(load)
+            for grasp, take in accepted.takes.items():
+                self._drive.takes[grasp].add(take)
 
     def _note_epoch(self, offset_ns: int) -> None:
         side = "behind" if offset_ns > 0 else "ahead of"
@@ -398,8 +403,10 @@ def _look_at(simulator: CableSimulator, scene: Scene) -> None:
 def _wiring(scene: Scene) -> dict[str, object]:
     """Everything that a running session cannot change: key -> value."""
     found: dict[str, object] = {"frame_id": scene.frame_id}
-    found |= {f"{key}.pose_topic": holder.pose_topic for key, holder in scene.holder_keys()}
+    for key, holder in scene.holder_keys():
+        found |= {f"{key}.pose_topic": holder.pose_topic, f"{key}.pose_type": holder.pose_type}
     found["loads.names"] = tuple(load.name for load in scene.loads)
     found["grasps.names"] = tuple(grasp.name for grasp in scene.grasps)
+    found |= {f"grasps.{grasp.name}.taken_topic": grasp.taken_topic for grasp in scene.grasps}
     found |= {f"loads.{load.name}.topic": load.input_topic for load in scene.loads}
     return found | {f"loads.{load.name}.type": load.type for load in scene.loads}

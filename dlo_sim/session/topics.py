@@ -17,7 +17,9 @@ DIAGNOSTICS = "/diagnostics"
 MARKERS = (CENTERLINE, CONTROL_POLYGON)
 REACTION = "~/{}/reaction"
 
-_INPUTS = {"pose": cdr.POSE_STAMPED, "wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
+_POSES = {"pose": cdr.POSE_STAMPED, "two_points": cdr.POSE_ARRAY}
+_LOADS = {"wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
+_INPUTS = {**_POSES, **_LOADS, "taken": cdr.BOOL}
 
 
 def output_topics(scene: Scene) -> dict[str, str]:
@@ -41,8 +43,8 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name; as in the scene (`~/...`), or on the wire.
-        kind: `pose`, `wrench` or `force`.
-        target: what holds the cable for a pose, the load's name otherwise.
+        kind: `pose` or `two_points`, `wrench` or `force`, `taken`.
+        target: name of what holds the cable, or of the load.
     """
 
     topic: str
@@ -54,13 +56,19 @@ class InputTopic(NamedTuple):
         """ROS message type, for example geometry_msgs/msg/PoseStamped."""
         return _INPUTS[self.kind]
 
+    @property
+    def is_pose(self) -> bool:
+        """Whether it drives an end effector."""
+        return self.kind in _POSES
+
 
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
-    """Every topic that this scene listens to, poses first; a topic may drive several targets."""
+    """Every topic that this scene listens to, poses first; one may drive several targets."""
     found = [
-        InputTopic(e.pose_topic, "pose", name) for name, e in scene.holders.items() if e.driven
+        InputTopic(e.pose_topic, e.pose_type, name) for name, e in scene.holders.items() if e.driven
     ]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
+    found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
     return tuple(found)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, rotations
+from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps, layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.model import Model
@@ -14,12 +15,31 @@ from dlo_sim.simulation.natural_shape import local_axis, natural_vectors
 Array = NDArray[np.float64]
 
 
-def checked_poses(name: str, given: ArrayLike, count: int) -> Array:
-    """Poses (count, 7) of an end.
+def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangent: Array) -> Array:
+    """Poses (count, 7) of an end, given as such or as two points (count, 2, 3).
+
+    Args:
+        before: orientation from which the first two points turn. tangent: of the cable in the
+            end effector's frame.
 
     Raises:
-        TypeError, ValueError: no such numbers, or a quaternion of zero.
+        TypeError, ValueError: no such numbers, a quaternion of zero, or points that coincide.
     """
+    try:
+        are_points = np.ndim(given) == 3
+    except ValueError:  # rows of unequal length
+        are_points = False
+    if are_points:
+        points = arguments.numbers(f"points of {name}", given, (count, 2, 3), "m")
+        apart = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
+        worst = int(np.argmin(apart))
+        if apart[worst] < LEAST_APART:
+            raise ValueError(
+                f"points of {name}: row {worst} has two points {apart[worst]:.3g} m apart, which "
+                "give no direction; give two apart"
+            )
+        x, y, z, w = before.tolist()
+        return poses_of_two_points(points, (x, y, z, w), tangent.tolist())
     rows = arguments.numbers(f"poses of {name}", given, (count, 7))
     turned = rows[:, 3:].any(axis=1)
     if not turned.all():

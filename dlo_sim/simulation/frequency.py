@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.geometry import STIFFEST
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -42,17 +45,24 @@ def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) 
 
 
 def with_what_comes(scene: Scene, model: Model, frequency: float) -> float:
-    """The same [rad/s] once a grasp that holds nothing yet pulls at the cable by its springs, and
-    the cable touches an obstacle.
+    """The same [rad/s] once the grasps that hold nothing yet have taken the cable, and it touches
+    an obstacle.
 
-    A spring k at the basis values b adds at most k b.(M^-1 b) to omega^2, contact along the cable
-    its stiffness over the linear density (Weyl's inequality). Its force sets in with a kink: a
-    step near its limit would gain 40 % of the energy of a hard landing, a quarter of it 1 %.
+    A spring k at the basis values b adds at most k b.(M^-1 b) to omega^2, a jaw the largest omega^2
+    of the bending stiffness that it adds, if it were everywhere, and contact its stiffness over the
+    linear density (Weyl's inequality). The force of contact sets in with a kink: a step near its
+    limit would gain 40 % of the energy of a hard landing, a quarter of it 1 %.
     """
     if model.has(layout.CONTACT):
-        pressed = np.sqrt(scene.contact_stiffness / scene.cable.mu)
-        frequency = float(np.hypot(frequency, KINK * pressed))
-    stiffest = max((max(g.spring) for g in scene.grasps if not g.taken), default=0.0)
+        pressed = math.sqrt(scene.contact_stiffness / scene.cable.mu)
+        frequency = math.hypot(frequency, KINK * pressed)
+    idle = [grasp for grasp in scene.grasps if not grasp.taken]
+    if any(grasp.jaw for grasp in idle):
+        bending = (STIFFEST - 1.0) * scene.cable.EI * mass.gram(model.knots, 2)
+        free = np.ones(model.n, dtype=bool)
+        added = spectrum.largest_of_line(bending, model.band(layout.MASS, 0), free)
+        frequency = math.hypot(frequency, added)
+    stiffest = max((max(grasp.spring) for grasp in idle), default=0.0)
     if not stiffest:
         return frequency
     inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, 0)))

@@ -17,7 +17,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation.arrays import Counts, Table, line_view, new_shape, rows_of, with_table
 from dlo_sim.simulation.external_damping import row_matrices, row_rates
-from dlo_sim.simulation.geometry import Geometries
+from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 
 Array = NDArray[np.float64]
@@ -125,9 +125,13 @@ class Model:
         return float(self.values[int(self.shape[layout.MESH]) + layout.AXIAL * LANES])
 
     @property
-    def bending_stiffness(self) -> float:
-        """EI [N m^2]."""
-        return float(self.values[int(self.shape[layout.MESH]) + layout.BENDING * LANES])
+    def bending_stiffness(self) -> Array:
+        """EI of every span [N m^2], with what jaws add, shape (n - 3,)."""
+        blocks = int(self.shape[layout.BLOCKS])
+        height = layout.HEAD + layout.SAMPLE * int(self.shape[layout.SAMPLES])
+        at = int(self.shape[layout.MESH])
+        mesh = self.values[at : at + blocks * height * LANES].reshape(blocks, height, LANES)
+        return mesh[:, layout.BENDING].ravel()[: self.n - bspline.DEGREE]
 
     def held_mask(self) -> NDArray[np.bool_]:
         """Which entries of the lines a row along an axis holds, shape (lines, n)."""
@@ -177,7 +181,7 @@ def build_model(
     model = Model(
         *(shape, np.zeros(sizes["model"]), sizes, knots, rule, axes, twist, holding, rest)
     )
-    _Filling(scene, needs, model).fill()
+    _Filling(scene, needs, model, geometries).fill()
     return model
 
 
@@ -252,8 +256,9 @@ def _with_tables(shape: Table, scene: Scene, holding: Holding, knots: Array, loa
 class _Filling:
     """Writes the values of a model."""
 
-    def __init__(self, scene: Scene, needs: Needs, model: Model) -> None:
+    def __init__(self, scene: Scene, needs: Needs, model: Model, geometries: Geometries) -> None:
         self._scene, self._needs, self._model = scene, needs, model
+        self._geometries = geometries
         self._dim = len(model.axes)
 
     def fill(self) -> None:
@@ -311,7 +316,8 @@ class _Filling:
 
     def _mesh(self) -> None:
         scene, model, shape = self._scene, self._model, self._model.shape
-        lengths = np.diff(bspline.breaks(model.knots))
+        breaks = bspline.breaks(model.knots)
+        lengths = np.diff(breaks)
         spans, samples = len(lengths), int(shape[layout.SAMPLES])
         height = layout.HEAD + layout.SAMPLE * samples
         table = np.zeros((int(shape[layout.BLOCKS]) * LANES, height))
@@ -329,6 +335,7 @@ class _Filling:
         here[[0, -1], layout.LINEAR] = 3.0
         table[:, layout.AXIAL] = scene.cable.EA
         table[:, layout.BENDING] = scene.cable.EI
+        here[:, layout.BENDING] *= stiffening(scene, self._geometries, breaks)
         here[:, layout.HEAD + layout.XI :: layout.SAMPLE] = model.rule.xi
         here[:, layout.HEAD + layout.QUADRATURE :: layout.SAMPLE] = model.rule.weights
         blocks = table.reshape(-1, LANES, height).transpose(0, 2, 1)

@@ -59,7 +59,7 @@ def carry_plastic(old: Cable, new: Cable) -> None:
     for row in range(layout.PLASTIC_ROWS):
         out[..., row] = np.interp(target, source[known][order], values[..., row][known][order])
     _put_by_sample(new, layout.PLASTIC, out)
-    stiffness = new.model.bending_stiffness
+    stiffness = new.model.bending_stiffness[:, None, None]
     moments = stiffness * new.model.rule.weights[..., None] * out[..., :3]
     _put_by_sample(new, layout.NATURAL, moments)
 

@@ -167,7 +167,9 @@ class Simulator(CableInputs):
         Args:
             times: of the poses, rising [s], shape (T,), the first not after the present; the last
                 is where the advance ends, at the first step not before it.
-            poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7).
+            poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7); or two
+                points on the line of the cable [m], shape (T, 2, 3), the first nearer to the start,
+                with the end effector midway and no roll.
             samples: times of the samples [s], rising, after the present and not after the last of
                 `times`.
 
@@ -178,6 +180,13 @@ class Simulator(CableInputs):
         Raises:
             TypeError, ValueError: an explicit method, or times and poses that do not fit.
         """
+        report, recorder = self.record_along(times, poses, samples)
+        return report, recorder.control_points
+
+    def record_along(
+        self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
+    ) -> tuple[Report, Recorder]:
+        """`follow`, with the energies of the samples too."""
         if self._choice.method.family != IMPLICIT:
             raise ValueError(
                 f"integrator.method: {self.method} follows no poses; give energy_momentum"
@@ -198,10 +207,11 @@ class Simulator(CableInputs):
                 "give a later last time"
             )
         wanted = checked_samples(samples, self.time, stamps[-1])
-        rows = {
-            known_holder(self.scene, name): checked_poses(name, given, len(stamps))
-            for name, given in poses.items()
-        }
+        rows = {}
+        for name, given in poses.items():
+            before = self.end_pose(known_holder(self.scene, name))[1]
+            tangent = self._geometries[name].tangent
+            rows[name] = checked_poses(name, given, len(stamps), before, tangent)
         grid: Array = self.step * np.arange(self._steps, self._steps + count + 1, dtype=float)
         paths = {}
         for name, given in rows.items():
@@ -221,7 +231,7 @@ class Simulator(CableInputs):
         message = "" if made.status.ok else f"{made.status.value} (at {self.time:.6g} s)"
         simulated = made.steps * self.step
         report = Report(made.status, message, made.steps, simulated, made.evaluations)
-        return report, recorder.control_points
+        return report, recorder
 
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
@@ -300,7 +310,7 @@ class Simulator(CableInputs):
     ) -> None:
         """Make a smooth cable of the right length through measured points the first state.
 
-        Noise is smoothed and spikes are left out. Held ends stay where they are held.
+        Noise is smoothed and spikes are left out. Ends and grasps stay where they hold it.
 
         Args:
             points: in their order along the cable [m], shape (M, 3), NaN where missing; or several
@@ -317,7 +327,9 @@ class Simulator(CableInputs):
                 cable, or points out of the coordinates of the scene's step.
         """
         given = points, times, coordinates
-        place, rates = cable_through(self.scene, self._ends, self._model.knots, *given)
+        place, rates = cable_through(
+            self.scene, self._ends, self._geometries, self._model.knots, *given
+        )
         across = [axis for axis in range(3) if axis not in self._model.axes]
         plane = self._model.rest[across]
         apart = np.abs(np.asarray(points, dtype=float)[..., across] - plane)

@@ -2,12 +2,12 @@
 
 The control points q minimise
     mean |r(u_m) - p_m|^2 + BEND L^3 int |r''|^2 du + LENGTH L^2 mean ((|r'|^2 - 1) / 2)^2,
-in which the ends are where they are held, by Gauss-Newton steps from the solution without the last
-term, whose parenthesis is averaged over each knot span: a spline that kept its length at every
-point could hardly bend. The velocities minimise the same with r'.v' for it. A point that the others
-predict badly is a spike and is left out. BEND only chooses among the curves that fit (with n_u = 17
-predictions from 12 markers are the same for 1e-9 to 1e-5); LENGTH keeps a stiff cable from
-starting under tension.
+in which ends and grasps hold the cable where they are, by Gauss-Newton steps from the solution
+without the last term, whose parenthesis is averaged over each knot span: a spline that kept its
+length at every point could hardly bend. The velocities minimise the same with r'.v' for it. A point
+that the others predict badly is a spike and is left out. BEND only chooses among the curves that
+fit (with n_u = 17 predictions from 12 markers are the same for 1e-9 to 1e-5); LENGTH keeps a stiff
+cable from starting under tension.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, bspline
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.geometry import Geometries
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,8 +43,8 @@ class _Spline:
     """What the sums need: knots, what is held, and the basis at quadrature points.
 
     Attributes:
-        held: control points where the ends put them, shape (n, 3). free: changes that keep what is
-            held, shape (3 n, unknowns). slopes, bends: of the basis, shape (samples, n).
+        held: some control points that are where they are held, shape (n, 3). free: changes that
+            keep this, shape (3 n, unknowns). slopes, bends: of the basis, shape (samples, n).
         weights: of the samples [m].
     """
 
@@ -55,33 +56,21 @@ class _Spline:
     weights: Array
 
     @classmethod
-    def of(cls, scene: Scene, ends: EndDrive, knots: Array) -> _Spline:
-        """The spline of a scene whose ends are where they are at time 0."""
+    def of(cls, scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array) -> _Spline:
+        """The spline of a scene whose ends and grasps are where they are at time 0."""
         n = len(knots) - bspline.DEGREE - 1
         breaks, (x, w) = bspline.breaks(knots), np.polynomial.legendre.leggauss(SAMPLES)
         half = 0.5 * np.diff(breaks)[:, None]
         u = (breaks[:-1, None] + half * (1.0 + x)).ravel()
-        held, kept = np.zeros((n, 3)), np.zeros((n, 3), dtype=bool)
-        tangents = []
-        for name, end in scene.ends.items():
-            outer = 0 if name == "start" else n - 1
-            inner = 1 if name == "start" else n - 2
-            fixed = list(end.fixed)
-            held[outer, fixed] = ends.place_at(name, 0.0)[:3][fixed]
-            kept[outer, fixed] = True
-            if end.clamped:
-                held[inner], kept[inner] = held[outer], True
-                tangents.append((inner, ends.tangent(name, 0.0)))
-        free = np.eye(3 * n)[:, ~kept.ravel()]
-        along = np.zeros((3 * n, len(tangents)))
-        for column, (inner, direction) in enumerate(tangents):
-            along[3 * inner : 3 * inner + 3, column] = direction
+        rows, places = _held_rows(scene, ends, geometries, knots)
+        held = np.linalg.pinv(rows) @ places
+        free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
         basis = np.eye(n)
         slopes, bends = (bspline.evaluate(basis, knots, u, order) for order in (1, 2))
         return cls(
             knots,
-            held,
-            np.hstack([free, along]),
+            held.reshape(n, 3),
+            free,
             slopes,
             bends,
             np.tile(w, len(half)) * half.repeat(SAMPLES),
@@ -152,9 +141,34 @@ class _Spline:
         return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0].reshape(curve.shape))
 
 
+def _held_rows(
+    scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array
+) -> tuple[Array, Array]:
+    """Rows on all control points, shape (rows, 3 n), and what they are to be.
+
+    Positions along fixed axes; of a clamp what its tangent has across its direction.
+    """
+    n = len(knots) - bspline.DEGREE - 1
+    rows, places = [np.zeros(3 * n)], [0.0]
+    for name, holder in scene.holders.items():
+        u = geometries[name].u
+        if u is None:
+            continue
+        value, slope = (bspline.evaluate(np.eye(n), knots, np.array([u]), k)[0] for k in (0, 1))
+        fixed = list(holder.fixed)
+        rows += [np.kron(value, axis) for axis in np.eye(3)[fixed]]
+        places += ends.place_at(name, 0.0)[:3][fixed].tolist()
+        if holder.clamped:
+            across = np.linalg.svd(ends.tangent(name, 0.0)[None])[2][1:]
+            rows += [np.kron(slope, axis) for axis in across]
+            places += [0.0, 0.0]
+    return np.array(rows), np.array(places)
+
+
 def cable_through(
     scene: Scene,
     ends: EndDrive,
+    geometries: Geometries,
     knots: Array,
     points: ArrayLike,
     times: ArrayLike | None,
@@ -162,7 +176,7 @@ def cable_through(
 ) -> tuple[Array, Array]:
     """Control points [m] and velocities [m/s], each (n, 3); see `Simulator.start_from_points`."""
     frames, stamps = _frames(points, times)
-    spline = _Spline.of(scene, ends, knots)
+    spline = _Spline.of(scene, ends, geometries, knots)
     place, speed = _at_zero(frames, stamps)
     seen: Mask = np.asarray(np.isfinite(place).all(axis=1))
     if seen.sum() < 2:

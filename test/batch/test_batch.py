@@ -5,6 +5,7 @@ import pytest
 from batch_scenes import STEP, pulled, wire
 
 from dlo_sim.batch import simulate_batch
+from dlo_sim.batch.batch import FOLLOWS
 from dlo_sim.engine import layout
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
@@ -13,6 +14,7 @@ from dlo_sim.simulation.simulator import Simulator
 # grows with the motion; over the few hundred steps here by less than 1e4. The bounds leave 1e3.
 POSITION = 1e-9  # [m]
 BY_SPAN = {"discretization.stretch": "span"}
+IMPLICIT = {"integrator.method": "energy_momentum", "integrator.step": 5e-3}
 ENERGY = 1e-9  # of the energy exchanged
 
 
@@ -55,6 +57,48 @@ def test_lanes_move_as_one_by_one(scenes, duration):
         assert abs(result.energy_error[k] - sim.energy_error) < ENERGY
         scale = np.ptp(result.energy[k]) + sim.energy().kinetic
         assert abs(result.energy[k, -1] - sim.energy().total) < ENERGY * scale
+
+
+def test_scenes_follow_poses_as_one_by_one():
+    """Also of another number of poses, by two points, and beside scenes that follow none."""
+    times, still = np.linspace(0.0, 0.2, 21), pulled(3)
+    turn = np.outer(np.sin(20.0 * np.minimum(times, 0.1)), [0.02, 0.05, 0.03])
+    path = np.hstack([turn, np.zeros((21, 3)), np.ones((21, 1))])
+    points = np.stack([turn[::4], turn[::4] + [0.02, 0.0, 0.0]], axis=1)
+    scenes = [pulled(k, **IMPLICIT) for k in range(2)]
+    poses = [(times, {"start": path}), (times[::4], {"start": points}), None]
+    result = simulate_batch([*scenes, still], 0.2, poses=poses, every=0.05, processes=1)
+    assert result.ok and result.one_by_one == (FOLLOWS, FOLLOWS, "")
+    for k, scene in enumerate(scenes):
+        sim = Simulator(scene)
+        report, along = sim.follow(*poses[k], result.time[1:])
+        assert report.status.ok and np.array_equal(result.control_points[k, 1:], along)
+        assert np.array_equal(result.control_points[k, 0], Simulator(scene).control_points)
+        assert result.energy[k, -1] == pytest.approx(sim.energy().total, rel=1e-9)
+        assert result.simulated[k] == sim.time == pytest.approx(0.2)
+    assert np.ptp(result.control_points[:2, :, 0, 1], axis=1).min() > 0.04
+    alone = simulate_batch([still], 0.2, every=0.05, processes=1)
+    assert np.array_equal(result.control_points[2], alone.control_points[0])
+
+
+@pytest.mark.parametrize(
+    ("poses", "text"),
+    [
+        ([None], "^poses: 1 for 2 scenes; give one each, or None"),
+        ([None, ([0.0, 0.1], {})], "^poses 1: times: end at 0.1 s, the batch at 0.2 s; give poses"),
+        ([([0.0, 0.2], {"foot": np.ones((2, 7))}), None], "^poses 0: end: 'foot' is not known"),
+        ([([0.1, 0.2], {}), None], "^poses 0: times: needs a first time of 0.0 s"),
+    ],
+)
+def test_poses_that_do_not_fit_are_refused(poses, text):
+    scenes = [pulled(k, **IMPLICIT) for k in range(2)]
+    with pytest.raises(ValueError, match=text):
+        simulate_batch(scenes, 0.2, poses=poses, processes=1)
+
+
+def test_explicit_methods_follow_no_poses():
+    with pytest.raises(ValueError, match="^poses 0: integrator.method: velocity_verlet follows no"):
+        simulate_batch([pulled(0)], 0.2, poses=[([0.0, 0.2], {})], processes=1)
 
 
 def test_samples_are_those_of_a_single_run():
@@ -148,7 +192,7 @@ def test_refused():
         for value in (0.0, float("nan")):
             with pytest.raises(ValueError, match=f"{name}: {value:g} s is not above 0"):
                 simulate_batch([wire(0)], **{"duration": 1.0, name: value})
-    with pytest.raises(ValueError, match="initial: 1 states for 2 scenes"):
+    with pytest.raises(ValueError, match="initial: 1 for 2 scenes"):
         simulate_batch([wire(0)] * 2, 1.0, initial=[None])
     with pytest.raises(SceneError, match=r"scene 1: integrator.step: 0.001 s exceeds"):
         simulate_batch([wire(0), wire(0, **{"integrator.step": 1e-3})], 1.0, processes=1)

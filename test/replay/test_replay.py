@@ -9,6 +9,7 @@ from fake_simulator import FakeSimulator
 from dlo_sim.replay.bags import Bag
 from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.session import cdr
+from dlo_sim.session.session import Session
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -110,6 +111,39 @@ def test_the_load_and_the_gripper_act(make_bag, recorded, scene, tmp_path):
     assert np.abs(last(tmp_path / "with")[:, 1]).max() > 1e-3
     gripper = 0.02 * (1 - math.cos(1.483 * 6))
     assert last(tmp_path / "with")[0, :3] == pytest.approx([gripper, 0, 0.5], abs=5e-4)
+
+
+def test_a_hand_seen_by_two_markers_takes_the_cable(make_bag, recorded, scene, tmp_path):
+    """Live is the session alone: what it computes the replay of the bag computes."""
+    hand = {"names": ["hand"], "hand.at": 0.6, "hand.taken": False, "hand.taken_topic": "/closed"}
+    hand |= {"hand.pose_topic": "/markers", "hand.pose_type": "two_points"}
+    held = scene.with_values({f"grasps.{key}": value for key, value in hand.items()})
+    markers = cdr.PoseArrayEncoder("world", 2)
+    messages = [*recorded, ("/closed", T0 + 500 * MS, b"\x00\x01\x00\x00\x01")]
+    for stamp in range(T0, T0 + 1500 * MS, 10 * MS):
+        y = 1e-10 * max(stamp - T0 - 600 * MS, 0)
+        markers.rows[:, :3] = [[0.0, y, 0.3], [0.0, y, 0.28]]
+        messages.append(("/markers", stamp, markers.encode(stamp)))
+    messages.sort(key=lambda message: message[1])
+    types = {"/gripper_pose": cdr.POSE_STAMPED, "/wrench": cdr.WRENCH_STAMPED}
+    types |= {"/markers": cdr.POSE_ARRAY, "/closed": cdr.BOOL}
+    summary = replay_bag(make_bag(messages, types), held, tmp_path / "out")
+    assert summary.status == "done" and summary.messages_refused == 0
+    found = contents(tmp_path / "out")["/dlo_sim/control_points"]
+    replayed = {cdr.decode_pose_array(data).stamp_ns: data for _, data in found}
+
+    session, live = Session(held), {}
+    for now in range(T0, T0 + 1500 * MS, 5 * MS):
+        while messages and messages[0][1] <= now:
+            topic, arrival, raw = messages.pop(0)
+            session.receive(topic, raw, arrival)
+        session.tick(now)
+        for message in session.messages(["~/control_points"]):
+            live[message.stamp_ns] = message.data
+    shared = live.keys() & replayed.keys()
+    assert len(shared) > 250 and all(live[stamp] == replayed[stamp] for stamp in shared)
+    moved = session.simulator.centerline([0.24])[0, 1]
+    assert moved > 0.05 and session.scene.grasp("hand").taken
 
 
 def test_summary_and_comparison_without_an_output(make_bag, scene, tmp_path):

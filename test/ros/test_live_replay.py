@@ -36,7 +36,12 @@ from rosbags.typesys import Stores, get_typestore
 from dlo_sim.replay.replay import replay_bag
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, scene_from_values, scene_values
-from dlo_sim.session.cdr import POSE_STAMPED, WRENCH_STAMPED, StampedEncoder
+from dlo_sim.session.cdr import (
+    POSE_STAMPED,
+    WRENCH_STAMPED,
+    StampedEncoder,
+    decode_pose_array,
+)
 
 SECOND = 1_000_000_000
 RATE = 200.0
@@ -75,6 +80,40 @@ def motion(seconds: float) -> Iterable[Message]:
         force = (0.05 * math.sin(7.0 * t), 0.05 * math.cos(7.0 * t), 0.02)
         data = wrench.encode(stamp, (*force, 0.0, 1e-3 * math.sin(t), 0.0))
         yield "/tip_wrench", WRENCH_STAMPED, stamp + 500_000, data
+
+
+HANDS = ("left", "middle", "right")
+# Three grippers, each seen at 500 Hz, at a free cable.
+GRIPPED = {
+    "cable.diameter": 0.01,
+    "cable.youngs_modulus": 1e6,
+    "damping.stiffness": 0.02,
+    "discretization.control_points": 20,
+    "start.fixed": [False] * 3,
+    "end.fixed": [False] * 3,
+    "grasps.names": list(HANDS),
+    **{f"grasps.{name}.at": 0.15 + 0.35 * k for k, name in enumerate(HANDS)},
+    **{f"grasps.{name}.pose_topic": f"/{name}" for name in HANDS},
+    **{f"grasps.{name}.clamped": True for name in HANDS},
+    **{f"grasps.{name}.tangent": [1.0, 0.0, 0.0] for name in HANDS},
+    "initial.shape": "straight",
+    "integrator.step": 0.0025,
+    "inputs.latency": LATENCY,
+    "accuracy.estimate": "off",  # 1.5 ms a tick instead of 4.3
+}
+
+
+def three_hands(seconds: float) -> Iterable[Message]:
+    """Grippers that swing and turn, each on its own."""
+    pose = StampedEncoder(POSE_STAMPED, "world")
+    for k in range(int(seconds * 500)):
+        t, stamp = k / 500.0, BEGIN + k * SECOND // 500
+        for hand, name in enumerate(HANDS):
+            s = t + 0.7 * hand
+            half = 0.1 * math.sin(5.0 * s)
+            place = (0.14 + 0.33 * hand, 0.05 * math.sin(4.0 * s), 0.06 * math.sin(6.0 * s))
+            data = pose.encode(stamp, (*place, 0.0, 0.0, math.sin(half), math.cos(half)))
+            yield f"/{name}", POSE_STAMPED, stamp + 300_000 + hand, data
 
 
 def repeated(source: Path, topics: set[str], seconds: float) -> Iterable[Message]:
@@ -177,13 +216,13 @@ def stamp_of(raw: bytes) -> int:
 
 def poses_of(raw: bytes) -> bytes:
     """The poses of a PoseArray as bytes: the last 56 per pose."""
-    return raw[-56 * CONTROL_POINTS :]
+    return raw[-56 * len(decode_pose_array(raw).poses) :]
 
 
 def positions(poses: dict[int, bytes], stamps: list[int]) -> np.ndarray:
-    """Positions [m], shape (len(stamps), CONTROL_POINTS, 3)."""
+    """Positions [m], shape (len(stamps), n_u, 3)."""
     data = b"".join(poses[stamp] for stamp in stamps)
-    return np.frombuffer(data, "<f8").reshape(len(stamps), CONTROL_POINTS, 7)[:, :, :3]
+    return np.frombuffer(data, "<f8").reshape(len(stamps), -1, 7)[:, :, :3]
 
 
 CONTROL_POINTS = 7
@@ -305,6 +344,15 @@ def test_generated_motion(
 ) -> None:
     bag = write_bag(tmp_path / "bag", motion(SECONDS))
     compare(bag, scene_from_values(DRIVEN), tmp_path, domain, peer, started)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not FULL, reason="a minute of load: set DLO_SIM_LIVE=60")
+def test_three_grippers_at_500_hz(
+    tmp_path: Path, domain: int, peer: Peer, started: Callable[..., NodeProcess]
+) -> None:
+    bag = write_bag(tmp_path / "hands", three_hands(SECONDS))
+    compare(bag, scene_from_values(GRIPPED), tmp_path, domain, peer, started)
 
 
 ROOT = Path(__file__).resolve().parents[2]

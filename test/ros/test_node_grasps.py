@@ -1,4 +1,4 @@
-"""A gripper between the ends: its poses, its reaction, ~/<grasp>/take and ~/<grasp>/release."""
+"""A gripper between the ends: its poses, its reaction, what lets it take and release the cable."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
-from geometry_msgs.msg import PoseArray, PoseStamped, WrenchStamped
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped, WrenchStamped
 from node_harness import CABLE, NodeProcess, Peer
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 BARE = {key: value for key, value in CABLE.items() if not key.startswith("loads.")}
@@ -24,7 +25,7 @@ HAND = {
 def test_a_grasp_is_driven_released_and_taken_again(
     started: Callable[..., NodeProcess], peer: Peer
 ) -> None:
-    started({**BARE, **HAND})
+    node = started({**BARE, **HAND})
     poses = peer.publisher(PoseStamped, "/hand_pose")
     message = PoseStamped()
     message.header.frame_id = "world"
@@ -46,4 +47,36 @@ def test_a_grasp_is_driven_released_and_taken_again(
         peer.until(lambda: shapes[-1].poses[4].position.z < low - 0.02, "a cable that falls")
         assert peer.set({"grasps.hand.taken": True}).successful
         peer.until(lambda: pull() != 0.0, "a hand that holds the cable again")
-        assert peer.call(Trigger, "/dlo_sim/hand/take", Trigger.Request()).success
+        response = peer.call(Trigger, "/dlo_sim/hand/take", Trigger.Request())
+        assert response.success and response.message == "nothing to do: hand holds the cable"
+        assert "took 'hand' at u = 0.60" in node.output
+
+
+def test_two_points_and_a_topic_do_the_same(
+    started: Callable[..., NodeProcess], peer: Peer
+) -> None:
+    topics = {"grasps.hand.pose_type": "two_points", "grasps.hand.taken_topic": "/closed"}
+    node = started({**BARE, **HAND, **topics})
+    points, closed = peer.publisher(PoseArray, "/hand_pose"), peer.publisher(Bool, "/closed")
+    message = PoseArray()
+    message.header.frame_id = "world"
+    for x in (0.5, 0.6):
+        pose = Pose()
+        pose.position.x, pose.position.z = x, 0.1
+        message.poses.append(pose)
+    reactions = peer.collect(WrenchStamped, "/dlo_sim/hand/reaction")
+
+    def pull() -> float:
+        return reactions[-1].wrench.force.z if reactions else 0.0
+
+    with peer.repeating(points, message):
+        peer.until(lambda: pull() > 0.01, "a reaction of the hand")
+        closed.publish(Bool(data=False))
+        peer.until(lambda: pull() == 0.0, "a hand that holds nothing")
+        peer.until(lambda: peer.get("grasps.hand.taken") == [False], "the parameter")
+        assert "released 'hand'" in node.output
+        assert peer.set({"damping.mass": 1.0}).successful
+        peer.until(lambda: "parameters changed" in node.output, "the change")
+        assert pull() == 0.0
+        closed.publish(Bool(data=True))
+        peer.until(lambda: pull() != 0.0, "a hand that holds the cable again")

@@ -13,6 +13,9 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 from geometry_msgs.msg import PoseArray, PoseStamped
 from node_harness import HELD, START
 
+from dlo_sim.ros import state_keeper
+from dlo_sim.scene.loading import SceneError, scene_from_values
+
 
 def swinging(peer: Any) -> PoseStamped:
     """A pose of now that turns the clamp upwards, so that the cable's shape tells old from new."""
@@ -67,3 +70,20 @@ def test_state_that_cannot_be_used_is_refused(
     assert node.wait(START) == 2
     assert complaint in node.output
     assert path.read_bytes() == b"something else"
+
+
+@pytest.mark.parametrize(
+    ("place", "writable", "text"),
+    [
+        ("", True, "is a folder; give a file in it"),
+        ("none/state", True, "/none does not exist; create it first"),
+        ("state", False, "nothing can be written in .*; give another folder"),
+    ],
+)
+def test_a_place_for_no_file_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, writable: bool, text: str
+) -> None:
+    monkeypatch.setattr(state_keeper.os, "access", lambda folder, mode: writable)
+    scene = scene_from_values({"state.save_to": str(tmp_path / place)})
+    with pytest.raises(SceneError, match=f"^state.save_to: .*{text}$"):
+        state_keeper.StateKeeper(scene, None).found(scene)

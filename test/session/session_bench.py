@@ -54,6 +54,12 @@ class Bench:
         )
         self.session.receive("/gripper_pose", raw, stamp_ns if arrival is None else arrival)
 
+    def points(self, stamp_ns, *points, frame="world"):
+        encoder = cdr.PoseArrayEncoder(frame, len(points))
+        encoder.rows[:] = 0.0
+        encoder.rows[:, :3] = np.reshape(points, (-1, 3))
+        self.session.receive("/gripper_pose", encoder.encode(stamp_ns), stamp_ns)
+
     def wrench(self, stamp_ns, force=(0, 0, 0), torque=(0, 0, 0), *, arrival=None, frame="world"):
         raw = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame).encode(stamp_ns, (*force, *torque))
         self.session.receive("/wrench", raw, stamp_ns if arrival is None else arrival)

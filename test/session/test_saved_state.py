@@ -1,5 +1,7 @@
 """A session that goes on from a file, with the real simulator."""
 
+import json
+
 import numpy as np
 import pytest
 from session_bench import MS, SECOND, T0
@@ -168,7 +170,48 @@ def test_no_file_is_no_state(tmp_path):
 def test_cut_off_file_is_refused(path, share):
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(SceneError, match="is no saved state .*; remove the file"):
+    with pytest.raises(SceneError, match="is no saved state, or a damaged one; remove the file"):
+        load_state(path, SCENE)
+
+
+def test_random_bytes_and_a_folder_are_refused(tmp_path):
+    for name, content in (("noise", np.random.default_rng(1).bytes(5000)), ("zip", b"PK\x03\x04")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(SceneError, match=f"{name} is no saved state, or a damaged one; remove"):
+            load_state(tmp_path / name, SCENE)
+    with pytest.raises(SceneError, match=r"cannot be read \(Is a directory\); remove the file, or"):
+        load_state(tmp_path, SCENE)
+
+
+def halved(arrays, head):
+    arrays["state"] = arrays["state"][::2]
+
+
+def holed(arrays, head):
+    arrays["inputs"] = np.where(np.arange(len(arrays["inputs"])) == 3, np.nan, arrays["inputs"])
+
+
+HEADS = {
+    "no needs": lambda head: head.pop("needs"),
+    "strange needs": lambda head: head["needs"].update(wings=True),
+    "geometries of nothing": lambda head: head.update(geometries={}),
+    "a short vector": lambda head: head["geometries"]["start"][0].pop(),
+    "no time": lambda head: head.update(remainder=float("nan")),
+    "less than no steps": lambda head: head.update(steps=-1),
+    "no scene": lambda head: head.update(scene=7),
+    "no version": lambda head: head.pop("version"),
+}
+
+
+@pytest.mark.parametrize("damage", [halved, holed, *HEADS])
+def test_numbers_that_do_not_fit_are_refused(path, damage):
+    with np.load(path) as file:
+        arrays = dict(file)
+    head = json.loads(str(arrays["head"]))
+    HEADS[damage](head) if damage in HEADS else damage(arrays, head)
+    with path.open("wb") as stream:
+        np.savez(stream, **(arrays | {"head": np.array(json.dumps(head))}))
+    with pytest.raises(SceneError, match="is no saved state, or a damaged one; remove the file"):
         load_state(path, SCENE)
 
 

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from cables import SOFT, simulator
+from cables import SOFT, scene_of, simulator
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.simulation.simulator import Simulator
 
 STEP = 5e-3
 GRASP = {
@@ -86,6 +87,35 @@ def test_poses_between_the_steps_are_met_by_a_smooth_path():
     assert points[:, 0, :3] == pytest.approx(wanted, abs=2e-6)
 
 
+def test_a_gripper_of_two_points_holds_the_cable_along_its_x_axis():
+    turn = rotations.from_rotation_vector([0.2, 0.3, -0.4])
+    values = {"start.pose_type": "two_points", "end.position": [0.0, 0.6, -0.8]}
+    values |= {"terms.out_of_plane": "on", "loads.names": []}
+    cable = {key: value for key, value in SOFT.items() if not key.startswith("loads.")}
+    scene = scene_of(cable, values)
+    for poses, tangent in (
+        ({}, [0.0, 0.6, -0.8]),
+        ({"start": (np.zeros(3), turn)}, rotations.rotate(turn, [1.0, 0.0, 0.0])),
+    ):
+        first, second, *_ = Simulator(scene, poses).control_points[:, :3]
+        assert (second - first) / np.linalg.norm(second - first) == pytest.approx(tangent)
+
+
+def test_two_points_are_poses_midway_and_along_them():
+    times = STEP * np.arange(41)
+    angle, sim = 3.0 * times, held()
+    axis = 0.02 * np.stack([np.cos(angle), np.sin(angle), 0.2 * angle], axis=1)
+    middle = np.stack([0.1 * np.sin(angle), 0.0 * times, 0.05 * times], axis=1)
+    report, points = sim.follow(
+        times, {"start": np.stack([middle - axis, middle + axis], 1)}, times[1:]
+    )
+    assert report.status.ok and points[:, 0, :3] == pytest.approx(middle[1:], abs=1e-12)
+    tangents = np.diff(points[:, :2, :3], axis=1)[:, 0]
+    assert np.cross(tangents, axis[1:]) == pytest.approx(np.zeros((40, 3)), abs=1e-12)
+    assert np.all(np.sum(tangents * axis[1:], axis=1) > 0.0)
+    assert np.ptp(points[:, 0, 3]) < 1e-3  # the end turns and does not twist the cable
+
+
 @pytest.mark.parametrize(
     "times, path, text",
     [
@@ -97,6 +127,10 @@ def test_poses_between_the_steps_are_met_by_a_smooth_path():
             {"foot": np.ones((2, 7))},
             "end: 'foot' is not known",
         ),
+        ([0.0, 0.1], {"start": np.zeros((2, 2, 3))}, "points of start: row 0 has two points 0 m"),
+        ([0.0, 0.1], {"start": np.ones((3, 2, 3))}, "points of start: needs finite numbers of sha"),
+        ([0.0, 0.1], {"start": np.full((2, 2, 3), np.nan)}, "points of start: needs finite"),
+        ([0.0, 0.1], {"start": [[1, 2], [1]]}, "poses of start: needs"),
         ([0.0, 0.1], [], "poses"),
         (
             [-0.2, -0.1],

@@ -153,3 +153,23 @@ def test_points_that_are_too_near_each_other_do_not_shorten_the_cable(swinging):
     near = frames[0] * [1.0, 1.0, 0.96]
     # Without the length term 0.026.
     assert abs(lengthened(started(near, coordinates=U))) < 0.016
+
+
+@pytest.mark.filterwarnings("error")  # nothing has to be moved back
+@pytest.mark.parametrize("clamped", [False, True], ids=["position", "direction"])
+def test_a_grasp_holds_the_cable_where_it_is(swinging, clamped):
+    """Though the markers say that the cable is 4 mm beside it and points elsewhere."""
+    frames, times, _ = swinging
+    here = 0.5 * (frames[0][5] + frames[0][6]) + [0.0, 0.004, 0.0]
+    hand = {"position": here.tolist(), "at": 0.5, "clamped": clamped, "tangent": [0.9, 0.1, 0.1]}
+    changes = {"grasps.names": ["hand"], **{f"grasps.hand.{k}": v for k, v in hand.items()}}
+    sim = started(frames, times, U, **changes)
+    assert sim.centerline([0.5])[0] == pytest.approx(here, abs=1e-9)
+    assert np.abs(sim.centerline(U) - frames[0]).max() < 8e-3
+    edge = np.diff(sim.centerline([0.5 - 1e-5, 0.5 + 1e-5]), axis=0)[0]
+    across = np.linalg.norm(np.cross(edge, [0.9, 0.1, 0.1])) / np.linalg.norm(edge)
+    assert across < 1e-4 if clamped else across > 0.01
+    before = sim.control_points
+    assert sim.advance_steps(1).status.ok
+    assert sim.centerline([0.5])[0] == pytest.approx(here, abs=1e-9)
+    assert np.abs(sim.control_points - before).max() < 0.03
