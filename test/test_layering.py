@@ -38,7 +38,8 @@ ARROWS = {
     "": {"cli", "core", "process", "ros", "scene", "simulation"},
 }
 ROS_MESSAGES = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces"}
-ROS_MESSAGES |= {"rosgraph_msgs", "std_msgs", "std_srvs", "visualization_msgs"}
+ROS_MESSAGES |= {"rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs"}
+ROS_MESSAGES |= {"visualization_msgs"}
 # Foreign package -> the rooms, or files, that may import it.
 FOREIGN = {
     "rclpy": {"ros"},

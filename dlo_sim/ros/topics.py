@@ -12,7 +12,8 @@ from rclpy.subscription import Subscription
 
 from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.cdr import encode_marker_delete_all
+from dlo_sim.session.cdr import MARKER_ARRAY
+from dlo_sim.session.cdr_markers import encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
 from dlo_sim.session.topics import DIAGNOSTICS, MARKERS, InputTopic, output_topics
 
@@ -64,6 +65,11 @@ class Outputs:
         """Names of the topics as they are on the wire, remapped."""
         return [publisher.topic_name for publisher in self._publishers.values()]
 
+    @property
+    def _markers(self) -> dict[str, str]:
+        """The topics of markers that there are, and their types."""
+        return {topic: kind for topic, kind in MARKERS.items() if topic in self._publishers}
+
     def readers(self) -> tuple[set[str], set[str]]:
         """The topics that somebody reads, and those for which somebody has come since the last
         call.
@@ -90,15 +96,16 @@ class Outputs:
         self._publishers[DIAGNOSTICS].publish(data)
 
     def delete_markers(self, stamp_ns: int) -> None:
-        """Remove both markers from every viewer."""
-        data = encode_marker_delete_all(self._frame_id, stamp_ns)
-        for topic in MARKERS:
+        """Remove all markers from every viewer."""
+        for topic, kind in self._markers.items():
+            array = kind == MARKER_ARRAY
+            data = encode_marker_delete_all(self._frame_id, stamp_ns, array)
             self._publishers[topic].publish(data)
 
     def say_goodbye(self, stamp_ns: int) -> None:
         """Remove the markers; gives viewers a moment to hear it before the publishers end."""
         self.delete_markers(stamp_ns)
-        for topic in MARKERS:
+        for topic in self._markers:
             self._publishers[topic].wait_for_all_acked(_GOODBYE)
 
 

@@ -180,6 +180,19 @@ class Outputs:
         "tension [N] or curvature [1/m].",
         choices=("none", "tension", "curvature"),
     )
+    points: bool = parameter(
+        False,
+        "Publish the centerline as PointCloud2 on ~/points, with x, y, z, u [m] and, where it is "
+        "known, tension [N].",
+    )
+    capsules: int = parameter(
+        0,
+        "Capsules that together hold the cable, published on ~/capsules for planning scenes; 0 = "
+        "none. Their radii grow where the cable bends within one.",
+        "",
+        0,
+        1000,
+    )
     color_range: tuple[float, float] = parameter(
         (0.0, 0.0),
         "Values of the darkest and of the brightest colour, in the unit of what they show; the "

@@ -13,8 +13,10 @@ from dlo_sim.session import cdr
 CONTROL_POINTS = "~/control_points"
 CENTERLINE = "~/centerline"
 CONTROL_POLYGON = "~/control_polygon"
+POINTS = "~/points"
+CAPSULES = "~/capsules"
 DIAGNOSTICS = "/diagnostics"
-MARKERS = (CENTERLINE, CONTROL_POLYGON)
+MARKERS = {CENTERLINE: cdr.MARKER, CONTROL_POLYGON: cdr.MARKER, CAPSULES: cdr.MARKER_ARRAY}
 REACTION = "~/{}/reaction"
 
 _INPUTS = {"pose": cdr.POSE_STAMPED, "wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
@@ -23,15 +25,20 @@ _INPUTS = {"pose": cdr.POSE_STAMPED, "wrench": cdr.WRENCH_STAMPED, "force": cdr.
 def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
     free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
+    asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules}
+    free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}
 
 
 def possible_outputs(scene: Scene) -> dict[str, str]:
-    """Topic -> ROS type of all that it publishes once its free ends are held as well."""
+    """Topic -> ROS type of all that it publishes once its free ends are held as well and every
+    output is asked for.
+    """
     return {
         CONTROL_POINTS: cdr.POSE_ARRAY,
         **dict.fromkeys(map(REACTION.format, scene.holders), cdr.WRENCH_STAMPED),
-        **dict.fromkeys(MARKERS, cdr.MARKER),
+        POINTS: cdr.POINT_CLOUD,
+        **MARKERS,
         DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
     }
 

@@ -1,21 +1,23 @@
-"""Points from serialised ROS 2 messages: PoseArray, MarkerArray, PointCloud2 (`session.cdr`)."""
+"""Points from serialised PoseArray, MarkerArray and PointCloud2 messages, and clouds as bytes
+(`cdr`).
+"""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr import DecodeError
+from dlo_sim.session.cdr import DecodeError, Encoder, Writer
 
 Array = NDArray[np.float64]
-MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
-POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _NANO = 1_000_000_000
 _REALS = {7: "f4", 8: "f8"}  # PointField datatypes of coordinates
+_FLOAT32, _FLOAT_SIZE = 7, 4
 
 
 class _Reader:
@@ -136,3 +138,24 @@ def decode_point_cloud(raw: bytes) -> tuple[int, Array]:
     lines = [np.frombuffer(data, layout, columns, row * row_step) for row in range(rows)]
     cloud = np.concatenate(lines) if lines else np.zeros(0, layout)
     return stamp, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1)
+
+
+class PointCloudEncoder(Encoder):
+    """Encodes a PointCloud2 of a constant number of points with fields of float32, shape (count,
+    fields).
+    """
+
+    def __init__(self, frame_id: str, fields: Sequence[str], count: int) -> None:
+        writer, size = Writer(), _FLOAT_SIZE * len(fields)
+        writer.header(frame_id)
+        writer.numbers("I", 1, count, len(fields))  # rows, columns
+        for number, name in enumerate(fields):
+            writer.text(name)
+            writer.numbers("I", _FLOAT_SIZE * number)
+            writer.numbers("B", _FLOAT32)
+            writer.numbers("I", 1)
+        writer.numbers("B", 0)  # is_bigendian
+        writer.numbers("I", size, size * count, size * count)  # of a point, a row, all
+        begin = writer.zeros((count, len(fields)), "f")
+        writer.numbers("B", 1)  # is_dense
+        super().__init__(writer, begin, (count, len(fields)), "<f4")
