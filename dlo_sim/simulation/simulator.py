@@ -6,7 +6,9 @@ import math
 import time
 import warnings
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +28,7 @@ from dlo_sim.simulation.following import (
     natural_along,
     on_grid,
 )
+from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_to_come
 from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of, known_holder
 from dlo_sim.simulation.guarded_loop import GuardedLoop
@@ -223,6 +226,17 @@ class Simulator(CableInputs):
         report = Report(made.status, message, made.steps, simulated, made.evaluations)
         return report, recorder.control_points
 
+    def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
+        """The shapes every so many seconds along a plan, with the bits that `follow` would give.
+
+        This simulator stays as it is. Loads go on as they are.
+
+        Raises:
+            TypeError, ValueError: as `follow`, or a plan that does not begin here and now.
+        """
+        future = deepcopy(self)
+        return forecast(future, future.follow, plan, every)
+
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
         return Snapshot(
@@ -371,6 +385,11 @@ class Simulator(CableInputs):
         self._initial = self.snapshot()
 
     # -- inside ---------------------------------------------------------------------------------
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Of a copy, here or in another process: views of its arrays are views of its own."""
+        self.__dict__.update(state)
+        self._ends.live_in(self._cable.motion)
 
     def _open_account(self) -> None:
         self._cable.open_account(self.scene)
