@@ -204,6 +204,24 @@ class Outputs:
 
 
 @dataclass(frozen=True)
+class Forecasts:
+    """Plans taken in, and what is put out of the future along them."""
+
+    processes: int = parameter(
+        0,
+        "Processes that forecast the plans on ~/plan, beside the ticks; 0 = no forecasts.",
+        "",
+        0,
+        64,
+        read_only=True,
+    )
+    every: float = parameter(0.05, "Time between two shapes of a forecast.", "s", 1e-3, 10.0)
+    ghosts: int = parameter(
+        5, "Shapes to come that the marker ~/forecast/ghosts shows.", "", 1, 100
+    )
+
+
+@dataclass(frozen=True)
 class Accuracy:
     """Position error that is acceptable, and whether the error is estimated."""
 

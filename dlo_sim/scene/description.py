@@ -27,6 +27,7 @@ from dlo_sim.scene.checking import check_names, check_value, unknown_key
 from dlo_sim.scene.computation import (
     Accuracy,
     Discretization,
+    Forecasts,
     Initial,
     Inputs,
     Integrator,
@@ -74,6 +75,7 @@ class Scene:
     integrator: Integrator = Integrator()
     inputs: Inputs = Inputs()
     outputs: Outputs = Outputs()
+    forecast: Forecasts = Forecasts()
     accuracy: Accuracy = Accuracy()
     state: State = State()
 

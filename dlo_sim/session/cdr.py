@@ -28,6 +28,7 @@ POSE_ARRAY = "geometry_msgs/msg/PoseArray"
 MARKER = "visualization_msgs/msg/Marker"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 
 # Numbers after the header: force, torque | vector | position, quaternion x y z w.
@@ -117,6 +118,50 @@ def _decode_header(raw: Bytes) -> tuple[str, int, str, int]:
 def _check_length(raw: Bytes, needed: int) -> None:
     if not needed <= len(raw) <= needed + _MOST_PADDING:
         raise DecodeError(f"{len(raw)} bytes, a message with this header has {needed}")
+
+
+class Reader:
+    """Reads field after field of little- or big-endian CDR."""
+
+    def __init__(self, raw: Bytes) -> None:
+        if len(raw) < 4 or raw[0] != 0 or raw[1] > 1:
+            raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
+        self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
+
+    def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
+        """Numbers of one struct code."""
+        size = struct.calcsize(code)
+        self._at += -(self._at - 4) % size
+        values = self._take(size * count)
+        return struct.unpack(f"{self._order}{count}{code}", values)
+
+    def whole(self, code: str = "I") -> int:
+        """One whole number."""
+        return int(self.numbers(code)[0])
+
+    def data(self) -> bytes:
+        """A sequence of bytes, or a string with its NUL."""
+        return self._take(self.whole())
+
+    def text(self) -> str:
+        """A string."""
+        return self.data().rstrip(b"\0").decode("utf-8", "replace")
+
+    def header(self) -> tuple[int, str]:
+        """A std_msgs/Header: its stamp [ns] and frame."""
+        seconds, nanoseconds = self.whole("i"), self.whole()
+        return seconds * _NANO + nanoseconds, self.text()
+
+    @property
+    def order(self) -> str:
+        """Byte order as struct and numpy write it."""
+        return self._order
+
+    def _take(self, count: int) -> bytes:
+        if self._at + count > len(self._raw):
+            raise DecodeError(f"{len(self._raw)} bytes end inside a field")
+        self._at += count
+        return bytes(self._raw[self._at - count : self._at])
 
 
 class Writer:

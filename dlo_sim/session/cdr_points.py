@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,53 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr import DecodeError, Encoder, Writer
+from dlo_sim.session.cdr import DecodeError, Encoder, Reader, Writer
 
 Array = NDArray[np.float64]
-_NANO = 1_000_000_000
 _REALS = {7: "f4", 8: "f8"}  # PointField datatypes of coordinates
 _FLOAT32, _FLOAT_SIZE = 7, 4
-
-
-class _Reader:
-    """Reads field after field of little- or big-endian CDR."""
-
-    def __init__(self, raw: bytes) -> None:
-        if len(raw) < 4 or raw[0] != 0 or raw[1] > 1:
-            raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
-        self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
-
-    def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
-        """Numbers of one struct code."""
-        size = struct.calcsize(code)
-        self._at += -(self._at - 4) % size
-        values = self._take(size * count)
-        return struct.unpack(f"{self._order}{count}{code}", values)
-
-    def whole(self, code: str = "I") -> int:
-        """One whole number."""
-        return int(self.numbers(code)[0])
-
-    def data(self) -> bytes:
-        """A sequence of bytes, or a string with its NUL."""
-        return self._take(self.whole())
-
-    def header(self) -> int:
-        """A std_msgs/Header; its stamp [ns]."""
-        seconds, nanoseconds = self.whole("i"), self.whole()
-        self.data()
-        return seconds * _NANO + nanoseconds
-
-    @property
-    def order(self) -> str:
-        """Byte order as struct and numpy write it."""
-        return self._order
-
-    def _take(self, count: int) -> bytes:
-        if self._at + count > len(self._raw):
-            raise DecodeError(f"{len(self._raw)} bytes end inside a field")
-        self._at += count
-        return bytes(self._raw[self._at - count : self._at])
 
 
 def decode_pose_positions(raw: bytes) -> tuple[int, Array]:
@@ -73,9 +30,9 @@ def decode_marker_array(raw: bytes) -> tuple[int, Array]:
     Raises:
         DecodeError: not such a message, or one without markers.
     """
-    reader, points, stamp = _Reader(raw), [], None
+    reader, points, stamp = Reader(raw), [], None
     for _ in range(reader.whole()):
-        at = reader.header()
+        at, _ = reader.header()
         stamp = at if stamp is None else stamp
         reader.data()  # ns
         reader.numbers("i", 3)  # id, type, action
@@ -111,12 +68,12 @@ def decode_point_cloud(raw: bytes) -> tuple[int, Array]:
     Raises:
         DecodeError: not such a message, or one without these fields.
     """
-    reader = _Reader(raw)
-    stamp = reader.header()
+    reader = Reader(raw)
+    stamp, _ = reader.header()
     rows, columns = reader.whole(), reader.whole()
     fields = {}
     for _ in range(reader.whole()):
-        name = reader.data().rstrip(b"\0").decode("utf-8", "replace")
+        name = reader.text()
         offset, kind, _ = reader.whole(), reader.whole("B"), reader.whole()
         fields[name] = offset, kind
     big = reader.whole("B")

@@ -53,7 +53,7 @@ class ContentCheck:
         if not math.isfinite(sum(values)):
             raise Refused("not_finite", f"{_shown(values)}; repair the publisher")
         if is_pose:
-            _check_pose(values)
+            check_pose(values)
         else:
             self._check_size(values)
         return Sound(values, self._check_frame(message.frame_id, is_pose))
@@ -81,7 +81,12 @@ class ContentCheck:
         )
 
 
-def _check_pose(values: tuple[float, ...]) -> None:
+def check_pose(values: tuple[float, ...]) -> None:
+    """Refuse a position that cannot be meant, or a quaternion that is not unit.
+
+    Raises:
+        Refused: it cannot be used.
+    """
     if math.hypot(*values[:3]) > MOST_DISTANT:
         raise Refused(
             "too_large",

@@ -37,7 +37,6 @@ from dlo_sim.session.topics import (
     CENTERLINE,
     CONTROL_POINTS,
     CONTROL_POLYGON,
-    DIAGNOSTICS,
     POINTS,
     REACTION,
     output_topics,
@@ -111,7 +110,7 @@ class Outputs:
         self._topics = tuple(
             (topic, message_type, encoders[topic])
             for topic, message_type in output_topics(scene).items()
-            if topic != DIAGNOSTICS  # made by the session
+            if topic in encoders  # others are not made of the present state alone
         )
 
     def messages(

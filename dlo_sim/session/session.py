@@ -23,6 +23,7 @@ from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.intake import Accepted, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
+from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State
 from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import TimeBase, Verdict
@@ -104,6 +105,11 @@ class Session:
     def started(self) -> bool:
         """Whether the cable has been placed (every driven end has had a pose)."""
         return self._drive.grid is not None
+
+    @property
+    def newest_poses(self) -> dict[str, Pose | None]:
+        """The last pose of each driven end, which the simulation may not have come to."""
+        return {name: path.newest for name, path in self._drive.paths.items()}
 
     @property
     def saved(self) -> State | None:

@@ -15,17 +15,31 @@ CENTERLINE = "~/centerline"
 CONTROL_POLYGON = "~/control_polygon"
 POINTS = "~/points"
 CAPSULES = "~/capsules"
+PLAN = "~/plan"
+FORECAST = "~/forecast"
+GHOSTS = "~/forecast/ghosts"
 DIAGNOSTICS = "/diagnostics"
-MARKERS = {CENTERLINE: cdr.MARKER, CONTROL_POLYGON: cdr.MARKER, CAPSULES: cdr.MARKER_ARRAY}
+MARKERS = {
+    CENTERLINE: cdr.MARKER,
+    CONTROL_POLYGON: cdr.MARKER,
+    CAPSULES: cdr.MARKER_ARRAY,
+    GHOSTS: cdr.MARKER,
+}
 REACTION = "~/{}/reaction"
 
-_INPUTS = {"pose": cdr.POSE_STAMPED, "wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
+_INPUTS = {
+    "pose": cdr.POSE_STAMPED,
+    "wrench": cdr.WRENCH_STAMPED,
+    "force": cdr.VECTOR3_STAMPED,
+    "plan": cdr.TRAJECTORY,
+}
 
 
 def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
     free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
     asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules}
+    asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
     free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}
 
@@ -38,6 +52,7 @@ def possible_outputs(scene: Scene) -> dict[str, str]:
         CONTROL_POINTS: cdr.POSE_ARRAY,
         **dict.fromkeys(map(REACTION.format, scene.holders), cdr.WRENCH_STAMPED),
         POINTS: cdr.POINT_CLOUD,
+        FORECAST: cdr.POINT_CLOUD,
         **MARKERS,
         DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
     }
@@ -48,8 +63,8 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name; as in the scene (`~/...`), or on the wire.
-        kind: `pose`, `wrench` or `force`.
-        target: what holds the cable for a pose, the load's name otherwise.
+        kind: `pose`, `wrench`, `force` or `plan`.
+        target: what holds the cable for a pose, the load's name for a wrench or a force.
     """
 
     topic: str
@@ -69,6 +84,11 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
     ]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
     return tuple(found)
+
+
+def plan_topics(scene: Scene) -> tuple[InputTopic, ...]:
+    """Where the node takes plans, if the scene asks for forecasts."""
+    return (InputTopic(PLAN, "plan", ""),) if scene.forecast.processes else ()
 
 
 def resolved(topic: str) -> str:
