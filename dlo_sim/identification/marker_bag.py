@@ -48,7 +48,7 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
         name = names[message.topic]
         try:
             if name == "markers":
-                stamp, points = DECODERS[message.type](message.data)
+                stamp, _, points = DECODERS[message.type](message.data)
                 stamped[name].append((stamp, checked_points(f"{path}: {message.topic}", points)))
             else:
                 pose = cdr.decode(message.type, message.data)

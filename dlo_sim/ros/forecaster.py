@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import pickle
 from collections import deque
@@ -36,8 +37,9 @@ class _Worker:
 
     def give(self, planned: bytes) -> None:
         """Let it forecast a pickled plan."""
-        self.connection.send_bytes(planned)
         self.busy = True
+        with contextlib.suppress(OSError):  # it has ended, which is noticed as it is asked
+            self.connection.send_bytes(planned)
 
     def end(self) -> None:
         """End the process."""
@@ -85,7 +87,7 @@ class Forecaster:
             try:
                 found: Answer | None = worker.connection.recv()
                 worker.busy = False
-            except EOFError:
+            except (EOFError, OSError):
                 found = Answer(problem="the process that forecast it has ended; another begins")
                 worker.end()
                 self._workers[number] = _begun(self._session)

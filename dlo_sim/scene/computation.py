@@ -167,6 +167,39 @@ class Inputs:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """Points seen on the cable, by which the prediction is corrected."""
+
+    type: str = parameter(
+        "none",
+        "Message type of ~/measured, points on the cable in any order, some hidden; none = the "
+        "prediction is not corrected.",
+        choices=("none", "point_cloud", "pose_array"),
+        read_only=True,
+    )
+    noise: float = parameter(
+        0.005, "Standard deviation of a coordinate of a measured point.", "m", 1e-6, 1.0
+    )
+    error: float = parameter(
+        0.02,
+        "Standard deviation of the error of the uncorrected prediction: the larger beside the "
+        "noise, the more a point moves the cable.",
+        "m",
+        1e-6,
+        10.0,
+    )
+    alike_along: float = parameter(
+        0.1, "Share of the length over which that error is alike.", "", 0.01, 1.0
+    )
+    alike_for: float = parameter(
+        0.25, "Time for which that error is alike: the lag of the correction.", "s", 1e-3, 100.0
+    )
+    gate: float = parameter(
+        0.1, "Points further than this from the prediction are rejected.", "m", 1e-6, 100.0
+    )
+
+
+@dataclass(frozen=True)
 class Outputs:
     """What is put out besides the control points."""
 

@@ -31,6 +31,7 @@ from dlo_sim.scene.computation import (
     Initial,
     Inputs,
     Integrator,
+    Measured,
     Outputs,
     State,
     Terms,
@@ -74,6 +75,7 @@ class Scene:
     initial: Initial = Initial()
     integrator: Integrator = Integrator()
     inputs: Inputs = Inputs()
+    measured: Measured = Measured()
     outputs: Outputs = Outputs()
     forecast: Forecasts = Forecasts()
     accuracy: Accuracy = Accuracy()
@@ -156,6 +158,11 @@ class Scene:
             consistency.check_load(load)
         consistency.check_topics(dict(self.holder_keys()), self.loads)
         consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)
+        if self.measured.type != "none" and self.accuracy.estimate == "on":
+            raise SceneError(
+                "accuracy.estimate: on cannot be had while measured points correct the prediction; "
+                "give auto, or measured.type: none"
+            )
         consistency.check_colors(self.outputs, self.without_tension)
 
 

@@ -5,35 +5,58 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr import DecodeError, Encoder, Reader, Writer
+from dlo_sim.session.cdr import Bytes, DecodeError, Encoder, Reader, Stamped, Writer
 
 Array = NDArray[np.float64]
 _REALS = {7: "f4", 8: "f8"}  # PointField datatypes of coordinates
 _FLOAT32, _FLOAT_SIZE = 7, 4
 
 
-def decode_pose_positions(raw: bytes) -> tuple[int, Array]:
-    """Stamp [ns] and positions (n, 3) of a PoseArray."""
+class Cloud(NamedTuple):
+    """Decoded points [m], shape (n, 3); NaN where missing."""
+
+    stamp_ns: int
+    frame_id: str
+    points: Array
+
+
+def decode_input(message_type: str, raw: Bytes) -> Stamped:
+    """`cdr.decode`, and the points, one after the other, of a PoseArray or PointCloud2; those that
+    are missing are left out.
+
+    Raises:
+        DecodeError: as `cdr.decode`.
+    """
+    if message_type not in (cdr.POSE_ARRAY, cdr.POINT_CLOUD):
+        return cdr.decode(message_type, raw)
+    decoder = decode_point_cloud if message_type == cdr.POINT_CLOUD else decode_pose_positions
+    stamp_ns, frame_id, points = decoder(raw)
+    there = points[~np.isnan(points).any(axis=1)]
+    return Stamped(stamp_ns, frame_id, tuple(there.ravel().tolist()))
+
+
+def decode_pose_positions(raw: Bytes) -> Cloud:
+    """The positions of a PoseArray."""
     message = cdr.decode_pose_array(raw)
-    return message.stamp_ns, message.poses[:, :3]
+    return Cloud(message.stamp_ns, message.frame_id, message.poses[:, :3])
 
 
-def decode_marker_array(raw: bytes) -> tuple[int, Array]:
-    """Stamp [ns] of the first marker and the points of all: those of a list, else the position.
+def decode_marker_array(raw: Bytes) -> Cloud:
+    """Stamp and frame of the first marker, the points of all: those of a list, else the position.
 
     Raises:
         DecodeError: not such a message, or one without markers.
     """
-    reader, points, stamp = Reader(raw), [], None
+    reader, points, head = Reader(raw), [], None
     for _ in range(reader.whole()):
-        at, _ = reader.header()
-        stamp = at if stamp is None else stamp
+        own_head = reader.header()
+        head = head or own_head
         reader.data()  # ns
         reader.numbers("i", 3)  # id, type, action
         pose = reader.numbers("d", 7)
@@ -57,19 +80,19 @@ def decode_marker_array(raw: bytes) -> tuple[int, Array]:
         reader.data()  # mesh_file
         reader.data()
         reader.numbers("B")  # mesh_use_embedded_materials
-    if stamp is None:
+    if head is None:
         raise DecodeError("the array holds no markers")
-    return stamp, np.array(points)
+    return Cloud(*head, np.array(points))
 
 
-def decode_point_cloud(raw: bytes) -> tuple[int, Array]:
-    """Stamp [ns] and points (n, 3) of a PointCloud2 with fields x, y, z; NaN where missing.
+def decode_point_cloud(raw: Bytes) -> Cloud:
+    """The points of a PointCloud2 with fields x, y, z.
 
     Raises:
         DecodeError: not such a message, or one without these fields.
     """
     reader = Reader(raw)
-    stamp, _ = reader.header()
+    stamp, frame_id = reader.header()
     rows, columns = reader.whole(), reader.whole()
     fields = {}
     for _ in range(reader.whole()):
@@ -94,7 +117,7 @@ def decode_point_cloud(raw: bytes) -> tuple[int, Array]:
     )
     lines = [np.frombuffer(data, layout, columns, row * row_step) for row in range(rows)]
     cloud = np.concatenate(lines) if lines else np.zeros(0, layout)
-    return stamp, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1)
+    return Cloud(stamp, frame_id, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1))
 
 
 class PointCloudEncoder(Encoder):

@@ -13,6 +13,7 @@ SIGN AND FRAME OF EVERY INPUT
 - `PoseStamped` (`start.pose_topic`, `end.pose_topic`): pose of the END EFFECTOR in the world frame
   (`frame_id` or empty); rotates vectors from the end effector's axes into the world's. The cable is
   attached at `<end>.offset` with `<end>.tangent` in it.
+- `PointCloud2` or `PoseArray` (`~/measured`): points on the cable in the world frame.
 """
 
 from __future__ import annotations
@@ -21,13 +22,17 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from dlo_sim.core.one_rotation import normalized
 from dlo_sim.scene.cable import Load
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
+from dlo_sim.session.cdr_points import decode_input
 from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.load_schedule import LoadMessage
+from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import InputTopic
@@ -44,11 +49,13 @@ class Accepted:
     Attributes:
         poses: end -> pose; loads: load name -> message (one topic may drive several).
         verdict: what its stamp means for everything before it.
+        points: measured on the cable.
     """
 
     poses: dict[str, Pose]
     loads: dict[str, LoadMessage]
     verdict: Verdict
+    points: Points | None = None
 
 
 class _Topic:
@@ -60,7 +67,8 @@ class _Topic:
         self.record = record
         self.source = source
         self.type = entries[0].type
-        self.is_pose = entries[0].kind == "pose"
+        self.kind = entries[0].kind
+        self.is_pose = self.kind == "pose"
         self.entries = entries
         self.loads: tuple[Load, ...] = ()
         self.clear()
@@ -70,7 +78,7 @@ class _Topic:
         targets = [entry.target for entry in self.entries]
         if self.is_pose:
             self.record.timeout = min(scene.holders[target].pose_timeout for target in targets)
-        else:
+        elif self.kind in ("wrench", "force"):
             self.loads = tuple(scene.load(target) for target in targets)
             self.record.timeout = min(load.timeout for load in self.loads)
 
@@ -123,8 +131,8 @@ class Intake:
         topic = self._topics[name]
         topic.record.last_arrival_ns = arrival_ns
         try:
-            message = cdr.decode(topic.type, raw)
-            sound = self._content.check(message, topic.is_pose)
+            message = decode_input(topic.type, raw)
+            sound = self._content.check(message, topic.kind)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
             return []
@@ -177,6 +185,9 @@ class Intake:
         topic.record.accepted += 1
         if topic.is_pose:
             return Accepted(self._poses(topic, values, stamp_ns), {}, verdict)
+        if not topic.loads:
+            points = Points(stamp_ns, np.reshape(values, (-1, 3)))
+            return Accepted({}, {}, verdict, points)
         return Accepted({}, self._loads(topic, values, stamp_ns, end), verdict)
 
     def _poses(self, topic: _Topic, values: tuple[float, ...], stamp_ns: int) -> dict[str, Pose]:

@@ -217,7 +217,7 @@ class Session:
             lag=self._pacing.lag_ns * 1e-9,
             most_lag=self.scene.inputs.catch_up,
             offset=self._time.offset_ns * 1e-9,
-            extra=extra or {},
+            extra={**(drive.observer.values() if drive.observer else {}), **(extra or {})},
         )
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
         return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
@@ -321,6 +321,8 @@ class Session:
                 self._drive.paths[end].add(pose)
             for name, load in accepted.loads.items():
                 self._drive.schedules[name].add(load)
+            if accepted.points is not None and self._drive.observer is not None:
+                self._drive.observer.add(accepted.points)
 
     def _note_epoch(self, offset_ns: int) -> None:
         side = "behind" if offset_ns > 0 else "ahead of"

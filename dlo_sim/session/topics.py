@@ -16,6 +16,7 @@ CONTROL_POLYGON = "~/control_polygon"
 POINTS = "~/points"
 CAPSULES = "~/capsules"
 PLAN = "~/plan"
+MEASURED = "~/measured"
 FORECAST = "~/forecast"
 GHOSTS = "~/forecast/ghosts"
 DIAGNOSTICS = "/diagnostics"
@@ -32,6 +33,8 @@ _INPUTS = {
     "wrench": cdr.WRENCH_STAMPED,
     "force": cdr.VECTOR3_STAMPED,
     "plan": cdr.TRAJECTORY,
+    "point_cloud": cdr.POINT_CLOUD,
+    "pose_array": cdr.POSE_ARRAY,
 }
 
 
@@ -63,7 +66,7 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name; as in the scene (`~/...`), or on the wire.
-        kind: `pose`, `wrench`, `force` or `plan`.
+        kind: `pose`, `wrench`, `force`, `plan`, or `point_cloud` or `pose_array` of points.
         target: what holds the cable for a pose, the load's name for a wrench or a force.
     """
 
@@ -83,6 +86,8 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
         InputTopic(e.pose_topic, "pose", name) for name, e in scene.holders.items() if e.driven
     ]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
+    if scene.measured.type != "none":
+        found.append(InputTopic(MEASURED, scene.measured.type, ""))
     return tuple(found)
 
 

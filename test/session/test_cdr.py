@@ -172,7 +172,7 @@ def test_capsules(frame, namespace):
         expected = joints[k : k + 2]
         assert np.allclose(ends, expected) or np.allclose(ends, expected[::-1])
     spheres = markers[3:]
-    assert np.array_equal(decode_marker_array(raw)[1][3:], joints)
+    assert np.array_equal(decode_marker_array(raw).points[3:], joints)
     assert [marker.scale.z for marker in spheres] == [0.25, 0.5, 1.0, 1.0]
     assert [numbers(marker.pose)[3:] for marker in spheres] == [[0.0, 0.0, 0.0, 1.0]] * 4
 
@@ -189,8 +189,8 @@ def test_point_cloud(frame):
     ]
     assert (cloud.point_step, cloud.row_step, cloud.is_dense) == (20, 100, True)
     assert cloud.data.tobytes() == rows.tobytes()
-    stamp, points = decode_point_cloud(raw)
-    assert stamp == STAMP
+    stamp, frame_id, points = decode_point_cloud(raw)
+    assert (stamp, frame_id) == (STAMP, frame)
     assert np.array_equal(points, rows[:, :3])
 
 

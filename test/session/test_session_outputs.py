@@ -191,7 +191,7 @@ class TestForPlanningScenes:
     def test_capsules_hold_the_cable(self, hanging):
         (message,) = hanging.messages((), [CAPSULES])
         markers = STORE.deserialize_cdr(message.data, message.type).markers
-        joints = decode_marker_array(message.data)[1][6:]
+        joints = decode_marker_array(message.data).points[6:]
         radii = np.array([0.5 * marker.scale.x for marker in markers[:6]])
         line = hanging.simulator.centerline(np.linspace(0.0, hanging.scene.cable.length, 1201))
         pieces = np.stack([line[200 * k : 200 * k + 201] for k in range(6)])
