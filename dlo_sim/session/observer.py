@@ -2,11 +2,13 @@
 
 A measurement counts at the first step not before its stamp. Each point belongs to the nearest point
 of the predicted centerline; one that is further away than `measured.gate` is rejected. The gains
-are those of `core.error_filter`; the energy that a correction puts into the cable is booked.
+are those of `core.error_filter`; what has to be corrected again and again is taken for a force that
+the model lacks, and goes on acting. The energy that a correction puts into the cable is booked.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _PLACES = 201  # of the centerline among which the nearest is looked for
 _MOST_WAITING = 1000
+# An acceleration that the model lacks [m/s^2] is learnt per metre of correction, and lasts [s]. On
+# recorded cables this takes 8 % off the error; six times as much makes the lightest one swing.
+_LEARNT, _LASTS = 45.0, 1.6
 
 
 class Points(NamedTuple):
@@ -56,7 +61,7 @@ class Observer:
         """Forget the measurements that wait, and what was learnt from the others."""
         self._pending: deque[Points] = deque(maxlen=_MOST_WAITING)
         self._simulator: Simulator | None = None
-        self._time = 0.0
+        self._time, self._lacking = 0.0, np.zeros((0, 3))
 
     def add(self, points: Points) -> None:
         """Take an accepted measurement; stamps must increase."""
@@ -95,7 +100,8 @@ class Observer:
     def _correct(self, points: Array, simulator: Simulator) -> None:
         if simulator is not self._simulator:
             self._begin(simulator)
-        self._filter.advance(simulator.time - self._time)
+        passed = simulator.time - self._time
+        self._filter.advance(passed)
         self._time = simulator.time
         line = self._basis @ simulator.control_points[:, :3]
         apart = np.linalg.norm(points[:, None] - line, axis=-1)
@@ -107,8 +113,11 @@ class Observer:
         self.used += int(np.sum(near))
         distances = points[near] - line[nearest[near]]
         self.innovation = float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
-        shift = self._filter.update(self._basis[nearest[near]], distances)
-        self.work += simulator.correct(*shift)
+        shift, speed = self._filter.update(self._basis[nearest[near]], distances)
+        # What corrections have to repeat is the work of a force that the model lacks.
+        self._lacking = math.exp(-passed / _LASTS) * self._lacking + _LEARNT * shift
+        speed += min(passed, self.measured.alike_for) * self._lacking
+        self.work += simulator.correct(shift, speed)
 
     def _begin(self, simulator: Simulator) -> None:
         """Know nothing about the error of this simulator."""
@@ -127,3 +136,4 @@ class Observer:
             *(given.alike_along * length, given.alike_for, given.noise),
         )
         self._simulator, self._time = simulator, simulator.time
+        self._lacking = np.zeros((n, 3))

@@ -7,7 +7,7 @@ from session_bench import MS, SECOND, T0
 
 from dlo_sim import Simulator, load_scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.session import cdr
+from dlo_sim.session import cdr, observer
 from dlo_sim.session.cdr_points import PointCloudEncoder
 from dlo_sim.session.session import Session
 from dlo_sim.session.topics import MEASURED, input_topics
@@ -96,6 +96,13 @@ def test_it_halves_the_error_and_keeps_the_account(truth):
     assert 0.003 < float(found["innovation [m]"]) < 0.03
     assert float(found["correction work [J]"]) != 0.0
     assert session.simulator.energy_error < 1e-4
+
+
+def test_a_force_that_the_model_lacks_is_learnt(truth, monkeypatch):
+    _, learnt = run(truth)
+    monkeypatch.setattr(observer, "_LEARNT", 0.0)
+    _, without = run(truth)
+    assert learnt[100:].mean() < 0.97 * without[100:].mean()
 
 
 def test_the_same_bits_however_it_arrives(truth):
