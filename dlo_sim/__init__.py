@@ -1,7 +1,8 @@
 """Simulation and prediction of cables, for ROS 2.
 
-`load_scene` reads a scene, `Simulator` steps it, `EndMotion` is how its ends move; all are imported
-when first used, so that importing the package needs neither ROS nor a compiler.
+`load_scene` reads a scene, `Simulator` steps it, `EndMotion` is how its ends move, `Plan` how they
+will, `Forecast` what comes of it; all are imported when first used, so that importing the package
+needs neither ROS nor a compiler.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -10,14 +11,18 @@ if TYPE_CHECKING:
     from dlo_sim.core.end_motion import EndMotion as EndMotion
     from dlo_sim.scene.loading import SceneError as SceneError
     from dlo_sim.scene.loading import load_scene as load_scene
+    from dlo_sim.simulation.forecast import Forecast as Forecast
+    from dlo_sim.simulation.forecast import Plan as Plan
     from dlo_sim.simulation.simulator import Simulator as Simulator
 
 __version__ = "0.1.0"
 
-__all__ = ["EndMotion", "SceneError", "Simulator", "__version__", "load_scene"]
+__all__ = ["EndMotion", "Forecast", "Plan", "SceneError", "Simulator", "__version__", "load_scene"]
 
 _HOMES = {
     "EndMotion": "dlo_sim.core.end_motion",
+    "Forecast": "dlo_sim.simulation.forecast",
+    "Plan": "dlo_sim.simulation.forecast",
     "SceneError": "dlo_sim.scene.loading",
     "Simulator": "dlo_sim.simulation.simulator",
     "load_scene": "dlo_sim.scene.loading",

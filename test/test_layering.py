@@ -26,7 +26,9 @@ ARROWS = {
     "replay": {"core", "process", "scene", "session", "simulation"},
     "identification": {"batch", "core", "replay", "scene", "session", "simulation"},
     "ros": {"compiling", "core", "process", "scene", "session", "simulation"},
-    "studies": {"batch", "core", "identification", "replay", "scene", "simulation", "tuning"},
+    "studies": {
+        *("batch", "core", "identification", "replay", "scene", "session", "simulation", "tuning")
+    },
     "view": {"core", "replay", "scene", "session", "simulation"},
     "doctor": {"compiling", "ros", "scene", "session", "simulation"},
     "demo": {"core", "process", "replay", "scene", "session", "view"},
@@ -38,7 +40,8 @@ ARROWS = {
     "": {"cli", "core", "process", "ros", "scene", "simulation"},
 }
 ROS_MESSAGES = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces"}
-ROS_MESSAGES |= {"rosgraph_msgs", "std_msgs", "std_srvs", "visualization_msgs"}
+ROS_MESSAGES |= {"rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs"}
+ROS_MESSAGES |= {"visualization_msgs"}
 # Foreign package -> the rooms, or files, that may import it.
 FOREIGN = {
     "rclpy": {"ros"},

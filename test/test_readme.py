@@ -10,7 +10,7 @@ import pytest
 from dlo_sim.cli.main import SUBCOMMANDS, _parser
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scenes
 from dlo_sim.scene.parameters import scene_parameters
-from dlo_sim.session.topics import input_topics, output_topics
+from dlo_sim.session.topics import input_topics, output_topics, plan_topics
 
 
 @pytest.fixture(scope="module")
@@ -161,9 +161,14 @@ def test_table_of_topics_is_complete(node_page):
             "grasps.camera.pose_topic": "~/camera/points",
             "grasps.camera.pose_type": "two_points",
             "grasps.camera.taken_topic": "~/camera/taken",
+            "outputs.points": True,
+            "outputs.capsules": 10,
+            "forecast.processes": 1,
+            "measured.type": "point_cloud",
         }
     )
-    wanted = {(entry.topic, "in", entry.type) for entry in input_topics(scene)}
+    listened = (*input_topics(scene), *plan_topics(scene))
+    wanted = {(entry.topic, "in", entry.type) for entry in listened}
     wanted |= {(topic, "out", kind) for topic, kind in output_topics(scene).items()}
     wanted = {(re.sub("hand|camera", "<name>", topic), *more) for topic, *more in wanted}
     shown = set()

@@ -8,10 +8,11 @@ from ruamel.yaml import YAML
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
-from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, MARKERS, possible_outputs, resolved
+from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, MARKERS, output_topics, resolved
 
-PUBLISHED = {resolved(topic): kind for topic, kind in possible_outputs(Scene()).items()}
-SHAPES = {resolved(topic) for topic in (CONTROL_POINTS, *MARKERS)}
+TOPICS = output_topics(Scene())
+PUBLISHED = {resolved(topic): kind for topic, kind in TOPICS.items()}
+SHAPES = {resolved(topic) for topic in TOPICS.keys() & {CONTROL_POINTS, *MARKERS}}
 RVIZ = {
     "rviz_default_plugins/Marker": cdr.MARKER,
     "rviz_default_plugins/PoseArray": cdr.POSE_ARRAY,

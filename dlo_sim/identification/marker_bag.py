@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
-from dlo_sim.identification import cdr_points
 from dlo_sim.identification.measurement import (
     MeasurementError,
     Recording,
@@ -17,13 +16,13 @@ from dlo_sim.identification.measurement import (
     shares_along,
 )
 from dlo_sim.replay.bags import Bag, BagError, topic_list
-from dlo_sim.session import cdr
+from dlo_sim.session import cdr, cdr_points
 
 Array = NDArray[np.float64]
 DECODERS = {
     cdr.POSE_ARRAY: cdr_points.decode_pose_positions,
-    cdr_points.MARKER_ARRAY: cdr_points.decode_marker_array,
-    cdr_points.POINT_CLOUD: cdr_points.decode_point_cloud,
+    cdr.MARKER_ARRAY: cdr_points.decode_marker_array,
+    cdr.POINT_CLOUD: cdr_points.decode_point_cloud,
 }
 
 
@@ -51,7 +50,7 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
         name = names[message.topic]
         try:
             if name == "markers":
-                stamp, points = DECODERS[message.type](message.data)
+                stamp, _, points = DECODERS[message.type](message.data)
                 stamped[name].append((stamp, checked_points(f"{path}: {message.topic}", points)))
             else:
                 found = cdr.decode(message.type, message.data)

@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from dlo_sim.compiling.directory import compiling_told_to
 from dlo_sim.ros.arguments import NodeArguments
 from dlo_sim.ros.background import in_background
+from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
 from dlo_sim.ros.state_keeper import StateKeeper
@@ -31,7 +32,7 @@ from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.simulator_protocol import State
-from dlo_sim.session.topics import Naming, input_topics
+from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
 _LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
@@ -69,6 +70,9 @@ class CableNode(GuardedNode):
             scene = saved.scene
             self._scene_parameters.take_over(scene)
         self._session = self._built(scene, saved)
+        self._plan_topic = self._naming.topic(PLAN)
+        count = scene.forecast.processes
+        self._forecaster = Forecaster(self._session, self._plan_topic, count) if count else None
         self._status = self._session.status
         self._times = TickTimes()
         self._clock_jumps = 0
@@ -114,7 +118,8 @@ class CableNode(GuardedNode):
         """
         try:
             self._outputs = Outputs(self, scene)
-            self._inputs = Inputs(self, self._session.inputs, self._receive)
+            plans = (entry._replace(topic=self._plan_topic) for entry in plan_topics(scene))
+            self._inputs = Inputs(self, (*self._session.inputs, *plans), self._receive)
             self._serve()
         except RuntimeError as error:
             raise SceneError(
@@ -164,7 +169,9 @@ class CableNode(GuardedNode):
         Before the first /clock nothing can be dated: the newest message of each topic waits for it.
         """
         now = self._now()
-        if now == 0:
+        if topic == self._plan_topic and self._forecaster is not None:
+            self._forecaster.accept(raw, now)
+        elif now == 0:
             self._early[topic] = raw
         else:
             self._session.receive(topic, raw, now)
@@ -188,6 +195,8 @@ class CableNode(GuardedNode):
         report = self._session.tick(now)
         stepped = time.perf_counter_ns()
         self._outputs.publish(self._session.messages(*self._outputs.readers()))
+        if self._forecaster is not None:
+            self._outputs.publish(self._forecaster.answers())
         end = time.perf_counter_ns()
         self._times.record(now, begin, stepped, end, report.advanced_steps, self._period_ns)
         if report.stop:
@@ -349,7 +358,10 @@ class CableNode(GuardedNode):
             sources,
         )
         self._outputs.publish_diagnostics(self._session.diagnostics(now))
-        self._outputs.publish_diagnostics(encode_diagnostic_array(now, self._naming.node, [status]))
+        statuses = [status]
+        if self._forecaster is not None:
+            statuses += self._forecaster.statuses(now)
+        self._outputs.publish_diagnostics(encode_diagnostic_array(now, self._naming.node, statuses))
         self._keeper.keep(self._session)
         self._log_events()
         problems = [line for source in sources for line in source.problems]
@@ -377,6 +389,8 @@ class CableNode(GuardedNode):
     def say_goodbye(self) -> None:
         """Keep the state and remove the markers from every viewer; call it last."""
         self._keeper.close(self._session)
+        if self._forecaster is not None:
+            self._forecaster.close()
         self._outputs.say_goodbye(self._now())
 
 

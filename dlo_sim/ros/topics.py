@@ -12,9 +12,10 @@ from rclpy.subscription import Subscription
 
 from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.cdr import BOOL, encode_marker_delete_all
+from dlo_sim.session.cdr import BOOL, MARKER_ARRAY
+from dlo_sim.session.cdr_markers import encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
-from dlo_sim.session.topics import DIAGNOSTICS, MARKERS, InputTopic, output_topics
+from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, InputTopic, output_topics
 
 # Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual
 # 5: a tick that takes 20 ms must not lose a 500 Hz wrench.
@@ -27,7 +28,7 @@ OUTPUT_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-DIAGNOSTICS_QOS = QoSProfile(depth=10)
+MANY_QOS = QoSProfile(depth=10)  # each message is about something else
 
 _GOODBYE = Duration(nanoseconds=300_000_000)  # longest wait for viewers to take the last marker
 
@@ -62,7 +63,7 @@ class Outputs:
             self._readers.pop(topic, None)
         for topic, kind in wanted.items():
             if topic not in self._publishers:
-                qos = DIAGNOSTICS_QOS if topic == DIAGNOSTICS else OUTPUT_QOS
+                qos = MANY_QOS if topic in (DIAGNOSTICS, FORECAST) else OUTPUT_QOS
                 publisher = self._node.create_publisher(message_class(kind), topic, qos)
                 self._publishers[topic] = publisher
 
@@ -70,6 +71,11 @@ class Outputs:
     def topics(self) -> list[str]:
         """Names of the topics as they are on the wire, remapped."""
         return [publisher.topic_name for publisher in self._publishers.values()]
+
+    @property
+    def _markers(self) -> dict[str, str]:
+        """The topics of markers that there are, and their types."""
+        return {topic: kind for topic, kind in MARKERS.items() if topic in self._publishers}
 
     def readers(self) -> tuple[set[str], set[str]]:
         """The topics that somebody reads, and those for which somebody has come since the last
@@ -97,15 +103,16 @@ class Outputs:
         self._publishers[DIAGNOSTICS].publish(data)
 
     def delete_markers(self, stamp_ns: int) -> None:
-        """Remove both markers from every viewer."""
-        data = encode_marker_delete_all(self._frame_id, stamp_ns)
-        for topic in MARKERS:
+        """Remove all markers from every viewer."""
+        for topic, kind in self._markers.items():
+            array = kind == MARKER_ARRAY
+            data = encode_marker_delete_all(self._frame_id, stamp_ns, array)
             self._publishers[topic].publish(data)
 
     def say_goodbye(self, stamp_ns: int) -> None:
         """Remove the markers; gives viewers a moment to hear it before the publishers end."""
         self.delete_markers(stamp_ns)
-        for topic in MARKERS:
+        for topic in self._markers:
             self._publishers[topic].wait_for_all_acked(_GOODBYE)
 
 

@@ -168,6 +168,39 @@ class Inputs:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """Points seen on the cable, by which the prediction is corrected."""
+
+    type: str = parameter(
+        "none",
+        "Message type of ~/measured, points on the cable in any order, some hidden; none = the "
+        "prediction is not corrected.",
+        choices=("none", "point_cloud", "pose_array"),
+        read_only=True,
+    )
+    noise: float = parameter(
+        0.005, "Standard deviation of a coordinate of a measured point.", "m", 1e-6, 1.0
+    )
+    error: float = parameter(
+        0.02,
+        "Standard deviation of the error of the uncorrected prediction: the larger beside the "
+        "noise, the more a point moves the cable.",
+        "m",
+        1e-6,
+        10.0,
+    )
+    alike_along: float = parameter(
+        0.1, "Share of the length over which that error is alike.", "", 0.01, 1.0
+    )
+    alike_for: float = parameter(
+        0.25, "Time for which that error is alike: the lag of the correction.", "s", 1e-3, 100.0
+    )
+    gate: float = parameter(
+        0.1, "Points further than this from the prediction are rejected.", "m", 1e-6, 100.0
+    )
+
+
+@dataclass(frozen=True)
 class Outputs:
     """What is put out besides the control points."""
 
@@ -181,6 +214,19 @@ class Outputs:
         "tension [N] or curvature [1/m].",
         choices=("none", "tension", "curvature"),
     )
+    points: bool = parameter(
+        False,
+        "Publish the centerline as PointCloud2 on ~/points, with x, y, z, u [m] and, where it is "
+        "known, tension [N].",
+    )
+    capsules: int = parameter(
+        0,
+        "Capsules that together hold the cable, published on ~/capsules for planning scenes; 0 = "
+        "none. Their radii grow where the cable bends within one.",
+        "",
+        0,
+        1000,
+    )
     color_range: tuple[float, float] = parameter(
         (0.0, 0.0),
         "Values of the darkest and of the brightest colour, in the unit of what they show; the "
@@ -188,6 +234,24 @@ class Outputs:
         "",
         -1.0e9,
         1.0e9,
+    )
+
+
+@dataclass(frozen=True)
+class Forecasts:
+    """Plans taken in, and what is put out of the future along them."""
+
+    processes: int = parameter(
+        0,
+        "Processes that forecast the plans on ~/plan, beside the ticks; 0 = no forecasts.",
+        "",
+        0,
+        64,
+        read_only=True,
+    )
+    every: float = parameter(0.05, "Time between two shapes of a forecast.", "s", 1e-3, 10.0)
+    ghosts: int = parameter(
+        5, "Shapes to come that the marker ~/forecast/ghosts shows.", "", 1, 100
     )
 
 

@@ -29,9 +29,11 @@ from dlo_sim.scene.checking import check_names, check_value, unknown_key
 from dlo_sim.scene.computation import (
     Accuracy,
     Discretization,
+    Forecasts,
     Initial,
     Inputs,
     Integrator,
+    Measured,
     Outputs,
     State,
     Terms,
@@ -83,7 +85,9 @@ class Scene:
     initial: Initial = Initial()
     integrator: Integrator = Integrator()
     inputs: Inputs = Inputs()
+    measured: Measured = Measured()
     outputs: Outputs = Outputs()
+    forecast: Forecasts = Forecasts()
     accuracy: Accuracy = Accuracy()
     state: State = State()
 
@@ -173,6 +177,11 @@ class Scene:
         consistency.check_topics(dict(self.holder_keys()), self.loads)
         consistency.check_obstacles(self.obstacles)
         consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)
+        if self.measured.type != "none" and self.accuracy.estimate == "on":
+            raise SceneError(
+                "accuracy.estimate: on cannot be had while measured points correct the prediction; "
+                "give auto, or measured.type: none"
+            )
         consistency.check_colors(self.outputs, self.without_tension)
 
 

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Bytes = bytes | bytearray | memoryview
-Color = tuple[float, float, float, float]
 
 WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
 VECTOR3_STAMPED = "geometry_msgs/msg/Vector3Stamped"
@@ -28,13 +27,14 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 BOOL = "std_msgs/msg/Bool"
 POSE_ARRAY = "geometry_msgs/msg/PoseArray"
 MARKER = "visualization_msgs/msg/Marker"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 
 # Numbers after the header: force, torque | vector | position, quaternion x y z w.
 _VALUES = {WRENCH_STAMPED: 6, VECTOR3_STAMPED: 3, POSE_STAMPED: 7}
 
-_LINE_STRIP, _ADD, _DELETE_ALL = 4, 0, 3
-_NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # viewers complain about a zero quaternion
 _NANO = 1_000_000_000
 _HEADERS = {"<": struct.Struct("<iII"), ">": struct.Struct(">iII")}
 _NUMBERS = {
@@ -138,7 +138,51 @@ def _check_length(raw: Bytes, needed: int) -> None:
         raise DecodeError(f"{len(raw)} bytes, such a message has {needed}")
 
 
-class _Writer:
+class Reader:
+    """Reads field after field of little- or big-endian CDR."""
+
+    def __init__(self, raw: Bytes) -> None:
+        if len(raw) < 4 or raw[0] != 0 or raw[1] > 1:
+            raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
+        self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
+
+    def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
+        """Numbers of one struct code."""
+        size = struct.calcsize(code)
+        self._at += -(self._at - 4) % size
+        values = self._take(size * count)
+        return struct.unpack(f"{self._order}{count}{code}", values)
+
+    def whole(self, code: str = "I") -> int:
+        """One whole number."""
+        return int(self.numbers(code)[0])
+
+    def data(self) -> bytes:
+        """A sequence of bytes, or a string with its NUL."""
+        return self._take(self.whole())
+
+    def text(self) -> str:
+        """A string."""
+        return self.data().rstrip(b"\0").decode("utf-8", "replace")
+
+    def header(self) -> tuple[int, str]:
+        """A std_msgs/Header: its stamp [ns] and frame."""
+        seconds, nanoseconds = self.whole("i"), self.whole()
+        return seconds * _NANO + nanoseconds, self.text()
+
+    @property
+    def order(self) -> str:
+        """Byte order as struct and numpy write it."""
+        return self._order
+
+    def _take(self, count: int) -> bytes:
+        if self._at + count > len(self._raw):
+            raise DecodeError(f"{len(self._raw)} bytes end inside a field")
+        self._at += count
+        return bytes(self._raw[self._at - count : self._at])
+
+
+class Writer:
     """Serialises field after field; used to build templates and the rare messages."""
 
     def __init__(self) -> None:
@@ -157,7 +201,9 @@ class _Writer:
 
     def zeros(self, shape: tuple[int, ...], code: str = "d") -> int:
         """Append a table of doubles, or of another struct code; returns the offset."""
-        return self.numbers(code, *([0.0] * math.prod(shape)))
+        count = math.prod(shape)
+        # Nothing is not aligned to anything.
+        return self.numbers(code, *([0.0] * count)) if count else len(self.data)
 
     def text(self, text: str) -> None:
         """Append a string."""
@@ -173,17 +219,19 @@ class _Writer:
         self.text(frame_id)
 
 
-class _Encoder:
+class Encoder:
     """Encodes messages of constant layout of which the stamp and the numbers change.
 
     Attributes:
         rows: the numbers in the message; fill them in, or give them to `encode`.
     """
 
-    def __init__(self, writer: _Writer, begin: int, shape: tuple[int, ...]) -> None:
+    def __init__(
+        self, writer: Writer, begin: int, shape: tuple[int, ...], kind: str = "<f8"
+    ) -> None:
         # Four bytes in front put the numbers where compiled code wants them: on multiples of eight.
         self._data = memoryview(bytearray(4) + writer.data)[4:]
-        self.rows = np.frombuffer(self._data, "<f8", math.prod(shape), begin).reshape(shape)
+        self.rows = np.frombuffer(self._data, kind, math.prod(shape), begin).reshape(shape)
 
     def encode(self, stamp_ns: int, values: Sequence[float] | Array | None = None) -> bytes:
         """The message with this stamp [ns] and these numbers, shape of `rows`; None: those there
@@ -195,109 +243,29 @@ class _Encoder:
         return bytes(self._data)
 
 
-class StampedEncoder(_Encoder):
+class StampedEncoder(Encoder):
     """Encodes WrenchStamped, Vector3Stamped or PoseStamped with a constant frame: force and torque,
     or vector, or position and quaternion x, y, z, w.
     """
 
     def __init__(self, message_type: str, frame_id: str) -> None:
-        writer = _Writer()
+        writer = Writer()
         writer.header(frame_id)
         shape = (_VALUES[message_type],)
         super().__init__(writer, writer.zeros(shape), shape)
 
 
-class PoseArrayEncoder(_Encoder):
+class PoseArrayEncoder(Encoder):
     """Encodes a PoseArray of a constant number of poses in a constant frame: x, y, z [m],
     quaternion x, y, z, w, shape (count, 7).
     """
 
     def __init__(self, frame_id: str, count: int) -> None:
-        writer = _Writer()
+        writer = Writer()
         writer.header(frame_id)
         writer.numbers("I", count)
         shape = (count, 7)
         super().__init__(writer, writer.zeros(shape), shape)
-
-
-class LineStripEncoder(_Encoder):
-    """Encodes a Marker LINE_STRIP with a constant number of points [m], shape (count, 3).
-
-    Args:
-        frame_id: frame of the points.
-        namespace, marker_id: what a viewer identifies the marker by.
-        count: number of points.
-        width: line width, scale.x [m].
-        color: red, green, blue, alpha, 0..1.
-        lifetime_ns: after this time without a new message the viewer removes the line.
-        colored: every point has a colour of its own.
-
-    Attributes:
-        colors: red, green, blue, alpha of each point, shape (count, 4), to be filled in; or none.
-    """
-
-    def __init__(
-        self,
-        frame_id: str,
-        namespace: str,
-        marker_id: int,
-        count: int,
-        width: float,
-        color: Color,
-        lifetime_ns: int,
-        colored: bool = False,
-    ) -> None:
-        points, colors = (count, 3), (count if colored else 0, 4)
-        writer, begin, begin_colors = _line_strip(
-            *(frame_id, 0, namespace, marker_id, _ADD, points, colors, width, color, lifetime_ns)
-        )
-        super().__init__(writer, begin, points)
-        values = np.frombuffer(self._data, "<f4", math.prod(colors), begin_colors)
-        self.colors = values.reshape(colors)
-
-
-def encode_marker_delete_all(frame_id: str, stamp_ns: int) -> bytes:
-    """A Marker with action DELETEALL: removes every marker of its topic."""
-    writer, *_ = _line_strip(frame_id, stamp_ns, "", 0, _DELETE_ALL)
-    return bytes(writer.data)
-
-
-def _line_strip(
-    frame_id: str,
-    stamp_ns: int,
-    namespace: str,
-    marker_id: int,
-    action: int,
-    points: tuple[int, int] = (0, 3),
-    colors: tuple[int, int] = (0, 4),
-    width: float = 0.0,
-    color: Color = (0.0, 0.0, 0.0, 0.0),
-    lifetime_ns: int = 0,
-) -> tuple[_Writer, int, int]:
-    """A Marker LINE_STRIP, and the offsets of its points and of their colours."""
-    writer = _Writer()
-    writer.header(frame_id, stamp_ns)
-    writer.text(namespace)
-    writer.numbers("i", marker_id, _LINE_STRIP, action)
-    writer.numbers("d", *_NO_POSE)
-    writer.numbers("d", width, 0.0, 0.0)
-    writer.numbers("f", *color)
-    writer.numbers("i", lifetime_ns // _NANO)
-    writer.numbers("I", lifetime_ns % _NANO)
-    writer.numbers("B", 0)  # frame_locked
-    writer.numbers("I", points[0])
-    begin = writer.zeros(points)
-    writer.numbers("I", colors[0])
-    begin_colors = writer.zeros(colors, "f")
-    writer.text("")  # texture_resource
-    writer.header("")  # texture
-    writer.text("")
-    writer.numbers("I", 0, 0)  # its data, uv_coordinates
-    for _ in ("text", "mesh_resource", "mesh_file.filename"):
-        writer.text("")
-    writer.numbers("I", 0)  # mesh_file.data
-    writer.numbers("B", 0)  # mesh_use_embedded_materials
-    return writer, begin, begin_colors
 
 
 class DiagnosticStatus(NamedTuple):
@@ -319,7 +287,7 @@ def encode_diagnostic_array(
 
     It is the hardware_id and the beginning of each name: `/left/dlo_sim: session`.
     """
-    writer = _Writer()
+    writer = Writer()
     writer.header("", stamp_ns)
     writer.numbers("I", len(statuses))
     for status in statuses:

@@ -60,13 +60,14 @@ class ContentCheck:
         if not math.isfinite(sum(values)):
             raise Refused("not_finite", f"{_shown(values)}; repair the publisher")
         if kind == "pose":
-            _check_pose(values)
+            check_pose(values)
         elif kind == "two_points":
             _check_points(values, spacing)
-        elif kind != "taken":
+        elif kind in ("wrench", "force"):
             self._check_size(values)
-        is_pose = kind in ("pose", "two_points")
-        return Sound(values, self._check_frame(message.frame_id, is_pose))
+        elif values and max(map(abs, values)) > MOST_DISTANT:
+            raise _too_distant(values)
+        return Sound(values, self._check_frame(message.frame_id, kind))
 
     def _check_size(self, values: tuple[float, ...]) -> None:
         for name, unit, vector, limit in (
@@ -80,11 +81,13 @@ class ContentCheck:
                     f"{name} {size:.6g} {unit} exceeds inputs.max_{name} {limit:g} {unit}",
                 )
 
-    def _check_frame(self, frame_id: str, is_pose: bool) -> str:
+    def _check_frame(self, frame_id: str, kind: str) -> str:
         end = self._frames.get(frame_id)
-        if end is not None and not (end and is_pose):  # a pose in the frame it moves says nothing
+        # A pose in the frame that it moves says nothing.
+        fixed = kind not in ("wrench", "force")
+        if end is not None and not (end and fixed):
             return end
-        known = [name for name, of in self._frames.items() if name and not (of and is_pose)]
+        known = [name for name, of in self._frames.items() if name and not (of and fixed)]
         raise Refused(
             "unknown_frame",
             f"frame_id '{frame_id}', known: {', '.join(known)}; transform before publishing",
@@ -109,18 +112,26 @@ def _check_points(values: tuple[float, ...], spacing: float) -> None:
 
 def _check_position(position: tuple[float, ...]) -> None:
     if math.hypot(*position) > MOST_DISTANT:
-        raise Refused(
-            "too_large", f"position {_shown(position)} is beyond {MOST_DISTANT:g} m; check its unit"
-        )
+        raise _too_distant(position)
 
 
-def _check_pose(values: tuple[float, ...]) -> None:
+def check_pose(values: tuple[float, ...]) -> None:
+    """Refuse a position that cannot be meant, or a quaternion that is not unit.
+
+    Raises:
+        Refused: it cannot be used.
+    """
     _check_position(values[:3])
     norm = math.hypot(*values[3:])
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise Refused(
             "bad_quaternion", f"orientation {_shown(values[3:])} has norm {norm:.6g}, needs 1"
         )
+
+
+def _too_distant(values: tuple[float, ...]) -> Refused:
+    shown = _shown(values[:3])
+    return Refused("too_large", f"position {shown} is beyond {MOST_DISTANT:g} m; check its unit")
 
 
 def _shown(values: tuple[float, ...]) -> str:

@@ -28,6 +28,8 @@ REASONS: dict[str, str] = {
     "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",
     "out_of_order": "a stamp that is not newer than the last one of its topic",
     "too_fast": "a pose that would need more than inputs.max_speed",
+    "too_many": "a plan while a hundred wait",
+    "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
 }
 """Every reason for which a message can be refused."""
 
@@ -53,10 +55,13 @@ EVENTS: dict[str, str] = {
 
 @dataclass
 class TopicRecord:
-    """What arrived on one input topic; `timeout` [s] is the silence worth a warning, 0 = none."""
+    """What arrived on one input topic; `timeout` [s] is the silence worth a warning, 0 = none;
+    `occasional`: that nothing has come is worth none.
+    """
 
     topic: str
     timeout: float = 0.0
+    occasional: bool = False
     accepted: int = 0
     refused: Counter[str] = field(default_factory=Counter)
     last_refusal: str = ""
@@ -119,7 +124,7 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
     age = None if record.last_arrival_ns is None else (now_ns - record.last_arrival_ns) * 1e-9
     level, message = OK, "receiving"
     if age is None:
-        level, message = WARN if record.timeout else OK, "no message yet"
+        level, message = OK if record.occasional else WARN, "no message yet"
     elif record.timeout and age > record.timeout:
         level, message = STALE, f"silent for {age:.1f} s"
     if fresh:

@@ -15,6 +15,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
+from dlo_sim.session.observer import Observer
 from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.take_schedule import TakeSchedule
@@ -61,6 +62,7 @@ class Drive:
         scene: what is simulated now.
         simulator: the simulator; placed by `begin`.
         estimate: runs its companions, None without any.
+        observer: corrects the simulator by what is measured, None unless asked for.
         grid: times of its steps, None before `begin`.
         index: the step at which it is.
     """
@@ -89,6 +91,9 @@ class Drive:
         }
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
         self.takes = {g.name: TakeSchedule() for g in scene.grasps if g.taken_topic}
+        self.observer: Observer | None = None
+        if scene.measured.type != "none":
+            self.observer = Observer(scene.measured, note)
         self.grid: StepGrid | None = None
         self.index = 0
         self._knots: dict[str, int | None] = {}
@@ -189,6 +194,8 @@ class Drive:
             schedule.remove(self.simulator)
         for take in self.takes.values():
             take.clear()
+        if self.observer is not None:
+            self.observer.clear()
         self.grid = None
         self.estimate = None
 
@@ -208,7 +215,7 @@ class Drive:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
                 return Advance(self.index - begin, waiting, slow=slow)
-            stop = self._apply_inputs(grid, target)
+            stop = self._apply_inputs(grid, self._correct(grid, target))
             report = self._driven.advance_steps(stop - self.index)
             self.index += report.steps
             slow = report.note or slow
@@ -255,6 +262,14 @@ class Drive:
                 stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))
         return stop
 
+    def _correct(self, grid: StepGrid, target: int) -> int:
+        """Correct the present state by what is measured; the step of the next correction."""
+        if self.observer is None:
+            return target
+        self.observer.apply(self.now_ns, grid.step * 1e9, cast("Simulator", self.simulator))
+        change = self.observer.next_change_ns()
+        return target if change is None else min(target, grid.first_at_or_after(change))
+
     def skip_to(self, base_ns: int) -> int:
         """Leave out the time up to `base_ns`: the state stays, its time jumps, ends rejoin their
         poses smoothly.
@@ -296,6 +311,8 @@ class Drive:
             path.shift_time(delta_ns)
         for pending in self._pending:
             pending.shift_time(delta_ns)
+        if self.observer is not None:
+            self.observer.shift_time(delta_ns)
 
     def prepare(self, scene: Scene) -> Prepared:
         """What `reconfigure` needs for another scene with the same driven ends and loads.
@@ -333,6 +350,8 @@ class Drive:
             return
         _, self.simulator, self.estimate = prepared
         self.scene, self._too_slow, self._rebuilt = scene, False, True
+        if self.observer is not None:
+            self.observer.measured = scene.measured
         if grid is not None:
             self.simulator.take_over(old)
             if self.estimate is not None:
@@ -400,4 +419,5 @@ def _with_taken(scene: Scene, taken: Mapping[str, bool]) -> Scene:
 def _estimated(scene: Scene, live: bool) -> bool:
     """Whether the error of a prediction is estimated."""
     wanted = scene.accuracy.estimate
-    return wanted == "on" or (wanted == "auto" and live)
+    corrected = scene.measured.type != "none"  # its companions are not
+    return wanted == "on" or (wanted == "auto" and live and not corrected)

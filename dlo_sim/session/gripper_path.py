@@ -81,6 +81,7 @@ class GripperPath:
 
     Attributes:
         silent: whether the last pose is being held after a silence.
+        newest: the last pose that came, used or not; None = none since `clear`.
         first_stamp_ns: stamp of the first usable pose since `clear`, None = none yet.
     """
 
@@ -102,6 +103,7 @@ class GripperPath:
         """Forget every pose; the next one starts a new path."""
         self.silent = False
         self._newest_ns: int | None = None
+        self.newest: Pose | None = None
         self._smoother.clear()
         self.first_stamp_ns: int | None = None
         self._queue: deque[Pose] = deque(maxlen=_MOST_WAITING)
@@ -117,7 +119,7 @@ class GripperPath:
 
     def add(self, pose: Pose) -> None:
         """Take an accepted pose; stamps must increase."""
-        self._newest_ns = pose.stamp_ns
+        self._newest_ns, self.newest = pose.stamp_ns, pose
         self._append(self._smoother.add(pose))
 
     def settle(self, wanted_ns: int) -> None:

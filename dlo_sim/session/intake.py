@@ -17,6 +17,7 @@ SIGN AND FRAME OF EVERY INPUT
   stamp and counts at its arrival, in a bag at the time of recording.
 - `PoseArray` of two points (`<end>.pose_type: two_points`): the END EFFECTOR is midway between
   them, its x axis, the tangent, points from the first to the second; it does not roll.
+- `PointCloud2` or `PoseArray` (`~/measured`): points on the cable in the world frame.
 """
 
 from __future__ import annotations
@@ -33,13 +34,15 @@ from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.cable import Load
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
+from dlo_sim.session.cdr_points import decode_input
 from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.load_schedule import LoadMessage
+from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.take_schedule import TakeMessage
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
-from dlo_sim.session.topics import InputTopic
+from dlo_sim.session.topics import POINT_KINDS, InputTopic
 
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.
@@ -56,13 +59,14 @@ class Accepted:
     Attributes:
         verdict: what its stamp means for everything before it.
         poses: end -> pose; loads: load name -> message; takes: grasp -> message (one topic may
-            drive several).
+            drive several); points: measured on the cable.
     """
 
     verdict: Verdict
     poses: dict[str, Pose] = field(default_factory=dict)
     loads: dict[str, LoadMessage] = field(default_factory=dict)
     takes: dict[str, TakeMessage] = field(default_factory=dict)
+    points: Points | None = None
 
 
 class _Topic:
@@ -87,9 +91,10 @@ class _Topic:
             holders = [scene.holders[target] for target in targets]
             self.record.timeout = min(holder.pose_timeout for holder in holders)
             self.spacing = max(holder.pose_spacing for holder in holders)
-        elif self.kind != "taken":
+        elif self.kind in ("wrench", "force"):
             self.loads = tuple(scene.load(target) for target in targets)
             self.record.timeout = min(load.timeout for load in self.loads)
+        self.record.occasional = self.kind == "taken"
 
     def clear(self) -> None:
         """Forget the last pose."""
@@ -150,7 +155,8 @@ class Intake:
         topic = self._topics[name]
         topic.record.last_arrival_ns = arrival_ns
         try:
-            message = cdr.decode(topic.type, raw)
+            decode = decode_input if topic.kind in POINT_KINDS else cdr.decode
+            message = decode(topic.type, raw)
             sound = self._content.check(message, topic.kind, topic.spacing)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
@@ -208,6 +214,8 @@ class Intake:
         elif topic.kind == "taken":
             message = TakeMessage(stamp_ns, bool(values[0]))
             accepted.takes = {entry.target: message for entry in topic.entries}
+        elif topic.kind in POINT_KINDS:
+            accepted.points = Points(stamp_ns, np.reshape(values, (-1, 3)))
         else:
             accepted.loads = self._loads(topic, values, stamp_ns, end)
         topic.source.last_ns = stamp_ns

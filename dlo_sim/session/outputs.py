@@ -11,6 +11,8 @@ the state holds)
   start to end.
 - `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable, coloured as
   outputs.color_by says; the control points.
+- `~/points` (PointCloud2, if asked for): the points of the centerline with u [m] and tension [N].
+- `~/capsules` (MarkerArray, if asked for): capsules that hold the cable.
 """
 
 from __future__ import annotations
@@ -26,13 +28,16 @@ from numpy.typing import NDArray
 from dlo_sim.core.color_scale import colors
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
+from dlo_sim.session.cdr_markers import CapsuleEncoder, LineEncoder
+from dlo_sim.session.cdr_points import PointCloudEncoder
 from dlo_sim.session.simulator_protocol import Observable
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (
+    CAPSULES,
     CENTERLINE,
     CONTROL_POINTS,
     CONTROL_POLYGON,
-    DIAGNOSTICS,
+    POINTS,
     REACTION,
     output_topics,
 )
@@ -43,6 +48,7 @@ _CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
 # A marker that is not renewed disappears after this many marker periods.
 _MARKER_PERIODS = 5
+_FINER = 4  # points of the cable per capsule that its radius is made from
 
 
 class OutgoingMessage(NamedTuple):
@@ -78,16 +84,25 @@ class Outputs:
         low, high = scene.outputs.color_range
         self._color_range = (low, high) if high > low else (None, None)
         colored = self._color_by != "none"
-        self._centerline = cdr.LineStripEncoder(
-            frame, "centerline", 0, samples, width, _CABLE_COLOR, lifetime, colored
+        self._centerline = LineEncoder(
+            frame, "centerline", samples, width, _CABLE_COLOR, lifetime, colored
         )
-        self._polygon = cdr.LineStripEncoder(
-            frame, "control_polygon", 0, control_points, 0.3 * width, _POLYGON_COLOR, lifetime
+        self._polygon = LineEncoder(
+            frame, "control_polygon", control_points, 0.3 * width, _POLYGON_COLOR, lifetime
         )
+        fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
+        self._points = PointCloudEncoder(frame, fields, samples)
+        self._points.rows[:, 3] = self._samples
+        count = scene.outputs.capsules
+        self._capsules = CapsuleEncoder(frame, "capsules", count, _CABLE_COLOR, lifetime)
+        self._radius = 0.5 * width
+        self._along_capsules = np.linspace(0.0, scene.cable.length, _FINER * count + 1)
         encoders: dict[str, _Encode] = {
             CONTROL_POINTS: self._encode_control_points,
             CENTERLINE: self._encode_centerline,
             CONTROL_POLYGON: self._encode_control_polygon,
+            POINTS: self._encode_points,
+            CAPSULES: self._encode_capsules,
         }
         encoders |= {
             REACTION.format(name): partial(self._encode_reaction, name) for name in scene.holders
@@ -95,7 +110,7 @@ class Outputs:
         self._topics = tuple(
             (topic, message_type, encoders[topic])
             for topic, message_type in output_topics(scene).items()
-            if topic != DIAGNOSTICS  # made by the session
+            if topic in encoders  # others are not made of the present state alone
         )
 
     def messages(
@@ -141,6 +156,33 @@ class Outputs:
     def _encode_control_polygon(self, simulator: Observable, stamp_ns: int) -> bytes | None:
         points = simulator.control_points[:, :3]
         return self._polygon.encode(stamp_ns, points) if _finite(points) else None
+
+    def _encode_points(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+        rows = self._points.rows
+        rows[:, :3] = simulator.centerline(self._samples)
+        if rows.shape[1] > 4:
+            rows[:, 4] = simulator.tension(self._samples)
+        return self._points.encode(stamp_ns) if _finite(rows) else None
+
+    def _encode_capsules(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+        line = simulator.centerline(self._along_capsules)
+        if not _finite(line):
+            return None
+        joints = line[::_FINER]
+        radii = self._radius + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
+        return self._capsules.encode(stamp_ns, joints, radii)
+
+
+def _sag(pieces: Array, joints: Array) -> Array:
+    """How far [m] the points of each piece, shape (n, k, 3), lie from the line between its joints,
+    shape (n,).
+    """
+    ways = np.diff(joints, axis=0)[:, None]
+    from_joint = pieces - joints[:-1, None]
+    squares = np.maximum(np.sum(ways * ways, axis=-1), np.finfo(float).tiny)
+    share = np.clip(np.sum(from_joint * ways, axis=-1) / squares, 0.0, 1.0)
+    apart = np.linalg.norm(from_joint - share[..., None] * ways, axis=-1)
+    return np.asarray(apart.max(axis=1))
 
 
 def _finite(values: Array) -> bool:

@@ -23,6 +23,7 @@ from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.intake import Accepted, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
+from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State
 from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import TimeBase, Verdict
@@ -107,6 +108,11 @@ class Session:
     def started(self) -> bool:
         """Whether the cable has been placed (every driven end has had a pose)."""
         return self._drive.grid is not None
+
+    @property
+    def newest_poses(self) -> dict[str, Pose | None]:
+        """The last pose of each driven end, which the simulation may not have come to."""
+        return {name: path.newest for name, path in self._drive.paths.items()}
 
     @property
     def saved(self) -> State | None:
@@ -215,7 +221,7 @@ class Session:
             delay=(now_ns - self.stamp_ns) * 1e-9 if self.started else None,
             most_lag=self.scene.inputs.catch_up,
             offset=self._time.offset_ns * 1e-9,
-            extra=extra or {},
+            extra={**(drive.observer.values() if drive.observer else {}), **(extra or {})},
         )
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
         return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
@@ -320,6 +326,8 @@ class Session:
                 self._drive.schedules[name].add(load)
             for grasp, take in accepted.takes.items():
                 self._drive.takes[grasp].add(take)
+            if accepted.points is not None and self._drive.observer is not None:
+                self._drive.observer.add(accepted.points)
 
     def _note_epoch(self, offset_ns: int) -> None:
         side = "behind" if offset_ns > 0 else "ahead of"

@@ -13,27 +13,46 @@ from dlo_sim.session import cdr
 CONTROL_POINTS = "~/control_points"
 CENTERLINE = "~/centerline"
 CONTROL_POLYGON = "~/control_polygon"
+POINTS = "~/points"
+CAPSULES = "~/capsules"
+PLAN = "~/plan"
+MEASURED = "~/measured"
+FORECAST = "~/forecast"
+GHOSTS = "~/forecast/ghosts"
 DIAGNOSTICS = "/diagnostics"
-MARKERS = (CENTERLINE, CONTROL_POLYGON)
+MARKERS = {
+    CENTERLINE: cdr.MARKER,
+    CONTROL_POLYGON: cdr.MARKER,
+    CAPSULES: cdr.MARKER_ARRAY,
+    GHOSTS: cdr.MARKER,
+}
 REACTION = "~/{}/reaction"
 
 _POSES = {"pose": cdr.POSE_STAMPED, "two_points": cdr.POSE_ARRAY}
 _LOADS = {"wrench": cdr.WRENCH_STAMPED, "force": cdr.VECTOR3_STAMPED}
-_INPUTS = {**_POSES, **_LOADS, "taken": cdr.BOOL}
+POINT_KINDS = {"point_cloud": cdr.POINT_CLOUD, "pose_array": cdr.POSE_ARRAY}
+_INPUTS = {**_POSES, **_LOADS, **POINT_KINDS, "taken": cdr.BOOL, "plan": cdr.TRAJECTORY}
 
 
 def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
     free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
+    asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules}
+    asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
+    free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}
 
 
 def possible_outputs(scene: Scene) -> dict[str, str]:
-    """Topic -> ROS type of all that it publishes once its free ends are held as well."""
+    """Topic -> ROS type of all that it publishes once its free ends are held as well and every
+    output is asked for.
+    """
     return {
         CONTROL_POINTS: cdr.POSE_ARRAY,
         **dict.fromkeys(map(REACTION.format, scene.holders), cdr.WRENCH_STAMPED),
-        **dict.fromkeys(MARKERS, cdr.MARKER),
+        POINTS: cdr.POINT_CLOUD,
+        FORECAST: cdr.POINT_CLOUD,
+        **MARKERS,
         DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
     }
 
@@ -43,7 +62,8 @@ class InputTopic(NamedTuple):
 
     Attributes:
         topic: its name; as in the scene (`~/...`), or on the wire.
-        kind: `pose` or `two_points`, `wrench` or `force`, `taken`.
+        kind: `pose` or `two_points`, `wrench` or `force`, `taken`, `plan`, or `point_cloud` or
+            `pose_array` of points on the cable.
         target: name of what holds the cable, or of the load.
     """
 
@@ -69,7 +89,14 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
     ]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
     found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
+    if scene.measured.type != "none":
+        found.append(InputTopic(MEASURED, scene.measured.type, ""))
     return tuple(found)
+
+
+def plan_topics(scene: Scene) -> tuple[InputTopic, ...]:
+    """Where the node takes plans, if the scene asks for forecasts."""
+    return (InputTopic(PLAN, "plan", ""),) if scene.forecast.processes else ()
 
 
 def resolved(topic: str) -> str:

@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 class CableInputs(CableView):
     """The side of `Simulator` that takes inputs; it brings in the terms that they need."""
 
-    _geometries: Geometries
     _load_index: dict[str, int]
     _loop: GuardedLoop
 
@@ -86,6 +85,27 @@ class CableInputs(CableView):
         self._ends.check_motion(end, self.time, motion, self.step)
         self._ends.follow(end, self.time, motion)
         self._after_end_moved(end)
+
+    def correct(self, shift: ArrayLike, speed: ArrayLike) -> float:
+        """Add to the positions [m] and velocities [m/s] of the control points, shapes (n_u, 3).
+
+        What is held stays where it is held. The energy that this puts in, which is returned [J], is
+        booked as work of the loads.
+
+        Raises:
+            TypeError, ValueError: not such numbers.
+        """
+        points, rates, cable = self.control_points, self.velocities, self._cable
+        shape = len(points), 3
+        points[:, :3] += arguments.numbers("shift", shift, shape, "m")
+        rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
+        cable.settle(self.time)
+        before = cable.present_energy()
+        self._ends.put(points, self.time)
+        cable.put(points, rates, self.time)
+        work = cable.present_energy() - before
+        cable.ledger[layout.LOAD_WORK] += work
+        return work
 
     def take(self, grasp: str, at: float | None = None) -> None:
         """Let a grasp take the cable: from now on what it holds moves with its gripper.

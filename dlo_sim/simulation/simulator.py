@@ -6,7 +6,9 @@ import math
 import time
 import warnings
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,14 +22,14 @@ from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.following import (
-    checked_poses,
     checked_samples,
     motions_along,
     natural_along,
     on_grid,
 )
+from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
 from dlo_sim.simulation.frequency import largest_frequency, with_what_comes
-from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of, known_holder
+from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.inputs import CableInputs
@@ -207,11 +209,7 @@ class Simulator(CableInputs):
                 "give a later last time"
             )
         wanted = checked_samples(samples, self.time, stamps[-1])
-        rows = {}
-        for name, given in poses.items():
-            before = self.end_pose(known_holder(self.scene, name))[1]
-            tangent = self._geometries[name].tangent
-            rows[name] = checked_poses(name, given, len(stamps), before, tangent)
+        rows = {name: self.path(name, given, len(stamps)) for name, given in poses.items()}
         grid: Array = self.step * np.arange(self._steps, self._steps + count + 1, dtype=float)
         paths = {}
         for name, given in rows.items():
@@ -232,6 +230,17 @@ class Simulator(CableInputs):
         simulated = made.steps * self.step
         report = Report(made.status, message, made.steps, simulated, made.evaluations)
         return report, recorder
+
+    def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
+        """The shapes every so many seconds along a plan, with the bits that `follow` would give.
+
+        This simulator stays as it is. Loads go on as they are.
+
+        Raises:
+            TypeError, ValueError: as `follow`, or a plan that does not begin here and now.
+        """
+        future = deepcopy(self)
+        return forecast(future, future.follow, plan, every)
 
     def snapshot(self) -> Snapshot:
         """The present state, to go on from later with the same bits."""
@@ -384,6 +393,11 @@ class Simulator(CableInputs):
         self._initial = self.snapshot()
 
     # -- inside ---------------------------------------------------------------------------------
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Of a copy, here or in another process: views of its arrays are views of its own."""
+        self.__dict__.update(state)
+        self._ends.live_in(self._cable.motion)
 
     def _open_account(self) -> None:
         self._cable.open_account(self.scene)

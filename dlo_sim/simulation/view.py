@@ -17,7 +17,8 @@ from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.coiling import coiling_warning
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.geometry import known_holder
+from dlo_sim.simulation.following import checked_poses
+from dlo_sim.simulation.geometry import Geometries, known_holder
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.reaction import Wrench, reaction
 from dlo_sim.simulation.report import Energy, UndefinedTorsion
@@ -40,6 +41,7 @@ class CableView:
     _needs: Needs
     _cable: Cable
     _ends: EndDrive
+    _geometries: Geometries
     _choice: Choice
     _stepper: Stepper
     _steps: int
@@ -223,6 +225,17 @@ class CableView:
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
         return self._ends.pose(end, self.time)
+
+    def path(self, name: str, given: ArrayLike, count: int) -> Array:
+        """Poses (count, 7) that somebody gives an end effector, or two points (count, 2, 3), as
+        poses.
+
+        Raises:
+            TypeError, ValueError: no end effector, or `following.checked_poses`.
+        """
+        orientation = self.end_pose(known_holder(self.scene, name))[1]
+        tangent = self._geometries[name].tangent
+        return checked_poses(name, given, count, orientation, tangent)
 
     def reaction(self, end: str) -> tuple[Array, Array]:
         """Force [N] and moment [N m] ON THE CABLE BY the end effector, world frame, each (3,).

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from dlo_sim.session import cdr
+from dlo_sim.core import rotations
+from dlo_sim.session import cdr, cdr_markers
+from dlo_sim.session.cdr_points import PointCloudEncoder, decode_marker_array, decode_point_cloud
 
 FRAMES = ["", "a", "ab", "abc", "abcd", "world", "fr3_link0", "x" * 61, "größe"]
 STAMP = 1_700_000_000_123_456_789
@@ -106,13 +108,13 @@ def test_empty_pose_array():
 @pytest.mark.parametrize("namespace", ["", "a", "ab", "centerline"])
 def test_line_strip(frame, namespace):
     points = np.random.default_rng(2).normal(size=(17, 3))
-    encoder = cdr.LineStripEncoder(
-        frame, namespace, 7, 17, 0.02, (0.25, 0.5, 0.75, 1.0), 1_500_000_000
+    encoder = cdr_markers.LineEncoder(
+        frame, namespace, 17, 0.02, (0.25, 0.5, 0.75, 1.0), 1_500_000_000
     )
     encoder.encode(1, np.ones((17, 3)))
     marker = STORE.deserialize_cdr(encoder.encode(STAMP, points), cdr.MARKER)
     assert marker.header == header(frame)
-    assert (marker.ns, marker.id, marker.type, marker.action) == (namespace, 7, 4, 0)
+    assert (marker.ns, marker.id, marker.type, marker.action) == (namespace, 0, 4, 0)
     assert numbers(marker.pose) == [0, 0, 0, 0, 0, 0, 1]
     assert (marker.scale.x, marker.color.r, marker.color.b, marker.color.a) == (
         0.02,
@@ -131,7 +133,7 @@ def test_line_strip(frame, namespace):
 def test_line_strip_with_a_color_at_each_point(frame):
     points = np.random.default_rng(2).normal(size=(5, 3))
     colors = np.random.default_rng(3).uniform(size=(5, 4)).astype(np.float32)
-    encoder = cdr.LineStripEncoder(frame, "ns", 0, 5, 0.02, (1.0, 0.0, 0.0, 1.0), 0, colored=True)
+    encoder = cdr_markers.LineEncoder(frame, "ns", 5, 0.02, (1.0, 0.0, 0.0, 1.0), 0, colored=True)
     encoder.colors[:] = colors
     marker = STORE.deserialize_cdr(encoder.encode(STAMP, points), cdr.MARKER)
     assert np.array_equal([[p.x, p.y, p.z] for p in marker.points], points)
@@ -142,8 +144,54 @@ def test_line_strip_with_a_color_at_each_point(frame):
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_marker_delete_all(frame):
-    marker = STORE.deserialize_cdr(cdr.encode_marker_delete_all(frame, STAMP), cdr.MARKER)
+    marker = STORE.deserialize_cdr(cdr_markers.encode_marker_delete_all(frame, STAMP), cdr.MARKER)
     assert (marker.header, marker.action, len(marker.points)) == (header(frame), 3, 0)
+
+    raw = cdr_markers.encode_marker_delete_all(frame, STAMP, array=True)
+    (marker,) = STORE.deserialize_cdr(raw, cdr.MARKER_ARRAY).markers
+    assert (marker.header, marker.action, marker.text) == (header(frame), 3, "")
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("namespace", ["", "a", "ab", "capsules"])
+def test_capsules(frame, namespace):
+    joints = np.random.default_rng(5).normal(size=(4, 3))
+    joints[1] = joints[0]  # one of no length
+    encoder = cdr_markers.CapsuleEncoder(frame, namespace, 3, (0.25, 0.5, 0.75, 1.0), 10**9)
+    encoder.encode(1, np.ones((4, 3)), np.ones(3))
+    raw = encoder.encode(STAMP, joints, np.array([0.125, 0.25, 0.5]))
+    markers = STORE.deserialize_cdr(raw, cdr.MARKER_ARRAY).markers
+    assert [marker.id for marker in markers] == list(range(7))
+    assert all(m.header == header(frame) and m.ns == namespace for m in markers)
+    assert [marker.type for marker in markers] == [3] * 3 + [2] * 4
+    for k, marker in enumerate(markers[:3]):
+        assert (marker.scale.x, marker.scale.y) == (0.25 * 2**k, 0.25 * 2**k)
+        x, y, z, *turn = numbers(marker.pose)
+        axis = 0.5 * marker.scale.z * rotations.rotate(np.array(turn), [0.0, 0.0, 1.0])
+        ends = np.array([(x, y, z) - axis, (x, y, z) + axis])
+        expected = joints[k : k + 2]
+        assert np.allclose(ends, expected) or np.allclose(ends, expected[::-1])
+    spheres = markers[3:]
+    assert np.array_equal(decode_marker_array(raw).points[3:], joints)
+    assert [marker.scale.z for marker in spheres] == [0.25, 0.5, 1.0, 1.0]
+    assert [numbers(marker.pose)[3:] for marker in spheres] == [[0.0, 0.0, 0.0, 1.0]] * 4
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_point_cloud(frame):
+    rows = np.random.default_rng(6).normal(size=(5, 5)).astype(np.float32)
+    fields = ["x", "y", "z", "u", "tension"]
+    raw = PointCloudEncoder(frame, fields, 5).encode(STAMP, rows)
+    cloud = STORE.deserialize_cdr(raw, cdr.POINT_CLOUD)
+    assert (cloud.header, cloud.height, cloud.width) == (header(frame), 1, 5)
+    assert [(f.name, f.offset, f.datatype, f.count) for f in cloud.fields] == [
+        (name, 4 * k, 7, 1) for k, name in enumerate(fields)
+    ]
+    assert (cloud.point_step, cloud.row_step, cloud.is_dense) == (20, 100, True)
+    assert cloud.data.tobytes() == rows.tobytes()
+    stamp, frame_id, points = decode_point_cloud(raw)
+    assert (stamp, frame_id) == (STAMP, frame)
+    assert np.array_equal(points, rows[:, :3])
 
 
 @pytest.mark.parametrize("text", ["", "a", "ab", "abc", "abcd"])
@@ -234,6 +282,7 @@ class TestAgainstRclpy:
         self.serialization = pytest.importorskip("rclpy.serialization")
         self.geometry = pytest.importorskip("geometry_msgs.msg")
         self.visualization = pytest.importorskip("visualization_msgs.msg")
+        self.sensor = pytest.importorskip("sensor_msgs.msg")
         self.diagnostic = pytest.importorskip("diagnostic_msgs.msg")
 
     @pytest.mark.parametrize("frame", FRAMES)
@@ -260,14 +309,24 @@ class TestAgainstRclpy:
         assert np.array_equal([numbers(p) for p in array.poses], poses)
         back = cdr.decode_pose_array(self.serialization.serialize_message(array))
         assert np.array_equal(back.poses, poses)
-        encoder = cdr.LineStripEncoder(frame, "ns", 1, 5, 0.1, (1, 0, 0, 1), 10**9)
+        encoder = cdr_markers.LineEncoder(frame, "ns", 5, 0.1, (1, 0, 0, 1), 10**9)
         raw = encoder.encode(STAMP, points)
         marker = self.serialization.deserialize_message(raw, self.visualization.Marker)
         assert np.array_equal([[p.x, p.y, p.z] for p in marker.points], points)
         assert marker.header.frame_id == frame
-        raw = cdr.encode_marker_delete_all(frame, STAMP)
+        raw = cdr_markers.encode_marker_delete_all(frame, STAMP)
         marker = self.serialization.deserialize_message(raw, self.visualization.Marker)
         assert marker.action == marker.DELETEALL
+        joints, radii = np.arange(9.0).reshape(3, 3), np.array([0.1, 0.2])
+        capsules = cdr_markers.CapsuleEncoder(frame, "ns", 2, (1, 0, 0, 1), 10**9)
+        raw = capsules.encode(STAMP, joints, radii)
+        array = self.serialization.deserialize_message(raw, self.visualization.MarkerArray)
+        assert [numbers(m.pose)[:3] for m in array.markers[2:]] == joints.tolist()
+        rows = np.arange(8, dtype=np.float32).reshape(2, 4)
+        raw = PointCloudEncoder(frame, ["x", "y", "z", "u"], 2).encode(STAMP, rows)
+        cloud = self.serialization.deserialize_message(raw, self.sensor.PointCloud2)
+        assert (cloud.fields[3].name, cloud.width) == ("u", 2)
+        assert bytes(cloud.data) == rows.tobytes()
         status = cdr.DiagnosticStatus(2, "name", frame, (("a", "b"), (frame, "ccc")))
         raw = cdr.encode_diagnostic_array(STAMP, "/dlo", [status, status])
         array = self.serialization.deserialize_message(raw, self.diagnostic.DiagnosticArray)

@@ -6,8 +6,11 @@ from rosbags.typesys import Stores, get_typestore
 from session_bench import FREE, MS, SECOND, T0, motion, play
 
 from dlo_sim.core.color_scale import TABLE
+from dlo_sim.scene.loading import load_scene
 from dlo_sim.session import cdr
-from dlo_sim.session.topics import MARKERS, output_topics
+from dlo_sim.session.cdr_points import decode_marker_array
+from dlo_sim.session.session import Session
+from dlo_sim.session.topics import CAPSULES, MARKERS, POINTS, output_topics
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
@@ -152,3 +155,59 @@ class TestMessages:
         found = loaded.session.messages(again=output_topics(loaded.scene))
         assert "~/start/reaction" in {m.topic for m in found}
         assert "~/end/reaction" not in {m.topic for m in found}
+
+
+class TestForPlanningScenes:
+    """Outputs that are off unless asked for."""
+
+    @pytest.fixture
+    def hanging(self):
+        """A session of a bent, stretched cable."""
+        values = {"outputs.points": True, "outputs.capsules": 6, "outputs.centerline_samples": 20}
+        values |= {
+            "cable.rest_curvature": [0.0],
+            "start.pose_topic": "",
+            "gravity": [9.0, 0.0, 0.0],
+        }
+        session = Session(load_scene("hanging_cable", values))
+        for now in range(T0, T0 + SECOND // 2, 5 * MS):
+            session.tick(now)
+        return session
+
+    def test_off_unless_asked_for(self):
+        assert not {POINTS, CAPSULES} & set(output_topics(load_scene("hanging_cable")))
+
+    def test_points_carry_place_and_tension(self, hanging):
+        (message,) = hanging.messages((), [POINTS])
+        cloud = STORE.deserialize_cdr(message.data, message.type)
+        rows = cloud.data.view(np.float32).reshape(20, 5)
+        u = np.linspace(0.0, hanging.scene.cable.length, 20)
+        simulator = hanging.simulator
+        expected = np.column_stack([simulator.centerline(u), u, simulator.tension(u)])
+        assert [field.name for field in cloud.fields] == ["x", "y", "z", "u", "tension"]
+        assert np.array_equal(rows, expected.astype(np.float32))
+        assert np.ptp(rows[:, 4]) > 0.1
+
+    def test_capsules_hold_the_cable(self, hanging):
+        (message,) = hanging.messages((), [CAPSULES])
+        markers = STORE.deserialize_cdr(message.data, message.type).markers
+        joints = decode_marker_array(message.data).points[6:]
+        radii = np.array([0.5 * marker.scale.x for marker in markers[:6]])
+        line = hanging.simulator.centerline(np.linspace(0.0, hanging.scene.cable.length, 1201))
+        pieces = np.stack([line[200 * k : 200 * k + 201] for k in range(6)])
+        ways = np.diff(joints, axis=0)
+        lengths = np.linalg.norm(ways, axis=1)
+        across = np.cross(pieces - joints[:-1, None], (ways / lengths[:, None])[:, None])
+        apart = np.linalg.norm(across, axis=-1).max(axis=1)
+        radius = 0.5 * hanging.scene.cable.diameter
+        assert apart.max() > 1e-3  # the cable is bent
+        assert np.all(apart + radius < radii + 1e-4)
+        assert np.all(apart + radius > radii - 2e-4)
+
+    def test_tension_that_is_not_known_is_left_out(self):
+        values = {"outputs.points": True, "cable.rest_curvature": [1.0], "start.pose_topic": ""}
+        session = Session(load_scene("hanging_cable", values))
+        session.tick(T0)
+        (message,) = session.messages((), [POINTS])
+        fields = STORE.deserialize_cdr(message.data, message.type).fields
+        assert [field.name for field in fields] == ["x", "y", "z", "u"]

@@ -1,0 +1,141 @@
+"""Points from serialised PoseArray, MarkerArray and PointCloud2 messages, and clouds as bytes
+(`cdr`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.session import cdr
+from dlo_sim.session.cdr import Bytes, DecodeError, Encoder, Reader, Stamped, Writer
+
+Array = NDArray[np.float64]
+_REALS = {7: "f4", 8: "f8"}  # PointField datatypes of coordinates
+_FLOAT32, _FLOAT_SIZE = 7, 4
+
+
+class Cloud(NamedTuple):
+    """Decoded points [m], shape (n, 3); NaN where missing."""
+
+    stamp_ns: int
+    frame_id: str
+    points: Array
+
+
+def decode_input(message_type: str, raw: Bytes) -> Stamped:
+    """`cdr.decode`, and the points, one after the other, of a PoseArray or PointCloud2; those that
+    are missing are left out.
+
+    Raises:
+        DecodeError: as `cdr.decode`.
+    """
+    if message_type not in (cdr.POSE_ARRAY, cdr.POINT_CLOUD):
+        return cdr.decode(message_type, raw)
+    decoder = decode_point_cloud if message_type == cdr.POINT_CLOUD else decode_pose_positions
+    stamp_ns, frame_id, points = decoder(raw)
+    there = points[~np.isnan(points).any(axis=1)]
+    return Stamped(stamp_ns, frame_id, tuple(there.ravel().tolist()))
+
+
+def decode_pose_positions(raw: Bytes) -> Cloud:
+    """The positions of a PoseArray."""
+    message = cdr.decode_pose_array(raw)
+    return Cloud(message.stamp_ns, message.frame_id, message.poses[:, :3])
+
+
+def decode_marker_array(raw: Bytes) -> Cloud:
+    """Stamp and frame of the first marker, the points of all: those of a list, else the position.
+
+    Raises:
+        DecodeError: not such a message, or one without markers.
+    """
+    reader, points, head = Reader(raw), [], None
+    for _ in range(reader.whole()):
+        own_head = reader.header()
+        head = head or own_head
+        reader.data()  # ns
+        reader.numbers("i", 3)  # id, type, action
+        pose = reader.numbers("d", 7)
+        reader.numbers("d", 3)  # scale
+        reader.numbers("f", 4)  # colour
+        reader.numbers("i", 2)  # lifetime
+        reader.numbers("B")  # frame_locked
+        count = reader.whole()
+        own = [reader.numbers("d", 3) for _ in range(count)]
+        points += own or [pose[:3]]
+        for _ in range(reader.whole()):
+            reader.numbers("f", 4)
+        reader.data()  # texture_resource
+        reader.header()  # texture
+        reader.data()
+        reader.data()
+        for _ in range(reader.whole()):
+            reader.numbers("f", 2)
+        reader.data()  # text
+        reader.data()  # mesh_resource
+        reader.data()  # mesh_file
+        reader.data()
+        reader.numbers("B")  # mesh_use_embedded_materials
+    if head is None:
+        raise DecodeError("the array holds no markers")
+    return Cloud(*head, np.array(points))
+
+
+def decode_point_cloud(raw: Bytes) -> Cloud:
+    """The points of a PointCloud2 with fields x, y, z.
+
+    Raises:
+        DecodeError: not such a message, or one without these fields.
+    """
+    reader = Reader(raw)
+    stamp, frame_id = reader.header()
+    rows, columns = reader.whole(), reader.whole()
+    fields = {}
+    for _ in range(reader.whole()):
+        name = reader.text()
+        offset, kind, _ = reader.whole(), reader.whole("B"), reader.whole()
+        fields[name] = offset, kind
+    big = reader.whole("B")
+    point_step, row_step = reader.whole(), reader.whole()
+    data = reader.data()
+    if any(name not in fields or fields[name][1] not in _REALS for name in "xyz"):
+        raise DecodeError(f"fields {', '.join(fields)} are not x, y, z as float32 or float64")
+    if len(data) < rows * row_step or row_step < columns * point_step:
+        raise DecodeError(f"{len(data)} bytes of data do not hold {rows * columns} points")
+    order = ">" if big else "<"
+    layout: Any = np.dtype(
+        {
+            "names": list("xyz"),
+            "formats": [order + _REALS[fields[name][1]] for name in "xyz"],
+            "offsets": [fields[name][0] for name in "xyz"],
+            "itemsize": point_step,
+        }
+    )
+    lines = [np.frombuffer(data, layout, columns, row * row_step) for row in range(rows)]
+    cloud = np.concatenate(lines) if lines else np.zeros(0, layout)
+    return Cloud(stamp, frame_id, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1))
+
+
+class PointCloudEncoder(Encoder):
+    """Encodes a PointCloud2 of a constant number of points with fields of float32, shape (count,
+    fields).
+    """
+
+    def __init__(self, frame_id: str, fields: Sequence[str], count: int) -> None:
+        writer, size = Writer(), _FLOAT_SIZE * len(fields)
+        writer.header(frame_id)
+        writer.numbers("I", 1, count, len(fields))  # rows, columns
+        for number, name in enumerate(fields):
+            writer.text(name)
+            writer.numbers("I", _FLOAT_SIZE * number)
+            writer.numbers("B", _FLOAT32)
+            writer.numbers("I", 1)
+        writer.numbers("B", 0)  # is_bigendian
+        writer.numbers("I", size, size * count, size * count)  # of a point, a row, all
+        begin = writer.zeros((count, len(fields)), "f")
+        writer.numbers("B", 1)  # is_dense
+        super().__init__(writer, begin, (count, len(fields)), "<f4")

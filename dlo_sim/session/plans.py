@@ -1,0 +1,157 @@
+"""Planned motions of end effectors as messages -> plans for the simulator, or refusals.
+
+A plan begins at the newest pose of its end effector. The forecast begins at the present state,
+which is older by the latency, and goes from there to the first pose of the plan.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import rotations
+from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.session import cdr
+from dlo_sim.session.cdr_trajectory import Trajectory, decode_trajectory
+from dlo_sim.session.content import Refused, check_pose
+from dlo_sim.session.diagnostics import TopicRecord
+from dlo_sim.session.session import Session
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.forecast import Plan
+    from dlo_sim.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+JUMP = 0.02, 0.2  # [m], [rad] from the newest pose to the first of a plan
+LONGEST = 60.0  # [s] of a plan
+
+
+class Planned(NamedTuple):
+    """A plan for a simulator in its present state.
+
+    Attributes:
+        stamp_ns: what the answer is stamped with: the plan's stamp, or its arrival.
+        ahead: from the present state to that stamp [s].
+    """
+
+    simulator: Simulator
+    plan: Plan
+    stamp_ns: int
+    ahead: float
+
+
+class Plans:
+    """Checks the plans for a session.
+
+    Attributes:
+        record: what became of them.
+
+    Raises:
+        SceneError: the method of the session follows no plans.
+    """
+
+    def __init__(self, session: Session, topic: str) -> None:
+        method = session.simulator.method
+        if METHODS[method].family != IMPLICIT:
+            raise SceneError(
+                f"forecast.processes: {method} follows no plans; set it to 0, or give "
+                "integrator.method: energy_momentum"
+            )
+        self._session = session
+        self.record = TopicRecord(topic, occasional=True)
+
+    def accept(self, raw: cdr.Bytes, arrival_ns: int) -> Planned | None:
+        """Check one message; a bad one is refused and counted."""
+        self.record.last_arrival_ns = arrival_ns
+        try:
+            planned = self._planned(decode_trajectory(raw), arrival_ns)
+        except cdr.DecodeError as error:
+            self.record.refuse("undecodable", f"{error}; publish {cdr.TRAJECTORY}")
+            return None
+        except Refused as refused:
+            self.record.refuse(refused.reason, refused.detail)
+            return None
+        self.record.accepted += 1
+        return planned
+
+    def _planned(self, trajectory: Trajectory, arrival_ns: int) -> Planned:
+        from dlo_sim.simulation.forecast import Plan
+
+        self._check(trajectory)
+        session = self._session
+        stamp_ns = trajectory.stamp_ns or arrival_ns
+        ahead = (stamp_ns - session.stamp_ns) * 1e-9
+        times = ahead + trajectory.times
+        if not 0.0 < times[-1] <= LONGEST:
+            raise _bad(
+                f"ends {times[-1]:.3f} s after the present state; stamp it with the time of its "
+                f"begin, or with 0 for now, and plan at most {LONGEST:g} s"
+            )
+        later = times > 0.0
+        grid = np.concatenate([[0.0], times[later]])
+        poses = {}
+        for name, rows in zip(trajectory.joints, np.moveaxis(trajectory.poses, 1, 0), strict=True):
+            self._check_begin(name, rows[0])
+            present = np.concatenate(session.simulator.end_pose(name))
+            poses[name] = np.vstack([present, rows[later]])
+            self._check_speed(name, grid, poses[name])
+        simulator = cast("Simulator", session.simulator)
+        return Planned(simulator, Plan(grid, poses), stamp_ns, ahead)
+
+    def _check(self, trajectory: Trajectory) -> None:
+        """Refuse what is no plan for this scene, whatever the state.
+
+        Raises:
+            Refused: saying why.
+        """
+        scene, joints = self._session.scene, trajectory.joints
+        if not self._session.started:
+            raise _bad("the cable has not been placed yet; plan once every end has a pose")
+        if trajectory.frame_id not in ("", scene.frame_id):
+            raise _bad(f"is in frame '{trajectory.frame_id}'; transform it to '{scene.frame_id}'")
+        unknown = [name for name in joints if name not in scene.holders]
+        if unknown or not joints or len(set(joints)) < len(joints):
+            raise _bad(
+                f"has the joints {', '.join(joints) or 'none'}; name each of some of "
+                f"{', '.join(scene.holders)} once"
+            )
+        times = trajectory.times
+        if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
+            shown = ", ".join(f"{time:.6g}" for time in times[:4])
+            raise _bad(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
+        for pose in trajectory.poses.reshape(-1, 7).tolist():
+            if not math.isfinite(sum(pose)):
+                raise Refused("not_finite", f"pose {pose}; repair the planner")
+            check_pose(tuple(pose))
+
+    def _check_begin(self, name: str, pose: Array) -> None:
+        """Refuse a plan that begins elsewhere than where the end effector was last."""
+        newest = self._session.newest_poses.get(name)
+        position, orientation = self._session.simulator.end_pose(name)
+        if newest is not None:
+            position, orientation = np.array(newest.position), np.array(newest.orientation)
+        way = math.dist(pose[:3].tolist(), position.tolist())
+        turned = rotations.multiply(pose[3:], rotations.conjugate(orientation))
+        turn = float(np.linalg.norm(rotations.to_rotation_vector(turned)))
+        if way > JUMP[0] or turn > JUMP[1]:
+            raise _bad(
+                f"begins {way:.3g} m and {turn:.3g} rad away from the newest pose of {name}; begin "
+                f"there, within {JUMP[0]:g} m and {JUMP[1]:g} rad"
+            )
+
+    def _check_speed(self, name: str, times: Array, poses: Array) -> None:
+        ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+        speed = float(((ways - JUMP[0]) / np.diff(times)).max())
+        most = self._session.scene.inputs.max_speed
+        if speed > most:
+            raise _bad(
+                f"moves {name} at {speed:.3g} m/s, inputs.max_speed is {most:g} m/s; plan it slower"
+            )
+
+
+def _bad(detail: str) -> Refused:
+    return Refused("bad_plan", f"the plan {detail}")

@@ -1,0 +1,119 @@
+"""The future of a cable along planned motions of its end effectors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlo_sim.core import arguments, bspline, rotations
+from dlo_sim.core.strain import strain
+from dlo_sim.simulation.report import Report
+from dlo_sim.simulation.view import CableView
+
+Array = NDArray[np.float64]
+EVERY = 0.02  # [s] between two shapes of a forecast
+NEAR = 1e-6  # lengths of the cable, and radians: beyond, a plan begins elsewhere than the end is
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where end effectors will go; those that are not named stay where they are.
+
+    Attributes:
+        times: of the poses [s], from 0, the present, rising, shape (T,).
+        poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7), the first its
+            present one.
+    """
+
+    times: ArrayLike
+    poses: Mapping[str, ArrayLike]
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Shapes to come.
+
+    Attributes:
+        times: of the shapes, from the present [s], shape (S,).
+        control_points: x, y, z [m] and theta [rad], shape (S, n_u, 4).
+        u: material coordinates [m] of the points of the centerline, shape (n_c,).
+        centerline: [m], shape (S, n_c, 3). curvature: [1/m], shape (S, n_c).
+        tension: [N], likewise; None where it cannot be told from the shape.
+        report: how it ended; after a failure there are the shapes up to it.
+    """
+
+    times: Array
+    control_points: Array
+    u: Array
+    centerline: Array
+    curvature: Array
+    tension: Array | None
+    report: Report
+
+    @property
+    def peak_tension(self) -> float | None:
+        """The largest tension of all shapes [N]."""
+        return None if self.tension is None else float(self.tension.max(initial=-math.inf))
+
+    @property
+    def largest_curvature(self) -> float:
+        """The largest curvature of all shapes [1/m]."""
+        return float(self.curvature.max(initial=0.0))
+
+
+Follow = Callable[[ArrayLike, Mapping[str, ArrayLike], ArrayLike], tuple[Report, Array]]
+
+
+def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> Forecast:
+    """What a simulator meets as it goes along a plan.
+
+    Args:
+        follow: its method of that name.
+
+    Raises:
+        TypeError, ValueError: as `Simulator.forecast`.
+    """
+    arguments.instance("plan", plan, Plan, "dlo_sim.Plan(times, poses)")
+    every = arguments.number("every", every, "s, above 0")
+    times = arguments.numbers("times", plan.times, (None,), "s")
+    if not times.size or times[0] != 0.0:
+        raise ValueError(
+            f"times: begin with {times[:1].tolist()}; a plan begins at 0 s, the present"
+        )
+    poses = {name: simulator.path(name, rows, len(times)) for name, rows in plan.poses.items()}
+    for name, rows in poses.items():
+        _check_start(simulator, name, rows[0])
+    if not 0.0 < every <= times[-1]:
+        raise ValueError(f"every: {every:g} s; give one above 0 s, up to the {times[-1]:g} s")
+    samples = every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)
+    now, scene = simulator.time, simulator.scene
+    report, points = follow(now + times, poses, np.minimum(now + samples, now + times[-1]))
+    u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
+    knots, place = simulator.model.knots, points[:, :, :3]
+    shape, cable = strain(knots, u), scene.cable
+    return Forecast(
+        times=samples[: len(points)],
+        control_points=points,
+        u=u,
+        centerline=bspline.evaluate(np.eye(simulator.model.n), knots, u) @ place,
+        curvature=shape.curvature(place),
+        tension=None if scene.without_tension else shape.tension(place, cable.EA, cable.EI),
+        report=report,
+    )
+
+
+def _check_start(simulator: CableView, name: str, pose: Array) -> None:
+    """Refuse a plan that begins elsewhere than where the end effector is."""
+    position, orientation = simulator.end_pose(name)
+    way = math.dist(pose[:3].tolist(), position.tolist())
+    way_round = rotations.multiply(rotations.normalized(pose[3:]), rotations.conjugate(orientation))
+    turn = float(np.linalg.norm(rotations.to_rotation_vector(way_round)))
+    if way > NEAR * simulator.scene.cable.length or turn > NEAR:
+        raise ValueError(
+            f"poses of {name}: begin {way:.3g} m and {turn:.3g} rad away from the end effector; "
+            f"begin at end_pose('{name}')"
+        )

@@ -1,0 +1,163 @@
+"""Measured points pull the prediction to the real cable; never silently, never by chance."""
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from session_bench import MS, SECOND, T0
+
+from dlo_sim import Simulator, load_scene
+from dlo_sim.scene.loading import SceneError
+from dlo_sim.session import cdr, observer
+from dlo_sim.session.cdr_points import PointCloudEncoder
+from dlo_sim.session.session import Session
+from dlo_sim.session.topics import MEASURED, input_topics
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+# A cable that sags between two points and swings; what it swings in the prediction does not know.
+FREE = {
+    "cable.length": 1.0,
+    "cable.diameter": 0.008,
+    "cable.youngs_modulus": 1e6,
+    "damping.stiffness": 0.05,
+    "end.position": [0.7, 0.0, 0.0],
+    "end.fixed": [True, True, True],
+    "terms.out_of_plane": "on",
+}
+WIND = {
+    "loads.names": ["wind"],
+    "loads.wind.type": "force",
+    "loads.wind.position": 0.4,
+    "loads.wind.signal": "sine",
+    "loads.wind.force": [0.0, 0.04, 0.02],
+    "loads.wind.frequency": 0.6,
+}
+LATENCY = 0.06
+SEEN = {**FREE, "measured.type": "point_cloud"}
+PERIOD = 33 * MS
+
+
+def scene(values, **changes):
+    return load_scene({**values, **changes})
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """Points at ten places of the real cable, in the wind: seconds -> (10, 3)."""
+    real = scene(FREE, **WIND)
+    sim, shapes = Simulator(real), []
+    u = np.linspace(0.05, 0.95, 10) * real.cable.length
+    for _ in range(round(2.0 / sim.step)):
+        shapes.append(sim.centerline(u))
+        sim.advance_steps(1)
+    return lambda seconds: shapes[round((seconds + LATENCY) / sim.step)]
+
+
+def run(truth, values=SEEN, *, late=0, ticks=5 * MS, outliers=False, kind="cloud", seconds=1.5):
+    """A session that sees three points 30 times a second with 5 mm of noise, and its errors [m]."""
+    rng = np.random.default_rng(7)
+    session, errors, waiting = Session(scene(values)), [], []
+    u = np.linspace(0.05, 0.95, 10) * session.scene.cable.length
+    for now in range(T0, T0 + round(seconds * SECOND), ticks):
+        for stamp in range(-(-max(now - ticks + MS, T0) // PERIOD) * PERIOD, now + 1, PERIOD):
+            seen = truth((stamp - T0) * 1e-9)[rng.permutation(10)[:3]]
+            points = seen + rng.normal(0.0, 0.005, (3, 3))
+            if outliers:
+                points[0] += [0.0, 0.5, 0.0]
+            waiting.append((stamp + late, encoded(points, stamp, kind)))
+        while waiting and waiting[0][0] <= now and "measured.type" in values:
+            session.receive("/dlo_sim/measured", waiting.pop(0)[1], now)
+        session.tick(now)
+        if session.started:
+            real = truth((session.stamp_ns - T0) * 1e-9)
+            errors.append(np.linalg.norm(session.simulator.centerline(u) - real, axis=1).mean())
+    return session, np.array(errors)
+
+
+def encoded(points, stamp, kind):
+    if kind == "cloud":
+        points = np.vstack([points, [np.nan] * 3])  # not seen
+        return PointCloudEncoder("", "xyz", len(points)).encode(stamp, points)
+    poses = np.hstack([points, np.tile([0.0, 0.0, 0.0, 1.0], (len(points), 1))])
+    return cdr.PoseArrayEncoder("", len(points)).encode(stamp, poses)
+
+
+def values_of(session):
+    (status, *_) = cdr.decode_diagnostic_array(session.diagnostics(T0 + 2 * SECOND))[1]
+    return dict(status.values)
+
+
+def test_it_halves_the_error_and_keeps_the_account(truth):
+    (session, corrected), (_, alone) = run(truth), run(truth, FREE)
+    assert alone[100:].mean() > 0.015
+    assert corrected[100:].mean() < 0.5 * alone[100:].mean()
+    found = values_of(session)
+    assert int(found["measured points used"]) > 120
+    assert found["measured points rejected"] == "0"
+    assert 0.003 < float(found["innovation [m]"]) < 0.03
+    assert float(found["correction work [J]"]) != 0.0
+    assert session.simulator.energy_error < 1e-4
+
+
+def test_a_force_that_the_model_lacks_is_learnt(truth, monkeypatch):
+    _, learnt = run(truth)
+    monkeypatch.setattr(observer, "_LEARNT", 0.0)
+    _, without = run(truth)
+    assert learnt[100:].mean() < 0.97 * without[100:].mean()
+
+
+def test_the_same_bits_however_it_arrives(truth):
+    session, _ = run(truth, seconds=0.905)
+    session.tick(T0 + 950 * MS)
+    for changes in ({"late": 40 * MS}, {"ticks": 10 * MS}):
+        other, _ = run(truth, seconds=0.905, **changes)
+        other.tick(T0 + 950 * MS)
+        assert other.stamp_ns == session.stamp_ns
+        assert np.array_equal(other.saved.state, session.saved.state)
+
+
+def test_points_that_come_too_late_are_counted_and_not_used(truth):
+    session, _ = run(truth, late=100 * MS, seconds=0.9)
+    found = values_of(session)
+    assert found["measured points used"] == "0"
+    assert int(found["measured points rejected"]) == 3 * int(found["event late"]) > 30
+    assert "after their time was simulated" in found["last event"]
+
+
+def test_points_far_away_are_rejected(truth):
+    session, errors = run(truth, outliers=True)
+    found = values_of(session)
+    assert int(found["measured points used"]) == 2 * int(found["measured points rejected"]) > 50
+    assert errors[100:].mean() < run(truth, FREE)[1][100:].mean()
+
+
+def test_a_pose_array_does_the_same(truth):
+    session, _ = run(truth, seconds=0.5)
+    other, _ = run(truth, {**SEEN, "measured.type": "pose_array"}, kind="poses", seconds=0.5)
+    points = session.simulator.control_points
+    assert other.simulator.control_points == pytest.approx(points, abs=1e-5)  # of float32
+    assert values_of(other)["measured points used"] == values_of(session)["measured points used"]
+
+
+def test_nothing_is_there_unless_asked_for():
+    session = Session(scene(FREE))
+    assert MEASURED not in {entry.topic for entry in input_topics(session.scene)}
+    session.tick(T0)
+    assert "innovation [m]" not in values_of(session)
+
+
+def test_messages_that_cannot_be_used_are_refused():
+    session = Session(scene(SEEN))
+    topic, good = "/dlo_sim/measured", np.zeros((2, 3))
+    far, endless = np.full((2, 3), 1e7), np.array([[0.0, np.inf, 0.0]])
+    session.receive(topic, encoded(far, T0, "cloud"), T0)
+    session.receive(topic, encoded(endless, T0, "cloud"), T0)
+    session.receive(topic, PointCloudEncoder("camera", "xyz", 2).encode(T0, good), T0)
+    session.receive(topic, encoded(good, T0, "poses"), T0)
+    record = session.journal.topics[topic]
+    assert record.accepted == 0
+    assert record.refused == {"too_large": 1, "not_finite": 1, "unknown_frame": 1, "undecodable": 1}
+
+
+def test_an_estimate_of_the_error_is_refused_beside_it():
+    with pytest.raises(SceneError, match="accuracy.estimate: on cannot be had"):
+        scene(SEEN, **{"accuracy.estimate": "on"})

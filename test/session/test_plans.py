@@ -1,0 +1,146 @@
+"""Plans as messages: what is forecast of the good ones, why the others are refused."""
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from session_bench import MS, SECOND, T0
+
+from dlo_sim.scene.loading import SceneError, load_scene
+from dlo_sim.session import cdr
+from dlo_sim.session.forecasts import answer
+from dlo_sim.session.plans import Plans
+from dlo_sim.session.session import Session
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
+NOW = T0 + SECOND
+SCENE = {"cable.rest_curvature": [0.0], "forecast.processes": 1, "start.pose_topic": "/pose"}
+
+
+def gripper(seconds):
+    """Where the gripper is, and will be."""
+    return np.stack([0.2 * np.sin(seconds), 0.0 * seconds, 0.05 * seconds], axis=-1)
+
+
+@pytest.fixture
+def session():
+    """A cable that has been moved for a second; the newest pose is at NOW."""
+    session = Session(load_scene("hanging_cable", SCENE))
+    encoder = cdr.StampedEncoder(cdr.POSE_STAMPED, "")
+    for now in range(T0, NOW + 1, 10 * MS):
+        position = gripper((now - T0) * 1e-9)
+        session.receive("/pose", encoder.encode(now, [*position, 0.0, 0.0, 0.0, 1.0]), now)
+        session.tick(now)
+    return session
+
+
+def vector(kind, *values):
+    return TYPES[f"geometry_msgs/msg/{kind}"](*map(float, values))
+
+
+def message(joints=("start",), times=None, shift=0.0, stamp=NOW, frame="", turn=(0, 0, 0, 1)):
+    """A plan that goes on as the gripper did, with velocities, which nobody reads."""
+    times = 0.05 * np.arange(21) if times is None else np.array(times)
+    points = []
+    for time, place in zip(times, gripper(1.0 + times) + shift, strict=True):
+        transform = TYPES["geometry_msgs/msg/Transform"](
+            vector("Vector3", *place), vector("Quaternion", *turn)
+        )
+        twist = TYPES["geometry_msgs/msg/Twist"](
+            vector("Vector3", 1, 2, 3), vector("Vector3", 4, 5, 6)
+        )
+        nanoseconds = round(time * 1e9)
+        duration = TYPES["builtin_interfaces/msg/Duration"](*divmod(nanoseconds, 10**9))
+        point = TYPES["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"](
+            [transform] * len(joints), [twist] * len(joints), [], duration
+        )
+        points.append(point)
+    time = TYPES["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+    header = TYPES["std_msgs/msg/Header"](time, frame)
+    plan = TYPES[cdr.TRAJECTORY](header, list(joints), points)
+    return bytes(STORE.serialize_cdr(plan, cdr.TRAJECTORY))
+
+
+def test_what_comes_of_a_plan(session):
+    before = session.saved.state
+    planned = Plans(session, "/plan").accept(message(), NOW)
+    assert planned.ahead == pytest.approx(0.255)  # latency and smoothing
+    found = answer(planned)
+    assert not found.problem
+    assert np.array_equal(session.saved.state, before)
+    cloud = STORE.deserialize_cdr(found.messages[0].data, cdr.POINT_CLOUD)
+    assert cloud.header.stamp.sec * SECOND + cloud.header.stamp.nanosec == NOW
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "u", "t", "tension"]
+    rows = cloud.data.view(np.float32).reshape(-1, 50, 6)
+    expected = session.simulator.forecast(planned.plan, session.scene.forecast.every)
+    assert len(rows) == 25
+    assert np.array_equal(rows[..., :3], expected.centerline.astype(np.float32))
+    assert np.array_equal(rows[..., 5], expected.tension.astype(np.float32))
+    # t counts from the stamp: the gripper is where the plan says.
+    for row in rows[6::5]:
+        assert row[0, :3] == pytest.approx(gripper(1.0 + row[0, 4]), abs=1e-4)
+    ghosts = STORE.deserialize_cdr(found.messages[1].data, cdr.MARKER)
+    assert (ghosts.type, len(ghosts.points), ghosts.color.a) == (5, 5 * 2 * 49, np.float32(0.3))
+    last = ghosts.points[-1]
+    assert [last.x, last.y, last.z] == expected.centerline[-1, -1].tolist()
+    values = dict(found.values)
+    assert float(values["peak tension [N]"]) == pytest.approx(expected.peak_tension, rel=1e-3)
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 0, 1), (0, 0, 0, -1)])
+def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
+    planned = Plans(session, "/plan").accept(message(stamp=0, turn=turn), NOW + 20 * MS)
+    assert planned.stamp_ns == NOW + 20 * MS
+    assert not answer(planned).problem
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason", "text"),
+    [
+        ({"joints": ["tcp"]}, "bad_plan", "has the joints tcp; name each of some of start, end"),
+        ({"joints": []}, "bad_plan", "has the joints none"),
+        ({"joints": ["start", "start"]}, "bad_plan", "has the joints start, start"),
+        ({"times": [0.0, 0.1, 0.1]}, "bad_plan", "has the times 0, 0.1, 0.1 ... s; give rising"),
+        ({"times": []}, "bad_plan", "has the times none"),
+        ({"times": [0.0, 100.0]}, "bad_plan", "ends 100.255 s after the present state"),
+        ({"stamp": NOW - 2 * SECOND}, "bad_plan", "ends -0.745 s after the present state"),
+        ({"shift": 0.1}, "bad_plan", "begins 0.173 m and 0 rad away from the newest pose of start"),
+        ({"shift": np.nan}, "not_finite", "repair the planner"),
+        ({"turn": (0, 0, 0.6, 0.8)}, "bad_plan", "1.29 rad away"),
+        ({"turn": (0, 0, 0, 2)}, "bad_quaternion", "has norm 2"),
+        ({"frame": "base"}, "bad_plan", "is in frame 'base'; transform it to 'fr3_link0'"),
+    ],
+)
+def test_bad_plans_are_refused_and_counted(session, changes, reason, text):
+    plans = Plans(session, "/plan")
+    assert plans.accept(message(**changes), NOW) is None
+    assert (plans.record.refused, plans.record.accepted) == ({reason: 1}, 0)
+    assert text in plans.record.last_refusal
+    assert "\n" not in plans.record.last_refusal
+
+
+def test_a_plan_that_is_too_fast(session):
+    slow = session.scene.with_values({"inputs.max_speed": 0.05})
+    session.reconfigure(slow, session.prepare(slow))
+    plans = Plans(session, "/plan")
+    assert plans.accept(message(), NOW) is None
+    assert "inputs.max_speed is 0.05 m/s; plan it slower" in plans.record.last_refusal
+
+
+def test_damaged_messages(session):
+    plans, whole = Plans(session, "/plan"), message()
+    for length in range(0, len(whole), 37):
+        assert plans.accept(whole[:length], NOW) is None
+    assert set(plans.record.refused) == {"undecodable"}
+
+
+def test_before_the_cable_is_placed():
+    plans = Plans(Session(load_scene("hanging_cable", SCENE)), "/plan")
+    assert plans.accept(message(), NOW) is None
+    assert "plan once every end has a pose" in plans.record.last_refusal
+
+
+def test_a_method_that_follows_no_plans():
+    session = Session(load_scene("paper_wire"))
+    with pytest.raises(SceneError, match="processes: forest_ruth follows no plans; set it to 0"):
+        Plans(session, "/plan")
