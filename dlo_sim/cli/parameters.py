@@ -5,7 +5,7 @@ import dataclasses
 
 from dlo_sim.cli.arguments import Parser
 from dlo_sim.cli.output import print_json
-from dlo_sim.scene.parameters import markdown_table, scene_parameters
+from dlo_sim.scene.parameters import markdown_table, placeholder_parameters
 
 HELP = "print every parameter with type, default, unit, range and meaning"
 
@@ -18,7 +18,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the table; returns the exit status."""
     if options.json:
-        rows = [dataclasses.asdict(row) for row in scene_parameters(*[("<name>",)] * 3)]
+        rows = [dataclasses.asdict(row) for row in placeholder_parameters()]
         print_json({"parameters": rows})
     else:
         print(markdown_table())

@@ -1,14 +1,16 @@
 """Twist against the Bishop frame, assembled: strain theta' + tau; see `terms.bishop`.
 
 Within a step the frame of theta follows every tangent by the smallest rotation from its direction
-at the last step's end, REFERENCE, and so twists by tau. At the end of the step `follow_shape` makes
-it rotation-minimising along the cable again: theta takes over the spline psi whose psi' is closest
-to tau. What of tau no spline is, an error of the discretisation, goes: it takes GJ/2 of its square,
-which is booked, and would pile up where a cable turns again and again.
+at the end of the last step, REFERENCE, and so twists by tau. At the end of the step `follow_shape`
+makes it rotation-minimising along the cable again: theta takes over the spline psi whose
+derivative is closest to tau. The part of tau that no spline represents is an error of the
+discretisation; it would grow with every turn of the cable, so it is dropped and its energy booked
+as lost. The angle at the end of the cable has a closed form, to which psi is bound.
 
-What a gripper prescribes is its own angle since its motion began, in a frame that follows the
-tangent directly. FRAME_TURN says by how much the frame of theta is behind that one: the angle that
-theta took over, less the area on the unit sphere between the two ways of the tangent.
+A gripper prescribes its own angle since its motion began, in a frame that follows the tangent
+directly. FRAME_TURN is the angle by which the frame of theta is behind that one: the angle that
+theta took over, less the area on the unit sphere between the two ways of the tangent. It is known
+at the end of a step, so the angle of a clamp that moves is one step late in that part.
 """
 
 from __future__ import annotations
@@ -103,7 +105,7 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
                 own = theta1 - theta0
                 stress = w * (rate + 0.5 * (theta0 + theta1) + viscous * (change + own))
                 taken += w * viscous * change * (change + 2.0 * own)
-                g, _, _ = bishop.mean_gradient(t0, k0, t1, k1)
+                g = bishop.mean_gradient(t0, k0, t1, k1)
                 g0 = gathered_sample(g0, stress * g[0], zero(), xi)
                 g1 = gathered_sample(g1, stress * g[1], zero(), xi)
                 g2 = gathered_sample(g2, stress * g[2], zero(), xi)
@@ -137,27 +139,44 @@ def coupled_energy(shape, model, state, x):
 
 
 @part
-def add_rates(shape, model, state, x, psi, remove, out):
-    """out += integral b' (tau - remove psi'). Returns the integral of that squared, to be
-    gathered.
-    """
+def rate(r, p, slope, xi):
+    """tau at a local coordinate, from the curves of both shapes."""
+    return bishop.change(
+        tangent_at(r, xi), bending_at(r, xi, slope), tangent_at(p, xi), bending_at(p, xi, slope)
+    )
+
+
+@part
+def add_rates(shape, model, state, x, out):
+    """out += integral b' tau on the line of the twist alone."""
+    reference = shifted(state, shape[REFERENCE])
+    for b in range(shape[BLOCKS]):
+        block = block_of(shape, b)
+        s = load(model, block + SLOPE * LANES)
+        r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
+        turned = (zero(), zero(), zero())
+        for j in range(shape[SAMPLES]):
+            at = sample_of(block, j)
+            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            turned = add_polynomial(turned, w * rate(r, p, s, xi), xi)
+        scatter(turned, MARGIN + LANES * b, 1, model, block, 1.0, out)
+
+
+@part
+def squares_lost(shape, model, state, x, psi):
+    """Integral of (theta' + tau)^2 - (theta' + psi')^2, to be gathered."""
     reference, sum_ = shifted(state, shape[REFERENCE]), zero()
     for b in range(shape[BLOCKS]):
         block = block_of(shape, b)
         s = load(model, block + SLOPE * LANES)
         r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
+        angle = angle_block(shape, model, x, b)
         own = coefficients(psi, MARGIN + LANES * b, 1, model, block)
-        turned = (zero(), zero(), zero())
         for j in range(shape[SAMPLES]):
             at = sample_of(block, j)
             xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
-            rate = bishop.change(
-                tangent_at(r, xi), bending_at(r, xi, s), tangent_at(p, xi), bending_at(p, xi, s)
-            )
-            rate = rate - remove * polynomial(own, xi)
-            turned = add_polynomial(turned, w * rate, xi)
-            sum_ += w * rate * rate
-        scatter(turned, MARGIN + LANES * b, 1, model, block, 1.0, out)
+            old, new = rate(r, p, s, xi), polynomial(own, xi)
+            sum_ += w * (old - new) * (2.0 * polynomial(angle, xi) + old + new)
     return sum_
 
 
@@ -186,14 +205,64 @@ def edge(shape, x, own):
 
 
 @part
-def area(a, b, c):
-    """Signed area of the triangle of three directions on the unit sphere: by so much is a frame
-    that goes by a -> b -> c with the smallest rotations ahead of one that goes a -> c.
+def half_area(a, b, c):
+    """Cosine and sine, times a number, of half the signed area of the triangle of three directions
+    on the unit sphere. By the area is a frame that goes by a -> b -> c with the smallest rotations
+    ahead of one that goes a -> c.
     """
     triple = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
     triple += a[2] * (b[0] * c[1] - b[1] * c[0])
     sides = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + b[0] * c[0] + b[1] * c[1] + b[2] * c[2]
-    return 2.0 * np.arctan2(triple, 1.0 + sides + c[0] * a[0] + c[1] * a[1] + c[2] * a[2])
+    return 1.0 + sides + c[0] * a[0] + c[1] * a[1] + c[2] * a[2], triple
+
+
+@part
+def area(a, b, c):
+    """That area."""
+    cosine, sine = half_area(a, b, c)
+    return 2.0 * np.arctan2(sine, cosine)
+
+
+@part
+def span_tangent(shape, model, x, span, xi):
+    """Unit tangent of one span at a local coordinate."""
+    row, width = block_of(shape, span // LANES) + span % LANES, shape[LINE]
+    t0 = t1 = t2 = 0.0
+    for k in range(4):
+        b = model[row + 3 * k * LANES] + xi * model[row + (3 * k + 1) * LANES]
+        b += xi * xi * model[row + (3 * k + 2) * LANES]
+        at = MARGIN + span + k
+        t0 += b * x[at]
+        t1 += b * x[at + width]
+        t2 += b * x[at + 2 * width]
+    inverse = 1.0 / np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+    return inverse * t0, inverse * t1, inverse * t2
+
+
+@part
+def turn_of_end(shape, model, reference, x, arcs, guess):
+    """Integral of tau over the cable: the angle by which the frame at its end, carried along in
+    time, gets ahead of the one carried along the cable. Of the values that the tangents between
+    the spans allow, which repeat after two turns, that next to `guess`.
+
+    It is the area between the old and the new curve of tangents on the unit sphere, triangle by
+    triangle, for so many arcs a span: whatever shapes follow each other, nothing piles up.
+    """
+    cosine, sine = 1.0, 0.0
+    old = span_tangent(shape, model, reference, 0, -1.0)
+    new = span_tangent(shape, model, x, 0, -1.0)
+    for arc in range(arcs * (shape[N] - 3)):
+        older, newer = old, new
+        span, xi = arc // arcs, 2.0 * (arc % arcs + 1) / arcs - 1.0
+        old = span_tangent(shape, model, reference, span, xi)
+        new = span_tangent(shape, model, x, span, xi)
+        c, s = half_area(older, old, new)
+        d, t = half_area(older, newer, new)
+        c, s = c * d + s * t, s * d - c * t
+        scale = 1.0 / np.sqrt(c * c + s * s)
+        cosine, sine = scale * (cosine * c - sine * s), scale * (cosine * s + sine * c)
+    turned = 2.0 * np.arctan2(sine, cosine)
+    return turned + 4.0 * np.pi * np.floor((guess - turned) / (4.0 * np.pi) + 0.5)
 
 
 @piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
@@ -202,13 +271,19 @@ def follow_shape(shape, model, inputs, state, scratch):
     n, line = shape[N], shape[DIM] * shape[LINE]
     x, reference = shifted(state, shape[X]), shifted(state, shape[REFERENCE])
     booked, psi = shifted(state, shape[BOOKED]), shifted(scratch, shape[FRAME_SPARE])
-    spare = shifted(psi, shape[LINE])
-    for at in range(2 * shape[LINE]):
+    for at in range(shape[LINE]):
         psi[at] = 0.0
-    add_rates(shape, model, state, x, spare, 0.0, psi)
+    add_rates(shape, model, state, x, psi)
     psi[MARGIN] = 0.0
     solve_line(shape, model, shape[FRAME_FACTORS], psi)
-    lost = gathered(shape, add_rates(shape, model, state, x, psi, 1.0, spare))
+    last = psi[MARGIN + n - 1]
+    # Richardson extrapolation: the angle between chords is of second order in the arcs.
+    coarse = turn_of_end(shape, model, reference, x, 1, last)
+    missing = (4.0 * turn_of_end(shape, model, reference, x, 2, last) - coarse) / 3.0 - last
+    shares = shape[FRAME_FACTORS] + 7 * shape[LINE]
+    for at in range(MARGIN, MARGIN + n):
+        psi[at] += model[shares + at] * missing
+    lost = gathered(shape, squares_lost(shape, model, state, x, psi))
     stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
     at = shape[LEDGER] + DISSIPATED * LANES
     store(state, at, load(state, at) + 0.5 * stiffness * lost)

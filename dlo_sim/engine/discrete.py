@@ -30,6 +30,7 @@ from dlo_sim.engine.layout import (
     AXIAL,
     BEND,
     BENDING,
+    BETA,
     BLOCKS,
     CONTACT,
     CURVED,
@@ -76,7 +77,7 @@ def span_rates(shape, model, block, p, q, moved):
 def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
     """out -= discrete gradient between x0 and x1; the energy that viscosity takes into lost[0].
 
-    The viscous stress is that of the motion `moved` times `viscous` = beta / tau; 0 leaves it out.
+    The viscous stress is that of the motion `moved` times `viscous` = 1 / tau; 0 leaves it out.
     """
     terms = shape[TERMS]
     taken = zero()
@@ -131,7 +132,7 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
                 on_k = combined(1.0, on_k, on_e, natural_curvature.cross(n, t))
             if viscous != 0.0:
                 dt, dk = tangent_at(r, xi), bending_at(r, xi, s)
-                f = viscous * w * axial
+                f = viscous * w * axial * load(model, shape[BETA])
                 along, inverse = dot(t, dt), 1.0 / dot(t, t)
                 pull = zero()
                 if terms & STRETCH:
@@ -141,7 +142,8 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
                 on_t = combined(1.0, on_t, pull, t)
                 taken += pull * along
                 if terms & BEND:
-                    more_t, g, rho, energy = viscosity.bending(viscous * w * bending, t, k, dt, dk)
+                    f = viscous * w * bending * load(model, shape[BETA] + LANES)
+                    more_t, g, rho, energy = viscosity.bending(f, t, k, dt, dk)
                     on_t = combined(1.0, on_t, 1.0, more_t)
                     on_k = combined(1.0, on_k, g, rho)
                     taken += energy

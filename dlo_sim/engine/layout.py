@@ -46,7 +46,7 @@ FACTORS = (
 WEIGHT = 23  # generalised weight, one line each spatial line [N]
 TWIST = 24  # 7 lines: GJ integral b' b'
 VISCOUS = 25  # 7 lines of space, 7 of twist: C of the linear damping
-BETA = 26  # row: stiffness damping [s]
+BETA = 26  # 3 rows: internal damping of stretching, bending, twisting [s]
 DECAY = 27  # rows, one a line: rate of the external damping [1/s]
 HELD_WEIGHTS = 28  # 5 rows a held point: basis values and their sum
 HELD_SHIFT = 29  # a line a held point: M^-1 times its basis values
@@ -56,8 +56,9 @@ SPRING = 32  # 5 rows a spring row: basis values and stiffness [N/m]
 LOAD_BASIS = 33  # a line a load: its basis values
 LOAD_POINT = 34  # 8 rows a load: basis values, slopes [1/m]
 SCALES = 35  # rows below
+FRAME_FACTORS = 36  # 7 lines, as FACTORS: of integral b' b', the first control point held; shares
+# of the length up to every Greville point
 PLANE = 37  # 4 rows a plane: its normal on the lines, and where it is along that [m]
-FRAME_FACTORS = 36  # 7 lines, as FACTORS: of integral b' b' with the first control point held
 # -- shape: offsets in inputs -------------------------------------------------------------------
 MOTION = 40  # MOTION_SIZE numbers a grasp (`engine.grasps`)
 LOAD = 41  # 7 rows a load: force (3), torque (3), frequency
@@ -77,9 +78,9 @@ ANCHOR_BOOKED = 63  # the same up to which work is booked
 LEDGER = 61
 NATURAL = 62  # 3 rows a sample of every block: weight EI times its natural curvature vector
 RATES_BEFORE = 65  # rows, held: rates of the targets that the velocities belong to
-REFERENCE = 66  # positions at the end of the last step, SIZE (`engine.bishop`)
-FRAME_TURN = 68  # a row a grasp: by how much the frame of theta is behind its own [rad]
 PLASTIC = 64  # 6 rows a sample of every block: plastic curvature and the tangent it belongs to
+REFERENCE = 66  # positions at the end of the last step, SIZE (`engine.bishop`)
+FRAME_TURN = 67  # a row a grasp: by how much the frame of theta is behind its own [rad]
 # -- shape: offsets in scratch ------------------------------------------------------------------
 FORCE = 70
 NEW_LOAD = 71
@@ -90,7 +91,6 @@ RATES = 75  # rows, held: scratch
 TARGETS = 76  # rows, held: scratch
 AHEAD = 77  # 4 rows a held row: directions at a time to come
 SYSTEM = 78  # rows, held x held: scratch of their inversion
-FRAME_SPARE = 45  # two lines
 NOTES = 79  # NOTE_ROWS rows that pass results from one function to the next
 # -- shape: tables of whole numbers -------------------------------------------------------------
 POINT_TABLE = (
@@ -108,6 +108,7 @@ BORDER_SHIFTS = 87  # a padded vector of all unknowns a border row
 BORDER_SYSTEM = 88  # border x border
 BORDER_SPARE = 89  # all unknowns
 BORDER_PUSHES = 69  # as BORDER_FORCES, with what is held otherwise
+FRAME_SPARE = 68  # a line
 FIRST_OWN = 90  # offsets of what one family of methods needs in scratch, see there
 TABLES_START = 150
 

@@ -28,6 +28,7 @@ from dlo_sim.engine.layout import (
     AXIAL,
     BEND,
     BENDING,
+    BETA,
     BLOCKS,
     CONTACT,
     CURVED,
@@ -141,10 +142,11 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
             ratio, n, inverse = viscosity.curvature_of(t, k)
             g = zero()
             if terms & BEND:
-                g = viscous * w * bending * inverse * inverse
+                g = viscous * w * bending * load(model, shape[BETA] + LANES)
+                g = g * inverse * inverse
             along = 4.0 * g * dot(n, n)
             if terms & STRETCH:
-                along += viscous * w * axial * inverse
+                along += viscous * w * axial * load(model, shape[BETA]) * inverse
             keep(scratch, z + NORMAL * LANES, n)
             keep(scratch, z + VISCOUS * LANES, (g, along, ratio))
             store(scratch, z + INVERSE_C * LANES, inverse)
@@ -179,7 +181,7 @@ def factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
 def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
     """band += scale times the Jacobian of the discrete gradient between x0 and x1 by x1.
 
-    `viscous` is beta over the time in which x1 moves by one; 0 leaves viscosity out.
+    `viscous` is 1 over the time in which x1 moves by one; 0 leaves viscosity out.
     """
     dim = shape[DIM]
     for b in range(shape[BLOCKS]):
@@ -253,7 +255,7 @@ def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
         for flow in range(2 if viscous != 0.0 else 1):
             if flow == 1:
                 left = right = moments + FLOW_MOMENTS * LANES
-                f = 2.0 * viscous * f
+                f = 2.0 * viscous * load(model, shape[BETA]) * f
             h00 += dyad(scratch, left, right, i, j, 0, 0, f, linear)
             h01 += dyad(scratch, left, right, i, j, 0, 1, f, linear)
             h02 += dyad(scratch, left, right, i, j, 0, 2, f, linear)

@@ -95,7 +95,7 @@ def fit(
     else:
         labels = {number.unknown.label for number in before.numbers}
         seen, active = before.seen, np.array([one.label in labels for one in problem.unknowns])
-        left, stages = before.left, stages[active][:1]
+        left, stages = dict(before.left), stages[active][:1]
     for stage in np.unique(stages):
         if before is None:
             active, reasons = run.distinct(seen, active, stages == stage)

@@ -46,6 +46,7 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
     chosen = _chosen(bag, topics)
     stamped: dict[str, list[tuple[int, Array]]] = {name: [] for name in chosen}
     names = {topic: name for name, (topic, _) in chosen.items()}
+    frames: dict[str, str] = {}
     for message in bag.messages(dict(chosen.values())):
         name = names[message.topic]
         try:
@@ -54,6 +55,7 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
                 stamped[name].append((stamp, checked_points(f"{path}: {message.topic}", points)))
             else:
                 found = cdr.decode(message.type, message.data)
+                frames.setdefault(name, found.frame_id)
                 values = np.array(found.values[:3] if name == "force" else found.values)
                 if not np.isfinite(values).all() or (name != "force" and not values[3:].any()):
                     raise MeasurementError(
@@ -66,6 +68,12 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
                 f"{path}: a message on {message.topic}: {trouble}; repair the recording, or name "
                 "another topic by --topic"
             ) from None
+    own = frames.get("force", "")
+    if own and own not in {frame for name, frame in frames.items() if name != "force"}:
+        raise MeasurementError(
+            f"{path}: {chosen['force'][0]}: stamped in frame '{own}', which is none of the poses; "
+            "rotate the forces into the frame of the poses"
+        )
     return _recording(path, stamped)
 
 

@@ -101,14 +101,15 @@ class Recording:
 
     def disturbed(self, rng: np.random.Generator, frames: int) -> Recording:
         """With noise on the markers of the first frames, as large as that of all frames is by the
-        differences between five that follow each other.
+        differences between five known ones that follow each other.
         """
+        paths = self.markers.reshape(len(self.times), -1).T
+        known = [path[np.isfinite(path)] for path in paths]  # coordinates of frames that are there
         order = min(DIFFERENCE, len(self.times) - 1)
-        apart = np.abs(np.diff(self.markers, order, axis=0)) / math.sqrt(
-            math.comb(2 * order, order)
-        )
+        spread = math.sqrt(math.comb(2 * order, order))
+        apart = np.concatenate([np.abs(np.diff(path, order)) / spread for path in known])
         markers = self.markers.copy()
-        noise = float(np.nanmedian(apart)) / NORMAL_MEDIAN if apart.size else 0.0
+        noise = float(np.median(apart)) / NORMAL_MEDIAN if apart.size else 0.0
         markers[:frames] += rng.normal(0.0, noise, markers[:frames].shape)
         return replace(self, markers=markers)
 

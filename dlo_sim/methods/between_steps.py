@@ -284,18 +284,19 @@ def damping_forces(cable, discrete_force, v, out):
     for line in range(shape[LINES]):
         matrix = shape[VISCOUS] + mass_of(shape, line) - shape[MASS]
         add_product(shape, model, matrix, line, -1.0, v, out)
-    beta = model[shape[BETA]]
-    if beta != 0.0:
+    beta = shape[BETA]
+    if model[beta] + model[beta + LANES] > 0.0:
         x, spare = shifted(state, shape[X]), shifted(scratch, shape[V1])
         notes = shifted(scratch, shape[NOTES])
         clear(shape, spare)
-        discrete_force(shape, model, state, x, x, v, beta, spare, notes)
+        discrete_force(shape, model, state, x, x, v, 1.0, spare, notes)
         add(shape, 1.0, spare, out)
         clear(shape, spare)
         discrete_force(shape, model, state, x, x, v, 0.0, spare, notes)
         add(shape, -1.0, spare, out)
-        if shape[TERMS] & TWISTED:
-            add_differences(shape, model, shape[TWIST], shape[DIM], -beta, v, out)
+    if shape[TERMS] & TWISTED:
+        scale = -model[beta + 2 * LANES]
+        add_differences(shape, model, shape[TWIST], shape[DIM], scale, v, out)
 
 
 @piece(NOTHING, CABLE, carry, REAL)

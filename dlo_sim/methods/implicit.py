@@ -125,10 +125,9 @@ def allowed_defect(shape, state, tolerance, inertia):
     return max(loose, min(tolerance, TIGHT) * scale)
 
 
-PARTS_OF_STEP = (
-    *(begin_step, step_force, newton_matrix, finish_step, discrete_force, add_tangent),
-    *(step_twist, follow_shape),
-)
+ELASTIC = (discrete_force, add_tangent)
+TWISTING = (step_twist, follow_shape)
+PARTS_OF_STEP = (begin_step, step_force, newton_matrix, finish_step, ELASTIC, TWISTING)
 """The pieces of one implicit step."""
 
 
@@ -159,8 +158,9 @@ def implicit_step(
 
     The matrix is factorised at the first guess and kept while corrections shrink fast.
     """
-    _, begin_step, step_force, newton_matrix, finish_step, discrete_force, add_tangent = pieces[:7]
-    step_twist, follow_shape = pieces[7], pieces[8]
+    _, begin_step, step_force, newton_matrix, finish_step, elastic, twisting = pieces
+    _, discrete_force, add_tangent = elastic
+    _, step_twist, follow_shape = twisting
     ledger = shape[LEDGER]
     # The generalised-alpha method needs an acceleration; its first step is one by the midpoint
     # rule.
@@ -310,7 +310,8 @@ def advance_implicit(
     arrays, records = bared(cable), bared_records(records)
     shape, model, inputs, state, scratch = arrays
     constants, substeps = bare(constants), bare(substeps)
-    iterations, looked_at = 0, parts > 0
+    iterations = 0
+    looked_at = parts > 0  # always; a literal would have numba compile `close_step` twice
     budget = max(BUDGET // (shape[N] * shape[DIM]), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
     for step in range(first_step, first_step + steps):

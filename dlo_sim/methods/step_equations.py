@@ -73,6 +73,13 @@ from dlo_sim.methods.implicit_layout import (
 )
 
 
+@part
+def is_viscous(shape, model):
+    """Whether stretching or bending is damped inside the cable."""
+    beta = shape[BETA]
+    return shape[TERMS] & DAMPED != 0 and model[beta] + model[beta + LANES] > 0.0
+
+
 @piece(
     *(REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, discrete_force),
     *(REAL, REAL, REAL, REAL, TRUTH),
@@ -96,7 +103,7 @@ def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, the
         moved = load(change, at)
         store(middle, at, load(start, at) + theta * moved)
         store(seen, at, rate * moved + load(coast, at))
-    viscous = model[shape[BETA]] / tau if shape[TERMS] & DAMPED else 0.0
+    viscous = 1.0 / tau if is_viscous(shape, model) else 0.0
     if discrete:
         discrete_force(shape, model, state, start, x, seen, viscous, force, notes)
     else:
@@ -167,7 +174,8 @@ def newton_matrix(
     viscous = 0.0
     if shape[TERMS] & DAMPED:
         add_lines(shape, model, shape[VISCOUS], rate / tau, band)
-        viscous = model[shape[BETA]] * rate / (2.0 * theta * tau)
+        if is_viscous(shape, model):
+            viscous = rate / (2.0 * theta * tau)
     if discrete:
         add_tangent(shape, model, state, start, x, viscous, 2.0 * theta, factors, band)
     else:

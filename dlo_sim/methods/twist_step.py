@@ -6,7 +6,7 @@ every guess of the shape, so that it is eliminated from the iteration.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import first, shifted
+from dlo_sim.compiling.lanes import LANES, first, shifted
 from dlo_sim.compiling.pieces import NUMBERS, REAL, TABLE, TRUTH, part, piece
 from dlo_sim.engine.bishop import couple_twist
 from dlo_sim.engine.layout import (
@@ -138,7 +138,7 @@ def solve_twist(shape, model, inputs, scratch, x, t0, tau):
             force[k] += moment[k] - load[k]
             load[k] = moment[k]
     mass, viscous = shape[MASS] + 7 * width, shape[VISCOUS] + 7 * width
-    beta = model[shape[BETA]] / tau if shape[TERMS] & DAMPED else 0.0
+    beta = model[shape[BETA] + 2 * LANES] / tau if shape[TERMS] & DAMPED else 0.0
     a = 2.0 / (tau * tau)
     matrix = shifted(scratch, shape[TWIST_MATRIX])
     system(shape, model, tau, beta, matrix)
@@ -190,7 +190,7 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
     begin, end = shifted(scratch, shape[START]), x
     if not discrete:
         begin = end = shifted(scratch, shape[MIDDLE])
-    viscous = model[shape[BETA]] / tau if shape[TERMS] & DAMPED else 0.0
+    viscous = model[shape[BETA] + 2 * LANES] / tau if shape[TERMS] & DAMPED else 0.0
     couple_twist(shape, model, state, begin, end, viscous, True, False, force)
     lost = solve_twist(shape, model, inputs, scratch, x, t0, tau)
     if not discrete:

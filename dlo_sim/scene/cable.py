@@ -85,9 +85,20 @@ class Damping:
         0.0, "Rayleigh alpha: force -alpha M v on the cable.", "1/s", 0.0, 1.0e6
     )
     stiffness: float = parameter(0.0, "Rayleigh beta: internal damping beta K.", "s", 0.0, 1.0e3)
+    stretch: float = parameter(
+        0.0, "Added to damping.stiffness for stretching alone.", "s", 0.0, 1.0e3
+    )
+    bend: float = parameter(0.0, "Added to damping.stiffness for bending alone.", "s", 0.0, 1.0e3)
+    twist: float = parameter(0.0, "Added to damping.stiffness for twisting alone.", "s", 0.0, 1.0e3)
     air_drag: float = parameter(
         0.0, "Linear drag: force per length of cable and per speed.", "N s/m^2", 0.0, 1.0e6
     )
+
+    @property
+    def internal(self) -> Vector:
+        """Internal damping of stretching, bending and twisting [s]."""
+        beta = self.stiffness
+        return beta + self.stretch, beta + self.bend, beta + self.twist
 
 
 @dataclass(frozen=True)
@@ -260,8 +271,8 @@ class Contact:
 
     stiffness: float = parameter(
         0.0,
-        "Force per length of cable and depth; 0 = the cable's own weight (on earth, if it has "
-        "none) presses it in by a hundredth of its diameter.",
+        "Force per length of cable and depth; 0 = the cable's weight on earth presses it in by a "
+        "thousandth of its diameter.",
         "N/m^2",
         0.0,
         1.0e12,
@@ -286,13 +297,9 @@ class Obstacle:
     @property
     def normal(self) -> Vector:
         """Its z axis, a unit vector: out of the obstacle."""
-        x, y, z, w = self.orientation
-        scale = 1.0 / (x * x + y * y + z * z + w * w)
-        return (
-            2.0 * scale * (x * z + w * y),
-            2.0 * scale * (y * z - w * x),
-            1.0 - 2.0 * scale * (x * x + y * y),
-        )
+        size = math.hypot(*self.orientation)
+        x, y, z, w = (part / size for part in self.orientation)
+        return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from dlo_sim.scene.refusal import refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 is a step that is chosen
+LEAST_QUATERNION = 1e-3  # norm of an orientation that is surely meant
 _LARGEST_STRETCH = 2.0  # held ends farther apart than this many lengths are surely a mistake
 
 Holders = Mapping[str, Holder]
@@ -124,7 +125,7 @@ def check_holder(name: str, end: Holder) -> None:
 def check_obstacles(obstacles: Sequence[Obstacle]) -> None:
     """Refuse an orientation that is no rotation."""
     for obstacle in obstacles:
-        if not any(obstacle.orientation):
+        if math.hypot(*obstacle.orientation) < LEAST_QUATERNION:
             raise refusal(
                 f"obstacles.{obstacle.name}.orientation",
                 obstacle.orientation,

@@ -41,11 +41,12 @@ from dlo_sim.scene.computation import (
 from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_parameters
 from dlo_sim.scene.refusal import SceneError, brief
 
+EARTH = 9.81  # [m/s^2]
+DEPTH = 1e-3  # diameters that weight on earth presses a cable into an obstacle
 Names = tuple[str, ...]
 # Groups with a block for each name, and the names that mean something else.
 _NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ()}
 # Parameters that every ROS node has; a scene file may set them, the scene does not need them.
-EARTH = 9.81  # [m/s^2]
 _ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
 
 
@@ -100,10 +101,8 @@ class Scene:
     @property
     def contact_stiffness(self) -> float:
         """Force per length of cable and depth in an obstacle [N/m^2]: as given, or so that the
-        weight presses the cable in by 1 % of its diameter."""
-        pull = math.hypot(*self.gravity) or EARTH
-        depth = 0.01 * self.cable.diameter
-        return self.contact.stiffness or self.cable.mu * pull / depth
+        weight on earth presses the cable in by DEPTH."""
+        return self.contact.stiffness or self.cable.mu * EARTH / (DEPTH * self.cable.diameter)
 
     @property
     def ends(self) -> dict[str, End]:
@@ -203,6 +202,11 @@ def scene_parameters(*names_of_groups: Names) -> tuple[Parameter, ...]:
     names = {f"{group}.names" for group in _NAMED}
     rows = parameters_of(default_scene(*names_of_groups))
     return tuple(replace(row, default=()) if row.key in names else row for row in rows)
+
+
+def placeholder_parameters() -> tuple[Parameter, ...]:
+    """Every parameter, with `<name>` for the name in every group of blocks."""
+    return scene_parameters(*[("<name>",)] * len(_NAMED))
 
 
 def parameters_of_scene(scene: Scene) -> tuple[Parameter, ...]:

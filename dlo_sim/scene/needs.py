@@ -187,8 +187,8 @@ def _without_constraint(scene: Scene) -> str:
     if frenet_wanted(scene) or plasticity_wanted(scene):
         return "knows neither Frenet torsion nor plasticity"
     if scene.terms.damping != "off":
-        if damping.stiffness:
-            return "is not valid with damping.stiffness"
+        if any(damping.internal):
+            return "is not valid with internal damping (damping.stiffness)"
         if damping.air_drag and (scene.start.mass or scene.end.mass):
             return "is not valid with damping.air_drag beside a point mass"
     return "cannot step a cable taut between fixed ends" if _taut(scene) else ""
@@ -313,7 +313,7 @@ def _driven(scene: Scene) -> bool:
 
 
 def _damped(scene: Scene) -> bool:
-    return bool(scene.damping.mass or scene.damping.stiffness or scene.damping.air_drag)
+    return bool(scene.damping.mass or any(scene.damping.internal) or scene.damping.air_drag)
 
 
 def _yields(scene: Scene) -> bool:

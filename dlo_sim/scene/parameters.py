@@ -1,10 +1,10 @@
 """The parameters of a scene as people read them: `dlo_sim parameters`, config/README.md."""
 
-from dlo_sim.scene.description import scene_parameters
+from dlo_sim.scene.description import placeholder_parameters, scene_parameters
 from dlo_sim.scene.parameter import Parameter
 from dlo_sim.scene.refusal import shown
 
-__all__ = ["PARAMETERS", "markdown_table", "scene_parameters"]
+__all__ = ["PARAMETERS", "markdown_table", "placeholder_parameters", "scene_parameters"]
 
 PARAMETERS: tuple[Parameter, ...] = scene_parameters()
 """Every parameter but those of loads and grasps, which depend on their names."""
@@ -16,7 +16,7 @@ def markdown_table() -> str:
         "| parameter | type | default | unit | range | meaning |",
         "|---|---|---|---|---|---|",
     ]
-    lines += [_markdown_row(row) for row in scene_parameters(*[("<name>",)] * 3)]
+    lines += [_markdown_row(row) for row in placeholder_parameters()]
     return "\n".join(lines)
 
 

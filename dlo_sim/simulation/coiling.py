@@ -30,5 +30,5 @@ def coiling_warning(scene: Scene, cable: Cable) -> str:
         return ""
     return (
         f"twisting moment of {moment:.3g} N m: a straight cable would coil from {limit:.3g} N m, "
-        f"which it does with terms.twist: bishop only; set that, or turn the ends less"
+        f"which only terms.twist bishop shows; set that, or turn the ends less"
     )

@@ -183,11 +183,16 @@ class EndDrive:
         self._write(end, motion)
         row[0] = 1.0
 
-    def take_over(self, other: EndDrive, t: float) -> None:
-        """Rest at the poses, and with the twist, that another pair of end effectors has at t."""
+    def take_over(self, other: EndDrive, t: float, turns: Array) -> None:
+        """Rest at the poses, and with the twist, that another pair of end effectors has at t.
+
+        `turns`: by how much the frame of the twist is behind those of the other's grasps [rad], a
+        row a grasp, if they are known.
+        """
         for end, row in self._rows.items():
             self._write(end, EndMotion.resting(*other.pose(end, t)))
-            self.motion[row, TWIST] = other.place_at(end, t)[3]
+            behind = turns[row, 0] if len(turns) else 0.0
+            self.motion[row, TWIST] = other.place_at(end, t)[3] + behind
 
     def take_frame_turns(self, turns: Array) -> None:
         """Count from here on with the angles [rad], a row a grasp, by which the frame of the twist

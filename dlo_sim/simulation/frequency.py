@@ -44,7 +44,7 @@ def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) 
     return value
 
 
-def with_what_comes(scene: Scene, model: Model, frequency: float) -> float:
+def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> float:
     """The same [rad/s] once the grasps that hold nothing yet have taken the cable, and it touches
     an obstacle.
 

@@ -286,6 +286,8 @@ class _Filling:
             self._matrix(layout.TWIST, 0, scene.cable.GJ * slopes)
             if self._needs.bishop:
                 self._factors(layout.FRAME_FACTORS, 0, slopes, np.arange(model.n) == 0)
+                shares = bspline.greville(model.knots) / model.knots[-1]
+                self._lines(layout.FRAME_FACTORS, 1, 7)[:] = shares
         if self._needs.damping:
             self._damping(np.stack(bands), gram)
         self._held(bands)
@@ -373,7 +375,7 @@ class _Filling:
         self._matrix(layout.VISCOUS, 0, matrices[0])
         if model.twist:
             self._matrix(layout.VISCOUS, 1, matrices[-1])
-        self._rows(layout.BETA, 1)[:] = scene.damping.stiffness
+        self._rows(layout.BETA, 3)[:] = np.array(scene.damping.internal)[:, None]
         rates = row_rates(scene, self._dim, len(bands))
         self._rows(layout.DECAY, len(bands))[:] = rates[:, None]
 

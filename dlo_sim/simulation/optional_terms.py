@@ -86,10 +86,7 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     if needs.contact and not scene.obstacles:
         raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
     if scene.terms.twist == "quasistatic":
-        raise SceneError(
-            "terms.twist: 'quasistatic' is not available in this version; use bishop, whose twist "
-            "has its inertia"
-        )
+        raise SceneError("terms.twist: 'quasistatic' is not available in this version; use bishop")
     if scene.terms.stretch == "on" and inextensible(scene):
         raise SceneError(
             "terms.stretch: 'on' contradicts integrator.method rattle, whose constraints keep the "

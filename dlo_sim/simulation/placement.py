@@ -5,7 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dlo_sim.core import bspline
+from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
@@ -15,14 +18,18 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
-from dlo_sim.simulation.model import build_model
+from dlo_sim.simulation.model import Model, build_model
+
+Array = NDArray[np.float64]
+PLACES = 101  # of the cable that are looked at
 
 
 def place(scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable) -> None:
     """Put a cable into the scene's first shape, at rest.
 
     Raises:
-        SceneError: no equilibrium was found, or an inextensible cable cannot reach both ends.
+        SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
+            cable begins in an obstacle.
     """
     points = np.zeros((cable.model.n, 4))
     points[:, :3] = first_shape(scene, geometries, cable.model.knots)
@@ -56,7 +63,24 @@ def place(scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable) ->
                 "control points, or energy_momentum"
             )
     points = cable.model.to_columns(cable.x)
+    _check_obstacles(scene, cable.model, points[:, :3])
     cable.put(points, np.zeros_like(points))
+
+
+def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:
+    """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung out."""
+    if not model.has(layout.CONTACT):
+        return
+    u = np.linspace(0.0, scene.cable.length, PLACES)
+    line = bspline.evaluate(points, model.knots, u)
+    for obstacle in scene.obstacles:
+        depth = -(line - np.array(obstacle.position)) @ np.array(obstacle.normal)
+        worst = int(np.argmax(depth))
+        if depth[worst] > scene.cable.diameter:
+            raise SceneError(
+                f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m inside "
+                f"it, at {u[worst]:.3g} m; move the obstacle or the cable's ends"
+            )
 
 
 def wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:

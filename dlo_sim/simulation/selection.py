@@ -208,7 +208,7 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
         return "velocity_verlet", "Frenet torsion and plasticity need an explicit method"
     if inextensible(scene):
         return "rattle", "terms.stretch is off: constraints keep the length"
-    if scene.damping.stiffness:
+    if any(scene.damping.internal):
         return "energy_momentum", "stiffness damping needs an implicit method"
     if scene.damping.air_drag and (scene.start.mass or scene.end.mass):
         return "energy_momentum", "air drag beside a point mass needs an implicit method"
@@ -250,16 +250,18 @@ def _check_damping(scene: Scene, method: Method) -> None:
     damping = scene.damping
     if scene.terms.damping == "off":
         return
-    if damping.stiffness and not method.stiffness_damping:
+    inside = {name: getattr(damping, name) for name in ("stiffness", "stretch", "bend", "twist")}
+    name = next((name for name, value in inside.items() if value), "")
+    if name and not method.stiffness_damping:
         if frenet_wanted(scene) or plasticity_wanted(scene):
             raise SceneError(
-                f"damping.stiffness: {damping.stiffness:g} needs an implicit method, Frenet "
+                f"damping.{name}: {inside[name]:g} needs an implicit method, Frenet "
                 "torsion and plasticity an explicit one; set it to 0.0 (damping.mass damps as "
                 "well), or terms.plasticity to off and terms.twist to auto"
             )
         raise SceneError(
-            f"integrator.method: {method.name} is not valid with damping.stiffness "
-            f"{damping.stiffness:g}; use energy_momentum or implicit_midpoint"
+            f"integrator.method: {method.name} is not valid with damping.{name} "
+            f"{inside[name]:g}; use energy_momentum or implicit_midpoint"
         )
     if (damping.mass or damping.air_drag) and not method.mass_damping:
         raise SceneError(

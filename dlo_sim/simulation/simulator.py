@@ -28,7 +28,7 @@ from dlo_sim.simulation.following import (
     on_grid,
 )
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
-from dlo_sim.simulation.frequency import largest_frequency, with_what_comes
+from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
 from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inextensible import gradients as length_gradients
@@ -104,7 +104,7 @@ class Simulator(CableInputs):
         place(scene, self._geometries, self._ends, self._cable)
         gradients = length_gradients(self._cable) if inextensible(scene) else None
         frequency = largest_frequency(scene, self._cable, gradients)
-        frequency = with_what_comes(scene, model, frequency)
+        frequency = with_grasps_and_contact(scene, model, frequency)
         self._choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self._choice)
         self._open_account()
@@ -294,6 +294,7 @@ class Simulator(CableInputs):
             speed = self._model.own_columns("velocities", rates, rest=False)
         before = self.snapshot()
         given = place.copy()
+        self._ends.take_frame_turns(self._cable.frame_turn)
         self._ends.put(place, 0.0)
         self._cable.put(place, speed, 0.0)
         moved = np.abs(self.control_points - given).max()
@@ -378,8 +379,7 @@ class Simulator(CableInputs):
         if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             points, rates = (resampled(values, old, new, u) for values in (points, rates))
-        other._ends.take_frame_turns(other._cable.frame_turn)
-        self._ends.take_over(other._ends, other.time)
+        self._ends.take_over(other._ends, other.time, other._cable.frame_turn)
         if any(self._ends.twists(end) for end in self.scene.ends):
             self._extend(self._needs.with_twist(self.scene))
         taking = self._take_over_grasps(other)

@@ -38,7 +38,7 @@ def change(t0, k0, t1, k1):
 
 @part
 def mean_gradient(t0, k0, t1, k1):
-    """G, v = k0 / s0 + k1 / s1 and s0 s1 + t0 . t1."""
+    """G."""
     v, scale = sum_of_curvatures(t0, k0, t1, k1)
     g = cross(combined(0.5, t0, 0.5, t1), v)
-    return combined(1.0 / scale, g, 0.0, v), v, scale
+    return g[0] / scale, g[1] / scale, g[2] / scale

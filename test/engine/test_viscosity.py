@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import BY_SPAN, FLAT, FULL, Bench, inflected, straight, wild
+from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, inflected, straight, wild
 
 from dlo_sim.core import bspline
 from dlo_sim.core.elasticity import samples
@@ -113,3 +113,27 @@ def test_external_damping_slows_rigid_motion_too():
     assert np.allclose(found[:3], expected, rtol=1e-10)
     inertia = 0.1 * 0.02**2 / 8
     assert found[3] == pytest.approx(-5.0 * 0.8 * inertia, rel=1e-9)
+
+
+@pytest.mark.parametrize("way", ["sample", "span"])
+def test_each_strain_has_its_own_damping(way):
+    """The three parts add up to damping.stiffness, and each leaves the others' motions alone."""
+    values = {"discretization.stretch": way, "terms.out_of_plane": "on", "terms.twist": "on"}
+    cable, n = SOFT | FREE | FLAT | values | {"loads.names": []}, 9
+    rng = np.random.default_rng(8)
+
+    def lost(name, motion):
+        bench = Bench(cable | {f"damping.{name}": 0.01}, n=n)
+        points = np.zeros((bench.n, 4))
+        points[:, 0], points[:, 2] = bench.greville, 0.1 * bench.greville**2
+        plain = Bench(cable, n=n).force(points, np.zeros((n, 4)))
+        return -np.sum((bench.force(points, motion) - plain) * motion)
+
+    motion = rng.standard_normal((n, 4))
+    parts = [lost(name, motion) for name in ("stretch", "bend", "twist")]
+    assert min(parts) > 0.0
+    assert sum(parts) == pytest.approx(lost("stiffness", motion), rel=1e-10)
+    spin = np.zeros((n, 4))
+    spin[:, 3] = rng.standard_normal(n)
+    assert lost("twist", spin) == pytest.approx(lost("stiffness", spin), rel=1e-12)
+    assert abs(lost("stretch", spin)) + abs(lost("bend", spin)) < 1e-12

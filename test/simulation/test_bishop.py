@@ -226,6 +226,72 @@ def test_its_energy_account_closes():
     assert sim.energy_error < 1e-9
 
 
+def test_cones_of_a_gripper_leave_nothing_behind():
+    """Thirty times around a cone and back: the angle between cable and gripper does not drift."""
+    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
+    sim = held(**slack, step=0.005, damping__mass=3.0, discretization__control_points=13)
+    sim.advance(2.0)
+    begin, (place, orientation) = slip(sim), sim.end_pose("end")
+    times = np.arange(0.0, 30.01, 1.0 / 30.0)
+    ramp = 0.8 * np.minimum(1.0, np.minimum(times, times[-1] - times))
+    phase = 2.0 * np.pi * times
+    swing = ramp[:, None] * np.stack([0.0 * phase, np.cos(phase), np.sin(phase)], axis=1)
+    turned = rotations.multiply(rotations.from_rotation_vector(swing), orientation)
+    poses = {"end": np.hstack([np.tile(place, (len(times), 1)), turned])}
+    sim.follow(sim.time + times, poses, sim.time + times[-1:])
+    sim.advance(2.0)
+    np.testing.assert_allclose(slip(sim), begin, atol=1e-5)
+    assert sim.energy_error < 1e-5
+
+
+def twisted():
+    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
+    sim = held(**slack, step=0.005)
+    turn(sim, "end", [3.0, 1.0, -0.5], 1.0)
+    sim.advance(1.5)
+    return sim
+
+
+def test_a_reconfigured_cable_keeps_its_twist_and_leaves_the_other_alone():
+    sim = twisted()
+    before, begin = sim.snapshot(), slip(sim)
+    other = sim.reconfigured(sim.scene.with_values({"cable.diameter": 0.0101}))
+    after = sim.snapshot()
+    assert np.array_equal(before.state, after.state)
+    assert np.array_equal(before.inputs, after.inputs)
+    for one in (sim, other):
+        one.advance(0.5)
+        np.testing.assert_allclose(slip(one), begin, atol=1e-3)
+    assert other.energy().twist == pytest.approx(sim.energy().twist, rel=0.1)
+
+
+def test_it_starts_from_its_own_control_points():
+    sim = twisted()
+    sim.set_end("end", orientation=sim.end_pose("end")[1])
+    begin, energy = slip(sim), sim.energy().twist
+    sim.start_from(sim.control_points)
+    np.testing.assert_allclose(slip(sim), begin, atol=1e-6)
+    assert sim.energy().twist == pytest.approx(energy, rel=1e-6)
+
+
+def test_restored_it_goes_on_with_the_same_bits():
+    sim = twisted()
+    kept = sim.snapshot()
+    sim.advance(0.3)
+    points = sim.control_points.copy()
+    sim.restore(kept)
+    sim.advance(0.3)
+    assert np.array_equal(sim.control_points, points)
+
+
+def test_the_first_shape_has_no_twist():
+    """An equilibrium out of a plane is found as without the coupling."""
+    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
+    sim, plain = (held(**slack, terms__twist=value) for value in ("bishop", "on"))
+    np.testing.assert_allclose(sim.control_points, plain.control_points, atol=1e-9)
+    assert sim.energy().twist < 1e-12
+
+
 def test_it_goes_on_where_terms_come_in():
     """A load that comes in rebuilds the arrays; the twist stays what it was."""
     slack = {key.replace(".", "__"): value for key, value in SLACK.items()}

@@ -36,12 +36,12 @@ def weight(sim):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.2])
 def test_it_comes_to_rest_on_a_table(yaw):
-    """One hundredth of its diameter deep, whichever way it lies."""
+    """One thousandth of its diameter deep, whichever way it lies."""
     end = [0.45 * np.cos(yaw), 0.45 * np.sin(yaw), 0.15]
     sim = falling(DAMPED, {"end.position": end})
     sim.advance(30.0)
     depth = RADIUS - sim.centerline(np.linspace(0.0, 0.5, 101))[:, 2]
-    np.testing.assert_allclose(depth, 0.02 * RADIUS, rtol=1e-3)
+    np.testing.assert_allclose(depth, 0.002 * RADIUS, rtol=1e-3)
     energy = sim.energy()
     assert energy.kinetic < 1e-9
     # k/2 depth^2 of the whole length: the depth carries the weight
@@ -56,7 +56,7 @@ def test_a_bounce_keeps_the_energy(step):
     for _ in range(20):
         sim.advance(0.05)
         touched = max(touched, sim.energy().contact)
-    assert touched > 1e-3
+    assert touched > 5e-4
     assert sim.energy_error < 1e-8
 
 
@@ -72,7 +72,7 @@ def test_it_slides_down_a_slope():
     """Lying along the contour of a slope of 0.3 rad: sideways at g sin(0.3), and no faster."""
     slope = rotations.from_rotation_vector(np.array([0.3, 0.0, 0.0]))
     normal = rotations.rotate(slope, np.array([0.0, 0.0, 1.0]))
-    place = 0.98 * RADIUS * normal
+    place = 0.998 * RADIUS * normal
     sim = falling(
         {
             "obstacles.table.orientation": slope.tolist(),
@@ -165,3 +165,11 @@ def test_what_cannot_be_touched_is_refused():
         sim = falling({"terms.contact": "off"})
     assert "contact" not in sim.active_terms
     assert any("goes through its obstacles" in line for line in sim.warnings)
+
+
+def test_a_cable_that_begins_inside_an_obstacle_is_refused():
+    with pytest.raises(SceneError, match="table.position: the cable begins 0.05 m inside it, at 0"):
+        falling({"obstacles.table.position": [0.0, 0.0, 0.1]})
+    falling({"obstacles.table.position": [0.0, 0.0, 0.055]})
+    with pytest.raises(SceneError, match="orientation: .* is no rotation"):
+        falling({"obstacles.table.orientation": [1e-200, 0.0, 0.0, 0.0]})
