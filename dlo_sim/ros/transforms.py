@@ -14,23 +14,33 @@ from dlo_sim.session.content import Refused
 from dlo_sim.session.transforms import Transform, Transforms
 
 
-def transforms_of(node: Node, scene: Scene) -> Transforms | None:
-    """What a scene asks of tf2; None if that is nothing.
+def tf2_for(scene: Scene) -> Any:
+    """The package tf2_ros if a scene asks for it, else None.
 
     Raises:
-        SceneError: tf2 cannot be imported.
+        SceneError: it cannot be imported.
     """
-    keys = ", ".join(scene.tf_keys)
-    if not keys:
+    if not scene.tf_keys:
         return None
     try:
         import tf2_ros
     except ImportError as error:
+        keys = ", ".join(scene.tf_keys)
         raise SceneError(
             f"{keys}: needs tf2, which cannot be imported ({one_line(error)}); install it with: "
             "apt install ros-jazzy-tf2-ros-py, or remove what asks for it"
         ) from None
-    listens = scene.tf_keys != ("outputs.tf",)
+    return tf2_ros
+
+
+def transforms_of(node: Node, scene: Scene) -> Transforms | None:
+    """What tf2 knows, if a scene takes anything from it.
+
+    Raises:
+        SceneError: as `tf2_for`.
+    """
+    tf2_ros = tf2_for(scene)
+    listens = set(scene.tf_keys) - {"outputs.tf"}
     return _Listener(tf2_ros, node, scene.frame_id) if listens else None
 
 
