@@ -46,6 +46,7 @@ ROS_MESSAGES |= {"visualization_msgs"}
 FOREIGN = {
     "rclpy": {"ros"},
     **dict.fromkeys(ROS_MESSAGES, {"ros"}),
+    "tf2_ros": {"ros/transforms.py"},
     "rosbags": {"replay/bags.py"},
     "matplotlib": {"studies", "demo", "view/film.py"},
     "mpl_toolkits": {"view/film.py"},

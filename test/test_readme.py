@@ -162,6 +162,7 @@ def test_table_of_topics_is_complete(node_page):
             "grasps.camera.pose_type": "two_points",
             "grasps.camera.taken_topic": "~/camera/taken",
             "outputs.points": True,
+            "outputs.tf": True,
             "outputs.capsules": 10,
             "forecast.processes": 1,
             "measured.type": "point_cloud",

@@ -94,6 +94,7 @@ def _of_ros(session: "Session | None", seconds: float) -> Iterator["Finding"]:
 
     try:
         from dlo_sim.ros.survey import survey
+        from dlo_sim.ros.transforms import tf2_for
     except ImportError as error:
         if (error.name or "").startswith("dlo_sim"):
             raise
@@ -108,4 +109,8 @@ def _of_ros(session: "Session | None", seconds: float) -> Iterator["Finding"]:
         return
     yield ok(f"rclpy with {found.rmw}")
     if session is not None:
+        try:
+            tf2_for(session.scene)
+        except SceneError as refusal:
+            yield problem("the node refuses the scene", str(refusal))
         yield from topics.findings(session.scene, found)

@@ -20,6 +20,11 @@ def findings(scene: Scene, found: Survey) -> Iterator[Finding]:
     entries = {resolved(entry.topic): entry for entry in input_topics(scene)}
     if not found.heard:
         yield ok("the scene listens to no topic")
+    if scene.tf_keys:
+        yield note(
+            "frames of tf2 are not looked up here; messages in them count as refused",
+            f"look at each with: ros2 run tf2_ros tf2_echo {scene.frame_id} FRAME",
+        )
     for heard in found.heard:
         yield from _topic(heard, entries[heard.sources.topic])
     if found.simulated_time:

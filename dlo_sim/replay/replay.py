@@ -112,6 +112,12 @@ def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[s
     """Topic -> type of everything to be read; refuses a bag that cannot drive the scene."""
     if not bag.count:
         raise ReplayError(f"bag {bag.path} is empty: there is no message in it")
+    for key, holder in scene.holder_keys():
+        if holder.tf_frame:
+            raise ReplayError(
+                f"{key}.tf_frame: '{holder.tf_frame}' is looked up in tf2, which a replay has not; "
+                f"record its pose on a topic and give {key}.pose_topic"
+            )
     present = topic_list(bag.topics)
     inputs: dict[str, str] = {}
     driven: list[str] = []

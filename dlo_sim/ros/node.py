@@ -25,6 +25,7 @@ from dlo_sim.ros.state_keeper import StateKeeper
 from dlo_sim.ros.status import node_status
 from dlo_sim.ros.timing import TickTimes
 from dlo_sim.ros.topics import Inputs, Outputs
+from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.node_blocks import NODE_NAME
@@ -33,6 +34,7 @@ from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.simulator_protocol import State
 from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics
+from dlo_sim.session.transforms import Transforms
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
 _LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
@@ -69,7 +71,8 @@ class CableNode(GuardedNode):
         if saved is not None:
             scene = saved.scene
             self._scene_parameters.take_over(scene)
-        self._session = self._built(scene, saved)
+        transforms = transforms_of(self, scene)
+        self._session = self._built(scene, saved, transforms)
         self._plan_topic = self._naming.topic(PLAN)
         count = scene.forecast.processes
         self._forecaster = Forecaster(self._session, self._plan_topic, count) if count else None
@@ -98,13 +101,15 @@ class CableNode(GuardedNode):
                 raise SceneError(line)
             self.get_logger().warning(line)
 
-    def _built(self, scene: Scene, saved: State | None) -> Session:
+    def _built(self, scene: Scene, saved: State | None, transforms: Transforms | None) -> Session:
         """The session, with its machine code loaded."""
         log = self.get_logger()
         log.info("building the simulator")
         begin = time.perf_counter()
         with compiling_told_to(log.info):
-            session = Session(scene, naming=self._naming, live=True, resume=saved)
+            session = Session(
+                scene, naming=self._naming, transforms=transforms, live=True, resume=saved
+            )
         log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
         for line in session.simulator.warnings:
             log.warning(line)

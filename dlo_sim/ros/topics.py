@@ -15,7 +15,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import BOOL, MARKER_ARRAY
 from dlo_sim.session.cdr_markers import encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
-from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, InputTopic, output_topics
+from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, TF, InputTopic, output_topics
 
 # Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual
 # 5: a tick that takes 20 ms must not lose a 500 Hz wrench.
@@ -63,7 +63,7 @@ class Outputs:
             self._readers.pop(topic, None)
         for topic, kind in wanted.items():
             if topic not in self._publishers:
-                qos = MANY_QOS if topic in (DIAGNOSTICS, FORECAST) else OUTPUT_QOS
+                qos = MANY_QOS if topic in (DIAGNOSTICS, FORECAST, TF) else OUTPUT_QOS
                 publisher = self._node.create_publisher(message_class(kind), topic, qos)
                 self._publishers[topic] = publisher
 

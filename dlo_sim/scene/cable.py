@@ -187,6 +187,11 @@ class Holder:
         "Topic of the end-effector's pose; empty = it stands still.",
         read_only=True,
     )
+    tf_frame: str = parameter(
+        "",
+        "Frame of the end-effector in tf2, from which the node takes its pose instead of a topic.",
+        read_only=True,
+    )
     pose_type: str = parameter(
         "pose",
         "What the topic carries: PoseStamped, or PoseArray of two points on the line of the cable, "
@@ -225,8 +230,8 @@ class Holder:
 
     @property
     def driven(self) -> bool:
-        """Whether poses from a topic move the end-effector."""
-        return bool(self.pose_topic)
+        """Whether poses from a topic or tf2 move the end-effector."""
+        return bool(self.pose_topic or self.tf_frame)
 
 
 @dataclass(frozen=True)

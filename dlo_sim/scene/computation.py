@@ -159,6 +159,12 @@ class Inputs:
         "from another epoch than the clock.",
         choices=("auto", "stamp", "arrival"),
     )
+    tf: bool = parameter(
+        False,
+        "Look up frames that the scene does not name in tf2, at the stamp of the message, which "
+        "waits for that no longer than inputs.latency.",
+        read_only=True,
+    )
     max_speed: float = parameter(20.0, "Poses that move faster are refused.", "m/s", 1.0e-3, 1.0e6)
     max_force: float = parameter(1.0e4, "Larger forces are refused.", "N", 1.0e-6, 1.0e9)
     max_torque: float = parameter(1.0e3, "Larger torques are refused.", "N m", 1.0e-6, 1.0e9)
@@ -226,6 +232,12 @@ class Outputs:
         "",
         0,
         1000,
+    )
+    tf: bool = parameter(
+        False,
+        "Publish on /tf where the ends of the cable and the grippers of its grasps are, as frames "
+        "`<node>/start`, `<node>/end`, `<node>/<grasp>`.",
+        read_only=True,
     )
     color_range: tuple[float, float] = parameter(
         (0.0, 0.0),

@@ -114,12 +114,28 @@ def check_holder(name: str, end: Holder) -> None:
             f"m would be ignored; set {name}.pose_type to two_points, or remove it",
         )
     if end.driven and not end.held:
+        key = "pose_topic" if end.pose_topic else "tf_frame"
         raise refusal(
-            f"{name}.pose_topic",
-            end.pose_topic,
+            f"{name}.{key}",
+            end.pose_topic or end.tf_frame,
             f"would move nothing, since it holds nothing; set {name}.fixed: [true, true, true] or "
-            f"remove {name}.pose_topic",
+            f"remove {name}.{key}",
         )
+
+
+def check_tf_frame(name: str, end: Holder, world: str) -> None:
+    """Refuse a frame beside a topic, and a frame that tf2 cannot have or that never moves."""
+    if not end.tf_frame:
+        return
+    reason = ""
+    if end.pose_topic or end.pose_type != "pose":
+        reason = f"gives the pose; remove {name}.pose_topic and {name}.pose_type, or tf_frame"
+    elif end.tf_frame.startswith("/"):
+        reason = f"is no frame of tf2; give {end.tf_frame.lstrip('/') or 'tool0'}"
+    elif end.tf_frame == world:
+        reason = "is the world frame, frame_id; give the frame of the end-effector"
+    if reason:
+        raise refusal(f"{name}.tf_frame", end.tf_frame, reason)
 
 
 def check_obstacles(obstacles: Sequence[Obstacle]) -> None:

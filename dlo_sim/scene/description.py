@@ -138,6 +138,13 @@ class Scene:
         """`holders` by the keys of their blocks."""
         return [*self.ends.items(), *((f"grasps.{grasp.name}", grasp) for grasp in self.grasps)]
 
+    @property
+    def tf_keys(self) -> Names:
+        """Keys of the parameters that ask for tf2."""
+        asked: dict[str, object] = {"inputs.tf": self.inputs.tf, "outputs.tf": self.outputs.tf}
+        asked |= {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
+        return tuple(key for key, value in asked.items() if value)
+
     def with_values(self, values: Mapping[str, object]) -> "Scene":
         """A scene with these parameters changed, all checked together.
 
@@ -169,6 +176,7 @@ class Scene:
         consistency.check_discretization(self.discretization)
         for key, holder in self.holder_keys():
             consistency.check_holder(key, holder)
+            consistency.check_tf_frame(key, holder, self.frame_id)
         consistency.check_placement(self.ends, self.cable.length, self.initial.shape)
         consistency.check_frames(self.frame_id, dict(self.holder_keys()))
         for load in self.loads:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ MARKER = "visualization_msgs/msg/Marker"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 
 # Numbers after the header: force, torque | vector | position, quaternion x y z w.
@@ -278,6 +279,17 @@ class DiagnosticStatus(NamedTuple):
     name: str
     message: str
     values: tuple[tuple[str, str], ...]
+
+
+def encode_transforms(stamp_ns: int, frame_id: str, frames: Mapping[str, Sequence[float]]) -> bytes:
+    """A serialised TFMessage: child frame -> x, y, z [m], quaternion x, y, z, w in frame_id."""
+    writer = Writer()
+    writer.numbers("I", len(frames))
+    for child, pose in frames.items():
+        writer.header(frame_id, stamp_ns)
+        writer.text(child)
+        writer.numbers("d", *pose)
+    return bytes(writer.data)
 
 
 def encode_diagnostic_array(

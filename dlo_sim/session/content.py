@@ -46,6 +46,10 @@ class ContentCheck:
             if end.frame:
                 self._frames.setdefault(end.frame, name)
 
+    def knows(self, frame_id: str) -> bool:
+        """Whether the scene names this frame."""
+        return frame_id in self._frames
+
     def check(self, message: Stamped, kind: str, spacing: float = 0.0) -> Sound:
         """Finite, not absurd, in a known frame.
 
@@ -90,7 +94,8 @@ class ContentCheck:
         known = [name for name, of in self._frames.items() if name and not (of and fixed)]
         raise Refused(
             "unknown_frame",
-            f"frame_id '{frame_id}', known: {', '.join(known)}; transform before publishing",
+            f"frame_id '{frame_id}', known: {', '.join(known)}; transform before publishing, or "
+            "run live with inputs.tf: true",
         )
 
 

@@ -24,6 +24,7 @@ REASONS: dict[str, str] = {
     "bad_quaternion": "an orientation whose norm is not 1",
     "bad_points": "two_points that coincide, are not two, not pose_spacing apart, or exchanged",
     "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",
+    "no_transform": "a frame that tf2 could not take to frame_id within inputs.latency",
     "too_old": "a stamp more than 1 s behind the last one used, or behind the clock before any",
     "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",
     "out_of_order": "a stamp that is not newer than the last one of its topic",

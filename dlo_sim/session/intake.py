@@ -18,11 +18,14 @@ SIGN AND FRAME OF EVERY INPUT
 - `PoseArray` of two points (`<end>.pose_type: two_points`): the END EFFECTOR is midway between
   them, its x axis, the tangent, points from the first to the second; it does not roll.
 - `PointCloud2` or `PoseArray` (`~/measured`): points on the cable in the world frame.
+- With `inputs.tf` any other frame is looked up at the stamp of the message, which waits for its
+  transform for `inputs.latency`, and those behind it on its topic with it.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -34,6 +37,7 @@ from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.cable import Load
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
+from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.cdr_points import decode_input
 from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
@@ -42,7 +46,8 @@ from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.take_schedule import TakeMessage
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
-from dlo_sim.session.topics import POINT_KINDS, InputTopic
+from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
+from dlo_sim.session.transforms import Transforms, in_world
 
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.
@@ -50,6 +55,9 @@ SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
 
 # Two points turn by no more than this from one message to the next [rad].
 MOST_TURN = 0.5 * math.pi
+
+# So many messages of a topic wait for their transforms while the clock stands still.
+_MOST_WAITING = 1000
 
 
 @dataclass
@@ -82,6 +90,7 @@ class _Topic:
         self.entries = entries
         self.loads: tuple[Load, ...] = ()
         self.spacing = 0.0
+        self.waiting: deque[tuple[Stamped, int]] = deque()  # for a transform; with their arrivals
         self.clear()
 
     def configure(self, scene: Scene) -> None:
@@ -117,15 +126,24 @@ class Intake:
 
     Args:
         scene: gives limits, frames and signs.
-        inputs: the topics it listens to, by their names on the wire.
+        inputs: the topics it listens to, by their names on the wire, and frames of tf2.
         time_base: decides by the stamps which messages are used, and where in time.
         journal: where messages are counted.
+        transforms: knows the frames that the scene does not name; None: nobody does.
     """
 
     def __init__(
-        self, scene: Scene, inputs: Sequence[InputTopic], time_base: TimeBase, journal: Journal
+        self,
+        scene: Scene,
+        inputs: Sequence[InputTopic],
+        time_base: TimeBase,
+        journal: Journal,
+        transforms: Transforms | None = None,
     ) -> None:
         self.time_base = time_base
+        self._transforms = transforms
+        # Frame -> stamp of its last pose [ns].
+        self._sampled = {entry.topic: 0 for entry in tf_inputs(scene)}
         self._topics: dict[str, _Topic] = {}
         for name, record in journal.topics.items():
             entries = tuple(entry for entry in inputs if entry.topic == name)
@@ -136,6 +154,7 @@ class Intake:
         """Take limits, frames, signs and timeouts from this scene; its topics are the same."""
         self._limits = scene.inputs
         self._content = ContentCheck(scene)
+        self._patience_ns = round(scene.inputs.latency * SECOND)
         for topic in self._topics.values():
             topic.configure(scene)
 
@@ -157,20 +176,38 @@ class Intake:
         try:
             decode = decode_input if topic.kind in POINT_KINDS else cdr.decode
             message = decode(topic.type, raw)
-            sound = self._content.check(message, topic.kind, topic.spacing)
         except cdr.DecodeError as error:
             topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
             return []
-        except Refused as refused:
-            topic.record.refuse(refused.reason, refused.detail)
-            return []
-        decisions = self.time_base.sort(topic.source, message.stamp_ns, arrival_ns, sound)
-        return self._follow(topic, decisions)
+        topic.waiting.append((message, arrival_ns))
+        return self._look_up(topic, arrival_ns)
+
+    def sample(self, clock_ns: int) -> list[Accepted]:
+        """Take the newest pose of every frame that drives something, if it is another one than
+        before, as a message that comes at this time of the clock [ns].
+        """
+        found: list[Accepted] = []
+        if self._transforms is None:
+            return found
+        for frame, last_ns in self._sampled.items():
+            try:
+                stamp_ns, position, orientation = self._transforms.lookup(frame, None)
+            except Refused:  # the session says that it waits
+                continue
+            if stamp_ns and stamp_ns == last_ns:
+                continue
+            self._sampled[frame] = stamp_ns
+            topic = self._topics[frame]
+            topic.record.last_arrival_ns = clock_ns
+            topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
+            found += self._look_up(topic, clock_ns)
+        return found
 
     def due(self, clock_ns: int) -> list[Accepted]:
         """Messages that have waited and are used at this time of the clock [ns]."""
         found: list[Accepted] = []
         for topic in self._topics.values():
+            found += self._look_up(topic, clock_ns)
             if topic.source.pending:
                 found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
         return found
@@ -179,6 +216,40 @@ class Intake:
         """Nothing more will come that could tell about the messages that still wait."""
         for topic in self._topics.values():
             self._follow(topic, self.time_base.refute(topic.source))
+
+    def _look_up(self, topic: _Topic, clock_ns: int) -> list[Accepted]:
+        """Go on with the messages of a topic, one after the other, up to one whose transform may
+        still come.
+        """
+        found: list[Accepted] = []
+        while topic.waiting:
+            message, arrival_ns = topic.waiting[0]
+            try:
+                message = self._in_world(message, arrival_ns, topic.kind)
+                sound = self._content.check(message, topic.kind, topic.spacing)
+            except Refused as refused:
+                young = abs(clock_ns - arrival_ns) <= self._patience_ns
+                few = len(topic.waiting) <= _MOST_WAITING
+                if refused.reason == "no_transform" and young and few:
+                    break
+                topic.record.refuse(refused.reason, refused.detail)
+            else:
+                decisions = self.time_base.sort(topic.source, message.stamp_ns, arrival_ns, sound)
+                found += self._follow(topic, decisions)
+            topic.waiting.popleft()
+        return found
+
+    def _in_world(self, message: Stamped, arrival_ns: int, kind: str) -> Stamped:
+        """A message in a frame that the scene names, or in the world frame.
+
+        Raises:
+            Refused: the transform is not known, or not yet.
+        """
+        if self._transforms is None or not self._limits.tf or self._content.knows(message.frame_id):
+            return message
+        stamped = message.stamp_ns and self.time_base.mode != "arrival"
+        stamp_ns = message.stamp_ns if stamped else self.time_base.from_clock(arrival_ns)
+        return in_world(message, kind, self._transforms.lookup(message.frame_id, stamp_ns))
 
     def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
         """Use or refuse messages as the time base decides."""

@@ -13,6 +13,8 @@ the state holds)
   outputs.color_by says; the control points.
 - `~/points` (PointCloud2, if asked for): the points of the centerline with u [m] and tension [N].
 - `~/capsules` (MarkerArray, if asked for): capsules that hold the cable.
+- `/tf` (TFMessage, if asked for): both ends of the cable with its material frame there, x axis =
+  tangent from start to end; the end effector of each grasp, holding or not.
 """
 
 from __future__ import annotations
@@ -37,8 +39,10 @@ from dlo_sim.session.topics import (
     CENTERLINE,
     CONTROL_POINTS,
     CONTROL_POLYGON,
+    DEFAULT_NAMING,
     POINTS,
     REACTION,
+    TF,
     output_topics,
 )
 
@@ -72,13 +76,15 @@ class Outputs:
         not_finite: messages withheld because a number in them was not finite.
     """
 
-    def __init__(self, scene: Scene, control_points: int) -> None:
+    def __init__(self, scene: Scene, control_points: int, node: str = DEFAULT_NAMING.node) -> None:
         lifetime = round(_MARKER_PERIODS * SECOND / scene.outputs.marker_rate)
         frame, width = scene.frame_id, scene.cable.diameter
         samples = scene.outputs.centerline_samples
         self.not_finite = 0
         self._samples = np.linspace(0.0, scene.cable.length, samples)
         self._poses = cdr.PoseArrayEncoder(frame, control_points)
+        self._world, self._node = frame, node.lstrip("/")
+        self._grasps = [grasp.name for grasp in scene.grasps]
         self._wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame)
         self._color_by = scene.outputs.color_by
         low, high = scene.outputs.color_range
@@ -103,6 +109,7 @@ class Outputs:
             CONTROL_POLYGON: self._encode_control_polygon,
             POINTS: self._encode_points,
             CAPSULES: self._encode_capsules,
+            TF: self._encode_transforms,
         }
         encoders |= {
             REACTION.format(name): partial(self._encode_reaction, name) for name in scene.holders
@@ -171,6 +178,15 @@ class Outputs:
         joints = line[::_FINER]
         radii = self._radius + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
         return self._capsules.encode(stamp_ns, joints, radii)
+
+    def _encode_transforms(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+        simulator.control_poses(self._poses.rows)
+        poses = {"start": self._poses.rows[0], "end": self._poses.rows[-1]}
+        poses |= {name: np.concatenate(simulator.end_pose(name)) for name in self._grasps}
+        if not all(map(_finite, poses.values())):
+            return None
+        frames = {f"{self._node}/{name}": pose for name, pose in poses.items()}
+        return cdr.encode_transforms(stamp_ns, self._world, frames)
 
 
 def _sag(pieces: Array, joints: Array) -> Array:

@@ -35,7 +35,9 @@ from dlo_sim.session.topics import (
     input_topics,
     output_topics,
     possible_outputs,
+    tf_inputs,
 )
+from dlo_sim.session.transforms import Transforms
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
 
@@ -47,6 +49,7 @@ class Session:
         scene: what is simulated.
         simulator_factory: builds the simulator, `Simulator` by default: factory(scene,
             end_poses=None).
+        transforms: knows the frames that the scene takes from tf2; needed where it asks for them.
         naming: what node and topics are called; default: as the scene is written.
         live: a prediction made live, whose error is worth knowing (accuracy.estimate auto).
         resume: a saved state to begin with.
@@ -64,6 +67,7 @@ class Session:
         scene: Scene,
         simulator_factory: SimulatorFactory | None = None,
         *,
+        transforms: Transforms | None = None,
         naming: Naming = DEFAULT_NAMING,
         live: bool = False,
         resume: State | None = None,
@@ -78,8 +82,10 @@ class Session:
         self.inputs = tuple(e._replace(topic=naming.topic(e.topic)) for e in input_topics(scene))
         given = [(entry.topic, entry.type) for entry in input_topics(scene)]
         naming.check((*given, *possible_outputs(scene).items()))
-        self.journal = Journal([entry.topic for entry in self.inputs])
-        self._intake = Intake(scene, self.inputs, self._time, self.journal)
+        self._transforms = transforms
+        sources = (*self.inputs, *tf_inputs(scene))
+        self.journal = Journal([entry.topic for entry in sources])
+        self._intake = Intake(scene, sources, self._time, self.journal, transforms)
         self._drive = Drive(scene, simulator_factory, self.journal.event, live)
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
@@ -158,7 +164,7 @@ class Session:
         """
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
-        self._use(self._intake.due(now_ns), before)
+        self._use(self._intake.sample(now_ns) + self._intake.due(now_ns), before)
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         self._markers_due, self._marker_count = count != self._marker_count, count
         wanted_ns = self._pacing.aim(self._time.from_clock(now_ns))
@@ -377,6 +383,8 @@ class Session:
     def _restart(self, event: str, detail: str) -> None:
         self._drive.clear()
         self._accuracy.forget()
+        if self._transforms is not None:
+            self._transforms.clear()
         self._failure = ""
         self._waiting = ()
         self._pacing.clear()
@@ -389,8 +397,9 @@ class Session:
         missing = self._drive.without_pose if not self.started else self._waiting
         if missing:
             order = "first" if not self.started else "next"
-            topics = [self._naming.topic(self.scene.holders[name].pose_topic) for name in missing]
-            return f"waiting for the {order} pose on {', '.join(dict.fromkeys(topics))}"
+            holders = [self.scene.holders[name] for name in missing]
+            sources = [x.tf_frame or self._naming.topic(x.pose_topic) for x in holders]
+            return f"waiting for the {order} pose on {', '.join(dict.fromkeys(sources))}"
         return ""
 
     def _report(self, steps: int) -> TickReport:
@@ -398,7 +407,7 @@ class Session:
         return TickReport(steps, self._pacing.lag_ns, self.status, self._message(), stop)
 
     def _new_outputs(self) -> Outputs:
-        return Outputs(self.scene, len(self._drive.simulator.greville))
+        return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
 
 
 def _look_at(simulator: CableSimulator, scene: Scene) -> None:
@@ -413,6 +422,7 @@ def _wiring(scene: Scene) -> dict[str, object]:
     found: dict[str, object] = {"frame_id": scene.frame_id}
     for key, holder in scene.holder_keys():
         found |= {f"{key}.pose_topic": holder.pose_topic, f"{key}.pose_type": holder.pose_type}
+        found[f"{key}.tf_frame"] = holder.tf_frame
     found["loads.names"] = tuple(load.name for load in scene.loads)
     found["grasps.names"] = tuple(grasp.name for grasp in scene.grasps)
     found |= {f"grasps.{grasp.name}.taken_topic": grasp.taken_topic for grasp in scene.grasps}

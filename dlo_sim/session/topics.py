@@ -19,6 +19,7 @@ PLAN = "~/plan"
 MEASURED = "~/measured"
 FORECAST = "~/forecast"
 GHOSTS = "~/forecast/ghosts"
+TF = "/tf"
 DIAGNOSTICS = "/diagnostics"
 MARKERS = {
     CENTERLINE: cdr.MARKER,
@@ -37,7 +38,7 @@ _INPUTS = {**_POSES, **_LOADS, **POINT_KINDS, "taken": cdr.BOOL, "plan": cdr.TRA
 def output_topics(scene: Scene) -> dict[str, str]:
     """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
     free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
-    asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules}
+    asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules, TF: scene.outputs.tf}
     asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
     free |= {topic for topic, wanted in asked.items() if not wanted}
     return {topic: kind for topic, kind in possible_outputs(scene).items() if topic not in free}
@@ -51,6 +52,7 @@ def possible_outputs(scene: Scene) -> dict[str, str]:
         CONTROL_POINTS: cdr.POSE_ARRAY,
         **dict.fromkeys(map(REACTION.format, scene.holders), cdr.WRENCH_STAMPED),
         POINTS: cdr.POINT_CLOUD,
+        TF: cdr.TF_MESSAGE,
         FORECAST: cdr.POINT_CLOUD,
         **MARKERS,
         DIAGNOSTICS: cdr.DIAGNOSTIC_ARRAY,
@@ -85,13 +87,22 @@ class InputTopic(NamedTuple):
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
     """Every topic that this scene listens to, poses first; one may drive several targets."""
     found = [
-        InputTopic(e.pose_topic, e.pose_type, name) for name, e in scene.holders.items() if e.driven
+        InputTopic(e.pose_topic, e.pose_type, name)
+        for name, e in scene.holders.items()
+        if e.pose_topic
     ]
     found += [InputTopic(x.input_topic, x.type, x.name) for x in scene.loads if x.input_topic]
     found += [InputTopic(g.taken_topic, "taken", g.name) for g in scene.grasps if g.taken_topic]
     if scene.measured.type != "none":
         found.append(InputTopic(MEASURED, scene.measured.type, ""))
     return tuple(found)
+
+
+def tf_inputs(scene: Scene) -> tuple[InputTopic, ...]:
+    """Every frame of tf2 that drives something, in the place of a topic."""
+    return tuple(
+        InputTopic(e.tf_frame, "pose", name) for name, e in scene.holders.items() if e.tf_frame
+    )
 
 
 def plan_topics(scene: Scene) -> tuple[InputTopic, ...]:

@@ -1,12 +1,15 @@
 """`dlo_sim doctor`: what it prints and how it ends."""
 
 import json
+import sys
+from types import SimpleNamespace
 
 import pytest
 
 from dlo_sim.cli import doctor
 from dlo_sim.cli.main import main
 from dlo_sim.doctor.finding import note, ok, problem
+from dlo_sim.scene.loading import scene_from_values
 
 
 @pytest.mark.parametrize(
@@ -38,3 +41,19 @@ def test_refused_in_one_line(capsys, arguments, complaint):
     assert main(["doctor", *arguments]) == 2
     out, err = capsys.readouterr()
     assert not out and err.count("\n") == 1 and complaint in err
+
+
+def test_a_scene_that_asks_for_tf2_where_there_is_none(monkeypatch):
+    survey = pytest.importorskip("dlo_sim.ros.survey", reason="needs rclpy")
+    monkeypatch.setitem(sys.modules, "tf2_ros", None)
+    monkeypatch.setattr(survey, "survey", lambda session, seconds: survey.Survey("rmw"))
+
+    def levels(values):
+        session = SimpleNamespace(scene=scene_from_values(values))
+        findings = list(doctor._of_ros(session, 0.1))
+        return {finding.level: finding.cure for finding in findings}
+
+    found = levels({"start.tf_frame": "tool0"})
+    assert found["problem"].startswith("start.tf_frame: needs tf2, which cannot be imported")
+    assert found["note"].endswith("ros2 run tf2_ros tf2_echo world FRAME")
+    assert levels({}) == {"ok": ""}

@@ -231,6 +231,13 @@ def test_a_recorder_that_was_held_up(make_bag, long_recording, scene, tmp_path):
     assert max(np.abs(one[t] - two[t])[:, :3].max() for t in after) < 1e-3
 
 
+def test_frames_are_written_on_request(make_bag, scene, tmp_path):
+    replay_bag(make_bag(), scene.with_values({"outputs.tf": True}), tmp_path / "out")
+    assert Bag(tmp_path / "out").topics["/tf"] == ("tf2_msgs/msg/TFMessage",)
+    found = contents(tmp_path / "out")
+    assert [t for t, _ in found["/tf"]] == [t for t, _ in found["/dlo_sim/control_points"]]
+
+
 class TestRefused:
     """One line, nothing written."""
 
@@ -241,6 +248,11 @@ class TestRefused:
         assert "\n" not in str(refusal.value)
         if before is not None:
             assert sorted(p.name for p in output.parent.iterdir()) == before
+
+    def test_a_frame_of_tf2(self, make_bag, scene, tmp_path):
+        scene = scene.with_values({"start.pose_topic": "", "start.tf_frame": "tool0"})
+        text = "start.tf_frame: 'tool0' is looked up in tf2, which a replay has not; record its"
+        self.refuse(make_bag(), scene, tmp_path / "out", text)
 
     def test_missing(self, scene, tmp_path):
         self.refuse(tmp_path / "no", scene, tmp_path / "out", "does not exist")

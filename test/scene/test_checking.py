@@ -96,6 +96,17 @@ def test_huge_value_is_shown_shortened():
         ({"start.clamped": True, "start.fixed": [True, False, True]}, "start.clamped: true needs"),
         ({"start.spring": [0, 5, 0]}, "start.spring[1]: 5.0 N/m would do nothing"),
         ({"end.pose_topic": "/pose"}, "end.pose_topic: '/pose' would move nothing"),
+        ({"end.tf_frame": "tool0"}, "end.tf_frame: 'tool0' would move nothing"),
+        ({"start.tf_frame": "world"}, "start.tf_frame: 'world' is the world frame, frame_id"),
+        ({"start.tf_frame": "/tool0"}, "start.tf_frame: '/tool0' is no frame of tf2; give tool0"),
+        (
+            {"start.tf_frame": "tool0", "start.pose_topic": "/pose"},
+            "start.tf_frame: 'tool0' gives the pose; remove start.pose_topic",
+        ),
+        (
+            {"start.tf_frame": "tool0", "start.pose_type": "two_points"},
+            "start.tf_frame: 'tool0' gives the pose; remove start.pose_topic and start.pose_type",
+        ),
         ({"start.pose_topic": "a b"}, "start.pose_topic: 'a b' is not a topic name"),
         ({"end.position": [0, 0, 0]}, "end.position: [0.0, 0.0, 0.0] equals start.position"),
         (

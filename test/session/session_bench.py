@@ -42,9 +42,9 @@ MS = 1_000_000
 class Bench:
     """A session on a fake simulator, with messages made from numbers."""
 
-    def __init__(self, values: dict, live: bool = False, **changes) -> None:
+    def __init__(self, values: dict, live: bool = False, transforms=None, **changes) -> None:
         self.scene = scene_from_values({**values, **changes})
-        self.session = Session(self.scene, FakeSimulator, live=live)
+        self.session = Session(self.scene, FakeSimulator, live=live, transforms=transforms)
 
     def pose(
         self, stamp_ns, position=(0, 0, 0), orientation=(0, 0, 0, 1), *, arrival=None, frame="world"

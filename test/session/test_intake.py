@@ -130,7 +130,7 @@ def test_every_reason_has_a_test_here():
     """All but none: the reasons above are all that exist."""
     tested = {reason for *_, reason in (*WRENCHES.values(), *POSES.values())}
     tested |= {"out_of_order", "too_old", "in_future", "undecodable"}
-    tested |= {"bad_points"}  # test_two_points
+    tested |= {"bad_points", "no_transform"}  # test_two_points, test_transforms
     tested |= {"bad_plan", "too_many"}  # of plans: test_plans.py, test_forecaster.py
     assert tested == set(REASONS)
 

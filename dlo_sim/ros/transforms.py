@@ -1,0 +1,77 @@
+"""tf2, which few scenes need and not every installation has: the only file that imports it."""
+
+import math
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.time import Time
+
+from dlo_sim.core.one_rotation import normalized
+from dlo_sim.ros.guarded_node import one_line
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.session.content import Refused
+from dlo_sim.session.transforms import Transform, Transforms
+
+
+def tf2_for(scene: Scene) -> Any:
+    """The package tf2_ros if a scene asks for it, else None.
+
+    Raises:
+        SceneError: it cannot be imported.
+    """
+    if not scene.tf_keys:
+        return None
+    try:
+        import tf2_ros
+    except ImportError as error:
+        keys = ", ".join(scene.tf_keys)
+        raise SceneError(
+            f"{keys}: needs tf2, which cannot be imported ({one_line(error)}); install it with: "
+            "apt install ros-jazzy-tf2-ros-py, or remove what asks for it"
+        ) from None
+    return tf2_ros
+
+
+def transforms_of(node: Node, scene: Scene) -> Transforms | None:
+    """What tf2 knows, if a scene takes anything from it.
+
+    Raises:
+        SceneError: as `tf2_for`.
+    """
+    tf2_ros = tf2_for(scene)
+    listens = set(scene.tf_keys) - {"outputs.tf"}
+    return _Listener(tf2_ros, node, scene.frame_id) if listens else None
+
+
+class _Listener:
+    """What tf2 has heard on /tf and /tf_static, in the callbacks of the node."""
+
+    def __init__(self, tf2_ros: Any, node: Node, world: str) -> None:
+        self._world = world
+        self._problem = tf2_ros.TransformException
+        # Not of the node's clock: it is told when that has jumped.
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer, node)
+
+    def lookup(self, frame: str, stamp_ns: int | None) -> Transform:
+        """As `Transforms.lookup`; at a given time tf2 interpolates and never extrapolates."""
+        # Time 0 is the newest for tf2, and no stamp.
+        at = Time() if stamp_ns is None else Time(nanoseconds=max(stamp_ns, 1))
+        try:
+            found = self._buffer.lookup_transform(self._world, frame, at)
+        except self._problem as problem:
+            reason = one_line(problem).rstrip(".")
+            cure = f"publish where it is in {self._world}, or raise inputs.latency"
+            raise Refused("no_transform", f"frame_id '{frame}': {reason}; {cure}") from None
+        p, q = found.transform.translation, found.transform.rotation
+        values = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+        if not math.isfinite(sum(values)):
+            raise Refused("no_transform", f"frame_id '{frame}': its transform is not finite")
+        stamp = found.header.stamp
+        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        return Transform(stamp_ns, values[:3], normalized(values[3:]))
+
+    def clear(self) -> None:
+        """As `Transforms.clear`; what stands still stays known."""
+        self._buffer.clear()
