@@ -134,6 +134,10 @@ class Engine:
         self._pieces = pieces
         self.kind = _EngineType([("pieces", _kind(pieces))])
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies, and what is unpickled, make handles of their own."""
+        return {name: value for name, value in vars(self).items() if name != "code"}
+
     @functools.cached_property
     def code(self) -> Any:
         """The handle to the machine code, compiled or read from disk at its first use."""

@@ -188,7 +188,7 @@ def _without_constraint(scene: Scene) -> str:
         return "knows neither Frenet torsion nor plasticity"
     if scene.terms.damping != "off":
         if any(damping.internal):
-            return "is not valid with internal damping (damping.stiffness)"
+            return "is not valid with damping.stiffness, stretch, bend or twist"
         if damping.air_drag and (scene.start.mass or scene.end.mass):
             return "is not valid with damping.air_drag beside a point mass"
     return "cannot step a cable taut between fixed ends" if _taut(scene) else ""

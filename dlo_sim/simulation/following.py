@@ -30,7 +30,7 @@ def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangen
     except ValueError:  # rows of unequal length
         are_points = False
     if are_points:
-        points = arguments.numbers(f"points of {name}", given, (count, 2, 3), "m")
+        points = arguments.numbers(f"poses of {name}", given, (count, 2, 3), "m")
         apart = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
         worst = int(np.argmin(apart))
         if apart[worst] < LEAST_APART:

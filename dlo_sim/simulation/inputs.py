@@ -101,6 +101,7 @@ class CableInputs(CableView):
         rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
         cable.settle(self.time)
         before = cable.present_energy()
+        self._ends.take_frame_turns(cable.frame_turn)
         self._ends.put(points, self.time)
         cable.put(points, rates, self.time)
         work = cable.present_energy() - before

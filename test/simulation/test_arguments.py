@@ -73,6 +73,16 @@ CALLS = {
         (lambda sim, x: sim.start_from_points(POINTS, None, x), "coordinates", (None,)),
     ],
     "reconfigured": [(lambda sim, x: sim.reconfigured(x), "scene", ())],
+    "record_along": [(lambda sim, x: sim.record_along(x, {}, x), "integrator.method", ())],
+    "forecast": [(lambda sim, x: sim.forecast(x), "plan", ())],
+    "correct": [
+        (lambda sim, x: sim.correct(x, np.zeros((6, 3))), "shift", ()),
+        (lambda sim, x: sim.correct(np.zeros((6, 3)), x), "speed", ()),
+    ],
+    "path": [
+        (lambda sim, x: sim.path(x, np.zeros((2, 7)), 2), "end", ()),
+        (lambda sim, x: sim.path("start", x, 2), "poses of start", ()),
+    ],
     "follow": [(lambda sim, x: sim.follow(x, {}, x), "integrator.method", ())],
     "take": [
         (lambda sim, x: sim.take(x), "grasp", ()),

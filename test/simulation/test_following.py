@@ -128,8 +128,8 @@ def test_two_points_are_poses_midway_and_along_them():
             "end: 'foot' is not known",
         ),
         ([0.0, 0.1], {"start": np.zeros((2, 2, 3))}, "points of start: row 0 has two points 0 m"),
-        ([0.0, 0.1], {"start": np.ones((3, 2, 3))}, "points of start: needs finite numbers of sha"),
-        ([0.0, 0.1], {"start": np.full((2, 2, 3), np.nan)}, "points of start: needs finite"),
+        ([0.0, 0.1], {"start": np.ones((3, 2, 3))}, "poses of start: needs finite numbers of sha"),
+        ([0.0, 0.1], {"start": np.full((2, 2, 3), np.nan)}, "poses of start: needs finite"),
         ([0.0, 0.1], {"start": [[1, 2], [1]]}, "poses of start: needs"),
         ([0.0, 0.1], [], "poses"),
         (

@@ -78,7 +78,7 @@ def test_off_is_no_loss_where_nothing_needs_the_term():
 
 
 def test_contact_is_left_out_with_its_reason():
-    assert "not available" in needs_of(shipped("paper_wire")).left_out["contact"]
+    assert needs_of(shipped("paper_wire")).left_out["contact"] == "no obstacles"
 
 
 # -- the plane ----------------------------------------------------------------------------------

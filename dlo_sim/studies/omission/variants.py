@@ -22,6 +22,7 @@ Change = Values | Callable[[Scene], Values]  # for every scene the same, or by s
 TINY = 1e-9  # a damping, drag or spring that is there and does nothing that can be seen
 NEVER = 1.0e5  # [1/m] of a curvature at which nothing yields
 FLOOR = 10.0  # [1/m] of curvature, below which the Frenet torsion fades
+DEEP = 1.0e3  # [m] of a plane that is never touched
 STIFF = 1.0e6  # [N/m] of a spring that holds as well as a fixed axis
 FREE: Values = {"start.spring": [0.0] * 3, "end.spring": [0.0] * 3}
 STILL: Values = {"start.pose_topic": "", "end.pose_topic": ""}
@@ -168,10 +169,15 @@ def _driven(scene: Scene) -> Values:
     return {**SPACE, **({"terms.twist": "on"} if needs_of(scene).twist else {})}
 
 
+def _turning(scene: Scene) -> Values:
+    """Twist in space."""
+    return {"terms.twist": "on", **_spatial(scene)}
+
+
 def _twisted(scene: Scene) -> Values:
     """Twist in space, from a shape that needs no equilibrium: none is known with torsion."""
     shape = {"initial.shape": "straight"} if scene.initial.shape == "equilibrium" else {}
-    return {"terms.twist": "on", **_spatial(scene), **shape}
+    return {**_turning(scene), **shape}
 
 
 def _loaded(scene: Scene) -> Values:
@@ -201,6 +207,8 @@ NOTHING: Values = {
 HELD: Values = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, **FREE}
 RATTLE: Values = {"integrator.method": "rattle", "integrator.step": 0.0}
 FRENET: Values = {"terms.twist": "frenet", "torsion.curvature_floor": FLOOR}
+BISHOP: Values = {"terms.twist": "bishop"}
+GROUND: Values = {"obstacles.names": ["ground"], "obstacles.ground.position": [0.0, 0.0, -DEEP]}
 YIELDING: Values = {"plasticity.yield_curvature": NEVER, "terms.plasticity": "on"}
 TERMS = {
     "stretch": Term({"terms.stretch": "on"}, RATTLE),
@@ -208,6 +216,8 @@ TERMS = {
     # In a plane nothing can twist, whatever terms.twist says.
     "twist": Term({"terms.twist": "on"}, {"terms.twist": "off"}, (_spatial,)),
     "frenet": Term(FRENET, {"terms.twist": "on"}, (_twisted,), "terms.twist is not frenet"),
+    "bishop": Term(BISHOP, {"terms.twist": "on"}, (_turning,), "terms.twist is not bishop"),
+    "contact": Term(GROUND, {"terms.contact": "off"}),
     "plasticity": Term(YIELDING, {"terms.plasticity": "off"}, (_spatial,)),
     "gravity": Term({"terms.gravity": "on"}, {"terms.gravity": "off"}),
     "springs": Term(_sprung, HELD, ({}, {"end.clamped": False})),
