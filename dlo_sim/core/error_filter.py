@@ -54,9 +54,13 @@ class ErrorFilter:
             seen: rows of basis values of the points that were measured, shape (k, n).
             distances: from the curve to what was measured [m], shape (k, 3).
         """
-        rows = np.hstack([seen, np.zeros_like(seen)])
-        spread = rows @ self._covariance
-        gain = np.linalg.solve(spread @ rows.T + self._noise**2 * np.eye(len(rows)), spread).T
-        self._covariance = self._covariance - gain @ spread
-        position, velocity = np.split(gain @ distances, 2)
+        # The gain P H^T (H P H^T + R)^-1 as P (1 + H^T R^-1 H P)^-1 H^T R^-1: the points, however
+        # many, count by two sums.
+        size, n = len(self._covariance), seen.shape[1]
+        told, pulled = np.zeros((size, size)), np.zeros((size, 3))
+        told[:n, :n] = seen.T @ seen / self._noise**2
+        pulled[:n] = seen.T @ distances / self._noise**2
+        gain = np.linalg.solve((np.eye(size) + told @ self._covariance).T, self._covariance).T
+        self._covariance = self._covariance - gain @ told @ self._covariance
+        position, velocity = np.split(gain @ pulled, 2)
         return position, velocity

@@ -79,7 +79,7 @@ def check_discretization(discretization: Discretization) -> None:
         )
 
 
-def check_holder(name: str, end: Holder) -> None:
+def check_holder(name: str, end: Holder, length: float) -> None:
     """Refuse springs, clamps and topics that would do nothing."""
     for axis in range(3):
         if end.fixed[axis] and end.spring[axis] > 0.0:
@@ -94,6 +94,10 @@ def check_holder(name: str, end: Holder) -> None:
             f"{name}.clamped",
             True,
             f"needs {name}.fixed: [true, true, true] (it is {shown(end.fixed)})",
+        )
+    if end.jaw > length:
+        raise refusal(
+            f"{name}.jaw", end.jaw, f"m is longer than the cable, {length:g} m; shorten the jaw"
         )
     if end.jaw and not end.clamped:
         raise refusal(

@@ -175,7 +175,7 @@ class Scene:
         consistency.check_cable(self.cable)
         consistency.check_discretization(self.discretization)
         for key, holder in self.holder_keys():
-            consistency.check_holder(key, holder)
+            consistency.check_holder(key, holder, self.cable.length)
             consistency.check_tf_frame(key, holder, self.frame_id)
         consistency.check_placement(self.ends, self.cable.length, self.initial.shape)
         consistency.check_frames(self.frame_id, dict(self.holder_keys()))

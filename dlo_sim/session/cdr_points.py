@@ -106,6 +106,11 @@ def decode_point_cloud(raw: Bytes) -> Cloud:
         raise DecodeError(f"fields {', '.join(fields)} are not x, y, z as float32 or float64")
     if len(data) < rows * row_step or row_step < columns * point_step:
         raise DecodeError(f"{len(data)} bytes of data do not hold {rows * columns} points")
+    if rows * columns == 0:
+        return Cloud(stamp, frame_id, np.zeros((0, 3)))
+    ends = [fields[name][0] + int(_REALS[fields[name][1]][1]) for name in "xyz"]
+    if max(ends) > point_step:
+        raise DecodeError(f"a point of {point_step} bytes does not hold fields that end at {ends}")
     order = ">" if big else "<"
     layout: Any = np.dtype(
         {
@@ -115,8 +120,7 @@ def decode_point_cloud(raw: Bytes) -> Cloud:
             "itemsize": point_step,
         }
     )
-    lines = [np.frombuffer(data, layout, columns, row * row_step) for row in range(rows)]
-    cloud = np.concatenate(lines) if lines else np.zeros(0, layout)
+    cloud = np.ndarray((rows, columns), layout, data, 0, (row_step, point_step)).ravel()
     return Cloud(stamp, frame_id, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1))
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _PLACES = 201  # of the centerline among which the nearest is looked for
+_AT_ONCE = 4096  # points whose distances from all places are held
 _MOST_WAITING = 1000
 # An acceleration that the model lacks [m/s^2] is learnt per metre of correction, and lasts [s]. On
 # recorded cables this takes 8 % off the error; six times as much makes the lightest one swing.
@@ -104,9 +105,13 @@ class Observer:
         self._filter.advance(passed)
         self._time = simulator.time
         line = self._basis @ simulator.control_points[:, :3]
-        apart = np.linalg.norm(points[:, None] - line, axis=-1)
-        nearest = apart.argmin(axis=1)
-        near = apart.min(axis=1) <= self.measured.gate
+        nearest = np.concatenate(
+            [
+                np.linalg.norm(part[:, None] - line, axis=-1).argmin(axis=1)
+                for part in np.array_split(points, len(points) // _AT_ONCE + 1)
+            ]
+        )
+        near = np.linalg.norm(points - line[nearest], axis=-1) <= self.measured.gate
         self.rejected += int(np.sum(~near))
         if not near.any():
             return

@@ -145,7 +145,8 @@ class Plans:
 
     def _check_speed(self, name: str, times: Array, poses: Array) -> None:
         ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
-        speed = float(((ways - JUMP[0]) / np.diff(times)).max())
+        ways[0] = max(ways[0] - JUMP[0], 0.0)
+        speed = float((ways / np.diff(times)).max())
         most = self._session.scene.inputs.max_speed
         if speed > most:
             raise _bad(

@@ -14,6 +14,8 @@ from dlo_sim.simulation.natural_shape import local_axis, natural_vectors
 
 Array = NDArray[np.float64]
 
+UNEVEN = 4.0  # ratio of neighbouring intervals
+
 
 def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangent: Array) -> Array:
     """Poses (count, 7) of an end, given as such or as two points (count, 2, 3).
@@ -70,7 +72,7 @@ def on_grid(grid: Array, times: Array, poses: Array) -> Array:
     signs = np.sign(np.sum(poses[1:, 3:] * poses[:-1, 3:], axis=1))
     poses = poses.copy()
     poses[1:, 3:] *= np.cumprod(np.where(signs < 0.0, -1.0, 1.0))[:, None]
-    slopes = np.gradient(poses, times, axis=0)
+    slopes = _slopes(times, poses)
     k = np.clip(np.searchsorted(times, grid, side="right") - 1, 0, len(times) - 2)
     h = (times[k + 1] - times[k])[:, None]
     s = np.clip((grid - times[k])[:, None] / h, 0.0, 1.0)
@@ -79,6 +81,19 @@ def on_grid(grid: Array, times: Array, poses: Array) -> Array:
     path += h * (s * (1.0 - s) ** 2 * slopes[k] - s**2 * (1.0 - s) * slopes[k + 1])
     path[:, 3:] = rotations.normalized(path[:, 3:])
     return np.asarray(path)
+
+
+def _slopes(times: Array, poses: Array) -> Array:
+    """Rates at the times: of the parabola through three neighbours; beside an interval that is much
+    shorter than the other, whose chord would swing through the long one, that of the long one.
+    """
+    slopes: Array = np.gradient(poses, times, axis=0)
+    lengths = np.diff(times)
+    before, after = lengths[:-1], lengths[1:]
+    uneven = np.flatnonzero(np.maximum(before, after) > UNEVEN * np.minimum(before, after))
+    longer = uneven + (after[uneven] > before[uneven])
+    slopes[uneven + 1] = np.diff(poses, axis=0)[longer] / lengths[longer, None]
+    return slopes
 
 
 def motions_along(present: Array, grid: Array, path: Array) -> Array:

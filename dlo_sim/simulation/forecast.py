@@ -16,6 +16,7 @@ from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
 EVERY = 0.02  # [s] between two shapes of a forecast
+MOST_SHAPES = 10_000  # of one forecast
 NEAR = 1e-6  # lengths of the cable, and radians: beyond, a plan begins elsewhere than the end is
 
 
@@ -78,6 +79,7 @@ def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> 
         TypeError, ValueError: as `Simulator.forecast`.
     """
     arguments.instance("plan", plan, Plan, "dlo_sim.Plan(times, poses)")
+    arguments.instance("poses", plan.poses, dict, "{'start': numbers (T, 7)}")
     every = arguments.number("every", every, "s, above 0")
     times = arguments.numbers("times", plan.times, (None,), "s")
     if not times.size or times[0] != 0.0:
@@ -87,6 +89,11 @@ def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> 
     poses = {name: simulator.path(name, rows, len(times)) for name, rows in plan.poses.items()}
     for name, rows in poses.items():
         _check_start(simulator, name, rows[0])
+    if times[-1] > MOST_SHAPES * every > 0.0:
+        least = times[-1] / MOST_SHAPES
+        raise ValueError(
+            f"every: {every:g} s gives more than {MOST_SHAPES} shapes; give {least:g} s or more"
+        )
     if not 0.0 < every <= times[-1]:
         raise ValueError(f"every: {every:g} s; give one above 0 s, up to the {times[-1]:g} s")
     samples = every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)

@@ -12,7 +12,7 @@ from dlo_sim.core import arguments, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
 from dlo_sim.scene.cable import Grasp
-from dlo_sim.scene.needs import Needs, needs_of_end, needs_of_load
+from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
@@ -93,18 +93,26 @@ class CableInputs(CableView):
         booked as work of the loads.
 
         Raises:
-            TypeError, ValueError: not such numbers.
+            TypeError, ValueError: not such numbers, or a shape without a finite energy; a method
+                whose constraints keep the length.
         """
+        if inextensible(self.scene):
+            raise ValueError("correct: breaks the constraints of rattle; use energy_momentum")
         points, rates, cable = self.control_points, self.velocities, self._cable
         shape = len(points), 3
         points[:, :3] += arguments.numbers("shift", shift, shape, "m")
         rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
         cable.settle(self.time)
-        before = cable.present_energy()
+        before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
         self._ends.take_frame_turns(cable.frame_turn)
         self._ends.put(points, self.time)
         cable.put(points, rates, self.time)
         work = cable.present_energy() - before
+        if not math.isfinite(work):
+            cable.state[:], cable.inputs[:] = kept
+            raise ValueError(
+                "shift, speed: give a shape without a finite energy; give smaller ones"
+            )
         cable.ledger[layout.LOAD_WORK] += work
         return work
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline
-from dlo_sim.core.methods import RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.core.methods import CONSTRAINED, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -124,6 +124,11 @@ def check_method(scene: Scene, method: Method) -> None:
     Raises:
         SceneError: naming the key and the cure.
     """
+    if method.family == CONSTRAINED and scene.measured.type != "none":
+        raise SceneError(
+            f"measured.type: {scene.measured.type} is not available with integrator.method "
+            f"{method.name}, whose constraints a correction breaks; use energy_momentum"
+        )
     if method.family in (SPLITTING, RUNGE_KUTTA, ZHAI):
         return
     for wanted, key, value in (

@@ -40,3 +40,14 @@ def test_a_growing_distance_moves_the_velocity_and_silence_forgets():
     first = made().update(seen, np.array([[0.001, 0.0, 0.0]]))
     assert long_after[0] == pytest.approx(first[0], rel=1e-9)
     assert np.abs(long_after[1]).max() < 1e-12
+
+
+def test_many_points_count_as_their_mean():
+    """A thousand noisy points of one place as one with a thousandth of the variance."""
+    seen = np.zeros((1, 9))
+    seen[0, 4] = 1.0
+    many, one = made(), made(noise=0.005 / np.sqrt(1000.0))
+    several = many.update(np.repeat(seen, 1000, axis=0), np.full((1000, 3), 0.01))
+    single = one.update(seen, np.full((1, 3), 0.01))
+    for a, b in zip(several, single, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-15)

@@ -8,7 +8,7 @@ from session_bench import MS, SECOND, T0
 from dlo_sim import Simulator, load_scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.session import cdr, observer
-from dlo_sim.session.cdr_points import PointCloudEncoder
+from dlo_sim.session.cdr_points import PointCloudEncoder, decode_point_cloud
 from dlo_sim.session.session import Session
 from dlo_sim.session.topics import MEASURED, input_topics
 
@@ -161,3 +161,30 @@ def test_messages_that_cannot_be_used_are_refused():
 def test_an_estimate_of_the_error_is_refused_beside_it():
     with pytest.raises(SceneError, match="accuracy.estimate: on cannot be had"):
         scene(SEEN, **{"accuracy.estimate": "on"})
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "offset", "step", "row_step"),
+    [(1, 1, 8, 8, 8), (1, 1, 2**31, 12, 12), (3_000_000, 1, 8, 0, 0), (2**32 - 1, 0, 8, 12, 0)],
+)
+def test_clouds_with_a_layout_that_cannot_be_are_refused_or_empty(
+    rows, columns, offset, step, row_step
+):
+    writer = cdr.Writer()
+    writer.header("world")
+    writer.numbers("I", rows, columns, 3)
+    for name, at in (("x", 0), ("y", 4), ("z", offset)):
+        writer.text(name)
+        writer.numbers("I", at)
+        writer.numbers("B", 7)
+        writer.numbers("I", 1)
+    writer.numbers("B", 0)
+    writer.numbers("I", step, row_step, 12)
+    writer.numbers("I", 12)
+    writer.numbers("B", *([0] * 12))
+    raw = bytes(writer.data)
+    if columns == 0:
+        assert len(decode_point_cloud(raw).points) == 0
+    else:
+        with pytest.raises(cdr.DecodeError, match="does not hold fields"):
+            decode_point_cloud(raw)

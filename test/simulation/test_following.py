@@ -6,6 +6,7 @@ from cables import SOFT, scene_of, simulator
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.simulation.following import on_grid
 from dlo_sim.simulation.simulator import Simulator
 
 STEP = 5e-3
@@ -159,3 +160,14 @@ def test_samples_outside_the_advance_or_not_rising_are_refused(samples):
 def test_explicit_methods_refuse():
     with pytest.raises(ValueError, match="^integrator.method: velocity_verlet follows no poses"):
         held("velocity_verlet", 5e-4).follow([0.0, 0.1], {}, [0.1])
+
+
+def test_a_short_interval_does_not_swing_through_the_long_one():
+    """5 mm in a tenth of a millisecond, then at rest: nowhere farther than that."""
+    times = np.array([0.0, 1e-4, 0.1, 0.2])
+    path = np.zeros((4, 7))
+    path[:, 6] = 1.0
+    path[1:, 0] = 5e-3
+    grid = np.linspace(0.0, 0.2, 401)
+    between = on_grid(grid, times, path)[:, 0]
+    assert between.min() >= -1e-12 and between.max() <= 5e-3 + 1e-12
