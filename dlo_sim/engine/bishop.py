@@ -139,16 +139,8 @@ def coupled_energy(shape, model, state, x):
 
 
 @part
-def rate(r, p, slope, xi):
-    """tau at a local coordinate, from the curves of both shapes."""
-    return bishop.change(
-        tangent_at(r, xi), bending_at(r, xi, slope), tangent_at(p, xi), bending_at(p, xi, slope)
-    )
-
-
-@part
-def add_rates(shape, model, state, x, out):
-    """out += integral b' tau on the line of the twist alone."""
+def add_rates(shape, model, state, x, rates, out):
+    """tau into the rows `rates`, one a sample; out += integral b' tau, on the line of the twist."""
     reference = shifted(state, shape[REFERENCE])
     for b in range(shape[BLOCKS]):
         block = block_of(shape, b)
@@ -158,24 +150,27 @@ def add_rates(shape, model, state, x, out):
         for j in range(shape[SAMPLES]):
             at = sample_of(block, j)
             xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
-            turned = add_polynomial(turned, w * rate(r, p, s, xi), xi)
+            rate = bishop.change(
+                tangent_at(r, xi), bending_at(r, xi, s), tangent_at(p, xi), bending_at(p, xi, s)
+            )
+            store(rates, (b * shape[SAMPLES] + j) * LANES, rate)
+            turned = add_polynomial(turned, w * rate, xi)
         scatter(turned, MARGIN + LANES * b, 1, model, block, 1.0, out)
 
 
 @part
-def squares_lost(shape, model, state, x, psi):
+def squares_lost(shape, model, x, rates, psi):
     """Integral of (theta' + tau)^2 - (theta' + psi')^2, to be gathered."""
-    reference, sum_ = shifted(state, shape[REFERENCE]), zero()
+    sum_ = zero()
     for b in range(shape[BLOCKS]):
         block = block_of(shape, b)
-        s = load(model, block + SLOPE * LANES)
-        r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
         angle = angle_block(shape, model, x, b)
         own = coefficients(psi, MARGIN + LANES * b, 1, model, block)
         for j in range(shape[SAMPLES]):
             at = sample_of(block, j)
             xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
-            old, new = rate(r, p, s, xi), polynomial(own, xi)
+            old = load(rates, (b * shape[SAMPLES] + j) * LANES)
+            new = polynomial(own, xi)
             sum_ += w * (old - new) * (2.0 * polynomial(angle, xi) + old + new)
     return sum_
 
@@ -273,7 +268,8 @@ def follow_shape(shape, model, inputs, state, scratch):
     booked, psi = shifted(state, shape[BOOKED]), shifted(scratch, shape[FRAME_SPARE])
     for at in range(shape[LINE]):
         psi[at] = 0.0
-    add_rates(shape, model, state, x, psi)
+    rates = shifted(psi, shape[LINE])
+    add_rates(shape, model, state, x, rates, psi)
     psi[MARGIN] = 0.0
     solve_line(shape, model, shape[FRAME_FACTORS], psi)
     last = psi[MARGIN + n - 1]
@@ -283,7 +279,7 @@ def follow_shape(shape, model, inputs, state, scratch):
     shares = shape[FRAME_FACTORS] + 7 * shape[LINE]
     for at in range(MARGIN, MARGIN + n):
         psi[at] += model[shares + at] * missing
-    lost = gathered(shape, squares_lost(shape, model, state, x, psi))
+    lost = gathered(shape, squares_lost(shape, model, x, rates, psi))
     stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
     at = shape[LEDGER] + DISSIPATED * LANES
     store(state, at, load(state, at) + 0.5 * stiffness * lost)

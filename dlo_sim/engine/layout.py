@@ -108,7 +108,7 @@ BORDER_SHIFTS = 87  # a padded vector of all unknowns a border row
 BORDER_SYSTEM = 88  # border x border
 BORDER_SPARE = 89  # all unknowns
 BORDER_PUSHES = 69  # as BORDER_FORCES, with what is held otherwise
-FRAME_SPARE = 68  # a line
+FRAME_SPARE = 68  # a line, and a row a sample of every block
 FIRST_OWN = 90  # offsets of what one family of methods needs in scratch, see there
 TABLES_START = 150
 

@@ -89,7 +89,7 @@ from dlo_sim.methods.newton import (
     turned_over,
 )
 from dlo_sim.methods.step_begin import begin_step, undo_step
-from dlo_sim.methods.step_close import CLOSING, close_step
+from dlo_sim.methods.step_close import CLOSING
 from dlo_sim.methods.step_end import finish_step
 from dlo_sim.methods.step_equations import balance, newton_matrix, step_force
 from dlo_sim.methods.twist_step import step_twist
@@ -306,12 +306,12 @@ def advance_implicit(
     updated every step.
     """
     _, look, implicit_step, pieces, closing = engine.pieces
+    _, update, end_sample, _ = closing
     parts = len(substeps)
-    arrays, records = bared(cable), bared_records(records)
-    shape, model, inputs, state, scratch = arrays
+    shape, model, inputs, state, scratch = bared(cable)
+    records = bared_records(records)
     constants, substeps = bare(constants), bare(substeps)
     iterations = 0
-    looked_at = parts > 0  # always; a literal would have numba compile `close_step` twice
     budget = max(BUDGET // (shape[N] * shape[DIM]), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
     for step in range(first_step, first_step + steps):
@@ -346,6 +346,8 @@ def advance_implicit(
         if constants[THETA] != 0.5:
             measure(shape, model, state, scratch, look)
             absorb_loss(shape, model, state, scratch)
-        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
+        if not update(shape, model, state, scratch, look):
             return DIVERGED, step - first_step, iterations
+        if sampling:
+            end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
     return OK, steps, iterations

@@ -64,7 +64,7 @@ from dlo_sim.methods.length_constraints import (
     solve,
 )
 from dlo_sim.methods.splitting import ENGINE, decay_flow, drift
-from dlo_sim.methods.step_close import close_step, flow
+from dlo_sim.methods.step_close import flow
 
 MOST_PROJECTIONS = 20
 
@@ -158,8 +158,8 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
     A step whose constraints cannot be met ends the run.
     """
     _, forces, look, carry, evaluate, closing = engine.pieces
-    arrays = bared(cable)
-    shape, model, inputs, state, scratch = arrays
+    _, update, end_sample, _ = closing
+    shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
     evaluations = 0
     if steps > 0:
@@ -176,9 +176,10 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         evaluations += 1
         flow(shape, model, inputs, state, scratch, closing)
-        looked_at = (step + 1) % guard == 0
-        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
+        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
             return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
     return OK, steps, evaluations
 
 

@@ -40,7 +40,7 @@ from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import W_BEGIN, W_RATES, X_BEGIN, X_RATES
 from dlo_sim.methods.splitting import ENGINE
-from dlo_sim.methods.step_close import close_step, flow
+from dlo_sim.methods.step_close import flow
 from dlo_sim.methods.turning import add_turning, face
 
 
@@ -138,9 +138,9 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
     `table`: rows a_ij and, last, b_j, shape (s + 1, s) flattened; `nodes`: c_i, shape (s,).
     """
     _, forces, look, carry, evaluate, closing = engine.pieces
+    _, update, end_sample, _ = closing
     stages = len(nodes)
-    arrays = bared(cable)
-    shape, model, inputs, state, scratch = arrays
+    shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
     table = bare(table)
     evaluations, power = 0, zero()
@@ -170,7 +170,8 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
         power = keep_rates(shape, model, inputs, state, scratch, t1, 0)
         evaluations += stages
         fresh = not flow(shape, model, inputs, state, scratch, closing)
-        looked_at = (step + 1) % guard == 0
-        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
+        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
             return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
     return OK, steps, evaluations

@@ -1,4 +1,4 @@
-"""What every loop does around its steps: flows once a step, looks at the account, samples."""
+"""What the loops do at the end of their steps."""
 
 from __future__ import annotations
 
@@ -24,17 +24,3 @@ def flow(shape, model, inputs, state, scratch, closing):
         plastic_flow(shape, model, state, shifted(state, shape[X]))
         return True
     return False
-
-
-@part
-def close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
-    """Compare the energy with the account if the step is `looked_at`, and store the samples of the
-    step if it holds any; whether the cable is sane.
-    """
-    shape, model, inputs, state, scratch = arrays
-    _, update, end_sample, _ = closing
-    if looked_at and not update(shape, model, state, scratch, look):
-        return False
-    if sampling:
-        end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return True

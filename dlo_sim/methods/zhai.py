@@ -30,7 +30,7 @@ from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import MEAN
 from dlo_sim.methods.runge_kutta import add_decay, lose_energy
 from dlo_sim.methods.splitting import ENGINE
-from dlo_sim.methods.step_close import close_step, flow
+from dlo_sim.methods.step_close import flow
 
 
 @part
@@ -69,8 +69,8 @@ def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records
     `advance_splitting` does.
     """
     _, forces, look, carry, evaluate, closing = engine.pieces
-    arrays = bared(cable)
-    shape, model, inputs, state, scratch = arrays
+    _, update, end_sample, _ = closing
+    shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
     evaluations = 0
     fresh = False  # FORCE holds w' of the present state
@@ -86,7 +86,8 @@ def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records
         accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
         evaluations += 1
         fresh = not flow(shape, model, inputs, state, scratch, closing)
-        looked_at = (step + 1) % guard == 0
-        if not close_step(arrays, look, closing, looked_at, sampling, records, t0, tau):
+        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
             return DIVERGED, step - first_step, evaluations
+        if sampling:
+            end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
     return OK, steps, evaluations
