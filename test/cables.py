@@ -9,11 +9,12 @@ from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
+from dlo_sim.simulation.by_sample import put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
 from dlo_sim.simulation.model import build_model
-from dlo_sim.simulation.natural_shape import natural_vectors
+from dlo_sim.simulation.natural_shape import natural_rows, turned_rows
 from dlo_sim.simulation.simulator import Simulator
 
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
@@ -93,10 +94,8 @@ class Bench:
         self.pull_to(0.0)
         self.cable.point_grasps(0.0)
         if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
-            axis = np.array(self.scene.cable.rest_curvature_axis)
-            natural = natural_vectors(self.scene, self.model, axis / np.linalg.norm(axis))
-            at = self.model.shape[layout.NATURAL]
-            self.cable.state[at : at + natural.size] = natural.ravel()
+            rows = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
+            put_by_sample(self.cable, layout.NATURAL, turned_rows(rows, np.eye(3), self.model.axes))
 
     def pull_to(self, t):
         """Put the anchors of the springs where they are at time t."""

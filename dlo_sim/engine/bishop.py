@@ -43,6 +43,7 @@ from dlo_sim.engine.layout import (
     LEDGER,
     LINE,
     MARGIN,
+    MATERIAL,
     MOTION,
     QUADRATURE,
     REFERENCE,
@@ -51,11 +52,13 @@ from dlo_sim.engine.layout import (
     SIZE,
     SLOPE,
     STIFFNESS_GJ,
+    TERMS,
     XI,
     N,
     X,
 )
 from dlo_sim.engine.lines import gathered
+from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
 from dlo_sim.engine.tables import grasp_of, line_of, own_of, point_of
 from dlo_sim.engine.torsion import angle_block
 from dlo_sim.terms import bishop
@@ -98,6 +101,7 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
             t1, k1 = tangent_at(q, xi), bending_at(q, xi, s)
             before, after = bishop.change(t, k, t0, k0), bishop.change(t, k, t1, k1)
             rate, change = 0.5 * (before + after), after - before
+            rate -= rest_twist_at(shape, state, b, j)
             if turn:
                 turned = add_polynomial(turned, w * (rate + viscous * change), xi)
             if push:
@@ -133,6 +137,7 @@ def coupled_energy(shape, model, state, x):
             rate = bishop.change(
                 tangent_at(r, xi), bending_at(r, xi, s), tangent_at(p, xi), bending_at(p, xi, s)
             )
+            rate -= rest_twist_at(shape, state, b, j)
             w = stiffness * load(model, at + QUADRATURE * LANES)
             sum_ += w * rate * (0.5 * rate + polynomial(angle, xi))
     return sum_
@@ -159,8 +164,8 @@ def add_rates(shape, model, state, x, rates, out):
 
 
 @part
-def squares_lost(shape, model, x, rates, psi):
-    """Integral of (theta' + tau)^2 - (theta' + psi')^2, to be gathered."""
+def squares_lost(shape, model, state, x, rates, psi):
+    """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2, to be gathered."""
     sum_ = zero()
     for b in range(shape[BLOCKS]):
         block = block_of(shape, b)
@@ -171,7 +176,8 @@ def squares_lost(shape, model, x, rates, psi):
             xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
             old = load(rates, (b * shape[SAMPLES] + j) * LANES)
             new = polynomial(own, xi)
-            sum_ += w * (old - new) * (2.0 * polynomial(angle, xi) + old + new)
+            theta = polynomial(angle, xi) - rest_twist_at(shape, state, b, j)
+            sum_ += w * (old - new) * (2.0 * theta + old + new)
     return sum_
 
 
@@ -269,6 +275,8 @@ def follow_shape(shape, model, inputs, state, scratch):
     for at in range(shape[LINE]):
         psi[at] = 0.0
     rates = shifted(psi, shape[LINE])
+    if shape[TERMS] & MATERIAL:
+        follow_natural(shape, model, state, x)
     add_rates(shape, model, state, x, rates, psi)
     psi[MARGIN] = 0.0
     solve_line(shape, model, shape[FRAME_FACTORS], psi)
@@ -279,7 +287,7 @@ def follow_shape(shape, model, inputs, state, scratch):
     shares = shape[FRAME_FACTORS] + 7 * shape[LINE]
     for at in range(MARGIN, MARGIN + n):
         psi[at] += model[shares + at] * missing
-    lost = gathered(shape, squares_lost(shape, model, x, rates, psi))
+    lost = gathered(shape, squares_lost(shape, model, state, x, rates, psi))
     stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
     at = shape[LEDGER] + DISSIPATED * LANES
     store(state, at, load(state, at) + 0.5 * stiffness * lost)

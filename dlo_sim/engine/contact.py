@@ -9,7 +9,15 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, size, store, total, zero
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine.elastic import block_of, coefficients, sample_of, scatter
+from dlo_sim.engine.elastic import (
+    add_cubic,
+    basis_at,
+    block_of,
+    integrated,
+    line_polynomial,
+    sample_of,
+    scatter_values,
+)
 from dlo_sim.engine.layout import (
     BLOCKS,
     CONTACT_STIFFNESS,
@@ -24,7 +32,6 @@ from dlo_sim.engine.layout import (
     SCALES,
     SLOPE,
     STRIDE,
-    VALUES,
     XI,
     N,
 )
@@ -38,28 +45,19 @@ def plane_of(shape, k):
 
 
 @part
-def integrated(inverse_slope, v, a, b, c, xi):
-    """v + integral of a + b xi + c xi^2 from the middle of the span."""
-    return v + xi * inverse_slope * (a + xi * (0.5 * b + xi * c * (1.0 / 3.0)))
-
-
-@part
 def gap_polynomial(shape, model, x, b, plane):
     """The gap on the spans of a block: value in the middle, and its derivative's coefficients."""
     at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
     block = block_of(shape, b)
     g = zero() - load(model, plane + 3 * LANES), zero(), zero(), zero()
     for d in range(shape[DIM]):
-        normal, here = load(model, plane + d * LANES), at + d * width
-        slopes = coefficients(x, here, stride, model, block)
-        value = load(model, block + VALUES * LANES) * load(x, here)
-        for k in range(1, 4):
-            value += load(model, block + (VALUES + k) * LANES) * load(x, here + k * stride)
+        normal = load(model, plane + d * LANES)
+        one = line_polynomial(x, at + d * width, stride, model, block)
         g = (
-            g[0] + normal * value,
-            g[1] + normal * slopes[0],
-            g[2] + normal * slopes[1],
-            g[3] + normal * slopes[2],
+            g[0] + normal * one[0],
+            g[1] + normal * one[1],
+            g[2] + normal * one[2],
+            g[3] + normal * one[3],
         )
     return g
 
@@ -76,27 +74,17 @@ def contact_force(shape, model, x0, x1, out):
             inverse = 1.0 / load(model, block + SLOPE * LANES)
             p = gap_polynomial(shape, model, x0, b, plane)
             q = gap_polynomial(shape, model, x1, b, plane)
-            f0 = f1 = f2 = f3 = zero()
+            f = (zero(), zero(), zero(), zero())
             for j in range(shape[SAMPLES]):
                 at = sample_of(block, j)
                 xi = load(model, at + XI * LANES)
-                g0 = integrated(inverse, p[0], p[1], p[2], p[3], xi)
-                g1 = integrated(inverse, q[0], q[1], q[2], q[3], xi)
+                g0, g1 = integrated(inverse, p, xi), integrated(inverse, q, xi)
                 w = load(model, at + QUADRATURE * LANES)
-                f = w * contact.mean_gradient(stiffness, g0, g1)
-                f0 += f
-                f1 += xi * f
-                f2 += xi * xi * f
-                f3 += xi * xi * xi * f
-            on_slopes = inverse * f1, 0.5 * inverse * f2, (1.0 / 3.0) * inverse * f3
+                f = add_cubic(f, w * contact.mean_gradient(stiffness, g0, g1), xi)
             for d in range(shape[DIM]):
                 normal = load(model, plane + d * LANES)
                 at = d * shape[LINE] + MARGIN * stride + LANES * b
-                scatter(on_slopes, at, stride, model, block, -normal, out)
-                for i in range(4):
-                    to = at + i * stride
-                    value = load(model, block + (VALUES + i) * LANES)
-                    store(out, to, load(out, to) - normal * value * f0)
+                scatter_values(f, at, stride, model, block, -normal, out)
 
 
 @part
@@ -111,19 +99,10 @@ def contact_energy(shape, model, x):
             p = gap_polynomial(shape, model, x, b, plane_of(shape, k))
             for j in range(shape[SAMPLES]):
                 at = sample_of(block, j)
-                g = integrated(inverse, p[0], p[1], p[2], p[3], load(model, at + XI * LANES))
+                g = integrated(inverse, p, load(model, at + XI * LANES))
                 w = load(model, at + QUADRATURE * LANES)
                 sum_ += w * contact.energy(stiffness, g)
     return sum_
-
-
-@part
-def basis_at(model, block, k, inverse, xi):
-    """Value of basis function k of a span."""
-    row = block + 3 * k * LANES
-    value = load(model, block + (VALUES + k) * LANES)
-    a, b, c = load(model, row), load(model, row + LANES), load(model, row + 2 * LANES)
-    return integrated(inverse, value, a, b, c, xi)
 
 
 @part
@@ -145,8 +124,7 @@ def add_contact_tangent(shape, model, x0, x1, scale, scratch, band):
             for j in range(shape[SAMPLES]):
                 at = sample_of(block, j)
                 xi = load(model, at + XI * LANES)
-                g0 = integrated(inverse, p[0], p[1], p[2], p[3], xi)
-                g1 = integrated(inverse, q[0], q[1], q[2], q[3], xi)
+                g0, g1 = integrated(inverse, p, xi), integrated(inverse, q, xi)
                 w = scale * load(model, at + QUADRATURE * LANES)
                 h = w * contact.mean_hessian(stiffness, g0, g1)
                 store(scratch, j * LANES, h)

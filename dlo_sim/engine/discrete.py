@@ -20,7 +20,6 @@ from dlo_sim.engine.elastic import (
     curve,
     dot,
     gathered_sample,
-    natural_at,
     sample_of,
     scatter_lines,
     span_strains,
@@ -35,6 +34,7 @@ from dlo_sim.engine.layout import (
     CONTACT,
     CURVED,
     LINEAR,
+    MATERIAL,
     QUADRATURE,
     SAMPLES,
     SHARE,
@@ -44,7 +44,8 @@ from dlo_sim.engine.layout import (
     TERMS,
     XI,
 )
-from dlo_sim.terms import bend, natural_curvature, stretch, viscosity
+from dlo_sim.engine.natural_curvature import natural_force
+from dlo_sim.terms import bend, stretch, viscosity
 from dlo_sim.terms.viscosity import combined
 
 
@@ -122,14 +123,6 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
             on_c, on_d, on_h = 2.0 * w * on_c, w * on_d, 2.0 * w * on_h
             t, k = mean(ta, tb), mean(ka, kb)
             on_t, on_k = combined(on_c, t, on_d, k), combined(on_h, k, on_d, t)
-            if terms & CURVED:
-                n = natural_at(shape, state, b, j)
-                more_c, on_e = natural_curvature.mean_gradient(
-                    c0, c1, natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
-                )
-                on_t = combined(1.0, on_t, 2.0 * more_c, t)
-                on_t = combined(1.0, on_t, on_e, natural_curvature.cross(k, n))
-                on_k = combined(1.0, on_k, on_e, natural_curvature.cross(n, t))
             if viscous != 0.0:
                 dt, dk = tangent_at(r, xi), bending_at(r, xi, s)
                 f = viscous * w * axial * load(model, shape[BETA])
@@ -151,6 +144,8 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
             g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
             g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
+    if terms & CURVED and not terms & MATERIAL:
+        natural_force(shape, model, state, x0, x1, False, True, out)
     if terms & CONTACT:
         contact_force(shape, model, x0, x1, out)
     lost[0] = total(taken)

@@ -25,15 +25,12 @@ from dlo_sim.engine.layout import (
     BEND,
     BENDING,
     BLOCKS,
-    CURVED,
     DIM,
     HEAD,
     LINE,
     LINEAR,
     MARGIN,
     MESH,
-    NATURAL,
-    NATURAL_ROWS,
     PADDING,
     QUADRATURE,
     SAMPLE,
@@ -44,9 +41,10 @@ from dlo_sim.engine.layout import (
     STRETCH,
     STRIDE,
     TERMS,
+    VALUES,
     XI,
 )
-from dlo_sim.terms import bend, natural_curvature, stretch
+from dlo_sim.terms import bend, stretch
 
 
 @part
@@ -137,6 +135,50 @@ def scatter(g, at, stride, model, block, scale, out):
 
 
 @part
+def integrated(inverse_slope, p, xi):
+    """Value of a line: p0 + integral of p1 + p2 xi + p3 xi^2 from the middle of the span."""
+    return p[0] + xi * inverse_slope * (p[1] + xi * (0.5 * p[2] + xi * p[3] * (1.0 / 3.0)))
+
+
+@part
+def line_polynomial(x, at, stride, model, block):
+    """One line itself on the spans of a block: value in the middle, A, B, C of its derivative."""
+    value = load(model, block + VALUES * LANES) * load(x, at)
+    for k in range(1, 4):
+        value += load(model, block + (VALUES + k) * LANES) * load(x, at + k * stride)
+    a, b, c = coefficients(x, at, stride, model, block)
+    return value, a, b, c
+
+
+@part
+def basis_at(model, block, k, inverse_slope, xi):
+    """Value of basis function k of a span."""
+    row = block + 3 * k * LANES
+    value = load(model, block + (VALUES + k) * LANES)
+    a, b, c = load(model, row), load(model, row + LANES), load(model, row + 2 * LANES)
+    return integrated(inverse_slope, (value, a, b, c), xi)
+
+
+@part
+def add_cubic(a, f, xi):
+    """f times 1, xi, xi^2, xi^3 added: the gradient by a line's value, for `scatter_values`."""
+    g = xi * f
+    return a[0] + f, a[1] + g, a[2] + xi * g, a[3] + xi * xi * g
+
+
+@part
+def scatter_values(f, at, stride, model, block, scale, out):
+    """out += scale times the gradient by the values of one line, gathered by `add_cubic`."""
+    inverse = 1.0 / load(model, block + SLOPE * LANES)
+    on_slopes = inverse * f[1], 0.5 * inverse * f[2], (1.0 / 3.0) * inverse * f[3]
+    scatter(on_slopes, at, stride, model, block, scale, out)
+    for k in range(4):
+        to = at + k * stride
+        value = load(model, block + (VALUES + k) * LANES)
+        store(out, to, load(out, to) + scale * value * f[0])
+
+
+@part
 def scatter_lines(shape, model, b, g0, g1, g2, scale, out):
     """`scatter` of all spatial lines."""
     at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
@@ -145,13 +187,6 @@ def scatter_lines(shape, model, b, g0, g1, g2, scale, out):
     scatter(g1, at + width, stride, model, block, scale, out)
     if shape[DIM] == 3:
         scatter(g2, at + 2 * width, stride, model, block, scale, out)
-
-
-@part
-def natural_at(shape, state, b, j):
-    """Weight EI times the natural curvature vector of sample j of block b."""
-    at = shape[NATURAL] + (b * shape[SAMPLES] + j) * NATURAL_ROWS * LANES
-    return load(state, at), load(state, at + LANES), load(state, at + 2 * LANES)
 
 
 @part
@@ -170,8 +205,8 @@ def span_strains(shape, model, block, p):
 
 
 @part
-def elastic_force(shape, model, state, x, out):
-    """out -= dU/dq of stretching, bending and natural curvature."""
+def elastic_force(shape, model, x, out):
+    """out -= dU/dq of stretching and bending."""
     terms = shape[TERMS]
     if not terms & (STRETCH | SPAN_STRETCH | BEND):
         return
@@ -204,16 +239,6 @@ def elastic_force(shape, model, state, x, out):
             t0, k0 = on_c * t[0] + on_d * k[0], on_h * k[0] + on_d * t[0]
             t1, k1 = on_c * t[1] + on_d * k[1], on_h * k[1] + on_d * t[1]
             t2, k2 = on_c * t[2] + on_d * k[2], on_h * k[2] + on_d * t[2]
-            if terms & CURVED:
-                n = natural_at(shape, state, b, j)
-                more_c, on_e = natural_curvature.gradient(n, t, k, c)
-                kn, nt = natural_curvature.cross(k, n), natural_curvature.cross(n, t)
-                t0 += 2.0 * more_c * t[0] + on_e * kn[0]
-                t1 += 2.0 * more_c * t[1] + on_e * kn[1]
-                t2 += 2.0 * more_c * t[2] + on_e * kn[2]
-                k0 += on_e * nt[0]
-                k1 += on_e * nt[1]
-                k2 += on_e * nt[2]
             g0 = gathered_sample(g0, t0, s * k0, xi)
             g1 = gathered_sample(g1, t1, s * k1, xi)
             g2 = gathered_sample(g2, t2, s * k2, xi)
@@ -221,8 +246,8 @@ def elastic_force(shape, model, state, x, out):
 
 
 @part
-def elastic_energy(shape, model, state, x):
-    """Stretching and bending energy [J] (natural curvature counts as bending), to be gathered."""
+def elastic_energy(shape, model, x):
+    """Stretching and bending energy [J], to be gathered."""
     terms = shape[TERMS]
     stretching, bent = zero(), zero()
     if not terms & (STRETCH | SPAN_STRETCH | BEND):
@@ -249,6 +274,4 @@ def elastic_energy(shape, model, state, x):
                 stretching += w * stretch.energy(axial, c)
             if terms & BEND:
                 bent += w * bend.energy(bending, t, k, c)
-            if terms & CURVED:
-                bent += natural_curvature.energy(natural_at(shape, state, b, j), t, k, c)
     return stretching, bent

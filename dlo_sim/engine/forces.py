@@ -12,11 +12,13 @@ from dlo_sim.engine.layout import (
     BISHOP,
     CONTACT,
     CONTACT_ENERGY,
+    CURVED,
     DIM,
     ENERGIES,
     GRAVITY,
     LINE,
     MARGIN,
+    MATERIAL,
     PARTS,
     PLASTIC_ENERGY,
     PLASTICITY,
@@ -33,6 +35,7 @@ from dlo_sim.engine.layout import (
     WEIGHT_ENERGY,
 )
 from dlo_sim.engine.lines import add_differences, clear, difference_form, gathered
+from dlo_sim.engine.natural_curvature import natural_energy, natural_force
 from dlo_sim.engine.plasticity import plastic_energy
 from dlo_sim.engine.springs import spring_energy, spring_force
 from dlo_sim.engine.torsion import torsion_energy, torsion_force
@@ -43,7 +46,9 @@ def forces(shape, model, state, x, out):
     """out = - dU/dq of everything that has a potential."""
     clear(shape, out)
     terms = shape[TERMS]
-    elastic_force(shape, model, state, x, out)
+    elastic_force(shape, model, x, out)
+    if terms & CURVED:
+        natural_force(shape, model, state, x, x, terms & MATERIAL != 0, True, out)
     if terms & TORSION:
         torsion_force(shape, model, x, out)
     if terms & BISHOP:
@@ -88,7 +93,9 @@ def energies(shape, model, state, x, out):
     terms = shape[TERMS]
     for at in range((len(ENERGIES) + 1) * LANES):
         out[at] = 0.0
-    stretching, bending = elastic_energy(shape, model, state, x)
+    stretching, bending = elastic_energy(shape, model, x)
+    if terms & CURVED:
+        bending += natural_energy(shape, model, state, x)
     store(out, STRETCHING * LANES, gathered(shape, stretching))
     store(out, BENDING_ENERGY * LANES, gathered(shape, bending))
     if terms & TWISTED:

@@ -76,7 +76,7 @@ REACTION = 59  # rows, held: mean force over the last step
 ANCHOR = 60  # rows, springs: where they pull to [m]
 ANCHOR_BOOKED = 63  # the same up to which work is booked
 LEDGER = 61
-NATURAL = 62  # 3 rows a sample of every block: weight EI times its natural curvature vector
+NATURAL = 62  # NATURAL_ROWS a sample of every block (`engine.natural_curvature`)
 RATES_BEFORE = 65  # rows, held: rates of the targets that the velocities belong to
 PLASTIC = 64  # 6 rows a sample of every block: plastic curvature and the tangent it belongs to
 REFERENCE = 66  # positions at the end of the last step, SIZE (`engine.bishop`)
@@ -135,7 +135,7 @@ BENDING = 17  # EI [N m^2]
 VALUES = 18  # values of the four basis functions at xi = 0
 HEAD = 22
 XI, QUADRATURE, SAMPLE = 0, 1, 2  # rows of a sample: xi, weight [m]
-NATURAL_ROWS, PLASTIC_ROWS = 3, 6
+NATURAL_ROWS, PLASTIC_ROWS = 4, 6
 
 # -- bits of the terms --------------------------------------------------------------------------
 STRETCH = 1
@@ -149,6 +149,7 @@ GRAVITY = 128
 DAMPED = 256  # linear damping and stiffness damping
 BISHOP = 512  # twist against the Bishop frame
 CONTACT = 1024
+MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
 
 # -- rows of the ledger [J] ---------------------------------------------------------------------
 LOAD_WORK = 0

@@ -19,7 +19,6 @@ from dlo_sim.engine.elastic import (
     block_of,
     curve,
     dot,
-    natural_at,
     sample_of,
     span_strains,
     tangent_at,
@@ -44,6 +43,7 @@ from dlo_sim.engine.layout import (
     XI,
     N,
 )
+from dlo_sim.engine.natural_curvature import natural_at
 from dlo_sim.terms import bend, natural_curvature, stretch, viscosity
 from dlo_sim.terms.viscosity import combined
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES
+from dlo_sim.compiling.lanes import LANES, bare
 from dlo_sim.compiling.pieces import (
     COUNTS,
     REAL,
@@ -28,6 +28,20 @@ def potential(shape, model, state, scratch, look):
     return total
 
 
+@part
+def turn_natural_shape(shape, rows, size, turns, at, state):
+    """The rows of the state: those given, their first three turned by the matrix at an offset."""
+    for start in range(0, size, layout.NATURAL_ROWS * LANES):
+        for lane in range(start, start + LANES):
+            x, y, z = rows[lane], rows[lane + LANES], rows[lane + 2 * LANES]
+            for d in range(3):
+                turned = turns[at + 3 * d] * x + turns[at + 3 * d + 1] * y
+                to = shape[layout.NATURAL] + lane + d * LANES
+                state[to] = turned + turns[at + 3 * d + 2] * z
+            to = shape[layout.NATURAL] + lane + 3 * LANES
+            state[to] = rows[lane + 3 * LANES]
+
+
 @piece(
     *(COUNTS, implicit.advance_implicit, CABLE, implicit.ENGINE),
     *(REALS, REALS, TRUTH, REAL, WHOLE, WHOLE, REAL, RECORDS),
@@ -49,12 +63,13 @@ def advance_along(
     width,
     motions,
     moments,
-    axes,
+    turns,
 ):
     """Steps, each with its own `width` numbers of the motions of all grasps, (steps, width), and
-    its own axis (steps, 3) of the natural moments; returns (status, steps done, Newton iterations).
+    its own turn (steps, 9) of the rows of the natural shape; returns (status, steps done, Newton
+    iterations).
 
-    What turning that axis changes in energy is work of the grasps.
+    What that turn changes in energy is work of the grasps.
     """
     shape, model, inputs, state, scratch = bared(cable)
     used, at = 0, shape[layout.MOTION]
@@ -63,8 +78,7 @@ def advance_along(
             inputs[at + j] = motions[k * width + j]
         if len(moments):
             before = potential(shape, model, state, scratch, engine.pieces[1])
-            for j in range(len(moments)):
-                state[shape[layout.NATURAL] + j] = moments[j] * axes[3 * k + (j // LANES) % 3]
+            turn_natural_shape(shape, bare(moments), len(moments), turns, 9 * k, state)
             turned = potential(shape, model, state, scratch, engine.pieces[1]) - before
             state[shape[layout.LEDGER] + layout.DRIVE_WORK * LANES] += turned
         status, _, iterations = advance(

@@ -36,6 +36,7 @@ MIDDLE_DIRECTION = FIRST_OWN + 20
 FORCE_OF_HELD = FIRST_OWN + 21  # rows, held
 TRAVEL = FIRST_OWN + 23  # lines: change of the free motion over the step
 TWIST_HELD = FIRST_OWN + 22  # n: 1 where the twist is held
+TWIST_OWN = FIRST_OWN + 24  # lines: its forces but elastic ones and damping
 
 
 @part
@@ -63,4 +64,5 @@ def implicit_rooms(n: int, dim: int, samples: int, held: int, size: int) -> dict
         FORCE_OF_HELD: held * LANES,
         TWIST_HELD: n,
         TRAVEL: size,
+        TWIST_OWN: size,
     }

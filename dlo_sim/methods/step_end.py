@@ -86,7 +86,7 @@ def finish_step(
     moves = grasps_move(shape, inputs)
     if shape[TERMS] & TWISTED:
         if not shape[TERMS] & BISHOP:
-            lost += solve_twist(shape, model, inputs, scratch, x, t0, tau)
+            lost += solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau)
         hold_of_twist(shape, model, scratch, tau)
     work = 0.0
     ahead = shifted(scratch, shape[SEEN])

@@ -19,6 +19,7 @@ from dlo_sim.engine.layout import (
     LOADS,
     MARGIN,
     MASS,
+    MATERIAL,
     NEW_LOAD,
     TERMS,
     TWIST,
@@ -35,6 +36,7 @@ from dlo_sim.engine.lines import (
     gathered,
 )
 from dlo_sim.engine.loads import load_force
+from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
 from dlo_sim.engine.tables import line_of, own_of, point_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
@@ -45,11 +47,14 @@ from dlo_sim.methods.implicit_layout import (
     TWIST_HELD,
     TWIST_LATEST,
     TWIST_MATRIX,
+    TWIST_OWN,
     TWIST_REST,
     TWIST_SUM,
 )
 
 REFINEMENTS = 3  # of the solution for a cable that is free to spin
+MOST_CORRECTIONS = 8  # of the angles, where natural curvature makes them nonlinear
+TURNED = 1e-13  # [rad], correction after which they are solved
 
 
 @part
@@ -115,41 +120,39 @@ def system(shape, model, tau, beta, matrix):
 
 
 @part
-def solve_twist(shape, model, inputs, scratch, x, t0, tau):
-    """Step of the twist line from t0. Returns the energy lost in that line beyond what the part
-    that grasps prescribe already lost.
-
-    CHANGE holds that part; FORCE the forces of the new shape. It completes the line of x, CHANGE,
-    FORCE and NEW_LOAD.
-    """
-    line, width = shape[DIM], shape[LINE]
-    at = line * width
+def moments_of_middle(shape, model, inputs, scratch, t0, tau):
+    """The moments of the midpoint, whose method this line has, into FORCE and NEW_LOAD."""
+    at, width = shape[DIM] * shape[LINE], shape[LINE]
     force, load = shifted(scratch, shape[FORCE]), shifted(scratch, shape[NEW_LOAD])
     start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
-    speed = shifted(scratch, shape[START_V])
-    if shape[LOADS]:
-        # The moments of the midpoint, whose method this line has.
-        middle, moment = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[DAMPING_FORCE])
-        for k in range(at):
-            middle[k] = start[k] + 0.5 * change[k]
-        clear(shape, moment)
-        load_force(shape, model, inputs, scratch, middle, t0 + 0.5 * tau, moment)
-        for k in range(at, at + width):
-            force[k] += moment[k] - load[k]
-            load[k] = moment[k]
-    mass, viscous = shape[MASS] + 7 * width, shape[VISCOUS] + 7 * width
-    beta = model[shape[BETA] + 2 * LANES] / tau if shape[TERMS] & DAMPED else 0.0
-    a = 2.0 / (tau * tau)
+    middle, moment = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[DAMPING_FORCE])
+    for k in range(at):
+        middle[k] = start[k] + 0.5 * change[k]
+    clear(shape, moment)
+    load_force(shape, model, inputs, scratch, middle, t0 + 0.5 * tau, moment)
+    for k in range(at, at + width):
+        force[k] += moment[k] - load[k]
+        load[k] = moment[k]
+
+
+@part
+def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins):
+    """One Newton correction of the twist line of x and CHANGE; completes that of FORCE, which holds
+    all but the elastic and damping forces. Returns the largest entry of the correction.
+    """
+    line, width = shape[DIM], shape[LINE]
+    at, natural = line * width, shape[TERMS] & MATERIAL != 0
+    force, start = shifted(scratch, shape[FORCE]), shifted(scratch, shape[START])
+    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    mass, viscous, a = shape[MASS] + 7 * width, shape[VISCOUS] + 7 * width, 2.0 / (tau * tau)
     matrix = shifted(scratch, shape[TWIST_MATRIX])
     system(shape, model, tau, beta, matrix)
-    is_held = shifted(scratch, shape[TWIST_HELD])
-    spins = not mark_held(shape, is_held)
-    factorize(shape, is_held, matrix)
+    if natural:
+        natural_force(shape, model, state, begin, end, True, False, force)
+        add_natural_stiffness(shape, model, state, begin, end, matrix)
+    factorize(shape, shifted(scratch, shape[TWIST_HELD]), matrix)
     latest, rest = shifted(scratch, shape[TWIST_LATEST]), shifted(scratch, shape[TWIST_REST])
     sum_ = shifted(scratch, shape[TWIST_SUM])
-    lost = 0.0
-    if shape[TERMS] & DAMPED:
-        lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
     add_differences(shape, model, shape[TWIST], line, -1.0, start, force)
     for k in range(at, at + width):
         rest[k] = force[k]
@@ -169,12 +172,49 @@ def solve_twist(shape, model, inputs, scratch, x, t0, tau):
         add_differences(shape, model, shape[TWIST], line, -0.5 - beta, latest, rest)
         if shape[TERMS] & DAMPED:
             add_product(shape, model, viscous, line, -1.0 / tau, latest, rest)
+    moved = 0.0
     for k in range(at, at + width):
         x[k] += sum_[k]
         change[k] += sum_[k]
+        moved = max(moved, abs(sum_[k]))
     add_differences(shape, model, shape[TWIST], line, -0.5 - beta, change, force)
     if shape[TERMS] & DAMPED:
         add_product(shape, model, viscous, line, -1.0 / tau, sum_, force)
+    return moved
+
+
+@part
+def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
+    """Step of the twist line from t0. Returns the energy lost in that line beyond what the part
+    that grasps prescribe already lost.
+
+    CHANGE holds that part; FORCE the forces of the new shape. It completes the line of x, CHANGE,
+    FORCE and NEW_LOAD. `begin`, `end`: between which the discrete gradient of the natural curvature
+    is taken, which alone makes the line nonlinear.
+    """
+    line, width = shape[DIM], shape[LINE]
+    at, natural = line * width, shape[TERMS] & MATERIAL != 0
+    damped = shape[TERMS] & DAMPED != 0
+    force, change = shifted(scratch, shape[FORCE]), shifted(scratch, shape[CHANGE])
+    own, middle = shifted(scratch, shape[TWIST_OWN]), shifted(scratch, shape[MIDDLE])
+    if shape[LOADS]:
+        moments_of_middle(shape, model, inputs, scratch, t0, tau)
+    beta = model[shape[BETA] + 2 * LANES] / tau if damped else 0.0
+    spins = not mark_held(shape, shifted(scratch, shape[TWIST_HELD]))
+    viscous, lost = shape[VISCOUS] + 7 * width, 0.0
+    if damped:
+        lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
+    for k in range(at, at + width):
+        own[k] = force[k]
+    for _ in range(MOST_CORRECTIONS if natural else 1):
+        for k in range(at, at + width):
+            force[k] = own[k]
+        moved = correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
+        for k in range(at, at + width):
+            middle[k] = scratch[shape[START] + k] + 0.5 * change[k]
+        if moved < TURNED:
+            break
+    if damped:
         lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau
         twisted = first(gathered(shape, difference_form(shape, model, shape[TWIST], line, change)))
         lost += beta * twisted
@@ -192,11 +232,8 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
         begin = end = shifted(scratch, shape[MIDDLE])
     viscous = model[shape[BETA] + 2 * LANES] / tau if shape[TERMS] & DAMPED else 0.0
     couple_twist(shape, model, state, begin, end, viscous, True, False, force)
-    lost = solve_twist(shape, model, inputs, scratch, x, t0, tau)
-    if not discrete:
-        first_ = shape[DIM] * shape[LINE]
-        for at in range(first_, first_ + shape[LINE]):
-            start = scratch[shape[START] + at]
-            begin[at] = start + 0.5 * scratch[shape[CHANGE] + at]
+    lost = solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau)
     taken = couple_twist(shape, model, state, begin, end, viscous, False, True, force)
+    if shape[TERMS] & MATERIAL:
+        natural_force(shape, model, state, begin, end, False, True, force)
     return lost + first(gathered(shape, taken))

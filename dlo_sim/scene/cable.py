@@ -46,6 +46,27 @@ class Cable:
         1.0,
     )
 
+    rest_curvature_2: tuple[float, ...] = parameter(
+        (0.0,),
+        "Natural curvature in the second plane, likewise: about the axis normal to both the cable, "
+        "where it leaves the start, and rest_curvature_axis (their cross product).",
+        "1/m",
+        -1.0e5,
+        1.0e5,
+    )
+    rest_twist: tuple[float, ...] = parameter(
+        (0.0,),
+        "Twist of the unloaded cable, likewise; needs terms.twist bishop.",
+        "rad/m",
+        -1.0e5,
+        1.0e5,
+    )
+
+    @property
+    def shaped(self) -> bool:
+        """Whether the unloaded cable is bent or twisted."""
+        return any(map(any, (self.rest_curvature, self.rest_curvature_2, self.rest_twist)))
+
     @property
     def area(self) -> float:
         """Section area A = pi D^2 / 4 [m^2]."""

@@ -26,8 +26,9 @@ def _norm(vector: Vector) -> float:
 def check_cable(cable: Cable) -> None:
     """Refuse an empty natural curvature, and an axis that is no unit vector."""
     axis = cable.rest_curvature_axis
-    if not cable.rest_curvature:
-        raise refusal("cable.rest_curvature", (), "is empty; give [0.0] for a straight cable")
+    for name in ("rest_curvature", "rest_curvature_2", "rest_twist"):
+        if not getattr(cable, name):
+            raise refusal(f"cable.{name}", (), "is empty; give [0.0] for a straight cable")
     if abs(_norm(axis) - 1.0) > 1e-6:
         size = _norm(axis)
         unit = shown(tuple(round(a / size, 9) for a in axis)) if size > 0.0 else "[0.0, 1.0, 0.0]"

@@ -162,7 +162,7 @@ class Scene:
         """Why the tension cannot be told from the shape; empty if it can."""
         if self.terms.stretch == "off" or self.integrator.method == "rattle":
             return "is not known of a cable that does not stretch"
-        if any(self.cable.rest_curvature) or self.plasticity.yield_curvature:
+        if self.cable.shaped or self.plasticity.yield_curvature:
             return "is not known of a cable that is bent at rest or plastic"
         return ""
 

@@ -285,6 +285,7 @@ def _forces_leave(scene: Scene, normal: int) -> bool:
         leaving += [load.torque[axis] for axis in around]
     if any(scene.cable.rest_curvature):
         leaving += [scene.cable.rest_curvature_axis[axis] for axis in around]
+    leaving += [any(scene.cable.rest_curvature_2)]
     return any(leaving)
 
 

@@ -15,6 +15,7 @@ from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.engine.held_motion import carry
+from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods import between_steps
 from dlo_sim.methods.implicit_layout import BALANCE, BAND
@@ -133,6 +134,8 @@ class Cable:
 
     def open_frame(self) -> None:
         """The twist angles are those in the Bishop frame of the present shape."""
+        if self.model.has(layout.MATERIAL):
+            follow_to_present(self.arrays)
         if self.model.has(layout.BISHOP):
             self.model.view(self.state, layout.REFERENCE)[:] = self.x
             self.frame_turn[:] = 0.0

@@ -9,8 +9,9 @@ from dlo_sim.core import arguments, rotations
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps, layout
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.by_sample import to_lanes
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.natural_shape import local_axis, natural_vectors
+from dlo_sim.simulation.natural_shape import has_natural_shape, local_turn, natural_rows
 
 Array = NDArray[np.float64]
 
@@ -120,17 +121,15 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     return rows
 
 
-def natural_along(scene: Scene, model: Model, motions: Array) -> tuple[Array, Array]:
-    """Natural moments per unit of the axis, empty if there are none, and the axis of every step:
-    it turns with the start's end effector.
+def natural_along(
+    scene: Scene, model: Model, tangent: Array, motions: Array
+) -> tuple[Array, Array]:
+    """Natural shape in the frame of the start's end effector, with which it turns, and the nine
+    numbers of that turn at every step; empty if there is none, or it follows the cable.
     """
-    if not (model.has(layout.CURVED) and any(scene.cable.rest_curvature)):
+    if model.has(layout.MATERIAL) or not has_natural_shape(scene, model):
         return np.zeros(0), np.zeros(0)
-    axis = np.array(scene.cable.rest_curvature_axis) / np.linalg.norm(
-        scene.cable.rest_curvature_axis
-    )
+    rows = to_lanes(model, natural_rows(scene, model, tangent))
     frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
-    axes = np.array([local_axis(one, model.axes) for one in frames @ axis])
-    ones = np.ones(3)
-    moments = natural_vectors(scene, model, ones) * local_axis(ones, model.axes)[2]
-    return moments.ravel(), axes.ravel()
+    turns = np.array([local_turn(one, model.axes) for one in frames])
+    return rows, turns.ravel()

@@ -38,7 +38,14 @@ def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) 
     if model.twist:
         held = model.held_mask()[dim]
         band, inertia = model.band(layout.TWIST, dim), model.band(layout.MASS, dim)
-        value = max(value, spectrum.largest_of_line(band, inertia, ~held))
+        twisting = spectrum.largest_of_line(band, inertia, ~held)
+        if model.has(layout.MATERIAL):
+            # EI kappa kappa0 per length and angle, for bends down to the cable's diameter
+            section = scene.cable
+            bent = max(map(abs, (*section.rest_curvature, *section.rest_curvature_2)))
+            turning = section.EI * bent / (section.diameter * section.polar_inertia)
+            twisting = math.hypot(twisting, math.sqrt(2.0 * turning))
+        value = max(value, twisting)
     if model.has(layout.TORSION):
         value = with_torsion(value, scene, model)
     return value

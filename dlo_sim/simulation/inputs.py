@@ -14,12 +14,18 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.cable import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import build_model
-from dlo_sim.simulation.natural_shape import natural_vectors
+from dlo_sim.simulation.natural_shape import (
+    has_natural_shape,
+    natural_rows,
+    rows_in_frames,
+    turned_rows,
+)
 from dlo_sim.simulation.transfer import carry_inputs
 from dlo_sim.simulation.view import CableView
 
@@ -185,7 +191,7 @@ class CableInputs(CableView):
         booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
         booked[:] = cable.anchors
         cable.point_grasps(self.time if self._steps else 0.0)
-        self._turn_rest_axis()
+        self._turn_natural_shape()
 
     def _after_end_moved(self, end: str) -> None:
         """Bring in what a moved end needs: the drive itself, the third coordinate, twist."""
@@ -196,19 +202,28 @@ class CableInputs(CableView):
         )
         if self._model.has(layout.CURVED):
             before = self._cable.present_energy()
-            self._turn_rest_axis()
+            self._turn_natural_shape()
             self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
 
-    def _turn_rest_axis(self) -> None:
-        """The natural curvature's axis turns with the start's end effector."""
-        if self._model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
-            x, y, z = self.scene.cable.rest_curvature_axis
-            time = self.time if self._steps else 0.0
-            turned = self._ends.turned("start", time, (float(x), float(y), float(z)))
-            axis = np.array(turned) / math.hypot(x, y, z)
-            vectors = natural_vectors(self.scene, self._model, axis)
-            at = self._model.shape[layout.NATURAL]
-            self._cable.state[at : at + vectors.size] = vectors.ravel()
+    def _turn_natural_shape(self) -> None:
+        """The natural shape turns with the start's end effector, unless it follows the cable."""
+        if not has_natural_shape(self.scene, self._model) or self._model.has(layout.MATERIAL):
+            return
+        turn = rotations.to_matrix(self.end_pose("start")[1])
+        rows = turned_rows(self._natural_rows(), turn, self._model.axes)
+        put_by_sample(self._cable, layout.NATURAL, rows)
+
+    def _lay_natural_shape(self) -> None:
+        """The natural shape of the material frame along the present shape."""
+        length = self.scene.cable.length
+        u = np.append(0.0, sample_coordinates(self._model).ravel() * length)
+        frames = self.frames(u)
+        samples = frames[1:].reshape(*self._model.rule.xi.shape, 4)
+        rows = rows_in_frames(self._natural_rows(), self.end_pose("start")[1], frames[0], samples)
+        put_by_sample(self._cable, layout.NATURAL, rows)
+
+    def _natural_rows(self) -> Array:
+        return natural_rows(self.scene, self._model, self._geometries["start"].tangent)
 
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
@@ -233,8 +248,8 @@ class CableInputs(CableView):
         self._geometries = geometries
         self._rebuild(needs)
         carry_inputs(old, self._cable)
-        optional_terms.carry_plastic(old, self._cable)
         self._cable.put(points, rates)
+        optional_terms.carry_samples(old, self._cable)
         ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
         self._cable.ledger[:] = ledger
         anew = [layout.IS_BOOKED, layout.PENDING, layout.KNOWN, layout.HAS_REACTION]

@@ -156,7 +156,7 @@ def build_model(
     knots = bspline.clamped_knots(n, scene.cable.length, graded)
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
-    curved = needs.bend and (needs.plasticity or any(scene.cable.rest_curvature))
+    curved = needs.bend and (needs.plasticity or scene.cable.shaped)
     counts = Counts(
         dim=len(axes),
         lines=len(axes) + twist,
@@ -220,6 +220,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.DAMPED: needs.damping,
         layout.BISHOP: needs.bishop,
         layout.CONTACT: needs.contact,
+        layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
     return sum(bit for bit, there in present.items() if there)
 

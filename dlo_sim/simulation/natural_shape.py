@@ -1,38 +1,65 @@
-"""The natural curvature of a scene at the samples of its model."""
+"""The natural curvature and rest twist of a scene at the samples of its model."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.lanes import LANES
-from dlo_sim.core import bspline
+from dlo_sim.core import rotations
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.by_sample import moment_weights, sample_coordinates
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 
 
-def natural_vectors(scene: Scene, model: Model, axis: Array) -> Array:
-    """Weight EI kappa0 times the axis, of every sample, shape (blocks, samples, 3, LANES)."""
-    values = np.asarray(scene.cable.rest_curvature, dtype=float)
-    blocks, samples = int(model.shape[layout.BLOCKS]), int(model.shape[layout.SAMPLES])
-    ends = bspline.breaks(model.knots)
-    u = ends[:-1, None] + 0.5 * (model.rule.xi + 1.0) * np.diff(ends)[:, None]
-    curvature = np.interp(u / ends[-1], np.linspace(0.0, 1.0, len(values)), values)
-    moment = np.zeros((blocks * LANES, samples))
-    moment[: len(u)] = scene.cable.EI * curvature * model.rule.weights
-    by_lanes = moment.reshape(blocks, LANES, samples).transpose(0, 2, 1)
-    return by_lanes[:, :, None, :] * local_axis(axis, model.axes)[:, None]
+def has_natural_shape(scene: Scene, model: Model) -> bool:
+    """Whether the cable is bent or twisted at rest, apart from what plastic flow makes of it."""
+    return model.has(layout.CURVED) and scene.cable.shaped
 
 
-def local_axis(axis: Array, axes: tuple[int, ...]) -> Array:
-    """An axis of rotation in the coordinates of the lines.
+def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
+    """Rows of `layout.NATURAL` where the cable leaves the start's end effector, in whose frame it
+    has this unit tangent: EI kappa0 times the weight (3), rest twist; (spans, samples, 4).
+    """
+    cable, share = scene.cable, sample_coordinates(model)
+
+    def along(values: tuple[float, ...]) -> Array:
+        return np.interp(share, np.linspace(0.0, 1.0, len(values)), values)[..., None]
+
+    axis = np.array(cable.rest_curvature_axis)
+    axis /= np.linalg.norm(axis)
+    bent = along(cable.rest_curvature) * axis
+    bent = bent + along(cable.rest_curvature_2) * np.cross(tangent, axis)
+    return np.concatenate([moment_weights(model) * bent, along(cable.rest_twist)], axis=-1)
+
+
+def turned_rows(rows: Array, turn: Array, axes: tuple[int, ...]) -> Array:
+    """The rows with their vectors turned by a matrix (3, 3), in the coordinates of the lines."""
+    return np.concatenate([rows[..., :3] @ local_turn(turn, axes).T, rows[..., 3:]], axis=-1)
+
+
+def local_turn(turn: Array, axes: tuple[int, ...]) -> Array:
+    """A rotation matrix whose results are in the coordinates of the lines.
 
     In planar motion the third component is the one about the normal e_a x e_b of the two lines.
     """
     if len(axes) == 3:
-        return axis
+        return turn
     normal = np.cross(np.eye(3)[axes[0]], np.eye(3)[axes[1]])
-    return np.array([0.0, 0.0, axis @ normal])
+    return np.array([np.zeros(3), np.zeros(3), normal @ turn])
+
+
+def rows_in_frames(rows: Array, start: Array, first: Array, frames: Array) -> Array:
+    """The rows with their vectors carried along the cable by its material frames.
+
+    Args:
+        start: orientation (4,) of the end effector in whose frame they are; first: of the material
+            frame there, x along the cable. frames: at the samples, (spans, samples, 4).
+    """
+    inside = rotations.multiply(rotations.conjugate(first), start)
+    vectors = rows[..., :3] @ rotations.to_matrix(inside).T
+    vectors[..., 0] = 0.0  # what points along the cable does not bend it
+    turn = rotations.to_matrix(frames.reshape(-1, 4)).reshape(*frames.shape[:2], 3, 3)
+    return np.concatenate([np.einsum("smij,smj->smi", turn, vectors), rows[..., 3:]], axis=-1)

@@ -3,65 +3,42 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dlo_sim.compiling.lanes import LANES
-from dlo_sim.core import bspline
 from dlo_sim.core.methods import CONSTRAINED, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, frenet_wanted, inextensible, plasticity_wanted
+from dlo_sim.simulation.by_sample import (
+    by_sample,
+    carried_over,
+    moment_weights,
+    put_by_sample,
+)
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.report import UndefinedTorsion
 
-Array = NDArray[np.float64]
+TINY = 1e-300
 
 
-def sample_coordinates(model: Model) -> Array:
-    """Material coordinate of every sample as a share of the length, shape (spans, samples)."""
-    ends = bspline.breaks(model.knots)
-    u = ends[:-1, None] + 0.5 * (model.rule.xi + 1.0) * np.diff(ends)[:, None]
-    return np.asarray(u / ends[-1])
-
-
-def _by_sample(cable: Cable, offset: int, rows: int) -> Array:
-    """Rows of every sample, a copy of shape (spans, samples, rows)."""
-    shape = cable.model.shape
-    blocks, samples = int(shape[layout.BLOCKS]), int(shape[layout.SAMPLES])
-    at = int(shape[offset])
-    values = cable.state[at : at + blocks * samples * rows * LANES]
-    lanes = values.reshape(blocks, samples, rows, LANES).transpose(0, 3, 1, 2)
-    return lanes.reshape(-1, samples, rows)[: cable.model.n - bspline.DEGREE]
-
-
-def _put_by_sample(cable: Cable, offset: int, values: Array) -> None:
-    """Write what `_by_sample` reads."""
-    shape = cable.model.shape
-    blocks, (_, samples, rows) = int(shape[layout.BLOCKS]), values.shape
-    padded = np.zeros((blocks * LANES, samples, rows))
-    padded[: len(values)] = values
-    lanes = padded.reshape(blocks, LANES, samples, rows).transpose(0, 2, 3, 1)
-    at = int(shape[offset])
-    cable.state[at : at + lanes.size] = lanes.ravel()
-
-
-def carry_plastic(old: Cable, new: Cable) -> None:
-    """Take over another cable's plastic curvature, linear between its samples."""
-    if not (old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY)):
-        return
-    source, target = sample_coordinates(old.model), sample_coordinates(new.model)
-    known = old.model.rule.weights != 0.0
-    order = np.argsort(source[known], kind="stable")
-    values = _by_sample(old, layout.PLASTIC, layout.PLASTIC_ROWS)
-    out = np.empty((*target.shape, layout.PLASTIC_ROWS))
-    for row in range(layout.PLASTIC_ROWS):
-        out[..., row] = np.interp(target, source[known][order], values[..., row][known][order])
-    _put_by_sample(new, layout.PLASTIC, out)
-    stiffness = new.model.bending_stiffness[:, None, None]
-    moments = stiffness * new.model.rule.weights[..., None] * out[..., :3]
-    _put_by_sample(new, layout.NATURAL, moments)
+def carry_samples(old: Cable, new: Cable) -> None:
+    """Take over another cable's plastic curvature, and its natural shape where that follows the
+    material frame.
+    """
+    weights = moment_weights(new.model)
+    if old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY):
+        plastic = by_sample(old, layout.PLASTIC, layout.PLASTIC_ROWS)
+        plastic = carried_over(old, new, plastic)
+        put_by_sample(new, layout.PLASTIC, plastic)
+        vectors = np.zeros((*plastic.shape[:2], layout.NATURAL_ROWS))
+        vectors[..., :3] = weights * plastic[..., :3]
+        put_by_sample(new, layout.NATURAL, vectors)
+    if old.model.has(layout.MATERIAL) and new.model.has(layout.MATERIAL):
+        natural = by_sample(old, layout.NATURAL, layout.NATURAL_ROWS)
+        natural[..., :3] /= np.maximum(moment_weights(old.model), TINY)
+        natural = carried_over(old, new, natural)
+        natural[..., :3] *= weights
+        put_by_sample(new, layout.NATURAL, natural)
 
 
 def undefined_torsion(scene: Scene, cable: Cable) -> UndefinedTorsion:
@@ -111,7 +88,11 @@ def check_terms(scene: Scene, needs: Needs) -> None:
         raise SceneError(
             "terms.plasticity: bends nothing, since terms.bend is off; set one of them"
         )
-    if needs.plasticity and any(scene.cable.rest_curvature):
+    if any(scene.cable.rest_twist) and not needs.bishop:
+        raise SceneError(
+            "cable.rest_twist: needs the twist that acts on the shape; set terms.twist to bishop"
+        )
+    if needs.plasticity and scene.cable.shaped:
         raise SceneError(
             "cable.rest_curvature: is not available together with terms.plasticity; set it to "
             "[0.0] or terms.plasticity to off"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -22,10 +23,20 @@ from dlo_sim.simulation.model import Model, build_model
 
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
+MOST_LAYINGS = 4
+LAID = 1e-9  # of the length, movement after which the natural shape fits the frames
 
 
-def place(scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable) -> None:
-    """Put a cable into the scene's first shape, at rest.
+def place(
+    scene: Scene,
+    geometries: Geometries,
+    ends: EndDrive,
+    cable: Cable,
+    lay: Callable[[], None] | None = None,
+) -> None:
+    """Put a cable into the scene's first shape, at rest. `lay` turns the natural shape along the
+    cable with its material frame, of which each search for the equilibrium takes what the last one
+    left.
 
     Raises:
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
@@ -43,7 +54,7 @@ def place(scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable) ->
             )
         if constrained:
             _relax_elastic(scene, geometries, cable)
-        elif not statics.relax(cable):
+        elif not _relaxed(cable, lay):
             raise SceneError(
                 "initial.shape: no equilibrium found from the first guess; use straight, more "
                 "control points or discretization.stretch sample, or check the ends' positions, "
@@ -62,9 +73,25 @@ def place(scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable) ->
                 "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
                 "control points, or energy_momentum"
             )
+    if lay:
+        lay()
     points = cable.model.to_columns(cable.x)
     _check_obstacles(scene, cable.model, points[:, :3])
     cable.put(points, np.zeros_like(points))
+
+
+def _relaxed(cable: Cable, lay: Callable[[], None] | None) -> bool:
+    """Whether an equilibrium was found, with the natural shape along it."""
+    if not lay:
+        return statics.relax(cable)
+    for _ in range(MOST_LAYINGS):
+        before = cable.x.copy()
+        lay()
+        if not statics.relax(cable):
+            return False
+        if np.abs(cable.x - before).max() < LAID * float(cable.model.knots[-1]):
+            break
+    return True
 
 
 def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:

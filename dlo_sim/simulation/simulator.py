@@ -101,7 +101,8 @@ class Simulator(CableInputs):
         self._steps = 0
         self._remainder = 0.0
         self._fill_inputs()
-        place(scene, self._geometries, self._ends, self._cable)
+        lay = self._lay_natural_shape if model.has(layout.MATERIAL) else None
+        place(scene, self._geometries, self._ends, self._cable, lay)
         gradients = length_gradients(self._cable) if inextensible(scene) else None
         frequency = largest_frequency(scene, self._cable, gradients)
         frequency = with_grasps_and_contact(scene, model, frequency)
@@ -222,7 +223,7 @@ class Simulator(CableInputs):
         for name, path in paths.items():
             row = list(self.scene.holders).index(name)
             motions[:, row] = motions_along(cable.motion[row], grid, path)
-        natural = natural_along(self.scene, self._model, motions)
+        natural = natural_along(self.scene, self._model, self._geometries["start"].tangent, motions)
         made = self._loop.advance_along(self._steps, recorder, motions, natural)
         self._steps += made.steps
         self._ends.restored()
@@ -386,7 +387,7 @@ class Simulator(CableInputs):
         self._ends.put(points, 0.0)
         self._cable.point_grasps(0.0)
         self._cable.put(points, rates, 0.0)
-        optional_terms.carry_plastic(other._cable, self._cable)
+        optional_terms.carry_samples(other._cable, self._cable)
         for grasp in taking:
             self.take(grasp)
         self._open_account()

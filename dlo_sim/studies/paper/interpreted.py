@@ -96,7 +96,7 @@ def _check(scene: Scene) -> None:
         "clamped ends": any(end.clamped for end in ends),
         "end masses": any(end.mass for end in ends),
         "driven ends": any(end.driven for end in ends),
-        "natural curvature": any(cable.rest_curvature),
+        "natural curvature": cable.shaped,
         "lumped mass": scene.discretization.mass != "consistent",
         "stretching by span": scene.discretization.stretch_by_span,
         "torques, topics": any(one.type != "force" or one.signal == "none" for one in scene.loads),

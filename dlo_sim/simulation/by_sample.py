@@ -1,0 +1,61 @@
+"""What the state of a cable holds at its samples, span by span."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.core import bspline
+from dlo_sim.engine import layout
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.model import Model
+
+Array = NDArray[np.float64]
+
+
+def sample_coordinates(model: Model) -> Array:
+    """Material coordinate of every sample as a share of the length, shape (spans, samples)."""
+    ends = bspline.breaks(model.knots)
+    u = ends[:-1, None] + 0.5 * (model.rule.xi + 1.0) * np.diff(ends)[:, None]
+    return np.asarray(u / ends[-1])
+
+
+def to_lanes(model: Model, values: Array) -> Array:
+    """Values (spans, samples, rows) as the state holds them, flat."""
+    blocks, (_, samples, rows) = int(model.shape[layout.BLOCKS]), values.shape
+    padded = np.zeros((blocks * LANES, samples, rows))
+    padded[: len(values)] = values
+    return padded.reshape(blocks, LANES, samples, rows).transpose(0, 2, 3, 1).ravel()
+
+
+def put_by_sample(cable: Cable, offset: int, values: Array) -> None:
+    """Write rows of every sample, shape (spans, samples, rows)."""
+    at, flat = int(cable.model.shape[offset]), to_lanes(cable.model, values)
+    cable.state[at : at + flat.size] = flat
+
+
+def by_sample(cable: Cable, offset: int, rows: int) -> Array:
+    """Rows of every sample, a copy of shape (spans, samples, rows)."""
+    shape = cable.model.shape
+    blocks, samples = int(shape[layout.BLOCKS]), int(shape[layout.SAMPLES])
+    at = int(shape[offset])
+    values = cable.state[at : at + blocks * samples * rows * LANES]
+    lanes = values.reshape(blocks, samples, rows, LANES).transpose(0, 3, 1, 2)
+    return lanes.reshape(-1, samples, rows)[: cable.model.n - bspline.DEGREE]
+
+
+def carried_over(old: Cable, new: Cable, values: Array) -> Array:
+    """Values (spans, samples, rows) of one cable at the samples of another, linear between them."""
+    source, target = sample_coordinates(old.model), sample_coordinates(new.model)
+    known = old.model.rule.weights != 0.0
+    order = np.argsort(source[known], kind="stable")
+    out = np.empty((*target.shape, values.shape[-1]))
+    for row in range(values.shape[-1]):
+        out[..., row] = np.interp(target, source[known][order], values[..., row][known][order])
+    return out
+
+
+def moment_weights(model: Model) -> Array:
+    """Bending stiffness times quadrature weight [N m^3], shape (spans, samples, 1)."""
+    return np.asarray((model.bending_stiffness[:, None] * model.rule.weights)[..., None])

@@ -1,0 +1,91 @@
+"""A vector that is fixed in the material frame, normal to the tangent, within a step.
+
+With n where the tangent's direction was T, and phi the angle by which the frame has twisted since,
+in the Bishop frame, the vector is now
+    P a = a - (T'.a) / (1 + T.T') (T + T'),   a = R(phi) n:
+turned about T, then by the smallest rotation from T to the new direction T'.
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import root
+from dlo_sim.compiling.pieces import part
+from dlo_sim.terms.natural_curvature import cross
+from dlo_sim.terms.viscosity import combined, dot
+
+
+@part
+def sine_share(z):
+    """sin(phi) / phi of z = phi^2, to 1e-12 up to phi = 1."""
+    f = 1.0 - z * (1.0 / 156.0)
+    f = 1.0 - z * (1.0 / 110.0) * f
+    f = 1.0 - z * (1.0 / 72.0) * f
+    f = 1.0 - z * (1.0 / 42.0) * f
+    f = 1.0 - z * (1.0 / 20.0) * f
+    return 1.0 - z * (1.0 / 6.0) * f
+
+
+@part
+def cosine(z):
+    """cos(phi) of z = phi^2, likewise."""
+    f = 1.0 - z * (1.0 / 132.0)
+    f = 1.0 - z * (1.0 / 90.0) * f
+    f = 1.0 - z * (1.0 / 56.0) * f
+    f = 1.0 - z * (1.0 / 30.0) * f
+    f = 1.0 - z * (1.0 / 12.0) * f
+    return 1.0 - z * 0.5 * f
+
+
+@part
+def unit(t):
+    """t / |t|."""
+    return combined(1.0 / root(dot(t, t)), t, 0.0, t)
+
+
+@part
+def turned(n, t, angle):
+    """R(angle) n about the unit vector t."""
+    z = angle * angle
+    return combined(cosine(z), n, angle * sine_share(z), cross(t, n))
+
+
+@part
+def carried(a, before, t):
+    """P a, from one unit tangent to another."""
+    return combined(1.0, a, -dot(t, a) / (1.0 + dot(before, t)), combined(1.0, before, 1.0, t))
+
+
+@part
+def between(n, before, angle0, angle1, t0, t1, b):
+    """The vector at two shapes, n0 and n1, for b = the mean of t x k, and the divided differences
+        b.(n1 - n0) = G.(t1 - t0) + g (angle1 - angle0),
+    exactly: a product rule with symmetric means. Returns n0, n1, G, g.
+    """
+    s0, s1 = root(dot(t0, t0)), root(dot(t1, t1))
+    u0, u1 = combined(1.0 / s0, t0, 0.0, t0), combined(1.0 / s1, t1, 0.0, t1)
+    half = 0.5 * (angle1 - angle0)
+    z = half * half
+    middle = turned(n, before, 0.5 * (angle0 + angle1))
+    aside, share = cross(before, middle), sine_share(z)
+    a = combined(cosine(z), middle, 0.0, middle)
+    a0 = combined(1.0, a, -half * share, aside)
+    a1 = combined(1.0, a, half * share, aside)
+    i0, i1 = 1.0 / (1.0 + dot(before, u0)), 1.0 / (1.0 + dot(before, u1))
+    h0 = combined(i0, before, i0, u0)
+    h1 = combined(i1, before, i1, u1)
+    along0, along1 = dot(u0, a0), dot(u1, a1)
+    along, both = 0.5 * (along0 + along1), 0.5 * (dot(h0, b) + dot(h1, b))
+    u = combined(0.5, u0, 0.5, u1)
+    # On T1 - T0, with T = t / |t|
+    f = along * (dot(before, b) + dot(u, b)) * i0 * i1
+    g = combined(-both, a, f, before)
+    g = combined(1.0, g, -0.5 * along * (i0 + i1), b)
+    # and on t1 - t0
+    t = combined(0.5, t0, 0.5, t1)
+    f = -2.0 * dot(t, g) / (s0 * s1 * (s0 + s1))
+    return (
+        combined(1.0, a0, -along0, h0),
+        combined(1.0, a1, -along1, h1),
+        combined(0.5 * (1.0 / s0 + 1.0 / s1), g, f, t),
+        share * (dot(aside, b) - both * dot(u, aside)),
+    )
