@@ -17,6 +17,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
+import numpy as np
 from numba import NumbaExperimentalFeatureWarning, config, njit, types
 from numba.experimental import structref
 
@@ -38,6 +39,7 @@ WHOLE = types.int64
 NOTHING = types.void
 TRUTH = types.boolean
 COUNTS = types.UniTuple(types.int64, 3)
+YES, NO = np.bool_(True), np.bool_(False)  # of True numba compiles what it is passed to once more
 
 # It is issued wherever functions of a fixed signature are arguments, at run time too.
 warnings.filterwarnings("ignore", "First-class function", NumbaExperimentalFeatureWarning)

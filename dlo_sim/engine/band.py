@@ -9,18 +9,8 @@ end has. What is held is then held unknown by unknown.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, store
-from dlo_sim.compiling.pieces import part
-from dlo_sim.engine.layout import (
-    DIM,
-    DIRECTION_ROWS,
-    HELD,
-    LINE,
-    MARGIN,
-    SPRING,
-    SPRING_ROWS,
-    SPRINGS,
-    N,
-)
+from dlo_sim.compiling.pieces import YES, part
+from dlo_sim.engine import layout
 from dlo_sim.engine.tables import is_twist, line_of, own_of, point_of, spring_first, spring_line
 
 PADDING = 16  # zeros before and behind a vector of all unknowns
@@ -35,18 +25,18 @@ def width_of(dim):
 @part
 def clear_band(shape, band):
     """band = 0."""
-    for at in range(shape[N] * shape[DIM] * width_of(shape[DIM])):
+    for at in range(shape[layout.N] * shape[layout.DIM] * width_of(shape[layout.DIM])):
         band[at] = 0.0
 
 
 @part
 def add_lines(shape, model, matrix, scale, band):
     """band += scale times a matrix of seven lines, the same on every spatial line."""
-    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     half, row = 4 * dim - 1, width_of(dim)
     for k in range(7):
         for i in range(max(3 - k, 0), min(n, n + 3 - k)):
-            value = scale * model[matrix + k * width + MARGIN + i]
+            value = scale * model[matrix + k * width + layout.MARGIN + i]
             for d in range(dim):
                 band[(i * dim + d) * row + (k - 3) * dim + half] += value
 
@@ -54,10 +44,10 @@ def add_lines(shape, model, matrix, scale, band):
 @part
 def add_springs(shape, model, scale, band):
     """band += scale times the stiffness of the springs."""
-    dim = shape[DIM]
+    dim = shape[layout.DIM]
     half = 4 * dim - 1
-    for s in range(shape[SPRINGS]):
-        at = shape[SPRING] + SPRING_ROWS * LANES * s
+    for s in range(shape[layout.SPRINGS]):
+        at = shape[layout.SPRING] + layout.SPRING_ROWS * LANES * s
         first = spring_first(shape, s)
         line = spring_line(shape, s)
         for k in range(4):
@@ -79,12 +69,12 @@ def own_point(shape, k):
 @part
 def frame_of(shape, k, directions):
     """Tangent, and one or two directions across, of the clamp whose rows begin at k."""
-    at = DIRECTION_ROWS * LANES * k
-    if shape[DIM] == 2:
+    at = layout.DIRECTION_ROWS * LANES * k
+    if shape[layout.DIM] == 2:
         c0, c1 = directions[at], directions[at + LANES]
         return (c1, -c0, 0.0), (c0, c1, 0.0), (0.0, 0.0, 1.0)
     a = directions[at], directions[at + LANES], directions[at + 2 * LANES]
-    at += DIRECTION_ROWS * LANES
+    at += layout.DIRECTION_ROWS * LANES
     b = directions[at], directions[at + LANES], directions[at + 2 * LANES]
     t = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return t, a, b
@@ -95,7 +85,7 @@ def clamps_here(shape, k):
     """Whether the rows of a clamp of a control point of its own begin at k."""
     if line_of(shape, k) >= 0 or own_point(shape, k) < 0:
         return False
-    if k == 0 or shape[DIM] == 2:
+    if k == 0 or shape[layout.DIM] == 2:
         return True
     same = point_of(shape, k - 1) == point_of(shape, k)
     return not same
@@ -136,8 +126,8 @@ def turn_entries(dim, f, inward, numbers, at, apart):
 @part
 def turn_vector(shape, directions, inward, numbers):
     """Turn a vector of all unknowns into the frames of the clamps, or back."""
-    dim = shape[DIM]
-    for k in range(shape[HELD]):
+    dim = shape[layout.DIM]
+    for k in range(shape[layout.HELD]):
         if clamps_here(shape, k):
             f = frame_of(shape, k, directions)
             turn_entries(dim, f, inward, numbers, own_point(shape, k) * dim, 1)
@@ -148,20 +138,20 @@ def hold(shape, rows, columns, band):
     """Turn the matrix into the frames of the clamps, and the equations of what is held into 'no
     change' (their residual is 0 already). `rows`, `columns`: directions of the held rows.
     """
-    dim, n = shape[DIM], shape[N]
+    dim, n = shape[layout.DIM], shape[layout.N]
     half, width = 4 * dim - 1, width_of(dim)
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         if clamps_here(shape, k):
             i = own_point(shape, k)
             low, high = max(i - 3, 0) * dim, min(i + 4, n) * dim
             f, g = frame_of(shape, k, rows), frame_of(shape, k, columns)
             for c in range(low, high):
-                turn_entries(dim, f, True, band, i * dim * width + c - i * dim + half, width - 1)
+                turn_entries(dim, f, YES, band, i * dim * width + c - i * dim + half, width - 1)
             for r in range(low, high):
-                turn_entries(dim, g, True, band, r * width + i * dim - r + half, 1)
+                turn_entries(dim, g, YES, band, r * width + i * dim - r + half, 1)
             for d in range(1, dim):
                 hold_unknown(dim, i * dim + d, band)
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         line = line_of(shape, k)
         if 0 <= line < dim and own_point(shape, k) >= 0:
             hold_unknown(dim, own_point(shape, k) * dim + line, band)
@@ -179,8 +169,8 @@ def hold_unknown(dim, r, band):
 @part
 def clear_held(shape, numbers):
     """Set the entries of what is held to zero; the vector is in the frames of the clamps."""
-    dim = shape[DIM]
-    for k in range(shape[HELD]):
+    dim = shape[layout.DIM]
+    for k in range(shape[layout.HELD]):
         i = own_point(shape, k)
         line = line_of(shape, k)
         if i < 0 or line == dim:

@@ -19,6 +19,7 @@ import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     bending_at,
     block_of,
@@ -31,32 +32,6 @@ from dlo_sim.engine.elastic import (
     tangent_at,
 )
 from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, framed
-from dlo_sim.engine.layout import (
-    BLOCKS,
-    BOOKED,
-    DIM,
-    DISSIPATED,
-    FRAME_FACTORS,
-    FRAME_SPARE,
-    FRAME_TURN,
-    HELD,
-    LEDGER,
-    LINE,
-    MARGIN,
-    MATERIAL,
-    MOTION,
-    QUADRATURE,
-    REFERENCE,
-    SAMPLES,
-    SCALES,
-    SIZE,
-    SLOPE,
-    STIFFNESS_GJ,
-    TERMS,
-    XI,
-    N,
-    X,
-)
 from dlo_sim.engine.lines import gathered
 from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
 from dlo_sim.engine.tables import grasp_of, line_of, own_of, point_of
@@ -83,19 +58,19 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
 
     Returns the energy [J] that viscosity takes beyond that of theta alone, to be gathered.
     """
-    stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
-    taken, reference = zero(), shifted(state, shape[REFERENCE])
-    for b in range(shape[BLOCKS]):
+    stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
+    taken, reference = zero(), shifted(state, shape[layout.REFERENCE])
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        s = load(model, block + SLOPE * LANES)
+        s = load(model, block + layout.SLOPE * LANES)
         r = curve(shape, model, reference, b, 1.0)
         p, q = curve(shape, model, x0, b, 1.0), curve(shape, model, x1, b, 1.0)
         angle0, angle1 = angle_block(shape, model, x0, b), angle_block(shape, model, x1, b)
         g0 = g1 = g2 = turned = (zero(), zero(), zero())
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi = load(model, at + XI * LANES)
-            w = stiffness * load(model, at + QUADRATURE * LANES)
+            xi = load(model, at + layout.XI * LANES)
+            w = stiffness * load(model, at + layout.QUADRATURE * LANES)
             t, k = tangent_at(r, xi), bending_at(r, xi, s)
             t0, k0 = tangent_at(p, xi), bending_at(p, xi, s)
             t1, k1 = tangent_at(q, xi), bending_at(q, xi, s)
@@ -116,7 +91,7 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
         if push:
             scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
         if turn:
-            at = shape[DIM] * shape[LINE] + MARGIN + LANES * b
+            at = shape[layout.DIM] * shape[layout.LINE] + layout.MARGIN + LANES * b
             scatter(turned, at, 1, model, block, -1.0, out)
     return taken
 
@@ -124,21 +99,21 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
 @part
 def coupled_energy(shape, model, state, x):
     """What tau adds to the twisting energy of theta alone [J], to be gathered."""
-    stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
-    sum_, reference = zero(), shifted(state, shape[REFERENCE])
-    for b in range(shape[BLOCKS]):
+    stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
+    sum_, reference = zero(), shifted(state, shape[layout.REFERENCE])
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        s = load(model, block + SLOPE * LANES)
+        s = load(model, block + layout.SLOPE * LANES)
         r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
         angle = angle_block(shape, model, x, b)
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi = load(model, at + XI * LANES)
+            xi = load(model, at + layout.XI * LANES)
             rate = bishop.change(
                 tangent_at(r, xi), bending_at(r, xi, s), tangent_at(p, xi), bending_at(p, xi, s)
             )
             rate -= rest_twist_at(shape, state, b, j)
-            w = stiffness * load(model, at + QUADRATURE * LANES)
+            w = stiffness * load(model, at + layout.QUADRATURE * LANES)
             sum_ += w * rate * (0.5 * rate + polynomial(angle, xi))
     return sum_
 
@@ -146,35 +121,35 @@ def coupled_energy(shape, model, state, x):
 @part
 def add_rates(shape, model, state, x, rates, out):
     """tau into the rows `rates`, one a sample; out += integral b' tau, on the line of the twist."""
-    reference = shifted(state, shape[REFERENCE])
-    for b in range(shape[BLOCKS]):
+    reference = shifted(state, shape[layout.REFERENCE])
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        s = load(model, block + SLOPE * LANES)
+        s = load(model, block + layout.SLOPE * LANES)
         r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
         turned = (zero(), zero(), zero())
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
             rate = bishop.change(
                 tangent_at(r, xi), bending_at(r, xi, s), tangent_at(p, xi), bending_at(p, xi, s)
             )
-            store(rates, (b * shape[SAMPLES] + j) * LANES, rate)
+            store(rates, (b * shape[layout.SAMPLES] + j) * LANES, rate)
             turned = add_polynomial(turned, w * rate, xi)
-        scatter(turned, MARGIN + LANES * b, 1, model, block, 1.0, out)
+        scatter(turned, layout.MARGIN + LANES * b, 1, model, block, 1.0, out)
 
 
 @part
 def squares_lost(shape, model, state, x, rates, psi):
     """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2, to be gathered."""
     sum_ = zero()
-    for b in range(shape[BLOCKS]):
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
         angle = angle_block(shape, model, x, b)
-        own = coefficients(psi, MARGIN + LANES * b, 1, model, block)
-        for j in range(shape[SAMPLES]):
+        own = coefficients(psi, layout.MARGIN + LANES * b, 1, model, block)
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
-            old = load(rates, (b * shape[SAMPLES] + j) * LANES)
+            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
+            old = load(rates, (b * shape[layout.SAMPLES] + j) * LANES)
             new = polynomial(own, xi)
             theta = polynomial(angle, xi) - rest_twist_at(shape, state, b, j)
             sum_ += w * (old - new) * (2.0 * theta + old + new)
@@ -184,12 +159,12 @@ def squares_lost(shape, model, state, x, rates, psi):
 @part
 def solve_line(shape, model, factors, x):
     """Solve in place on one line with the factors at an offset of the model."""
-    n, width = shape[N], shape[LINE]
-    for k in range(MARGIN, n + MARGIN):
+    n, width = shape[layout.N], shape[layout.LINE]
+    for k in range(layout.MARGIN, n + layout.MARGIN):
         f = factors + k
         x[k] -= model[f] * x[k - 3] + model[f + width] * x[k - 2]
         x[k] -= model[f + 2 * width] * x[k - 1]
-    for k in range(n + MARGIN - 1, MARGIN - 1, -1):
+    for k in range(n + layout.MARGIN - 1, layout.MARGIN - 1, -1):
         f = factors + k
         x[k] = x[k] * model[f + 3 * width] - model[f + 6 * width] * x[k + 3]
         x[k] -= model[f + 5 * width] * x[k + 2] + model[f + 4 * width] * x[k + 1]
@@ -198,7 +173,7 @@ def solve_line(shape, model, factors, x):
 @part
 def edge(shape, x, own):
     """Unit vector along the cable at the end where control point `own` is."""
-    width, at = shape[LINE], MARGIN + max(own, 1)
+    width, at = shape[layout.LINE], layout.MARGIN + max(own, 1)
     v0, v1 = x[at] - x[at - 1], x[at + width] - x[at + width - 1]
     v2 = x[at + 2 * width] - x[at + 2 * width - 1]
     inverse = 1.0 / np.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
@@ -227,12 +202,12 @@ def area(a, b, c):
 @part
 def span_tangent(shape, model, x, span, xi):
     """Unit tangent of one span at a local coordinate."""
-    row, width = block_of(shape, span // LANES) + span % LANES, shape[LINE]
+    row, width = block_of(shape, span // LANES) + span % LANES, shape[layout.LINE]
     t0 = t1 = t2 = 0.0
     for k in range(4):
         b = model[row + 3 * k * LANES] + xi * model[row + (3 * k + 1) * LANES]
         b += xi * xi * model[row + (3 * k + 2) * LANES]
-        at = MARGIN + span + k
+        at = layout.MARGIN + span + k
         t0 += b * x[at]
         t1 += b * x[at + width]
         t2 += b * x[at + 2 * width]
@@ -252,7 +227,7 @@ def turn_of_end(shape, model, reference, x, arcs, guess):
     cosine, sine = 1.0, 0.0
     old = span_tangent(shape, model, reference, 0, -1.0)
     new = span_tangent(shape, model, x, 0, -1.0)
-    for arc in range(arcs * (shape[N] - 3)):
+    for arc in range(arcs * (shape[layout.N] - 3)):
         older, newer = old, new
         span, xi = arc // arcs, 2.0 * (arc % arcs + 1) / arcs - 1.0
         old = span_tangent(shape, model, reference, span, xi)
@@ -269,38 +244,38 @@ def turn_of_end(shape, model, reference, x, arcs, guess):
 @piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
 def follow_shape(shape, model, inputs, state, scratch):
     """Take theta, and what the grasps prescribe, to the Bishop frame of the present shape."""
-    n, line = shape[N], shape[DIM] * shape[LINE]
-    x, reference = shifted(state, shape[X]), shifted(state, shape[REFERENCE])
-    booked, psi = shifted(state, shape[BOOKED]), shifted(scratch, shape[FRAME_SPARE])
-    for at in range(shape[LINE]):
+    n, line = shape[layout.N], shape[layout.DIM] * shape[layout.LINE]
+    x, reference = shifted(state, shape[layout.X]), shifted(state, shape[layout.REFERENCE])
+    booked, psi = shifted(state, shape[layout.BOOKED]), shifted(scratch, shape[layout.FRAME_SPARE])
+    for at in range(shape[layout.LINE]):
         psi[at] = 0.0
-    rates = shifted(psi, shape[LINE])
-    if shape[TERMS] & MATERIAL:
+    rates = shifted(psi, shape[layout.LINE])
+    if shape[layout.TERMS] & layout.MATERIAL:
         follow_natural(shape, model, state, x)
     add_rates(shape, model, state, x, rates, psi)
-    psi[MARGIN] = 0.0
-    solve_line(shape, model, shape[FRAME_FACTORS], psi)
-    last = psi[MARGIN + n - 1]
+    psi[layout.MARGIN] = 0.0
+    solve_line(shape, model, shape[layout.FRAME_FACTORS], psi)
+    last = psi[layout.MARGIN + n - 1]
     # Richardson extrapolation: the angle between chords is of second order in the arcs.
     coarse = turn_of_end(shape, model, reference, x, 1, last)
     missing = (4.0 * turn_of_end(shape, model, reference, x, 2, last) - coarse) / 3.0 - last
-    shares = shape[FRAME_FACTORS] + 7 * shape[LINE]
-    for at in range(MARGIN, MARGIN + n):
+    shares = shape[layout.FRAME_FACTORS] + 7 * shape[layout.LINE]
+    for at in range(layout.MARGIN, layout.MARGIN + n):
         psi[at] += model[shares + at] * missing
     lost = gathered(shape, squares_lost(shape, model, state, x, rates, psi))
-    stiffness = load(model, shape[SCALES] + STIFFNESS_GJ * LANES)
-    at = shape[LEDGER] + DISSIPATED * LANES
+    stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
+    at = shape[layout.LEDGER] + layout.DISSIPATED * LANES
     store(state, at, load(state, at) + 0.5 * stiffness * lost)
-    for at in range(MARGIN, MARGIN + n):
+    for at in range(layout.MARGIN, layout.MARGIN + n):
         x[line + at] += psi[at]
         booked[line + at] += psi[at]
-    for k in range(shape[HELD]):
-        if line_of(shape, k) == shape[DIM]:
+    for k in range(shape[layout.HELD]):
+        if line_of(shape, k) == shape[layout.DIM]:
             own, grasp = own_of(shape, point_of(shape, k)), grasp_of(shape, k)
-            m = shape[MOTION] + MOTION_SIZE * grasp + DIRECTION
+            m = shape[layout.MOTION] + MOTION_SIZE * grasp + DIRECTION
             begin = framed(inputs, m - DIRECTION, inputs[m], inputs[m + 1], inputs[m + 2])
             turned = area(begin, edge(shape, reference, own), edge(shape, x, own))
-            at = shape[FRAME_TURN] + grasp * LANES
-            store(state, at, load(state, at) + (psi[MARGIN + own] - turned))
-    for at in range(0, shape[SIZE], LANES):
+            at = shape[layout.FRAME_TURN] + grasp * LANES
+            store(state, at, load(state, at) + (psi[layout.MARGIN + own] - turned))
+    for at in range(0, shape[layout.SIZE], LANES):
         store(reference, at, load(x, at))

@@ -16,37 +16,24 @@ They are the last rows of the list of what is held, `BORDER` of them.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, shifted, store
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import NO, YES, part
+from dlo_sim.engine import layout
 from dlo_sim.engine.band import PADDING, clear_held, substitute, turn_vector, width_of
-from dlo_sim.engine.layout import (
-    BORDER,
-    BORDER_CONDITIONS,
-    BORDER_FORCES,
-    BORDER_GRAM,
-    BORDER_PUSHES,
-    BORDER_SHIFTS,
-    BORDER_SPARE,
-    BORDER_SYSTEM,
-    DIM,
-    DIRECTION_ROWS,
-    HELD,
-    HELD_WEIGHTS,
-    POINT_ROWS,
-    N,
-)
 from dlo_sim.engine.tables import first_of_point, line_of, point_of
 
 
 @part
 def begin_of(shape, k):
     """First of the unknowns that border row k sees, 4 dim of them."""
-    return shape[DIM] * first_of_point(shape, point_of(shape, shape[HELD] - shape[BORDER] + k))
+    return shape[layout.DIM] * first_of_point(
+        shape, point_of(shape, shape[layout.HELD] - shape[layout.BORDER] + k)
+    )
 
 
 @part
 def along(shape, scratch, offset, k, y):
     """Border row k of the forces or the conditions, times a vector of all unknowns."""
-    count, begin = 4 * shape[DIM], begin_of(shape, k)
+    count, begin = 4 * shape[layout.DIM], begin_of(shape, k)
     value = 0.0
     for r in range(count):
         value += scratch[shape[offset] + count * k + r] * y[begin + r]
@@ -58,21 +45,21 @@ def write_rows(shape, model, scratch, directions, offset, free):
     """Border rows with these directions, in the frames of the clamps; with `free` only what is not
     held otherwise.
     """
-    dim = shape[DIM]
-    spare = shifted(scratch, shape[BORDER_SPARE])
-    for k in range(shape[BORDER]):
-        row, begin = shape[HELD] - shape[BORDER] + k, begin_of(shape, k)
-        weights = shape[HELD_WEIGHTS] + POINT_ROWS * LANES * point_of(shape, row)
+    dim = shape[layout.DIM]
+    spare = shifted(scratch, shape[layout.BORDER_SPARE])
+    for k in range(shape[layout.BORDER]):
+        row, begin = shape[layout.HELD] - shape[layout.BORDER] + k, begin_of(shape, k)
+        weights = shape[layout.HELD_WEIGHTS] + layout.POINT_ROWS * LANES * point_of(shape, row)
         line = line_of(shape, row)
-        for r in range(shape[N] * dim):
+        for r in range(shape[layout.N] * dim):
             spare[r] = 0.0
         for j in range(4):
             for d in range(dim):
                 along_d = 1.0 if d == line else 0.0
                 if line < 0:
-                    along_d = directions[(DIRECTION_ROWS * row + d) * LANES]
+                    along_d = directions[(layout.DIRECTION_ROWS * row + d) * LANES]
                 spare[begin + j * dim + d] = along_d * model[weights + j * LANES]
-        turn_vector(shape, directions, True, spare)
+        turn_vector(shape, directions, YES, spare)
         if free:
             clear_held(shape, spare)
         for r in range(4 * dim):
@@ -82,25 +69,25 @@ def write_rows(shape, model, scratch, directions, offset, free):
 @part
 def set_border(shape, model, scratch, pushed, kept):
     """The rows F with directions `pushed` and C with directions `kept`, and (F F^T)^-1."""
-    border, count = shape[BORDER], 4 * shape[DIM]
+    border, count = shape[layout.BORDER], 4 * shape[layout.DIM]
     if border == 0:
         return
-    write_rows(shape, model, scratch, pushed, BORDER_PUSHES, False)
-    write_rows(shape, model, scratch, pushed, BORDER_FORCES, True)
-    write_rows(shape, model, scratch, kept, BORDER_CONDITIONS, True)
-    spare = shifted(scratch, shape[BORDER_SPARE])
-    for r in range(shape[N] * shape[DIM]):
+    write_rows(shape, model, scratch, pushed, layout.BORDER_PUSHES, NO)
+    write_rows(shape, model, scratch, pushed, layout.BORDER_FORCES, YES)
+    write_rows(shape, model, scratch, kept, layout.BORDER_CONDITIONS, YES)
+    spare = shifted(scratch, shape[layout.BORDER_SPARE])
+    for r in range(shape[layout.N] * shape[layout.DIM]):
         spare[r] = 0.0
     for k in range(border):
         begin = begin_of(shape, k)
         for r in range(count):
-            spare[begin + r] = scratch[shape[BORDER_FORCES] + count * k + r]
+            spare[begin + r] = scratch[shape[layout.BORDER_FORCES] + count * k + r]
         for j in range(border):
-            product = along(shape, scratch, BORDER_FORCES, j, spare)
-            scratch[shape[BORDER_GRAM] + border * j + k] = product
+            product = along(shape, scratch, layout.BORDER_FORCES, j, spare)
+            scratch[shape[layout.BORDER_GRAM] + border * j + k] = product
         for r in range(count):
             spare[begin + r] = 0.0
-    invert_in_place(border, shifted(scratch, shape[BORDER_GRAM]))
+    invert_in_place(border, shifted(scratch, shape[layout.BORDER_GRAM]))
 
 
 @part
@@ -122,12 +109,12 @@ def invert_in_place(size, a):
 @part
 def stiffen_border(shape, scratch, band):
     """Add F^T C to the matrix, each row as stiff as the matrix is where it acts."""
-    dim, count = shape[DIM], 4 * shape[DIM]
+    dim, count = shape[layout.DIM], 4 * shape[layout.DIM]
     half, width = 4 * dim - 1, width_of(dim)
-    for k in range(shape[BORDER]):
+    for k in range(shape[layout.BORDER]):
         begin = begin_of(shape, k)
-        f = shifted(scratch, shape[BORDER_FORCES] + count * k)
-        c = shifted(scratch, shape[BORDER_CONDITIONS] + count * k)
+        f = shifted(scratch, shape[layout.BORDER_FORCES] + count * k)
+        c = shifted(scratch, shape[layout.BORDER_CONDITIONS] + count * k)
         stiffness, norm = 0.0, 0.0
         for r in range(count):
             stiffness = max(stiffness, abs(band[(begin + r) * width + half]))
@@ -140,41 +127,41 @@ def stiffen_border(shape, scratch, band):
 @part
 def solve_border(shape, scratch, band):
     """Z = K^-1 F^T and (C Z)^-1, for a matrix that is factorised."""
-    dim, border = shape[DIM], shape[BORDER]
-    size, count = shape[N] * dim, 4 * dim
+    dim, border = shape[layout.DIM], shape[layout.BORDER]
+    size, count = shape[layout.N] * dim, 4 * dim
     for k in range(border):
         z, begin = shift_of(shape, scratch, k), begin_of(shape, k)
         for r in range(size):
             z[r] = 0.0
         for r in range(count):
-            z[begin + r] = scratch[shape[BORDER_FORCES] + count * k + r]
+            z[begin + r] = scratch[shape[layout.BORDER_FORCES] + count * k + r]
         substitute(band, size, dim, z)
         for j in range(border):
-            product = along(shape, scratch, BORDER_CONDITIONS, j, z)
-            scratch[shape[BORDER_SYSTEM] + border * j + k] = product
-    invert_in_place(border, shifted(scratch, shape[BORDER_SYSTEM]))
+            product = along(shape, scratch, layout.BORDER_CONDITIONS, j, z)
+            scratch[shape[layout.BORDER_SYSTEM] + border * j + k] = product
+    invert_in_place(border, shifted(scratch, shape[layout.BORDER_SYSTEM]))
 
 
 @part
 def shift_of(shape, scratch, k):
     """Column k of Z, over all unknowns."""
-    room = shape[N] * shape[DIM] + 2 * PADDING
-    return shifted(scratch, shape[BORDER_SHIFTS] + room * k + PADDING)
+    room = shape[layout.N] * shape[layout.DIM] + 2 * PADDING
+    return shifted(scratch, shape[layout.BORDER_SHIFTS] + room * k + PADDING)
 
 
 @part
 def keep_border(shape, scratch, y):
     """y <- (1 - Z (C Z)^-1 C) y."""
-    border = shape[BORDER]
-    spare = shifted(scratch, shape[BORDER_SPARE])
+    border = shape[layout.BORDER]
+    spare = shifted(scratch, shape[layout.BORDER_SPARE])
     for k in range(border):
-        spare[k] = along(shape, scratch, BORDER_CONDITIONS, k, y)
+        spare[k] = along(shape, scratch, layout.BORDER_CONDITIONS, k, y)
     for k in range(border):
         share = 0.0
         for j in range(border):
-            share += scratch[shape[BORDER_SYSTEM] + border * k + j] * spare[j]
+            share += scratch[shape[layout.BORDER_SYSTEM] + border * k + j] * spare[j]
         z = shift_of(shape, scratch, k)
-        for r in range(shape[N] * shape[DIM]):
+        for r in range(shape[layout.N] * shape[layout.DIM]):
             y[r] -= share * z[r]
 
 
@@ -184,27 +171,27 @@ def balance_border(shape, scratch, residual, forces):
 
     They push what is held otherwise, too: to be done before the forces of that are read.
     """
-    border, count = shape[BORDER], 4 * shape[DIM]
-    spare = shifted(scratch, shape[BORDER_SPARE])
+    border, count = shape[layout.BORDER], 4 * shape[layout.DIM]
+    spare = shifted(scratch, shape[layout.BORDER_SPARE])
     for k in range(border):
-        spare[k] = along(shape, scratch, BORDER_FORCES, k, residual)
+        spare[k] = along(shape, scratch, layout.BORDER_FORCES, k, residual)
     for k in range(border):
         force, begin = 0.0, begin_of(shape, k)
         for j in range(border):
-            force -= scratch[shape[BORDER_GRAM] + border * k + j] * spare[j]
-        store(forces, (shape[HELD] - border + k) * LANES, force)
+            force -= scratch[shape[layout.BORDER_GRAM] + border * k + j] * spare[j]
+        store(forces, (shape[layout.HELD] - border + k) * LANES, force)
         for r in range(count):
-            residual[begin + r] += scratch[shape[BORDER_PUSHES] + count * k + r] * force
+            residual[begin + r] += scratch[shape[layout.BORDER_PUSHES] + count * k + r] * force
 
 
 def border_rooms(unknowns: int, seen: int, border: int) -> dict[int, int]:
     """Sizes of the scratch by its offset; a border row sees so many of the unknowns."""
     return {
-        BORDER_FORCES: border * seen,
-        BORDER_PUSHES: border * seen,
-        BORDER_CONDITIONS: border * seen,
-        BORDER_GRAM: border * border,
-        BORDER_SHIFTS: border * (unknowns + 2 * PADDING),
-        BORDER_SYSTEM: border * border,
-        BORDER_SPARE: unknowns if border else 0,
+        layout.BORDER_FORCES: border * seen,
+        layout.BORDER_PUSHES: border * seen,
+        layout.BORDER_CONDITIONS: border * seen,
+        layout.BORDER_GRAM: border * border,
+        layout.BORDER_SHIFTS: border * (unknowns + 2 * PADDING),
+        layout.BORDER_SYSTEM: border * border,
+        layout.BORDER_SPARE: unknowns if border else 0,
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, size, store, total, zero
 from dlo_sim.compiling.pieces import part
+from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     add_cubic,
     basis_at,
@@ -18,39 +19,26 @@ from dlo_sim.engine.elastic import (
     sample_of,
     scatter_values,
 )
-from dlo_sim.engine.layout import (
-    BLOCKS,
-    CONTACT_STIFFNESS,
-    DIM,
-    LINE,
-    MARGIN,
-    PLANE,
-    PLANE_ROWS,
-    PLANES,
-    QUADRATURE,
-    SAMPLES,
-    SCALES,
-    SLOPE,
-    STRIDE,
-    XI,
-    N,
-)
 from dlo_sim.terms import contact
 
 
 @part
 def plane_of(shape, k):
     """Offset of the rows of plane k: its normal on the lines, and d [m]."""
-    return shape[PLANE] + PLANE_ROWS * LANES * k
+    return shape[layout.PLANE] + layout.PLANE_ROWS * LANES * k
 
 
 @part
 def gap_polynomial(shape, model, x, b, plane):
     """The gap on the spans of a block: value in the middle, and its derivative's coefficients."""
-    at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
+    at, width, stride = (
+        layout.MARGIN * shape[layout.STRIDE] + LANES * b,
+        shape[layout.LINE],
+        shape[layout.STRIDE],
+    )
     block = block_of(shape, b)
     g = zero() - load(model, plane + 3 * LANES), zero(), zero(), zero()
-    for d in range(shape[DIM]):
+    for d in range(shape[layout.DIM]):
         normal = load(model, plane + d * LANES)
         one = line_polynomial(x, at + d * width, stride, model, block)
         g = (
@@ -65,42 +53,42 @@ def gap_polynomial(shape, model, x, b, plane):
 @part
 def contact_force(shape, model, x0, x1, out):
     """out -= discrete gradient of the contact energy between x0 and x1."""
-    stiffness = load(model, shape[SCALES] + CONTACT_STIFFNESS * LANES)
-    stride = shape[STRIDE]
-    for k in range(shape[PLANES]):
+    stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
+    stride = shape[layout.STRIDE]
+    for k in range(shape[layout.PLANES]):
         plane = plane_of(shape, k)
-        for b in range(shape[BLOCKS]):
+        for b in range(shape[layout.BLOCKS]):
             block = block_of(shape, b)
-            inverse = 1.0 / load(model, block + SLOPE * LANES)
+            inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
             p = gap_polynomial(shape, model, x0, b, plane)
             q = gap_polynomial(shape, model, x1, b, plane)
             f = (zero(), zero(), zero(), zero())
-            for j in range(shape[SAMPLES]):
+            for j in range(shape[layout.SAMPLES]):
                 at = sample_of(block, j)
-                xi = load(model, at + XI * LANES)
+                xi = load(model, at + layout.XI * LANES)
                 g0, g1 = integrated(inverse, p, xi), integrated(inverse, q, xi)
-                w = load(model, at + QUADRATURE * LANES)
+                w = load(model, at + layout.QUADRATURE * LANES)
                 f = add_cubic(f, w * contact.mean_gradient(stiffness, g0, g1), xi)
-            for d in range(shape[DIM]):
+            for d in range(shape[layout.DIM]):
                 normal = load(model, plane + d * LANES)
-                at = d * shape[LINE] + MARGIN * stride + LANES * b
+                at = d * shape[layout.LINE] + layout.MARGIN * stride + LANES * b
                 scatter_values(f, at, stride, model, block, -normal, out)
 
 
 @part
 def contact_energy(shape, model, x):
     """Energy of contact [J], to be gathered."""
-    stiffness = load(model, shape[SCALES] + CONTACT_STIFFNESS * LANES)
+    stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
     sum_ = zero()
-    for k in range(shape[PLANES]):
-        for b in range(shape[BLOCKS]):
+    for k in range(shape[layout.PLANES]):
+        for b in range(shape[layout.BLOCKS]):
             block = block_of(shape, b)
-            inverse = 1.0 / load(model, block + SLOPE * LANES)
+            inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
             p = gap_polynomial(shape, model, x, b, plane_of(shape, k))
-            for j in range(shape[SAMPLES]):
+            for j in range(shape[layout.SAMPLES]):
                 at = sample_of(block, j)
-                g = integrated(inverse, p, load(model, at + XI * LANES))
-                w = load(model, at + QUADRATURE * LANES)
+                g = integrated(inverse, p, load(model, at + layout.XI * LANES))
+                w = load(model, at + layout.QUADRATURE * LANES)
                 sum_ += w * contact.energy(stiffness, g)
     return sum_
 
@@ -111,21 +99,21 @@ def add_contact_tangent(shape, model, x0, x1, scale, scratch, band):
 
     `scratch`: SAMPLES + 1 rows.
     """
-    stiffness = load(model, shape[SCALES] + CONTACT_STIFFNESS * LANES)
-    spare = shape[SAMPLES] * LANES
-    for k in range(shape[PLANES]):
+    stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
+    spare = shape[layout.SAMPLES] * LANES
+    for k in range(shape[layout.PLANES]):
         plane = plane_of(shape, k)
-        for b in range(shape[BLOCKS]):
+        for b in range(shape[layout.BLOCKS]):
             block = block_of(shape, b)
-            inverse = 1.0 / load(model, block + SLOPE * LANES)
+            inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
             p = gap_polynomial(shape, model, x0, b, plane)
             q = gap_polynomial(shape, model, x1, b, plane)
             touched = zero()
-            for j in range(shape[SAMPLES]):
+            for j in range(shape[layout.SAMPLES]):
                 at = sample_of(block, j)
-                xi = load(model, at + XI * LANES)
+                xi = load(model, at + layout.XI * LANES)
                 g0, g1 = integrated(inverse, p, xi), integrated(inverse, q, xi)
-                w = scale * load(model, at + QUADRATURE * LANES)
+                w = scale * load(model, at + layout.QUADRATURE * LANES)
                 h = w * contact.mean_hessian(stiffness, g0, g1)
                 store(scratch, j * LANES, h)
                 touched += size(h)
@@ -133,8 +121,8 @@ def add_contact_tangent(shape, model, x0, x1, scale, scratch, band):
                 for first in range(4):
                     for other in range(4):
                         f = zero()
-                        for j in range(shape[SAMPLES]):
-                            xi = load(model, sample_of(block, j) + XI * LANES)
+                        for j in range(shape[layout.SAMPLES]):
+                            xi = load(model, sample_of(block, j) + layout.XI * LANES)
                             both = basis_at(model, block, first, inverse, xi)
                             both = both * basis_at(model, block, other, inverse, xi)
                             f += both * load(scratch, j * LANES)
@@ -145,9 +133,9 @@ def add_contact_tangent(shape, model, x0, x1, scale, scratch, band):
 @part
 def add_block(shape, model, b, plane, first, other, numbers, at, band):
     """Add n n^T times a number a span between two control points of every span of a block."""
-    dim = shape[DIM]
+    dim = shape[layout.DIM]
     half, width = 4 * dim - 1, 16 * (dim - 1)
-    spans = min(LANES, shape[N] - 3 - LANES * b)
+    spans = min(LANES, shape[layout.N] - 3 - LANES * b)
     for i in range(dim):
         for j in range(dim):
             product = model[plane + i * LANES] * model[plane + j * LANES]

@@ -12,7 +12,8 @@ quadrature point). Viscosity is evaluated at the midpoint.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, root, total, zero
-from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.compiling.pieces import NO, NOTHING, NUMBERS, REAL, TABLE, YES, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.contact import contact_force
 from dlo_sim.engine.elastic import (
     bending_at,
@@ -24,25 +25,6 @@ from dlo_sim.engine.elastic import (
     scatter_lines,
     span_strains,
     tangent_at,
-)
-from dlo_sim.engine.layout import (
-    AXIAL,
-    BEND,
-    BENDING,
-    BETA,
-    BLOCKS,
-    CONTACT,
-    CURVED,
-    LINEAR,
-    MATERIAL,
-    QUADRATURE,
-    SAMPLES,
-    SHARE,
-    SLOPE,
-    SPAN_STRETCH,
-    STRETCH,
-    TERMS,
-    XI,
 )
 from dlo_sim.engine.natural_curvature import natural_force
 from dlo_sim.terms import bend, stretch, viscosity
@@ -59,12 +41,12 @@ def mean(a, b):
 def span_rates(shape, model, block, p, q, moved):
     """Mean and linear part over the spans of the rate of strain in a motion `moved`."""
     average, slope = zero(), zero()
-    share = load(model, block + SHARE * LANES)
-    for j in range(shape[SAMPLES]):
+    share = load(model, block + layout.SHARE * LANES)
+    for j in range(shape[layout.SAMPLES]):
         at = sample_of(block, j)
-        xi = load(model, at + XI * LANES)
+        xi = load(model, at + layout.XI * LANES)
         t = mean(tangent_at(p, xi), tangent_at(q, xi))
-        f = share * load(model, at + QUADRATURE * LANES)
+        f = share * load(model, at + layout.QUADRATURE * LANES)
         f = f * dot(t, tangent_at(moved, xi)) / root(dot(t, t))
         average += f
         slope += xi * f
@@ -80,40 +62,43 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
 
     The viscous stress is that of the motion `moved` times `viscous` = 1 / tau; 0 leaves it out.
     """
-    terms = shape[TERMS]
+    terms = shape[layout.TERMS]
     taken = zero()
-    for b in range(shape[BLOCKS]):
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        axial, bending = load(model, block + AXIAL * LANES), load(model, block + BENDING * LANES)
-        s = load(model, block + SLOPE * LANES)
+        axial, bending = (
+            load(model, block + layout.AXIAL * LANES),
+            load(model, block + layout.BENDING * LANES),
+        )
+        s = load(model, block + layout.SLOPE * LANES)
         p, q = curve(shape, model, x0, b, 1.0), curve(shape, model, x1, b, 1.0)
         r = p
         if viscous != 0.0:
             r = curve(shape, model, moved, b, 0.0)
         strain, linear, rate, rate_linear = zero(), zero(), zero(), zero()
-        if terms & SPAN_STRETCH:
+        if terms & layout.SPAN_STRETCH:
             m0, l0 = span_strains(shape, model, block, p)
             m1, l1 = span_strains(shape, model, block, q)
-            f = load(model, block + LINEAR * LANES)
+            f = load(model, block + layout.LINEAR * LANES)
             strain, linear = 0.5 * (m0 + m1), 0.5 * f * (l0 + l1)
             if viscous != 0.0:
                 rate, rate_linear = span_rates(shape, model, block, p, q, r)
                 rate_linear = f * rate_linear
         g0 = g1 = g2 = (zero(), zero(), zero())
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
             ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
             tb, kb = tangent_at(q, xi), bending_at(q, xi, s)
             c0, c1 = dot(ta, ta), dot(tb, tb)
             on_c, on_d, on_h = zero(), zero(), zero()
-            if terms & STRETCH:
+            if terms & layout.STRETCH:
                 counted = 0.5 * (stretch.strain(c0) + stretch.strain(c1))
                 on_c += stretch.mean_gradient(axial, root(c0), root(c1), counted)
-            if terms & SPAN_STRETCH:
+            if terms & layout.SPAN_STRETCH:
                 counted = strain + xi * linear
                 on_c += stretch.mean_gradient(axial, root(c0), root(c1), counted)
-            if terms & BEND:
+            if terms & layout.BEND:
                 more = bend.mean_gradient(
                     bending, c0, dot(ta, ka), dot(ka, ka), c1, dot(tb, kb), dot(kb, kb)
                 )
@@ -125,17 +110,17 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
             on_t, on_k = combined(on_c, t, on_d, k), combined(on_h, k, on_d, t)
             if viscous != 0.0:
                 dt, dk = tangent_at(r, xi), bending_at(r, xi, s)
-                f = viscous * w * axial * load(model, shape[BETA])
+                f = viscous * w * axial * load(model, shape[layout.BETA])
                 along, inverse = dot(t, dt), 1.0 / dot(t, t)
                 pull = zero()
-                if terms & STRETCH:
+                if terms & layout.STRETCH:
                     pull += f * along * inverse
-                if terms & SPAN_STRETCH:
+                if terms & layout.SPAN_STRETCH:
                     pull += f * (rate + xi * rate_linear) * root(inverse)
                 on_t = combined(1.0, on_t, pull, t)
                 taken += pull * along
-                if terms & BEND:
-                    f = viscous * w * bending * load(model, shape[BETA] + LANES)
+                if terms & layout.BEND:
+                    f = viscous * w * bending * load(model, shape[layout.BETA] + LANES)
                     more_t, g, rho, energy = viscosity.bending(f, t, k, dt, dk)
                     on_t = combined(1.0, on_t, 1.0, more_t)
                     on_k = combined(1.0, on_k, g, rho)
@@ -144,8 +129,8 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
             g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
             g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
-    if terms & CURVED and not terms & MATERIAL:
-        natural_force(shape, model, state, x0, x1, False, True, out)
-    if terms & CONTACT:
+    if terms & layout.CURVED and not terms & layout.MATERIAL:
+        natural_force(shape, model, state, x0, x1, NO, YES, out)
+    if terms & layout.CONTACT:
         contact_force(shape, model, x0, x1, out)
     lost[0] = total(taken)

@@ -20,43 +20,20 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, store, zero
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine.layout import (
-    AXIAL,
-    BEND,
-    BENDING,
-    BLOCKS,
-    DIM,
-    HEAD,
-    LINE,
-    LINEAR,
-    MARGIN,
-    MESH,
-    PADDING,
-    QUADRATURE,
-    SAMPLE,
-    SAMPLES,
-    SHARE,
-    SLOPE,
-    SPAN_STRETCH,
-    STRETCH,
-    STRIDE,
-    TERMS,
-    VALUES,
-    XI,
-)
+from dlo_sim.engine import layout
 from dlo_sim.terms import bend, stretch
 
 
 @part
 def block_of(shape, b):
     """Offset of block b of the mesh."""
-    return shape[MESH] + b * (HEAD + SAMPLE * shape[SAMPLES]) * LANES
+    return shape[layout.MESH] + b * (layout.HEAD + layout.SAMPLE * shape[layout.SAMPLES]) * LANES
 
 
 @part
 def sample_of(block, j):
     """Offset of sample j of a block."""
-    return block + (HEAD + SAMPLE * j) * LANES
+    return block + (layout.HEAD + layout.SAMPLE * j) * LANES
 
 
 @part
@@ -79,13 +56,17 @@ def coefficients(x, at, stride, model, block):
 @part
 def curve(shape, model, x, b, straight):
     """A, B, C of all spatial lines; `straight` times a unit tangent where there is no span."""
-    at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
+    at, width, stride = (
+        layout.MARGIN * shape[layout.STRIDE] + LANES * b,
+        shape[layout.LINE],
+        shape[layout.STRIDE],
+    )
     block = block_of(shape, b)
     p0 = coefficients(x, at, stride, model, block)
-    p0 = p0[0] + straight * load(model, block + PADDING * LANES), p0[1], p0[2]
+    p0 = p0[0] + straight * load(model, block + layout.PADDING * LANES), p0[1], p0[2]
     p1 = coefficients(x, at + width, stride, model, block)
     p2 = zero(), zero(), zero()
-    if shape[DIM] == 3:
+    if shape[layout.DIM] == 3:
         p2 = coefficients(x, at + 2 * width, stride, model, block)
     return p0, p1, p2
 
@@ -143,9 +124,9 @@ def integrated(inverse_slope, p, xi):
 @part
 def line_polynomial(x, at, stride, model, block):
     """One line itself on the spans of a block: value in the middle, A, B, C of its derivative."""
-    value = load(model, block + VALUES * LANES) * load(x, at)
+    value = load(model, block + layout.VALUES * LANES) * load(x, at)
     for k in range(1, 4):
-        value += load(model, block + (VALUES + k) * LANES) * load(x, at + k * stride)
+        value += load(model, block + (layout.VALUES + k) * LANES) * load(x, at + k * stride)
     a, b, c = coefficients(x, at, stride, model, block)
     return value, a, b, c
 
@@ -154,7 +135,7 @@ def line_polynomial(x, at, stride, model, block):
 def basis_at(model, block, k, inverse_slope, xi):
     """Value of basis function k of a span."""
     row = block + 3 * k * LANES
-    value = load(model, block + (VALUES + k) * LANES)
+    value = load(model, block + (layout.VALUES + k) * LANES)
     a, b, c = load(model, row), load(model, row + LANES), load(model, row + 2 * LANES)
     return integrated(inverse_slope, (value, a, b, c), xi)
 
@@ -169,23 +150,27 @@ def add_cubic(a, f, xi):
 @part
 def scatter_values(f, at, stride, model, block, scale, out):
     """out += scale times the gradient by the values of one line, gathered by `add_cubic`."""
-    inverse = 1.0 / load(model, block + SLOPE * LANES)
+    inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
     on_slopes = inverse * f[1], 0.5 * inverse * f[2], (1.0 / 3.0) * inverse * f[3]
     scatter(on_slopes, at, stride, model, block, scale, out)
     for k in range(4):
         to = at + k * stride
-        value = load(model, block + (VALUES + k) * LANES)
+        value = load(model, block + (layout.VALUES + k) * LANES)
         store(out, to, load(out, to) + scale * value * f[0])
 
 
 @part
 def scatter_lines(shape, model, b, g0, g1, g2, scale, out):
     """`scatter` of all spatial lines."""
-    at, width, stride = MARGIN * shape[STRIDE] + LANES * b, shape[LINE], shape[STRIDE]
+    at, width, stride = (
+        layout.MARGIN * shape[layout.STRIDE] + LANES * b,
+        shape[layout.LINE],
+        shape[layout.STRIDE],
+    )
     block = block_of(shape, b)
     scatter(g0, at, stride, model, block, scale, out)
     scatter(g1, at + width, stride, model, block, scale, out)
-    if shape[DIM] == 3:
+    if shape[layout.DIM] == 3:
         scatter(g2, at + 2 * width, stride, model, block, scale, out)
 
 
@@ -193,12 +178,12 @@ def scatter_lines(shape, model, b, g0, g1, g2, scale, out):
 def span_strains(shape, model, block, p):
     """m and l of the spans of a block."""
     mean, slope = zero(), zero()
-    share = load(model, block + SHARE * LANES)
-    for j in range(shape[SAMPLES]):
+    share = load(model, block + layout.SHARE * LANES)
+    for j in range(shape[layout.SAMPLES]):
         at = sample_of(block, j)
-        xi = load(model, at + XI * LANES)
+        xi = load(model, at + layout.XI * LANES)
         t = tangent_at(p, xi)
-        f = share * load(model, at + QUADRATURE * LANES) * stretch.strain(dot(t, t))
+        f = share * load(model, at + layout.QUADRATURE * LANES) * stretch.strain(dot(t, t))
         mean += f
         slope += xi * f
     return mean, slope
@@ -207,30 +192,33 @@ def span_strains(shape, model, block, p):
 @part
 def elastic_force(shape, model, x, out):
     """out -= dU/dq of stretching and bending."""
-    terms = shape[TERMS]
-    if not terms & (STRETCH | SPAN_STRETCH | BEND):
+    terms = shape[layout.TERMS]
+    if not terms & (layout.STRETCH | layout.SPAN_STRETCH | layout.BEND):
         return
-    for b in range(shape[BLOCKS]):
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        axial, bending = load(model, block + AXIAL * LANES), load(model, block + BENDING * LANES)
-        s = load(model, block + SLOPE * LANES)
+        axial, bending = (
+            load(model, block + layout.AXIAL * LANES),
+            load(model, block + layout.BENDING * LANES),
+        )
+        s = load(model, block + layout.SLOPE * LANES)
         p = curve(shape, model, x, b, 1.0)
         mean, linear = zero(), zero()
-        if terms & SPAN_STRETCH:
+        if terms & layout.SPAN_STRETCH:
             mean, linear = span_strains(shape, model, block, p)
-            linear = linear * load(model, block + LINEAR * LANES)
+            linear = linear * load(model, block + layout.LINEAR * LANES)
         g0 = g1 = g2 = (zero(), zero(), zero())
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             c = dot(t, t)
             on_c, on_d, on_h = zero(), zero(), zero()
-            if terms & STRETCH:
+            if terms & layout.STRETCH:
                 on_c += stretch.gradient(axial, c, stretch.strain(c))
-            if terms & SPAN_STRETCH:
+            if terms & layout.SPAN_STRETCH:
                 on_c += stretch.gradient(axial, c, mean + xi * linear)
-            if terms & BEND:
+            if terms & layout.BEND:
                 more = bend.gradient(bending, c, dot(t, k), dot(k, k))
                 on_c += more[0]
                 on_d += more[1]
@@ -248,30 +236,34 @@ def elastic_force(shape, model, x, out):
 @part
 def elastic_energy(shape, model, x):
     """Stretching and bending energy [J], to be gathered."""
-    terms = shape[TERMS]
+    terms = shape[layout.TERMS]
     stretching, bent = zero(), zero()
-    if not terms & (STRETCH | SPAN_STRETCH | BEND):
+    if not terms & (layout.STRETCH | layout.SPAN_STRETCH | layout.BEND):
         return stretching, bent
-    for b in range(shape[BLOCKS]):
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        axial, bending = load(model, block + AXIAL * LANES), load(model, block + BENDING * LANES)
-        s = load(model, block + SLOPE * LANES)
+        axial, bending = (
+            load(model, block + layout.AXIAL * LANES),
+            load(model, block + layout.BENDING * LANES),
+        )
+        s = load(model, block + layout.SLOPE * LANES)
         p = curve(shape, model, x, b, 1.0)
-        if terms & SPAN_STRETCH:
+        if terms & layout.SPAN_STRETCH:
             mean, slope = span_strains(shape, model, block, p)
-            f = mean * mean + load(model, block + LINEAR * LANES) * slope * slope
+            f = mean * mean + load(model, block + layout.LINEAR * LANES) * slope * slope
             # lanes without a span have no length
             length = 1.0 / (
-                load(model, block + SHARE * LANES) + load(model, block + PADDING * LANES)
+                load(model, block + layout.SHARE * LANES)
+                + load(model, block + layout.PADDING * LANES)
             )
             stretching += 0.5 * axial * length * f
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             c = dot(t, t)
-            if terms & STRETCH:
+            if terms & layout.STRETCH:
                 stretching += w * stretch.energy(axial, c)
-            if terms & BEND:
+            if terms & layout.BEND:
                 bent += w * bend.energy(bending, t, k, c)
     return stretching, bent

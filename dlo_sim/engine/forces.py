@@ -3,37 +3,11 @@
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, size, store, zero
-from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, part, piece
+from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, YES, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.bishop import couple_twist, coupled_energy
 from dlo_sim.engine.contact import contact_energy, contact_force
 from dlo_sim.engine.elastic import elastic_energy, elastic_force
-from dlo_sim.engine.layout import (
-    BENDING_ENERGY,
-    BISHOP,
-    CONTACT,
-    CONTACT_ENERGY,
-    CURVED,
-    DIM,
-    ENERGIES,
-    GRAVITY,
-    LINE,
-    MARGIN,
-    MATERIAL,
-    PARTS,
-    PLASTIC_ENERGY,
-    PLASTICITY,
-    SPRING_ENERGY,
-    STRETCHING,
-    STRIDE,
-    TERMS,
-    TORSION,
-    TORSIONAL,
-    TWIST,
-    TWISTED,
-    TWISTING,
-    WEIGHT,
-    WEIGHT_ENERGY,
-)
 from dlo_sim.engine.lines import add_differences, clear, difference_form, gathered
 from dlo_sim.engine.natural_curvature import natural_energy, natural_force
 from dlo_sim.engine.plasticity import plastic_energy
@@ -45,19 +19,19 @@ from dlo_sim.engine.torsion import torsion_energy, torsion_force
 def forces(shape, model, state, x, out):
     """out = - dU/dq of everything that has a potential."""
     clear(shape, out)
-    terms = shape[TERMS]
+    terms = shape[layout.TERMS]
     elastic_force(shape, model, x, out)
-    if terms & CURVED:
-        natural_force(shape, model, state, x, x, terms & MATERIAL != 0, True, out)
-    if terms & TORSION:
+    if terms & layout.CURVED:
+        natural_force(shape, model, state, x, x, terms & layout.MATERIAL != 0, YES, out)
+    if terms & layout.TORSION:
         torsion_force(shape, model, x, out)
-    if terms & BISHOP:
-        couple_twist(shape, model, state, x, x, 0.0, True, True, out)
-    if terms & TWISTED:
-        add_differences(shape, model, shape[TWIST], shape[DIM], -1.0, x, out)
-    if terms & GRAVITY:
+    if terms & layout.BISHOP:
+        couple_twist(shape, model, state, x, x, 0.0, YES, YES, out)
+    if terms & layout.TWISTED:
+        add_differences(shape, model, shape[layout.TWIST], shape[layout.DIM], -1.0, x, out)
+    if terms & layout.GRAVITY:
         add_weight(shape, model, out)
-    if terms & CONTACT:
+    if terms & layout.CONTACT:
         contact_force(shape, model, x, x, out)
     spring_force(shape, model, state, x, 1.0, out)
 
@@ -65,8 +39,8 @@ def forces(shape, model, state, x, out):
 @part
 def add_weight(shape, model, out):
     """out += generalised weight."""
-    for at in range(0, shape[DIM] * shape[LINE], LANES):
-        store(out, at, load(out, at) + load(model, shape[WEIGHT] + at))
+    for at in range(0, shape[layout.DIM] * shape[layout.LINE], LANES):
+        store(out, at, load(out, at) + load(model, shape[layout.WEIGHT] + at))
 
 
 @part
@@ -75,11 +49,11 @@ def weight_energy(shape, model, x):
     its parts; both to be gathered.
     """
     f, large = zero(), zero()
-    for d in range(shape[DIM]):
-        start = d * shape[LINE] + MARGIN * shape[STRIDE]
-        for b in range(shape[PARTS]):
+    for d in range(shape[layout.DIM]):
+        start = d * shape[layout.LINE] + layout.MARGIN * shape[layout.STRIDE]
+        for b in range(shape[layout.PARTS]):
             at = start + LANES * b
-            e = load(model, shape[WEIGHT] + at) * load(x, at)
+            e = load(model, shape[layout.WEIGHT] + at) * load(x, at)
             f -= e
             large += size(e)
     return f, large
@@ -90,28 +64,30 @@ def energies(shape, model, state, x, out):
     """Potential energies [J] by term (`layout.ENERGIES`) as rows of `out`; then the sum of the
     sizes of the weight's parts.
     """
-    terms = shape[TERMS]
-    for at in range((len(ENERGIES) + 1) * LANES):
+    terms = shape[layout.TERMS]
+    for at in range((len(layout.ENERGIES) + 1) * LANES):
         out[at] = 0.0
     stretching, bending = elastic_energy(shape, model, x)
-    if terms & CURVED:
+    if terms & layout.CURVED:
         bending += natural_energy(shape, model, state, x)
-    store(out, STRETCHING * LANES, gathered(shape, stretching))
-    store(out, BENDING_ENERGY * LANES, gathered(shape, bending))
-    if terms & TWISTED:
-        f = 0.5 * difference_form(shape, model, shape[TWIST], shape[DIM], x)
-        if terms & BISHOP:
+    store(out, layout.STRETCHING * LANES, gathered(shape, stretching))
+    store(out, layout.BENDING_ENERGY * LANES, gathered(shape, bending))
+    if terms & layout.TWISTED:
+        f = 0.5 * difference_form(shape, model, shape[layout.TWIST], shape[layout.DIM], x)
+        if terms & layout.BISHOP:
             f += coupled_energy(shape, model, state, x)
-        store(out, TWISTING * LANES, gathered(shape, f))
-    if terms & TORSION:
-        store(out, TORSIONAL * LANES, gathered(shape, torsion_energy(shape, model, x)))
-    if terms & PLASTICITY:
-        store(out, PLASTIC_ENERGY * LANES, gathered(shape, plastic_energy(shape, model, state)))
-    if terms & GRAVITY:
+        store(out, layout.TWISTING * LANES, gathered(shape, f))
+    if terms & layout.TORSION:
+        store(out, layout.TORSIONAL * LANES, gathered(shape, torsion_energy(shape, model, x)))
+    if terms & layout.PLASTICITY:
+        store(
+            out, layout.PLASTIC_ENERGY * LANES, gathered(shape, plastic_energy(shape, model, state))
+        )
+    if terms & layout.GRAVITY:
         weight, large = weight_energy(shape, model, x)
-        store(out, WEIGHT_ENERGY * LANES, gathered(shape, weight))
-        store(out, len(ENERGIES) * LANES, gathered(shape, large))
-    if terms & CONTACT:
+        store(out, layout.WEIGHT_ENERGY * LANES, gathered(shape, weight))
+        store(out, len(layout.ENERGIES) * LANES, gathered(shape, large))
+    if terms & layout.CONTACT:
         f = contact_energy(shape, model, x)
-        store(out, CONTACT_ENERGY * LANES, gathered(shape, f))
-    store(out, SPRING_ENERGY * LANES, spring_energy(shape, model, state, x))
+        store(out, layout.CONTACT_ENERGY * LANES, gathered(shape, f))
+    store(out, layout.SPRING_ENERGY * LANES, spring_energy(shape, model, state, x))

@@ -19,42 +19,16 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, first, load, store, zero
 from dlo_sim.compiling.pieces import part
+from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import MOTION_SIZE, place, turned
-from dlo_sim.engine.layout import (
-    AHEAD,
-    AXES,
-    BISHOP,
-    DIM,
-    DIRECTION,
-    DIRECTION_ROWS,
-    FRAME_TURN,
-    GRASPS,
-    HELD,
-    HELD_BODY,
-    HELD_PRODUCT,
-    HELD_SHIFT,
-    HELD_WEIGHTS,
-    INVERSE,
-    LINE,
-    MARGIN,
-    MOTION,
-    PARTS,
-    POINT_ROWS,
-    POINTS,
-    RATES,
-    STRIDE,
-    SYSTEM,
-    TARGETS,
-    TERMS,
-)
 from dlo_sim.engine.tables import first_of_point, grasp_of, line_of, own_of, point_of
 
 
 @part
 def grasps_move(shape, inputs):
     """Whether any grasp moves or was moved."""
-    for g in range(shape[GRASPS]):
-        if inputs[shape[MOTION] + MOTION_SIZE * g] != 0.0:
+    for g in range(shape[layout.GRASPS]):
+        if inputs[shape[layout.MOTION] + MOTION_SIZE * g] != 0.0:
             return True
     return False
 
@@ -62,12 +36,12 @@ def grasps_move(shape, inputs):
 @part
 def point_value(shape, model, point, line, x):
     """sum_k b_k x_k of a held point on one line."""
-    width, stride = shape[LINE], shape[STRIDE]
+    width, stride = shape[layout.LINE], shape[layout.STRIDE]
     own = own_of(shape, point)
     if own >= 0:
-        return load(x, line * width + (MARGIN + own) * stride)
-    at = line * width + (MARGIN + first_of_point(shape, point)) * stride
-    weight = shape[HELD_WEIGHTS] + POINT_ROWS * LANES * point
+        return load(x, line * width + (layout.MARGIN + own) * stride)
+    at = line * width + (layout.MARGIN + first_of_point(shape, point)) * stride
+    weight = shape[layout.HELD_WEIGHTS] + layout.POINT_ROWS * LANES * point
     f = load(model, weight) * load(x, at)
     f += load(model, weight + LANES) * load(x, at + stride)
     f += load(model, weight + 2 * LANES) * load(x, at + 2 * stride)
@@ -82,8 +56,8 @@ def row_value(shape, model, k, directions, at, x):
     if line >= 0:
         return point_value(shape, model, point, line, x)
     f = zero()
-    for d in range(shape[DIM]):
-        to = at + (DIRECTION_ROWS * k + d) * LANES
+    for d in range(shape[layout.DIM]):
+        to = at + (layout.DIRECTION_ROWS * k + d) * LANES
         f += load(directions, to) * point_value(shape, model, point, d, x)
     return f
 
@@ -91,15 +65,15 @@ def row_value(shape, model, k, directions, at, x):
 @part
 def shift_line(shape, model, point, line, scale, x):
     """x += scale times the shift of a held point, on one line."""
-    width, stride = shape[LINE], shape[STRIDE]
-    at, start = shape[HELD_SHIFT] + width * point, MARGIN * stride
+    width, stride = shape[layout.LINE], shape[layout.STRIDE]
+    at, start = shape[layout.HELD_SHIFT] + width * point, layout.MARGIN * stride
     if stride == 1:
         factor = first(scale)
-        for b in range(shape[PARTS]):
+        for b in range(shape[layout.PARTS]):
             to = start + LANES * b
             store(x, line * width + to, load(x, line * width + to) + factor * load(model, at + to))
     else:
-        for b in range(shape[PARTS]):
+        for b in range(shape[layout.PARTS]):
             to = start + LANES * b
             store(x, line * width + to, load(x, line * width + to) + scale * load(model, at + to))
 
@@ -112,37 +86,41 @@ def shift_row(shape, model, k, directions, at, scale, x):
     if line >= 0:
         shift_line(shape, model, point, line, scale, x)
         return
-    for d in range(shape[DIM]):
-        to = at + (DIRECTION_ROWS * k + d) * LANES
+    for d in range(shape[layout.DIM]):
+        to = at + (layout.DIRECTION_ROWS * k + d) * LANES
         shift_line(shape, model, point, d, scale * load(directions, to), x)
 
 
 @part
 def through_inverse(shape, matrix, at, values, scale, out, to):
     """out = scale times the matrix times the rows `values`, at offset `to` of out."""
-    held = shape[HELD]
+    held = shape[layout.HELD]
     for k in range(held):
         f = zero()
         for j in range(held):
-            f += load(matrix, at + (held * k + j) * LANES) * load(values, shape[RATES] + j * LANES)
+            f += load(matrix, at + (held * k + j) * LANES) * load(
+                values, shape[layout.RATES] + j * LANES
+            )
         store(out, to + k * LANES, scale * f)
 
 
 @part
 def add_shifts(shape, model, state, scratch, scale, x):
     """x += scale Y times the rows RATES."""
-    through_inverse(shape, state, shape[INVERSE], scratch, scale, scratch, shape[SYSTEM])
-    for k in range(shape[HELD]):
-        f = load(scratch, shape[SYSTEM] + k * LANES)
-        shift_row(shape, model, k, state, shape[DIRECTION], f, x)
+    through_inverse(
+        shape, state, shape[layout.INVERSE], scratch, scale, scratch, shape[layout.SYSTEM]
+    )
+    for k in range(shape[layout.HELD]):
+        f = load(scratch, shape[layout.SYSTEM] + k * LANES)
+        shift_row(shape, model, k, state, shape[layout.DIRECTION], f, x)
 
 
 @part
 def project(shape, model, state, scratch, x, out, to):
     """x <- P x; what was taken out, S^-1 B x, goes to the rows of `out` at `to`."""
-    held, directions = shape[HELD], shape[DIRECTION]
+    held, directions = shape[layout.HELD], shape[layout.DIRECTION]
     values_along(shape, model, state, scratch, x)
-    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, out, to)
+    through_inverse(shape, state, shape[layout.INVERSE], scratch, 1.0, out, to)
     for k in range(held):
         shift_row(shape, model, k, state, directions, -load(out, to + k * LANES), x)
     for k in range(held):
@@ -155,8 +133,8 @@ def pin(shape, k, value, x):
     line = line_of(shape, k)
     own = own_of(shape, point_of(shape, k))
     if line >= 0 and own >= 0:
-        stride = shape[STRIDE]
-        at = line * shape[LINE] + (MARGIN + own) * stride
+        stride = shape[layout.STRIDE]
+        at = line * shape[layout.LINE] + (layout.MARGIN + own) * stride
         if stride == 1:
             x[at] = first(value)
         else:
@@ -166,30 +144,34 @@ def pin(shape, k, value, x):
 @part
 def aim(shape, model, inputs, state, scratch, t):
     """Targets and directions of all rows at time t, into scratch."""
-    dim = shape[DIM]
-    for k in range(shape[HELD]):
+    dim = shape[layout.DIM]
+    for k in range(shape[layout.HELD]):
         point = point_of(shape, k)
         line = line_of(shape, k)
-        grasp = shape[MOTION] + MOTION_SIZE * grasp_of(shape, k)
-        share = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + 4) * LANES]
+        grasp = shape[layout.MOTION] + MOTION_SIZE * grasp_of(shape, k)
+        share = model[shape[layout.HELD_WEIGHTS] + (layout.POINT_ROWS * point + 4) * LANES]
         a = place(inputs, grasp, t)
         if line == dim:
             angle = zero() + a[3]
-            if shape[TERMS] & BISHOP:
-                angle += load(state, shape[FRAME_TURN] + grasp_of(shape, k) * LANES)
-            store(scratch, shape[TARGETS] + k * LANES, share * angle)
+            if shape[layout.TERMS] & layout.BISHOP:
+                angle += load(state, shape[layout.FRAME_TURN] + grasp_of(shape, k) * LANES)
+            store(scratch, shape[layout.TARGETS] + k * LANES, share * angle)
         elif line >= 0:
-            store(scratch, shape[TARGETS] + k * LANES, share * component(a, shape[AXES + line]))
+            store(
+                scratch,
+                shape[layout.TARGETS] + k * LANES,
+                share * component(a, shape[layout.AXES + line]),
+            )
         else:
-            body = shape[HELD_BODY] + DIRECTION_ROWS * LANES * k
+            body = shape[layout.HELD_BODY] + layout.DIRECTION_ROWS * LANES * k
             v = turned(inputs, grasp, t, model[body], model[body + LANES], model[body + 2 * LANES])
             target = 0.0
             for d in range(dim):
-                axis = shape[AXES + d]
-                to = shape[AHEAD] + (DIRECTION_ROWS * k + d) * LANES
+                axis = shape[layout.AXES + d]
+                to = shape[layout.AHEAD] + (layout.DIRECTION_ROWS * k + d) * LANES
                 store(scratch, to, component3(v, axis))
                 target += component3(v, axis) * component(a, axis)
-            store(scratch, shape[TARGETS] + k * LANES, share * target)
+            store(scratch, shape[layout.TARGETS] + k * LANES, share * target)
 
 
 @part
@@ -207,11 +189,11 @@ def component3(a, axis):
 @part
 def directions_turn(shape, state, scratch):
     """Whether the directions ahead differ from those of the state."""
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         if line_of(shape, k) < 0:
-            for d in range(shape[DIM]):
-                at = (DIRECTION_ROWS * k + d) * LANES
-                if state[shape[DIRECTION] + at] != scratch[shape[AHEAD] + at]:
+            for d in range(shape[layout.DIM]):
+                at = (layout.DIRECTION_ROWS * k + d) * LANES
+                if state[shape[layout.DIRECTION] + at] != scratch[shape[layout.AHEAD] + at]:
                     return True
     return False
 
@@ -221,8 +203,8 @@ def alignment(shape, k, j, a, at_a, b, at_b):
     """Direction of row k among `a` . direction of row j among `b`, 0 between space and twist."""
     line_k = line_of(shape, k)
     line_j = line_of(shape, j)
-    to_k, to_j = at_a + DIRECTION_ROWS * LANES * k, at_b + DIRECTION_ROWS * LANES * j
-    dim = shape[DIM]
+    to_k, to_j = at_a + layout.DIRECTION_ROWS * LANES * k, at_b + layout.DIRECTION_ROWS * LANES * j
+    dim = shape[layout.DIM]
     if line_k >= 0 and line_j >= 0:
         return zero() + (1.0 if line_k == line_j else 0.0)
     if line_k == dim or line_j == dim:
@@ -240,14 +222,16 @@ def alignment(shape, k, j, a, at_a, b, at_b):
 @part
 def fill_system(shape, model, scratch, a, at_a, b, at_b):
     """S of the rows of directions `a` and impulses of directions `b`, into scratch."""
-    held = shape[HELD]
+    held = shape[layout.HELD]
     for k in range(held):
         p = point_of(shape, k)
         for j in range(held):
             q = point_of(shape, j)
-            product = load(model, shape[HELD_PRODUCT] + (shape[POINTS] * p + q) * LANES)
+            product = load(
+                model, shape[layout.HELD_PRODUCT] + (shape[layout.POINTS] * p + q) * LANES
+            )
             f = product * alignment(shape, k, j, a, at_a, b, at_b)
-            store(scratch, shape[SYSTEM] + (held * k + j) * LANES, f)
+            store(scratch, shape[layout.SYSTEM] + (held * k + j) * LANES, f)
 
 
 @part
@@ -256,7 +240,7 @@ def invert(shape, scratch, out, to):
 
     It is nearly symmetric and positive definite, so it needs no pivoting.
     """
-    held, at = shape[HELD], shape[SYSTEM]
+    held, at = shape[layout.HELD], shape[layout.SYSTEM]
     for k in range(held * held):
         store(out, to + k * LANES, 0.0)
     for k in range(held):
@@ -280,26 +264,26 @@ def invert(shape, scratch, out, to):
 @part
 def turn_to_aim(shape, model, state, scratch):
     """Take over the directions ahead, and the inverse that belongs to them."""
-    for at in range(shape[HELD] * DIRECTION_ROWS * LANES):
-        state[shape[DIRECTION] + at] = scratch[shape[AHEAD] + at]
-    directions = shape[DIRECTION]
+    for at in range(shape[layout.HELD] * layout.DIRECTION_ROWS * LANES):
+        state[shape[layout.DIRECTION] + at] = scratch[shape[layout.AHEAD] + at]
+    directions = shape[layout.DIRECTION]
     fill_system(shape, model, scratch, state, directions, state, directions)
-    invert(shape, scratch, state, shape[INVERSE])
+    invert(shape, scratch, state, shape[layout.INVERSE])
 
 
 @part
 def defects(shape, model, directions, at, scratch, x):
     """How far each row is from its target, into the rows RATES."""
-    for k in range(shape[HELD]):
-        f = load(scratch, shape[TARGETS] + k * LANES) - row_value(
+    for k in range(shape[layout.HELD]):
+        f = load(scratch, shape[layout.TARGETS] + k * LANES) - row_value(
             shape, model, k, directions, at, x
         )
-        store(scratch, shape[RATES] + k * LANES, f)
+        store(scratch, shape[layout.RATES] + k * LANES, f)
 
 
 @part
 def values_along(shape, model, state, scratch, x):
     """B x along the directions of the state, into the rows RATES."""
-    for k in range(shape[HELD]):
-        f = row_value(shape, model, k, state, shape[DIRECTION], x)
-        store(scratch, shape[RATES] + k * LANES, f)
+    for k in range(shape[layout.HELD]):
+        f = row_value(shape, model, k, state, shape[layout.DIRECTION], x)
+        store(scratch, shape[layout.RATES] + k * LANES, f)

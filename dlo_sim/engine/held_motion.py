@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, first, load, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import MOTION_SIZE, place, rates, turned
 from dlo_sim.engine.held import (
     add_shifts,
@@ -21,28 +22,6 @@ from dlo_sim.engine.held import (
     turn_to_aim,
     values_along,
 )
-from dlo_sim.engine.layout import (
-    AHEAD,
-    AXES,
-    DIM,
-    DIRECTION,
-    DIRECTION_ROWS,
-    DRIVE_WORK,
-    HELD,
-    HELD_BODY,
-    HELD_WEIGHTS,
-    INVERSE,
-    LEDGER,
-    LINE,
-    LINES,
-    MOTION,
-    MOVED,
-    POINT_ROWS,
-    PULL,
-    RATES,
-    SYSTEM,
-    TARGETS,
-)
 from dlo_sim.engine.lines import kinetic
 from dlo_sim.engine.tables import grasp_of, line_of, point_of
 
@@ -50,16 +29,16 @@ from dlo_sim.engine.tables import grasp_of, line_of, point_of
 @part
 def add_moved(shape, state, scratch, share):
     """MOVED += a share of the rows RATES."""
-    for k in range(shape[HELD]):
-        at = shape[MOVED] + k * LANES
-        store(state, at, load(state, at) + share * load(scratch, shape[RATES] + k * LANES))
+    for k in range(shape[layout.HELD]):
+        at = shape[layout.MOVED] + k * LANES
+        store(state, at, load(state, at) + share * load(scratch, shape[layout.RATES] + k * LANES))
 
 
 @part
 def forget_moved(shape, state):
     """MOVED counts from here."""
-    for at in range(shape[HELD] * LANES):
-        state[shape[MOVED] + at] = 0.0
+    for at in range(shape[layout.HELD] * LANES):
+        state[shape[layout.MOVED] + at] = 0.0
 
 
 @piece(
@@ -73,15 +52,15 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
     and after. What the impulses along turning directions change in the energy of w is the work of
     the grasps: booked here.
     """
-    held = shape[HELD]
-    width = shape[LINE] * shape[LINES]
+    held = shape[layout.HELD]
+    width = shape[layout.LINE] * shape[layout.LINES]
     moves = grasps_move(shape, inputs)
     turn = False
     energy = zero()
     if moves:
         aim(shape, model, inputs, state, scratch, t)
         turn = directions_turn(shape, state, scratch)
-        defects(shape, model, scratch, shape[AHEAD], scratch, x)
+        defects(shape, model, scratch, shape[layout.AHEAD], scratch, x)
         add_moved(shape, state, scratch, 0.5 if turn else 1.0)
         if turn:
             energy = kinetic(shape, model, w)
@@ -91,12 +70,14 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
         store(x, at, load(x, at) + dt * load(w, at))
     if not moves:
         return
-    defects(shape, model, scratch, shape[AHEAD], scratch, x)
+    defects(shape, model, scratch, shape[layout.AHEAD], scratch, x)
     if turn and dt == 0.0:
         turn_to_aim(shape, model, state, scratch)  # a jump goes along the new directions
     elif turn:
-        fill_system(shape, model, scratch, scratch, shape[AHEAD], state, shape[DIRECTION])
-        invert(shape, scratch, state, shape[INVERSE])
+        fill_system(
+            shape, model, scratch, scratch, shape[layout.AHEAD], state, shape[layout.DIRECTION]
+        )
+        invert(shape, scratch, state, shape[layout.INVERSE])
     add_shifts(shape, model, state, scratch, 1.0, x)
     if turn:
         if dt != 0.0:
@@ -104,31 +85,31 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
         values_along(shape, model, state, scratch, x)
         add_moved(shape, state, scratch, 0.5)
         turn_to_aim(shape, model, state, scratch)
-        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
-        at = shape[LEDGER] + DRIVE_WORK * LANES
+        project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
+        at = shape[layout.LEDGER] + layout.DRIVE_WORK * LANES
         store(state, at, load(state, at) + kinetic(shape, model, w) - energy)
     for k in range(held):
-        pin(shape, k, load(scratch, shape[TARGETS] + k * LANES), x)
+        pin(shape, k, load(scratch, shape[layout.TARGETS] + k * LANES), x)
 
 
 @part
 def target_rates(shape, model, inputs, state, scratch, x, t):
     """Rates of the targets at fixed shape, into the rows RATES: s e.A' - e'.(b.x - s A)."""
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         point = point_of(shape, k)
         line = line_of(shape, k)
-        grasp = shape[MOTION] + MOTION_SIZE * grasp_of(shape, k)
-        share = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + 4) * LANES]
+        grasp = shape[layout.MOTION] + MOTION_SIZE * grasp_of(shape, k)
+        share = model[shape[layout.HELD_WEIGHTS] + (layout.POINT_ROWS * point + 4) * LANES]
         v = rates(inputs, grasp, t)
         rate = 0.0
         if inputs[grasp] == 0.0:
             pass
-        elif line == shape[DIM]:
+        elif line == shape[layout.DIM]:
             rate = share * v[3]
         elif line >= 0:
-            rate = share * component((v[0], v[1], v[2], 0.0), shape[AXES + line])
+            rate = share * component((v[0], v[1], v[2], 0.0), shape[layout.AXES + line])
         else:
-            body = shape[HELD_BODY] + DIRECTION_ROWS * LANES * k
+            body = shape[layout.HELD_BODY] + layout.DIRECTION_ROWS * LANES * k
             e = turned(inputs, grasp, t, model[body], model[body + LANES], model[body + 2 * LANES])
             spin = (
                 v[4 + 1] * e[2] - v[4 + 2] * e[1],
@@ -136,12 +117,12 @@ def target_rates(shape, model, inputs, state, scratch, x, t):
                 v[4] * e[1] - v[4 + 1] * e[0],
             )
             a = place(inputs, grasp, t)
-            for d in range(shape[DIM]):
-                axis = shape[AXES + d]
+            for d in range(shape[layout.DIM]):
+                axis = shape[layout.AXES + d]
                 arm = first(point_value(shape, model, point, d, x)) - share * component(a, axis)
                 rate += share * component3(e, axis) * component((v[0], v[1], v[2], 0.0), axis)
                 rate -= component3(spin, axis) * arm
-        store(scratch, shape[RATES] + k * LANES, rate)
+        store(scratch, shape[layout.RATES] + k * LANES, rate)
 
 
 @part
@@ -159,6 +140,6 @@ def pulled(shape, state, rows, at):
     or minus its power if these are their rates.
     """
     f = zero()
-    for k in range(shape[HELD]):
-        f += load(state, shape[PULL] + k * LANES) * load(rows, at + k * LANES)
+    for k in range(shape[layout.HELD]):
+        f += load(state, shape[layout.PULL] + k * LANES) * load(rows, at + k * LANES)
     return f

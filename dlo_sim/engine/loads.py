@@ -10,23 +10,7 @@ import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, load, store
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine.layout import (
-    AXES,
-    DIM,
-    LINE,
-    LINES,
-    LOAD,
-    LOAD_BASIS,
-    LOAD_POINT,
-    LOAD_POINT_ROWS,
-    LOAD_ROWS,
-    LOAD_TABLE,
-    LOADS,
-    MARGIN,
-    NOTES,
-    PARTS,
-    STRIDE,
-)
+from dlo_sim.engine import layout
 
 TORQUE, FREQUENCY = 3, 6  # rows of a load behind its force
 
@@ -40,18 +24,18 @@ def amplitude(frequency, t):
 @part
 def load_force(shape, model, inputs, scratch, x, t, out):
     """out += generalised forces of the point wrenches at time t."""
-    width, stride = shape[LINE], shape[STRIDE]
-    start = MARGIN * stride
-    for k in range(shape[LOADS]):
-        at = shape[LOAD] + LOAD_ROWS * LANES * k
-        factors = shape[NOTES]
+    width, stride = shape[layout.LINE], shape[layout.STRIDE]
+    start = layout.MARGIN * stride
+    for k in range(shape[layout.LOADS]):
+        at = shape[layout.LOAD] + layout.LOAD_ROWS * LANES * k
+        factors = shape[layout.NOTES]
         for lane in range(LANES):  # eight cables may have eight frequencies
             scratch[factors + lane] = amplitude(inputs[at + FREQUENCY * LANES + lane], t)
         factor = load(scratch, factors)
-        basis = shape[LOAD_BASIS] + width * k
-        for d in range(shape[DIM]):
-            f = factor * load(inputs, at + shape[AXES + d] * LANES)
-            for b in range(shape[PARTS]):
+        basis = shape[layout.LOAD_BASIS] + width * k
+        for d in range(shape[layout.DIM]):
+            f = factor * load(inputs, at + shape[layout.AXES + d] * LANES)
+            for b in range(shape[layout.PARTS]):
                 to = start + LANES * b
                 here = d * width + to
                 store(out, here, load(out, here) + f * load(model, basis + to))
@@ -62,21 +46,21 @@ def load_force(shape, model, inputs, scratch, x, t, out):
 @part
 def moment_of(shape, inputs, k):
     """Amplitude of the moment of a load, world frame."""
-    at = shape[LOAD] + (LOAD_ROWS * k + TORQUE) * LANES
+    at = shape[layout.LOAD] + (layout.LOAD_ROWS * k + TORQUE) * LANES
     return inputs[at], inputs[at + LANES], inputs[at + 2 * LANES]
 
 
 @part
 def load_tangent(shape, model, x, k):
     """r' (world) at the material coordinate of a load."""
-    at = shape[LOAD_POINT] + (LOAD_POINT_ROWS * k + 4) * LANES
-    to = MARGIN + shape[shape[LOAD_TABLE] + k]
+    at = shape[layout.LOAD_POINT] + (layout.LOAD_POINT_ROWS * k + 4) * LANES
+    to = layout.MARGIN + shape[shape[layout.LOAD_TABLE] + k]
     t0 = t1 = t2 = 0.0
-    for d in range(shape[DIM]):
+    for d in range(shape[layout.DIM]):
         f = 0.0
         for q in range(4):
-            f += model[at + q * LANES] * x[d * shape[LINE] + to + q]
-        axis = shape[AXES + d]
+            f += model[at + q * LANES] * x[d * shape[layout.LINE] + to + q]
+        axis = shape[layout.AXES + d]
         if axis == 0:
             t0 = f
         elif axis == 1:
@@ -96,36 +80,38 @@ def add_moment(shape, model, inputs, x, k, factor, out):
     t0, t1, t2 = load_tangent(shape, model, x, k)
     c = t0 * t0 + t1 * t1 + t2 * t2
     g = (m1 * t2 - m2 * t1) / c, (m2 * t0 - m0 * t2) / c, (m0 * t1 - m1 * t0) / c
-    basis = shape[LOAD_POINT] + LOAD_POINT_ROWS * LANES * k
-    to = MARGIN + shape[shape[LOAD_TABLE] + k]
-    for d in range(shape[DIM]):
-        axis = shape[AXES + d]
+    basis = shape[layout.LOAD_POINT] + layout.LOAD_POINT_ROWS * LANES * k
+    to = layout.MARGIN + shape[shape[layout.LOAD_TABLE] + k]
+    for d in range(shape[layout.DIM]):
+        axis = shape[layout.AXES + d]
         value = g[0] if axis == 0 else (g[1] if axis == 1 else g[2])
         for q in range(4):
-            out[d * shape[LINE] + to + q] += model[basis + (4 + q) * LANES] * value
-    if shape[LINES] > shape[DIM]:
+            out[d * shape[layout.LINE] + to + q] += model[basis + (4 + q) * LANES] * value
+    if shape[layout.LINES] > shape[layout.DIM]:
         axial = (m0 * t0 + m1 * t1 + m2 * t2) / np.sqrt(c)
         for q in range(4):
-            out[shape[DIM] * shape[LINE] + to + q] += model[basis + q * LANES] * axial
+            out[shape[layout.DIM] * shape[layout.LINE] + to + q] += model[basis + q * LANES] * axial
 
 
 @part
 def add_load_stiffness(shape, model, inputs, x, t, scale, band):
     """band -= scale times the derivative of the load forces: moments turn with the tangent."""
-    dim = shape[DIM]
+    dim = shape[layout.DIM]
     half, row = 4 * dim - 1, 16 * (dim - 1)
-    for k in range(shape[LOADS]):
+    for k in range(shape[layout.LOADS]):
         m = moment_of(shape, inputs, k)
         if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
             continue
-        factor = amplitude(inputs[shape[LOAD] + (LOAD_ROWS * k + FREQUENCY) * LANES], t)
+        factor = amplitude(
+            inputs[shape[layout.LOAD] + (layout.LOAD_ROWS * k + FREQUENCY) * LANES], t
+        )
         tangent = load_tangent(shape, model, x, k)
         ic = 1.0 / (tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2)
-        slope = shape[LOAD_POINT] + (LOAD_POINT_ROWS * k + 4) * LANES
-        first = shape[shape[LOAD_TABLE] + k]
+        slope = shape[layout.LOAD_POINT] + (layout.LOAD_POINT_ROWS * k + 4) * LANES
+        first = shape[shape[layout.LOAD_TABLE] + k]
         for i in range(dim):
             for j in range(dim):
-                a, c = shape[AXES + i], shape[AXES + j]
+                a, c = shape[layout.AXES + i], shape[layout.AXES + j]
                 b, e = (a + 1) % 3, (a + 2) % 3
                 g = at3(m, b) * at3(tangent, e) - at3(m, e) * at3(tangent, b)
                 # d/dt_c of (m x t)_a / |t|^2

@@ -17,25 +17,8 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, root, size, store, zero
 from dlo_sim.compiling.pieces import part
+from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import bending_at, block_of, curve, dot, sample_of, tangent_at
-from dlo_sim.engine.layout import (
-    BENDING,
-    BLOCKS,
-    DISSIPATED,
-    HARDENING,
-    LEDGER,
-    NATURAL,
-    NATURAL_ROWS,
-    PLASTIC,
-    PLASTIC_ROWS,
-    PLASTIC_WORK,
-    QUADRATURE,
-    SAMPLES,
-    SCALES,
-    SLOPE,
-    XI,
-    YIELD_MOMENT,
-)
 from dlo_sim.engine.lines import gathered
 from dlo_sim.terms.natural_curvature import cross
 from dlo_sim.terms.viscosity import combined
@@ -61,13 +44,17 @@ def store_three(array, at, v):
 def plastic_energy(shape, model, state):
     """(EI + H)/2 |p|^2, integrated [J], to be gathered."""
     sum_ = zero()
-    hardening = load(model, shape[SCALES] + HARDENING * LANES)
-    for b in range(shape[BLOCKS]):
+    hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        half = 0.5 * (load(model, block + BENDING * LANES) + hardening)
-        for j in range(shape[SAMPLES]):
-            p = three(state, shape[PLASTIC] + (b * shape[SAMPLES] + j) * PLASTIC_ROWS * LANES)
-            sum_ += load(model, sample_of(block, j) + QUADRATURE * LANES) * half * dot(p, p)
+        half = 0.5 * (load(model, block + layout.BENDING * LANES) + hardening)
+        for j in range(shape[layout.SAMPLES]):
+            p = three(
+                state,
+                shape[layout.PLASTIC]
+                + (b * shape[layout.SAMPLES] + j) * layout.PLASTIC_ROWS * LANES,
+            )
+            sum_ += load(model, sample_of(block, j) + layout.QUADRATURE * LANES) * half * dot(p, p)
     return sum_
 
 
@@ -77,24 +64,27 @@ def plastic_flow(shape, model, state, x):
 
     The forces have to be computed anew afterwards.
     """
-    hardening = load(model, shape[SCALES] + HARDENING * LANES)
-    yield_moment = load(model, shape[SCALES] + YIELD_MOMENT * LANES)
+    hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
+    yield_moment = load(model, shape[layout.SCALES] + layout.YIELD_MOMENT * LANES)
     carried, flowed = zero(), zero()
-    for b in range(shape[BLOCKS]):
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        stiffness = load(model, block + BENDING * LANES)
-        s = load(model, block + SLOPE * LANES)
+        stiffness = load(model, block + layout.BENDING * LANES)
+        s = load(model, block + layout.SLOPE * LANES)
         whole = stiffness + hardening
         curve_ = curve(shape, model, x, b, 1.0)
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
             t, k = tangent_at(curve_, xi), bending_at(curve_, xi, s)
             inverse = 1.0 / dot(t, t)
             f = inverse * root(inverse)
             kappa = combined(f, cross(t, k), 0.0, t)
             t = combined(root(inverse), t, 0.0, k)
-            to = shape[PLASTIC] + (b * shape[SAMPLES] + j) * PLASTIC_ROWS * LANES
+            to = (
+                shape[layout.PLASTIC]
+                + (b * shape[layout.SAMPLES] + j) * layout.PLASTIC_ROWS * LANES
+            )
             p, before = three(state, to), three(state, to + 3 * LANES)
             # smallest rotation from the old tangent to t, applied to p normal to the old one
             h = combined(1.0, before, 1.0, t)
@@ -109,11 +99,14 @@ def plastic_flow(shape, model, state, x):
             p = combined(1.0, p, flow / (moment + TINY), m)
             store_three(state, to, p)
             store_three(state, to + 3 * LANES, t)
-            natural = shape[NATURAL] + (b * shape[SAMPLES] + j) * NATURAL_ROWS * LANES
+            natural = (
+                shape[layout.NATURAL]
+                + (b * shape[layout.SAMPLES] + j) * layout.NATURAL_ROWS * LANES
+            )
             store_three(state, natural, combined(w * stiffness, p, 0.0, t))
             flowed += w * flow * (yield_moment + 0.5 * whole * flow)
-    lost, ledger = gathered(shape, flowed), shape[LEDGER]
-    at = ledger + DISSIPATED * LANES
+    lost, ledger = gathered(shape, flowed), shape[layout.LEDGER]
+    at = ledger + layout.DISSIPATED * LANES
     store(state, at, load(state, at) + lost + gathered(shape, carried))
-    at = ledger + PLASTIC_WORK * LANES
+    at = ledger + layout.PLASTIC_WORK * LANES
     store(state, at, load(state, at) + lost)

@@ -8,20 +8,9 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, first, load, store, zero
 from dlo_sim.compiling.pieces import part
+from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import MOTION_SIZE, place
 from dlo_sim.engine.held import component
-from dlo_sim.engine.layout import (
-    ANCHOR,
-    ANCHOR_BOOKED,
-    AXES,
-    LINE,
-    MARGIN,
-    MOTION,
-    SPRING,
-    SPRING_ROWS,
-    SPRINGS,
-    STRIDE,
-)
 from dlo_sim.engine.tables import spring_first, spring_grasp, spring_line
 
 
@@ -30,16 +19,16 @@ def spring_place(shape, k):
     """Entry of a line array at which the four control points of spring row k begin."""
     point = spring_first(shape, k)
     line = spring_line(shape, k)
-    return line * shape[LINE] + (MARGIN + point) * shape[STRIDE]
+    return line * shape[layout.LINE] + (layout.MARGIN + point) * shape[layout.STRIDE]
 
 
 @part
 def spring_value(shape, model, k, x):
     """sum_k b_k x_k of spring row k."""
-    at, stride = spring_place(shape, k), shape[STRIDE]
+    at, stride = spring_place(shape, k), shape[layout.STRIDE]
     f = zero()
     for q in range(4):
-        weight = load(model, shape[SPRING] + (SPRING_ROWS * k + q) * LANES)
+        weight = load(model, shape[layout.SPRING] + (layout.SPRING_ROWS * k + q) * LANES)
         f += weight * load(x, at + q * stride)
     return f
 
@@ -47,15 +36,15 @@ def spring_value(shape, model, k, x):
 @part
 def stiffness_of(shape, model, k):
     """Stiffness [N/m]."""
-    return load(model, shape[SPRING] + (SPRING_ROWS * k + 4) * LANES)
+    return load(model, shape[layout.SPRING] + (layout.SPRING_ROWS * k + 4) * LANES)
 
 
 @part
 def push(shape, model, k, f, out):
     """out += f on what spring row k holds. One cable's numbers stand at stride 1, one by one."""
-    at, stride = spring_place(shape, k), shape[STRIDE]
+    at, stride = spring_place(shape, k), shape[layout.STRIDE]
     for q in range(4):
-        weight = shape[SPRING] + (SPRING_ROWS * k + q) * LANES
+        weight = shape[layout.SPRING] + (layout.SPRING_ROWS * k + q) * LANES
         to = at + q * stride
         if stride == 1:
             out[to] += model[weight] * first(f)
@@ -69,8 +58,8 @@ def spring_force(shape, model, state, x, share, out):
 
     share 1: where they are.
     """
-    for k in range(shape[SPRINGS]):
-        now, old = shape[ANCHOR] + k * LANES, shape[ANCHOR_BOOKED] + k * LANES
+    for k in range(shape[layout.SPRINGS]):
+        now, old = shape[layout.ANCHOR] + k * LANES, shape[layout.ANCHOR_BOOKED] + k * LANES
         anchor = load(state, old) + share * (load(state, now) - load(state, old))
         if share == 1.0:
             anchor = load(state, now)
@@ -82,8 +71,8 @@ def spring_force(shape, model, state, x, share, out):
 def spring_energy(shape, model, state, x):
     """Energy of the springs [J], a row."""
     f = zero()
-    for k in range(shape[SPRINGS]):
-        apart = spring_value(shape, model, k, x) - load(state, shape[ANCHOR] + k * LANES)
+    for k in range(shape[layout.SPRINGS]):
+        apart = spring_value(shape, model, k, x) - load(state, shape[layout.ANCHOR] + k * LANES)
         f += 0.5 * stiffness_of(shape, model, k) * apart * apart
     return f
 
@@ -91,11 +80,11 @@ def spring_energy(shape, model, state, x):
 @part
 def move_anchors(shape, inputs, state, t):
     """Let the springs of grasps that move pull to where these are at time t."""
-    for k in range(shape[SPRINGS]):
-        grasp = shape[MOTION] + MOTION_SIZE * spring_grasp(shape, k)
+    for k in range(shape[layout.SPRINGS]):
+        grasp = shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)
         if inputs[grasp] != 0.0:
-            axis = shape[AXES + spring_line(shape, k)]
-            store(state, shape[ANCHOR] + k * LANES, component(place(inputs, grasp, t), axis))
+            axis = shape[layout.AXES + spring_line(shape, k)]
+            store(state, shape[layout.ANCHOR] + k * LANES, component(place(inputs, grasp, t), axis))
 
 
 @part
@@ -104,9 +93,9 @@ def anchor_work(shape, model, state, x0, x1):
     k (mean anchor - mean value) . (change of the anchor), exact for straight and even motion.
     """
     done = zero()
-    for k in range(shape[SPRINGS]):
-        now = load(state, shape[ANCHOR] + k * LANES)
-        old = load(state, shape[ANCHOR_BOOKED] + k * LANES)
+    for k in range(shape[layout.SPRINGS]):
+        now = load(state, shape[layout.ANCHOR] + k * LANES)
+        old = load(state, shape[layout.ANCHOR_BOOKED] + k * LANES)
         value = spring_value(shape, model, k, x0) + spring_value(shape, model, k, x1)
         done += 0.5 * stiffness_of(shape, model, k) * (now - old) * (now + old - value)
     return done
@@ -115,12 +104,12 @@ def anchor_work(shape, model, state, x0, x1):
 @part
 def book_anchors(shape, state):
     """Nothing that anchors did is left to be booked."""
-    for at in range(shape[SPRINGS] * LANES):
-        state[shape[ANCHOR_BOOKED] + at] = state[shape[ANCHOR] + at]
+    for at in range(shape[layout.SPRINGS] * LANES):
+        state[shape[layout.ANCHOR_BOOKED] + at] = state[shape[layout.ANCHOR] + at]
 
 
 @part
 def restore_anchors(shape, state):
     """Anchors as they were when work was booked last."""
-    for at in range(shape[SPRINGS] * LANES):
-        state[shape[ANCHOR] + at] = state[shape[ANCHOR_BOOKED] + at]
+    for at in range(shape[layout.SPRINGS] * LANES):
+        state[shape[layout.ANCHOR] + at] = state[shape[layout.ANCHOR_BOOKED] + at]

@@ -3,65 +3,58 @@
 from __future__ import annotations
 
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine.layout import (
-    POINT_ENTRIES,
-    POINT_TABLE,
-    ROW_ENTRIES,
-    ROW_TABLE,
-    SPRING_ENTRIES,
-    SPRING_TABLE,
-)
+from dlo_sim.engine import layout
 
 
 @part
 def first_of_point(shape, point):
     """First of the four control points of a held point."""
-    return shape[shape[POINT_TABLE] + POINT_ENTRIES * point]
+    return shape[shape[layout.POINT_TABLE] + layout.POINT_ENTRIES * point]
 
 
 @part
 def is_twist(shape, point):
     """1 for a held point of the twist, 0 in space."""
-    return shape[shape[POINT_TABLE] + POINT_ENTRIES * point + 1]
+    return shape[shape[layout.POINT_TABLE] + layout.POINT_ENTRIES * point + 1]
 
 
 @part
 def own_of(shape, point):
     """The control point that a held point is, -1 if it lies between."""
-    return shape[shape[POINT_TABLE] + POINT_ENTRIES * point + 2]
+    return shape[shape[layout.POINT_TABLE] + layout.POINT_ENTRIES * point + 2]
 
 
 @part
 def point_of(shape, k):
     """Point of held row k."""
-    return shape[shape[ROW_TABLE] + ROW_ENTRIES * k]
+    return shape[shape[layout.ROW_TABLE] + layout.ROW_ENTRIES * k]
 
 
 @part
 def grasp_of(shape, k):
     """Grasp of held row k."""
-    return shape[shape[ROW_TABLE] + ROW_ENTRIES * k + 1]
+    return shape[shape[layout.ROW_TABLE] + layout.ROW_ENTRIES * k + 1]
 
 
 @part
 def line_of(shape, k):
     """Line of held row k, -1 where its direction turns with its grasp."""
-    return shape[shape[ROW_TABLE] + ROW_ENTRIES * k + 2]
+    return shape[shape[layout.ROW_TABLE] + layout.ROW_ENTRIES * k + 2]
 
 
 @part
 def spring_first(shape, k):
     """First control point of spring row k."""
-    return shape[shape[SPRING_TABLE] + SPRING_ENTRIES * k]
+    return shape[shape[layout.SPRING_TABLE] + layout.SPRING_ENTRIES * k]
 
 
 @part
 def spring_grasp(shape, k):
     """Grasp of spring row k."""
-    return shape[shape[SPRING_TABLE] + SPRING_ENTRIES * k + 1]
+    return shape[shape[layout.SPRING_TABLE] + layout.SPRING_ENTRIES * k + 1]
 
 
 @part
 def spring_line(shape, k):
     """Line of spring row k."""
-    return shape[shape[SPRING_TABLE] + SPRING_ENTRIES * k + 2]
+    return shape[shape[layout.SPRING_TABLE] + layout.SPRING_ENTRIES * k + 2]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, root, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.contact import add_contact_tangent
 from dlo_sim.engine.discrete import mean
 from dlo_sim.engine.elastic import (
@@ -22,26 +23,6 @@ from dlo_sim.engine.elastic import (
     sample_of,
     span_strains,
     tangent_at,
-)
-from dlo_sim.engine.layout import (
-    AXIAL,
-    BEND,
-    BENDING,
-    BETA,
-    BLOCKS,
-    CONTACT,
-    CURVED,
-    DIM,
-    LINEAR,
-    QUADRATURE,
-    SAMPLES,
-    SHARE,
-    SLOPE,
-    SPAN_STRETCH,
-    STRETCH,
-    TERMS,
-    XI,
-    N,
 )
 from dlo_sim.engine.natural_curvature import natural_at
 from dlo_sim.terms import bend, natural_curvature, stretch, viscosity
@@ -77,22 +58,25 @@ def add_moments(array, at, f, t, xi):
 @part
 def factor_samples(shape, model, state, b, p, q, viscous, scratch):
     """Factors of the Jacobian's dyads at all samples of a block, and moments of its spans."""
-    terms = shape[TERMS]
+    terms = shape[layout.TERMS]
     block = block_of(shape, b)
-    axial, bending = load(model, block + AXIAL * LANES), load(model, block + BENDING * LANES)
-    s = load(model, block + SLOPE * LANES)
-    moments = shape[SAMPLES] * SAMPLE_ROWS * LANES
+    axial, bending = (
+        load(model, block + layout.AXIAL * LANES),
+        load(model, block + layout.BENDING * LANES),
+    )
+    s = load(model, block + layout.SLOPE * LANES)
+    moments = shape[layout.SAMPLES] * SAMPLE_ROWS * LANES
     strain, linear = zero(), zero()
-    if terms & SPAN_STRETCH:
+    if terms & layout.SPAN_STRETCH:
         m0, l0 = span_strains(shape, model, block, p)
         m1, l1 = span_strains(shape, model, block, q)
         strain = 0.5 * (m0 + m1)
-        linear = 0.5 * load(model, block + LINEAR * LANES) * (l0 + l1)
+        linear = 0.5 * load(model, block + layout.LINEAR * LANES) * (l0 + l1)
         for row in range(MOMENT_ROWS):
             store(scratch, moments + row * LANES, 0.0)
-    for j in range(shape[SAMPLES]):
+    for j in range(shape[layout.SAMPLES]):
         at, z = sample_of(block, j), j * SAMPLE_ROWS * LANES
-        xi, w = load(model, at + XI * LANES), load(model, at + QUADRATURE * LANES)
+        xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
         ta, ka, tb, kb = (
             tangent_at(p, xi),
             bending_at(p, xi, s),
@@ -104,12 +88,12 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
         on_c, on_d, on_h = zero(), zero(), zero()
         cc, cd, ch, dc, dd, hc = zero(), zero(), zero(), zero(), zero(), zero()
         t, k = mean(ta, tb), mean(ka, kb)
-        if terms & STRETCH:
+        if terms & layout.STRETCH:
             counted = 0.5 * (stretch.strain(c0) + stretch.strain(c1))
             on_c += stretch.mean_gradient(axial, s0, s1, counted)
             fixed, changed = stretch.mean_hessian(axial, s0, s1, counted)
             cc += fixed + changed
-        if terms & SPAN_STRETCH:
+        if terms & layout.SPAN_STRETCH:
             counted = strain + xi * linear
             on_c += stretch.mean_gradient(axial, s0, s1, counted)
             cc += stretch.mean_hessian(axial, s0, s1, counted)[0]
@@ -118,7 +102,7 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
             add_moments(scratch, moments + STRAIN_MOMENTS * LANES, w / s1, tb, xi)
             f = w / root(dot(both, both))
             add_moments(scratch, moments + FLOW_MOMENTS * LANES, f, both, xi)
-        if terms & BEND:
+        if terms & layout.BEND:
             d0, h0, d1, h1 = dot(ta, ka), dot(ka, ka), dot(tb, kb), dot(kb, kb)
             more = bend.mean_gradient(bending, c0, d0, h0, c1, d1, h1)
             on_c += more[0]
@@ -136,17 +120,17 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
         keep(scratch, z + Y2 * LANES, combined(w * dd, tb, 0.0, kb))
         keep(scratch, z + X3 * LANES, combined(4.0 * w * hc, tb, 0.0, kb))
         keep(scratch, z + DIAGONAL * LANES, (w * on_c, 0.5 * w * on_d, w * on_h))
-        if terms & CURVED:
+        if terms & layout.CURVED:
             factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch)
         if viscous != 0.0:
             ratio, n, inverse = viscosity.curvature_of(t, k)
             g = zero()
-            if terms & BEND:
-                g = viscous * w * bending * load(model, shape[BETA] + LANES)
+            if terms & layout.BEND:
+                g = viscous * w * bending * load(model, shape[layout.BETA] + LANES)
                 g = g * inverse * inverse
             along = 4.0 * g * dot(n, n)
-            if terms & STRETCH:
-                along += viscous * w * axial * load(model, shape[BETA]) * inverse
+            if terms & layout.STRETCH:
+                along += viscous * w * axial * load(model, shape[layout.BETA]) * inverse
             keep(scratch, z + NORMAL * LANES, n)
             keep(scratch, z + VISCOUS * LANES, (g, along, ratio))
             store(scratch, z + INVERSE_C * LANES, inverse)
@@ -183,58 +167,85 @@ def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
 
     `viscous` is 1 over the time in which x1 moves by one; 0 leaves viscosity out.
     """
-    dim = shape[DIM]
-    for b in range(shape[BLOCKS]):
+    dim = shape[layout.DIM]
+    for b in range(shape[layout.BLOCKS]):
         p, q = curve(shape, model, x0, b, 1.0), curve(shape, model, x1, b, 1.0)
         factor_samples(shape, model, state, b, p, q, viscous, scratch)
         for i in range(dim):
             for j in range(dim):
                 add_entry(shape, model, b, i, j, viscous, scale, scratch, band)
-    if shape[TERMS] & CONTACT:
+    if shape[layout.TERMS] & layout.CONTACT:
         add_contact_tangent(shape, model, x0, x1, scale, scratch, band)
+
+
+@part
+def four_rows(array, at):
+    """Four rows, three apart."""
+    step = 3 * LANES
+    return (
+        load(array, at),
+        load(array, at + step),
+        load(array, at + 2 * step),
+        load(array, at + 3 * step),
+    )
+
+
+@part
+def add_products(h, one, next_, r):
+    """h_q + one r_q + next_ r_(q + 1)."""
+    return (
+        h[0] + one * r[0] + next_ * r[1],
+        h[1] + one * r[1] + next_ * r[2],
+        h[2] + one * r[2] + next_ * r[3],
+    )
+
+
+@part
+def blocks_of(shape, z, i, j, viscous, scratch):
+    """Entry (i, j) of the Jacobian at a sample: of (t, k) by (t, k), as tt, tk, kt, kk."""
+    unit = 1.0 if i == j else 0.0
+    t, k = load(scratch, z + (T + i) * LANES), load(scratch, z + (K + i) * LANES)
+    x2, y2 = load(scratch, z + (X2 + j) * LANES), load(scratch, z + (Y2 + j) * LANES)
+    mixed = unit * load(scratch, z + (DIAGONAL + 1) * LANES)
+    tt = t * load(scratch, z + (X1 + j) * LANES) + k * x2
+    tt += unit * load(scratch, z + DIAGONAL * LANES)
+    tk = t * load(scratch, z + (Y1 + j) * LANES) + k * y2 + mixed
+    kt = k * load(scratch, z + (X3 + j) * LANES) + t * x2 + mixed
+    kk = t * y2 + unit * load(scratch, z + (DIAGONAL + 2) * LANES)
+    if shape[layout.TERMS] & layout.CURVED:
+        e = load(scratch, z + (XE + j) * LANES)
+        tt += load(scratch, z + (KN + i) * LANES) * e
+        kt += load(scratch, z + (NT + i) * LANES) * e
+        if i != j:
+            # ([n]_x)_ij = - eps_ijk n_k
+            skew = load(scratch, z + (SKEW + 3 - i - j) * LANES)
+            if (j - i) % 3 != 1:
+                skew = -skew
+            tk += skew
+            kt -= skew
+    if viscous != 0.0:
+        t_j = load(scratch, z + (T + j) * LANES)
+        n_i = load(scratch, z + (NORMAL + i) * LANES)
+        n_j = load(scratch, z + (NORMAL + j) * LANES)
+        g, q = load(scratch, z + VISCOUS * LANES), load(scratch, z + RATIO * LANES)
+        inverse = load(scratch, z + INVERSE_C * LANES)
+        more = viscosity.tangent_blocks(g, q, n_i, n_j, t, t_j, unit, inverse)
+        tt += more[0] + load(scratch, z + ALONG * LANES) * t * t_j
+        tk += more[1]
+        kt += more[2]
+        kk += more[3]
+    return tt, tk, kt, kk
 
 
 @part
 def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
     """Entry (i, j) of the Jacobian's blocks of all spans of a block, into the band matrix."""
-    terms, dim = shape[TERMS], shape[DIM]
-    block = block_of(shape, b)
-    s = load(model, block + SLOPE * LANES)
-    unit = 1.0 if i == j else 0.0
+    terms, block = shape[layout.TERMS], block_of(shape, b)
+    s = load(model, block + layout.SLOPE * LANES)
     h00 = h01 = h02 = h10 = h11 = h12 = h20 = h21 = h22 = zero()
-    for sample in range(shape[SAMPLES]):
-        z = sample * SAMPLE_ROWS * LANES
-        y = load(model, sample_of(block, sample) + XI * LANES)
-        t, k = load(scratch, z + (T + i) * LANES), load(scratch, z + (K + i) * LANES)
-        x2, y2 = load(scratch, z + (X2 + j) * LANES), load(scratch, z + (Y2 + j) * LANES)
-        mixed = unit * load(scratch, z + (DIAGONAL + 1) * LANES)
-        tt = t * load(scratch, z + (X1 + j) * LANES) + k * x2
-        tt += unit * load(scratch, z + DIAGONAL * LANES)
-        tk = t * load(scratch, z + (Y1 + j) * LANES) + k * y2 + mixed
-        kt = k * load(scratch, z + (X3 + j) * LANES) + t * x2 + mixed
-        kk = t * y2 + unit * load(scratch, z + (DIAGONAL + 2) * LANES)
-        if terms & CURVED:
-            e = load(scratch, z + (XE + j) * LANES)
-            tt += load(scratch, z + (KN + i) * LANES) * e
-            kt += load(scratch, z + (NT + i) * LANES) * e
-            if i != j:
-                # ([n]_x)_ij = - eps_ijk n_k
-                skew = load(scratch, z + (SKEW + 3 - i - j) * LANES)
-                if (j - i) % 3 != 1:
-                    skew = -skew
-                tk += skew
-                kt -= skew
-        if viscous != 0.0:
-            t_j = load(scratch, z + (T + j) * LANES)
-            n_i = load(scratch, z + (NORMAL + i) * LANES)
-            n_j = load(scratch, z + (NORMAL + j) * LANES)
-            g, q = load(scratch, z + VISCOUS * LANES), load(scratch, z + RATIO * LANES)
-            inverse = load(scratch, z + INVERSE_C * LANES)
-            more = viscosity.tangent_blocks(g, q, n_i, n_j, t, t_j, unit, inverse)
-            tt += more[0] + load(scratch, z + ALONG * LANES) * t * t_j
-            tk += more[1]
-            kt += more[2]
-            kk += more[3]
+    for sample in range(shape[layout.SAMPLES]):
+        y = load(model, sample_of(block, sample) + layout.XI * LANES)
+        tt, tk, kt, kk = blocks_of(shape, sample * SAMPLE_ROWS * LANES, i, j, viscous, scratch)
         tk, kt, kk = s * tk, s * kt, s * s * kk
         a, c = y * tt, tk + tk
         h00 += tt
@@ -247,33 +258,40 @@ def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
         h20 += y * (a + kt + kt)
         h21 += y * (m + y * kt + kk)
         h22 += y * y * (y * (a + c + kt + kt) + 4.0 * kk)
-    if terms & SPAN_STRETCH:
-        f = 0.5 * load(model, block + AXIAL * LANES) * load(model, block + SHARE * LANES)
-        linear = load(model, block + LINEAR * LANES)
-        moments = shape[SAMPLES] * SAMPLE_ROWS * LANES
+    h0, h1, h2 = (h00, h01, h02), (h10, h11, h12), (h20, h21, h22)
+    if terms & layout.SPAN_STRETCH:
+        f = (
+            0.5
+            * load(model, block + layout.AXIAL * LANES)
+            * load(model, block + layout.SHARE * LANES)
+        )
+        linear = load(model, block + layout.LINEAR * LANES)
+        moments = shape[layout.SAMPLES] * SAMPLE_ROWS * LANES
         left, right = moments + FORCE_MOMENTS * LANES, moments + STRAIN_MOMENTS * LANES
         for flow in range(2 if viscous != 0.0 else 1):
             if flow == 1:
                 left = right = moments + FLOW_MOMENTS * LANES
-                f = 2.0 * viscous * load(model, shape[BETA]) * f
-            h00 += dyad(scratch, left, right, i, j, 0, 0, f, linear)
-            h01 += dyad(scratch, left, right, i, j, 0, 1, f, linear)
-            h02 += dyad(scratch, left, right, i, j, 0, 2, f, linear)
-            h10 += dyad(scratch, left, right, i, j, 1, 0, f, linear)
-            h11 += dyad(scratch, left, right, i, j, 1, 1, f, linear)
-            h12 += dyad(scratch, left, right, i, j, 1, 2, f, linear)
-            h20 += dyad(scratch, left, right, i, j, 2, 0, f, linear)
-            h21 += dyad(scratch, left, right, i, j, 2, 1, f, linear)
-            h22 += dyad(scratch, left, right, i, j, 2, 2, f, linear)
+                f = 2.0 * viscous * load(model, shape[layout.BETA]) * f
+            m, r = four_rows(scratch, left + i * LANES), four_rows(scratch, right + j * LANES)
+            h0 = add_products(h0, f * m[0], f * linear * m[1], r)
+            h1 = add_products(h1, f * m[1], f * linear * m[2], r)
+            h2 = add_products(h2, f * m[2], f * linear * m[3], r)
+    scatter_entry(shape, model, b, i, j, h0, h1, h2, scale, scratch, band)
+
+
+@part
+def scatter_entry(shape, model, b, i, j, h0, h1, h2, scale, scratch, band):
+    """band += scale times an entry on A, B, C of two lines, on the control points of every span."""
+    dim, block = shape[layout.DIM], block_of(shape, b)
     half, width = 4 * dim - 1, 16 * (dim - 1)
-    spans = min(LANES, shape[N] - 3 - LANES * b)
-    to = shape[SAMPLES] * SAMPLE_ROWS * LANES + MOMENT_ROWS * LANES
+    spans = min(LANES, shape[layout.N] - 3 - LANES * b)
+    to = shape[layout.SAMPLES] * SAMPLE_ROWS * LANES + MOMENT_ROWS * LANES
     for k in range(4):
         row = block + 3 * k * LANES
         e0, e1, e2 = load(model, row), load(model, row + LANES), load(model, row + 2 * LANES)
-        r0 = scale * (e0 * h00 + e1 * h10 + e2 * h20)
-        r1 = scale * (e0 * h01 + e1 * h11 + e2 * h21)
-        r2 = scale * (e0 * h02 + e1 * h12 + e2 * h22)
+        r0 = scale * (e0 * h0[0] + e1 * h1[0] + e2 * h2[0])
+        r1 = scale * (e0 * h0[1] + e1 * h1[1] + e2 * h2[1])
+        r2 = scale * (e0 * h0[2] + e1 * h1[2] + e2 * h2[2])
         for other in range(4):
             row = block + 3 * other * LANES
             f = r0 * load(model, row) + r1 * load(model, row + LANES)
@@ -281,11 +299,3 @@ def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
             at = ((LANES * b + k) * dim + i) * width + (other - k) * dim + j - i + half
             for span in range(spans):
                 band[at + dim * width * span] += scratch[to + span]
-
-
-@part
-def dyad(array, left, right, i, j, p, q, f, linear):
-    """f (L_p,i R_q,j + linear L_p+1,i R_q+1,j) of two sets of moments."""
-    one = load(array, left + (3 * p + i) * LANES) * load(array, right + (3 * q + j) * LANES)
-    two = load(array, left + (3 * p + 3 + i) * LANES) * load(array, right + (3 * q + 3 + j) * LANES)
-    return f * (one + linear * two)

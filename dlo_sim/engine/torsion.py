@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, store, zero
 from dlo_sim.compiling.pieces import part
+from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     bending_at,
     block_of,
@@ -15,29 +16,16 @@ from dlo_sim.engine.elastic import (
     scatter_lines,
     tangent_at,
 )
-from dlo_sim.engine.layout import (
-    BLOCKS,
-    DIM,
-    LINE,
-    MARGIN,
-    NOTES,
-    QUADRATURE,
-    SAMPLES,
-    SCALES,
-    SLOPE,
-    STIFFNESS_GJ,
-    STRIDE,
-    TORSION_FLOOR,
-    XI,
-)
 from dlo_sim.terms import torsion
 
 
 @part
 def torsion_scales(shape, model):
     """GJ [N m^2] and the squared curvature floor [1/m^2]."""
-    at = shape[SCALES]
-    return load(model, at + STIFFNESS_GJ * LANES), load(model, at + TORSION_FLOOR * LANES)
+    at = shape[layout.SCALES]
+    return load(model, at + layout.STIFFNESS_GJ * LANES), load(
+        model, at + layout.TORSION_FLOOR * LANES
+    )
 
 
 @part
@@ -50,24 +38,24 @@ def third_derivative(p, slope):
 @part
 def angle_block(shape, model, x, b):
     """Coefficients of theta' on the spans of a block."""
-    at = shape[DIM] * shape[LINE] + MARGIN * shape[STRIDE] + LANES * b
-    return coefficients(x, at, shape[STRIDE], model, block_of(shape, b))
+    at = shape[layout.DIM] * shape[layout.LINE] + layout.MARGIN * shape[layout.STRIDE] + LANES * b
+    return coefficients(x, at, shape[layout.STRIDE], model, block_of(shape, b))
 
 
 @part
 def torsion_force(shape, model, x, out):
     """out -= gradient of what the torsion adds to the plain twist term."""
     stiffness, floor = torsion_scales(shape, model)
-    for b in range(shape[BLOCKS]):
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        s = load(model, block + SLOPE * LANES)
+        s = load(model, block + layout.SLOPE * LANES)
         p, angle = curve(shape, model, x, b, 1.0), angle_block(shape, model, x, b)
         third = third_derivative(p, s)
         g0 = g1 = g2 = turn = (zero(), zero(), zero())
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi = load(model, at + XI * LANES)
-            w = stiffness * load(model, at + QUADRATURE * LANES)
+            xi = load(model, at + layout.XI * LANES)
+            w = stiffness * load(model, at + layout.QUADRATURE * LANES)
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
             on_t, on_k, on_third, on_rate = torsion.gradient(
                 w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate
@@ -81,8 +69,12 @@ def torsion_force(shape, model, x, out):
             g2 = g2[0], g2[1], g2[2] + f * on_third[2]
             turn = turn[0] + on_rate, turn[1] + xi * on_rate, turn[2] + xi * xi * on_rate
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
-        at = shape[DIM] * shape[LINE] + MARGIN * shape[STRIDE] + LANES * b
-        scatter(turn, at, shape[STRIDE], model, block, -1.0, out)
+        at = (
+            shape[layout.DIM] * shape[layout.LINE]
+            + layout.MARGIN * shape[layout.STRIDE]
+            + LANES * b
+        )
+        scatter(turn, at, shape[layout.STRIDE], model, block, -1.0, out)
 
 
 @part
@@ -90,15 +82,15 @@ def torsion_energy(shape, model, x):
     """What the torsion adds to the twisting energy [J], to be gathered."""
     stiffness, floor = torsion_scales(shape, model)
     total_ = zero()
-    for b in range(shape[BLOCKS]):
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        s = load(model, block + SLOPE * LANES)
+        s = load(model, block + layout.SLOPE * LANES)
         p, angle = curve(shape, model, x, b, 1.0), angle_block(shape, model, x, b)
         third = third_derivative(p, s)
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi = load(model, at + XI * LANES)
-            w = stiffness * load(model, at + QUADRATURE * LANES)
+            xi = load(model, at + layout.XI * LANES)
+            w = stiffness * load(model, at + layout.QUADRATURE * LANES)
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
             total_ += torsion.energy(w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate)
     return total_
@@ -108,16 +100,16 @@ def torsion_energy(shape, model, x):
 def undefined_torsion(shape, model, scratch, x):
     """Number of samples of one cable whose curvature |C| is below the floor."""
     _, floor = torsion_scales(shape, model)
-    excess, count = shape[NOTES], 0.0
-    for b in range(shape[BLOCKS]):
+    excess, count = shape[layout.NOTES], 0.0
+    for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        s = load(model, block + SLOPE * LANES)
+        s = load(model, block + layout.SLOPE * LANES)
         p = curve(shape, model, x, b, 1.0)
-        for j in range(shape[SAMPLES]):
+        for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
-            xi = load(model, at + XI * LANES)
+            xi = load(model, at + layout.XI * LANES)
             store(scratch, excess, torsion.excess(floor, tangent_at(p, xi), bending_at(p, xi, s)))
             for lane in range(LANES):
-                inside = model[at + QUADRATURE * LANES + lane] != 0.0
+                inside = model[at + layout.QUADRATURE * LANES + lane] != 0.0
                 count += 1.0 if inside and scratch[excess + lane] < 0.0 else 0.0
     return count

@@ -5,8 +5,8 @@ account. Pieces for callers from Python.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, bare, first, load, shifted, store
-from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, TRUTH, WHOLE, part, piece
-from dlo_sim.engine import account
+from dlo_sim.compiling.pieces import NO, NOTHING, REAL, REALS, TRUTH, WHOLE, YES, part, piece
+from dlo_sim.engine import account, layout
 from dlo_sim.engine.band import (
     add_springs,
     clear_band,
@@ -33,30 +33,6 @@ from dlo_sim.engine.held import (
     turn_to_aim,
 )
 from dlo_sim.engine.held_motion import carry, target_rates
-from dlo_sim.engine.layout import (
-    AHEAD,
-    BETA,
-    DIM,
-    DIRECTION,
-    GRASPS,
-    HELD,
-    INVERSE,
-    LINES,
-    MASS,
-    MOTION,
-    NOTES,
-    RATES,
-    SYSTEM,
-    TERMS,
-    TWIST,
-    TWISTED,
-    V0,
-    V1,
-    VISCOUS,
-    N,
-    W,
-    X,
-)
 from dlo_sim.engine.lines import (
     add,
     add_differences,
@@ -80,7 +56,7 @@ from dlo_sim.methods.works import evaluate
 def turn_to(cable, t):
     """Directions of the state: those of the grasps at time t."""
     shape, model, inputs, state, scratch = bared(cable)
-    if shape[HELD]:
+    if shape[layout.HELD]:
         aim(shape, model, inputs, state, scratch, t)
         turn_to_aim(shape, model, state, scratch)
 
@@ -89,11 +65,11 @@ def turn_to(cable, t):
 def place_held(cable, t):
     """Move the cable by the least kinetic distance to where it is held at time t."""
     shape, model, inputs, state, scratch = bared(cable)
-    x = shifted(state, shape[X])
-    if shape[HELD]:
+    x = shifted(state, shape[layout.X])
+    if shape[layout.HELD]:
         aim(shape, model, inputs, state, scratch, t)
         turn_to_aim(shape, model, state, scratch)
-        defects(shape, model, state, shape[DIRECTION], scratch, x)
+        defects(shape, model, state, shape[layout.DIRECTION], scratch, x)
         add_shifts(shape, model, state, scratch, 1.0, x)
 
 
@@ -101,8 +77,16 @@ def place_held(cable, t):
 def keep_free_motion(cable):
     """W holds velocities: leave of them what keeps the grasps at rest."""
     shape, model, _, state, scratch = bared(cable)
-    if shape[HELD]:
-        project(shape, model, state, scratch, shifted(state, shape[W]), scratch, shape[SYSTEM])
+    if shape[layout.HELD]:
+        project(
+            shape,
+            model,
+            state,
+            scratch,
+            shifted(state, shape[layout.W]),
+            scratch,
+            shape[layout.SYSTEM],
+        )
 
 
 @piece(NOTHING, CABLE, REAL, REALS)
@@ -152,7 +136,7 @@ def all_forces(cable, forces, t, out):
     """Potential and load forces at the present configuration into the lines of `out`."""
     shape, model, inputs, state, scratch = bared(cable)
     out = bare(out)
-    x = shifted(state, shape[X])
+    x = shifted(state, shape[layout.X])
     forces(shape, model, state, x, out)
     load_force(shape, model, inputs, scratch, x, t, out)
 
@@ -161,7 +145,7 @@ def all_forces(cable, forces, t, out):
 def stiffness(cable, add_tangent):
     """Hessian of the potential energy of the spatial lines into BAND."""
     shape, model, _, state, scratch = bared(cable)
-    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
+    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     clear_band(shape, band)
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
     add_tangent(shape, model, state, x, x, 0.0, 2.0, factors, band)
@@ -172,7 +156,7 @@ def stiffness(cable, add_tangent):
 def moment_stiffness(cable):
     """Add the stiffness of moments at time zero, which turn with the cable, to BAND."""
     shape, model, inputs, state, scratch = bared(cable)
-    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
+    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     add_load_stiffness(shape, model, inputs, x, 0.0, 1.0, band)
 
 
@@ -184,9 +168,9 @@ def solve_held(cable, unknowns):
     """
     shape, model, _, state, scratch = bared(cable)
     y = bare(unknowns)
-    dim = shape[DIM]
-    size, width = shape[N] * dim, width_of(dim)
-    band, directions = shifted(scratch, shape[BAND]), shifted(state, shape[DIRECTION])
+    dim = shape[layout.DIM]
+    size, width = shape[layout.N] * dim, width_of(dim)
+    band, directions = shifted(scratch, shape[BAND]), shifted(state, shape[layout.DIRECTION])
     hold(shape, directions, directions, band)
     set_border(shape, model, scratch, directions, directions)
     stiffen_border(shape, scratch, band)
@@ -196,11 +180,11 @@ def solve_held(cable, unknowns):
     z = residual_of(shape, scratch)
     for r in range(size):
         z[r] = y[r]
-    turn_vector(shape, directions, True, z)
+    turn_vector(shape, directions, YES, z)
     clear_held(shape, z)
     substitute(band, size, dim, z)
     keep_border(shape, scratch, z)
-    turn_vector(shape, directions, False, z)
+    turn_vector(shape, directions, NO, z)
     for r in range(size):
         y[r] = z[r]
     negative = 0
@@ -216,8 +200,8 @@ def free_acceleration(cable, lines, keep):
     shape, model, _, state, scratch = bared(cable)
     x = bare(lines)
     solve_mass(shape, model, x)
-    if keep and shape[HELD]:
-        project(shape, model, state, scratch, x, scratch, shape[SYSTEM])
+    if keep and shape[layout.HELD]:
+        project(shape, model, state, scratch, x, scratch, shape[layout.SYSTEM])
 
 
 RATE_STEP = 1e-6  # [s] of the difference that gives the acceleration of what is held
@@ -231,11 +215,11 @@ def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
     a jump of velocity from one motion to the next is an impulse, not an acceleration to report.
     With the rates R(x, t) of the rows e.(b x), e.(b x'') is the rate of R - e.(b v) at fixed v.
     """
-    x, v = shifted(state, shape[X]), shifted(scratch, shape[V0])
-    moved = shifted(scratch, shape[V1])
+    x, v = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V0])
+    moved = shifted(scratch, shape[layout.V1])
     velocities(shape, model, inputs, state, scratch, t, v)
-    for g in range(shape[GRASPS]):
-        at = shape[MOTION] + MOTION_SIZE * g
+    for g in range(shape[layout.GRASPS]):
+        at = shape[layout.MOTION] + MOTION_SIZE * g
         begin, duration = inputs[at + START], inputs[at + DURATION]
         inside = begin - RATE_STEP <= t <= begin + duration + RATE_STEP
         if inputs[at] == 0.0 or duration <= 4.0 * RATE_STEP or not inside:
@@ -247,10 +231,10 @@ def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
             add(shape, time - t, v, moved)
             aim(shape, model, inputs, state, scratch, time)
             target_rates(shape, model, inputs, state, scratch, moved, time)
-            for k in range(shape[HELD]):
+            for k in range(shape[layout.HELD]):
                 if grasp_of(shape, k) == g:
-                    f = load(scratch, shape[RATES] + k * LANES)
-                    f = f - row_value(shape, model, k, scratch, shape[AHEAD], v)
+                    f = load(scratch, shape[layout.RATES] + k * LANES)
+                    f = f - row_value(shape, model, k, scratch, shape[layout.AHEAD], v)
                     out[k] += (2.0 * side - 1.0) * first(f) / (2.0 * RATE_STEP)
 
 
@@ -263,17 +247,19 @@ def held_force(cable, t, force, out):
     """
     shape, model, inputs, state, scratch = bared(cable)
     f, out = bare(force), bare(out)
-    held = shape[HELD]
+    held = shape[layout.HELD]
     solve_mass(shape, model, f)
     for k in range(held):
-        out[k] = -first(row_value(shape, model, k, state, shape[DIRECTION], f))
+        out[k] = -first(row_value(shape, model, k, state, shape[layout.DIRECTION], f))
     if grasps_move(shape, inputs):
         add_held_accelerations(shape, model, inputs, state, scratch, t, out)
     for k in range(held):
-        store(scratch, shape[RATES] + k * LANES, out[k])
-    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, shape[SYSTEM])
+        store(scratch, shape[layout.RATES] + k * LANES, out[k])
+    through_inverse(
+        shape, state, shape[layout.INVERSE], scratch, 1.0, scratch, shape[layout.SYSTEM]
+    )
     for k in range(held):
-        out[k] = scratch[shape[SYSTEM] + k * LANES]
+        out[k] = scratch[shape[layout.SYSTEM] + k * LANES]
 
 
 @piece(NOTHING, CABLE, discrete_force, REALS, REALS)
@@ -281,22 +267,22 @@ def damping_forces(cable, discrete_force, v, out):
     """out += forces of the linear damping and of the viscosity at velocities v, lines."""
     shape, model, _, state, scratch = bared(cable)
     v, out = bare(v), bare(out)
-    for line in range(shape[LINES]):
-        matrix = shape[VISCOUS] + mass_of(shape, line) - shape[MASS]
+    for line in range(shape[layout.LINES]):
+        matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
         add_product(shape, model, matrix, line, -1.0, v, out)
-    beta = shape[BETA]
+    beta = shape[layout.BETA]
     if model[beta] + model[beta + LANES] > 0.0:
-        x, spare = shifted(state, shape[X]), shifted(scratch, shape[V1])
-        notes = shifted(scratch, shape[NOTES])
+        x, spare = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V1])
+        notes = shifted(scratch, shape[layout.NOTES])
         clear(shape, spare)
         discrete_force(shape, model, state, x, x, v, 1.0, spare, notes)
         add(shape, 1.0, spare, out)
         clear(shape, spare)
         discrete_force(shape, model, state, x, x, v, 0.0, spare, notes)
         add(shape, -1.0, spare, out)
-    if shape[TERMS] & TWISTED:
+    if shape[layout.TERMS] & layout.TWISTED:
         scale = -model[beta + 2 * LANES]
-        add_differences(shape, model, shape[TWIST], shape[DIM], scale, v, out)
+        add_differences(shape, model, shape[layout.TWIST], shape[layout.DIM], scale, v, out)
 
 
 @piece(NOTHING, CABLE, carry, REAL)
@@ -305,7 +291,7 @@ def jump(cable, carry, t):
     energy, which the caller books: the trapezoidal rule knows nothing of so long a way.
     """
     shape, model, inputs, state, scratch = bared(cable)
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
     move_anchors(shape, inputs, state, t)
 

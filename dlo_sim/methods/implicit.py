@@ -31,6 +31,7 @@ from dlo_sim.compiling.pieces import (
     part,
     piece,
 )
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import (
     COUNT,
     RESOLUTION,
@@ -43,28 +44,6 @@ from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies
 from dlo_sim.engine.held import (
     grasps_move,
-)
-from dlo_sim.engine.layout import (
-    BISHOP,
-    DIM,
-    DISSIPATED,
-    DIVERGED,
-    DRIVE_WORK,
-    ENERGY,
-    ENERGY_ERROR,
-    ENERGY_START,
-    EXCHANGED,
-    FLOOR,
-    HELD,
-    KNOWN,
-    LEDGER,
-    LOAD_WORK,
-    NOT_CONVERGED,
-    OK,
-    REACTION,
-    TERMS,
-    N,
-    X,
 )
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.tangent import add_tangent
@@ -118,10 +97,10 @@ def allowed_defect(shape, state, tolerance, inertia):
     The errors of many steps do not add up: it falls to TIGHT as the account's error approaches ROOM
     tolerances. What is no exchange of energy, inertia at the start or round-off, counts only so.
     """
-    ledger = shape[LEDGER]
-    exchanged = state[ledger + EXCHANGED * LANES]
-    loose = tolerance * exchanged - state[ledger + ENERGY_ERROR * LANES] / ROOM
-    scale = max(exchanged, max(state[ledger + FLOOR * LANES], 0.1 * inertia))
+    ledger = shape[layout.LEDGER]
+    exchanged = state[ledger + layout.EXCHANGED * LANES]
+    loose = tolerance * exchanged - state[ledger + layout.ENERGY_ERROR * LANES] / ROOM
+    scale = max(exchanged, max(state[ledger + layout.FLOOR * LANES], 0.1 * inertia))
     return max(loose, min(tolerance, TIGHT) * scale)
 
 
@@ -161,11 +140,11 @@ def implicit_step(
     _, begin_step, step_force, newton_matrix, finish_step, elastic, twisting = pieces
     _, discrete_force, add_tangent = elastic
     _, step_twist, follow_shape = twisting
-    ledger = shape[LEDGER]
+    ledger = shape[layout.LEDGER]
     # The generalised-alpha method needs an acceleration; its first step is one by the midpoint
     # rule.
     dissipates = constants[THETA] != 0.5
-    newmark = dissipates and state[ledger + KNOWN * LANES] > 0.0
+    newmark = dissipates and state[ledger + layout.KNOWN * LANES] > 0.0
     theta, a, c, rate, g = 0.5, 2.0 / (tau * tau), 0.0, 1.0, 0.0
     if newmark:
         beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
@@ -174,13 +153,13 @@ def implicit_step(
         rate = theta * gamma / beta
         g = theta * (1.0 - gamma) - rate * (0.5 - beta)
     b = a * tau
-    size = shape[N] * shape[DIM]
-    x, start = shifted(state, shape[X]), shifted(scratch, shape[START])
+    size = shape[layout.N] * shape[layout.DIM]
+    x, start = shifted(state, shape[layout.X]), shifted(scratch, shape[START])
     change, residual = shifted(scratch, shape[CHANGE]), residual_of(shape, scratch)
     begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g)
     reach = largest(shape, x)  # size of the configuration, for the iteration's round-off floor
     moves = grasps_move(shape, inputs)
-    coupled = shape[TERMS] & BISHOP != 0
+    coupled = shape[layout.TERMS] & layout.BISHOP != 0
     converged = False
     iterations = 0
     previous = np.inf
@@ -232,7 +211,7 @@ def implicit_step(
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if exhausted:
             # The coordinates have no digits left: the account cannot be better than this.
-            at = ledger + FLOOR * LANES
+            at = ledger + layout.FLOOR * LANES
             state[at] = max(state[at], RESOLUTION * defect)
         # What moving grasps do is booked with the forces after the last correction, and the twist
         # is that of the last shape.
@@ -269,14 +248,14 @@ def implicit_step(
 def absorb_loss(shape, model, state, scratch):
     """Book what the method itself dissipated, for energies just measured; energy it adds stays an
     error."""
-    at, notes = shape[LEDGER], notes_of(shape, scratch)
+    at, notes = shape[layout.LEDGER], notes_of(shape, scratch)
     total = notes[0]
     for k in range(COUNT):
-        total += state[at + (ENERGY + k) * LANES]
-    missing = state[at + ENERGY_START * LANES] + state[at + LOAD_WORK * LANES]
-    missing += state[at + DRIVE_WORK * LANES] - state[at + DISSIPATED * LANES] - total
+        total += state[at + (layout.ENERGY + k) * LANES]
+    missing = state[at + layout.ENERGY_START * LANES] + state[at + layout.LOAD_WORK * LANES]
+    missing += state[at + layout.DRIVE_WORK * LANES] - state[at + layout.DISSIPATED * LANES] - total
     if missing > 0.0:
-        state[at + DISSIPATED * LANES] += missing
+        state[at + layout.DISSIPATED * LANES] += missing
 
 
 ENGINE = Engine(energies, implicit_step, PARTS_OF_STEP, CLOSING)
@@ -312,14 +291,14 @@ def advance_implicit(
     records = bared_records(records)
     constants, substeps = bare(constants), bare(substeps)
     iterations = 0
-    budget = max(BUDGET // (shape[N] * shape[DIM]), LEAST_BUDGET)
+    budget = max(BUDGET // (shape[layout.N] * shape[layout.DIM]), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         begun = iterations
         sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
-        for k in range(shape[HELD]):
-            store(state, shape[REACTION] + k * LANES, 0.0)
+        for k in range(shape[layout.HELD]):
+            store(state, shape[layout.REACTION] + k * LANES, 0.0)
         at = 0.0
         for k in range(parts):
             part_t, part_tau = t0 + at * tau, substeps[k] * tau
@@ -339,7 +318,7 @@ def advance_implicit(
                     if level > 0 and done % (2 * one) == 0:
                         level -= 1
                 elif level == halvings or iterations - begun > budget:
-                    return NOT_CONVERGED, step - first_step, iterations
+                    return layout.NOT_CONVERGED, step - first_step, iterations
                 else:
                     level += 1
             at += substeps[k]
@@ -347,7 +326,7 @@ def advance_implicit(
             measure(shape, model, state, scratch, look)
             absorb_loss(shape, model, state, scratch)
         if not update(shape, model, state, scratch, look):
-            return DIVERGED, step - first_step, iterations
+            return layout.DIVERGED, step - first_step, iterations
         if sampling:
             end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return OK, steps, iterations
+    return layout.OK, steps, iterations

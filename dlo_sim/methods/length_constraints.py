@@ -16,20 +16,8 @@ import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import part
+from dlo_sim.engine import layout
 from dlo_sim.engine.band import eliminate, substitute, substitute_eight, width_of
-from dlo_sim.engine.layout import (
-    DIM,
-    DIRECTION,
-    DIRECTION_ROWS,
-    HELD,
-    HELD_WEIGHTS,
-    LINE,
-    MARGIN,
-    MASS,
-    POINT_ROWS,
-    RATES,
-    N,
-)
 from dlo_sim.engine.lines import clear
 from dlo_sim.engine.tables import first_of_point, line_of, own_of, point_of
 from dlo_sim.methods.explicit_layout import (
@@ -54,13 +42,13 @@ HOPELESS = 0.5  # violation from which iterations do not come back
 @part
 def unknowns(shape):
     """Coordinates and multipliers."""
-    return shape[N] * (shape[DIM] + 1) + 1
+    return shape[layout.N] * (shape[layout.DIM] + 1) + 1
 
 
 @part
 def slot(shape, j):
     """Place of the multiplier of constraint j, behind the last control point that it touches."""
-    dim, n = shape[DIM], shape[N]
+    dim, n = shape[layout.DIM], shape[layout.N]
     if j == 0:
         return 2 * dim + 1
     if j == n - 2:
@@ -71,13 +59,13 @@ def slot(shape, j):
 @part
 def first_point(shape, j):
     """First of the four control points of constraint j."""
-    return min(max(j - 1, 0), shape[N] - 4)
+    return min(max(j - 1, 0), shape[layout.N] - 4)
 
 
 @part
 def gradient(shape, model, x, j, d):
     """dg_j / dq of line d at the four control points of constraint j."""
-    at = d * shape[LINE] + MARGIN + first_point(shape, j)
+    at = d * shape[layout.LINE] + layout.MARGIN + first_point(shape, j)
     m = shape[CONSTRAINTS] + CONSTRAINT_ENTRIES * j
     e1, e2, e3 = x[at + 1] - x[at], x[at + 2] - x[at], x[at + 3] - x[at]
     return (
@@ -92,9 +80,9 @@ def gradient(shape, model, x, j, d):
 def along_gradient(shape, model, x, moved, j):
     """G_j moved."""
     total = 0.0
-    for d in range(shape[DIM]):
+    for d in range(shape[layout.DIM]):
         g = gradient(shape, model, x, j, d)
-        at = d * shape[LINE] + MARGIN + first_point(shape, j)
+        at = d * shape[layout.LINE] + layout.MARGIN + first_point(shape, j)
         total += g[1] * (moved[at + 1] - moved[at])
         total += g[2] * (moved[at + 2] - moved[at])
         total += g[3] * (moved[at + 3] - moved[at])
@@ -104,7 +92,7 @@ def along_gradient(shape, model, x, moved, j):
 @part
 def prepare(shape, model, scratch):
     """Write what never changes of the matrix into BLANK: masses, and ones in unused places."""
-    dim, n = shape[DIM], shape[N]
+    dim, n = shape[layout.DIM], shape[layout.N]
     apart, half, width = dim + 1, 4 * dim + 3, width_of(dim + 1)
     blank = shifted(scratch, shape[BLANK])
     for at in range(unknowns(shape) * width):
@@ -112,7 +100,7 @@ def prepare(shape, model, scratch):
     for i in range(n):
         for d in range(dim):
             for k in range(max(-3, -i), min(4, n - i)):
-                value = model[shape[MASS] + (3 + k) * shape[LINE] + MARGIN + i]
+                value = model[shape[layout.MASS] + (3 + k) * shape[layout.LINE] + layout.MARGIN + i]
                 blank[(i * apart + d) * width + k * apart + half] = value
     for i in (0, 2):
         blank[(i * apart + dim) * width + half] = 1.0
@@ -123,7 +111,7 @@ def factorize(shape, model, state, scratch, x):
     """Matrix at configuration x, and RESPONSE to forces along the present directions; whether that
     went well.
     """
-    dim, n = shape[DIM], shape[N]
+    dim, n = shape[layout.DIM], shape[layout.N]
     apart, half, width = dim + 1, 4 * dim + 3, width_of(dim + 1)
     band, blank = shifted(scratch, shape[SADDLE]), shifted(scratch, shape[BLANK])
     for at in range(0, unknowns(shape) * width, LANES):
@@ -147,10 +135,10 @@ def share(shape, model, k, directions, at, q, d):
     """Coefficient of coordinate d of the q-th control point of held row k."""
     line = line_of(shape, k)
     point = point_of(shape, k)
-    weight = model[shape[HELD_WEIGHTS] + (POINT_ROWS * point + q) * LANES]
+    weight = model[shape[layout.HELD_WEIGHTS] + (layout.POINT_ROWS * point + q) * LANES]
     if line >= 0:
         return weight if line == d else 0.0
-    return weight * directions[at + (DIRECTION_ROWS * k + d) * LANES]
+    return weight * directions[at + (layout.DIRECTION_ROWS * k + d) * LANES]
 
 
 @part
@@ -162,7 +150,7 @@ def first_held(shape, k):
 @part
 def held_value(shape, model, state, k, u):
     """B_k u."""
-    dim, line = shape[DIM], line_of(shape, k)
+    dim, line = shape[layout.DIM], line_of(shape, k)
     point = point_of(shape, k)
     own = own_of(shape, point)
     f = 0.0
@@ -171,14 +159,14 @@ def held_value(shape, model, state, k, u):
     elif own >= 0 and line >= 0:
         f = u[own * (dim + 1) + line]
     elif own >= 0:
-        at = shape[DIRECTION] + DIRECTION_ROWS * k * LANES
+        at = shape[layout.DIRECTION] + layout.DIRECTION_ROWS * k * LANES
         for d in range(dim):
             f += state[at + d * LANES] * u[own * (dim + 1) + d]
     else:
         for q in range(4):
             at = (first_held(shape, k) + q) * (dim + 1)
             for d in range(dim):
-                f += share(shape, model, k, state, shape[DIRECTION], q, d) * u[at + d]
+                f += share(shape, model, k, state, shape[layout.DIRECTION], q, d) * u[at + d]
     return f
 
 
@@ -191,10 +179,10 @@ def column(shape, k):
 @part
 def respond(shape, model, state, scratch):
     """Solutions for a unit force on each held row, found eight at a time, into RESPONSE."""
-    dim, count, directions = shape[DIM], unknowns(shape), shape[DIRECTION]
+    dim, count, directions = shape[layout.DIM], unknowns(shape), shape[layout.DIRECTION]
     x = shifted(scratch, shape[EIGHT_SIDES])
-    for start in range(0, shape[HELD], LANES):
-        end = min(start + LANES, shape[HELD])
+    for start in range(0, shape[layout.HELD], LANES):
+        end = min(start + LANES, shape[layout.HELD])
         for at in range(0, count * LANES, LANES):
             store(x, at, 0.0)
         for k in range(start, end):
@@ -216,12 +204,12 @@ def prepare_holding(shape, model, state, scratch):
 
     It is nearly symmetric and positive definite, so it needs no pivoting.
     """
-    held, matrix = shape[HELD], shifted(scratch, shape[HELD_SYSTEM])
+    held, matrix = shape[layout.HELD], shifted(scratch, shape[HELD_SYSTEM])
     for k in range(held):
         for j in range(held):
             u = shifted(scratch, column(shape, j))
             matrix[held * k + j] = held_value(shape, model, state, k, u)
-        if line_of(shape, k) == shape[DIM]:
+        if line_of(shape, k) == shape[layout.DIM]:
             matrix[(held + 1) * k] = 1.0
     for r in range(held):
         inverse = 1.0 / matrix[(held + 1) * r]
@@ -235,7 +223,7 @@ def prepare_holding(shape, model, state, scratch):
 @part
 def solve_holding(shape, scratch, x):
     """Solve with the factors of `prepare_holding`, in place."""
-    held, matrix = shape[HELD], shifted(scratch, shape[HELD_SYSTEM])
+    held, matrix = shape[layout.HELD], shifted(scratch, shape[HELD_SYSTEM])
     for r in range(held):
         for c in range(r):
             x[r] -= matrix[held * r + c] * x[c]
@@ -251,8 +239,8 @@ def solve(shape, model, state, scratch, force_scale):
 
     force_scale times the multipliers of the held rows is added to HOLDING_FORCE.
     """
-    dim, held, count = shape[DIM], shape[HELD], unknowns(shape)
-    u, forces = shifted(scratch, shape[MULTIPLIERS]), shifted(scratch, shape[RATES])
+    dim, held, count = shape[layout.DIM], shape[layout.HELD], unknowns(shape)
+    u, forces = shifted(scratch, shape[MULTIPLIERS]), shifted(scratch, shape[layout.RATES])
     substitute(shifted(scratch, shape[SADDLE]), count, dim + 1, u)
     for k in range(held):
         forces[k] = held_value(shape, model, state, k, u)
@@ -279,11 +267,11 @@ def clear_multipliers(shape, scratch):
 @part
 def add_solution(shape, scratch, scale, out):
     """out += scale times the coordinates of the solution."""
-    dim = shape[DIM]
-    for i in range(shape[N]):
+    dim = shape[layout.DIM]
+    for i in range(shape[layout.N]):
         for d in range(dim):
             u = scratch[shape[MULTIPLIERS] + i * (dim + 1) + d]
-            out[d * shape[LINE] + MARGIN + i] += scale * u
+            out[d * shape[layout.LINE] + layout.MARGIN + i] += scale * u
 
 
 @part
@@ -291,7 +279,7 @@ def violation(shape, model, scratch, x):
     """Write -g into the places of the multipliers; returns the largest |g|."""
     worst = 0.0
     clear_multipliers(shape, scratch)
-    for j in range(shape[N] - 1):
+    for j in range(shape[layout.N] - 1):
         value = 0.5 * (along_gradient(shape, model, x, x, j) - 1.0)
         scratch[shape[MULTIPLIERS] + slot(shape, j)] = -value
         worst = max(worst, abs(value))
@@ -302,9 +290,9 @@ def violation(shape, model, scratch, x):
 def resolution(shape, model, x):
     """Violation that a cable at these coordinates is not known better than."""
     reach = 0.0
-    for d in range(shape[DIM]):
-        for i in range(shape[N]):
-            reach = max(reach, abs(x[d * shape[LINE] + MARGIN + i]))
+    for d in range(shape[layout.DIM]):
+        for i in range(shape[layout.N]):
+            reach = max(reach, abs(x[d * shape[layout.LINE] + layout.MARGIN + i]))
     return TOLERANCE + ROUND_OFF * reach * np.sqrt(model[shape[CONSTRAINTS]])
 
 

@@ -7,23 +7,10 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, shifted
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import NO, YES, part
+from dlo_sim.engine import layout
 from dlo_sim.engine.band import own_point, substitute, turn_vector
 from dlo_sim.engine.border import keep_border
-from dlo_sim.engine.layout import (
-    DIM,
-    DIRECTION,
-    HELD,
-    HISTORY,
-    KNOWN,
-    LEDGER,
-    LENGTH,
-    LENGTH_BEFORE,
-    LINE,
-    MARGIN,
-    SIZE,
-    N,
-)
 from dlo_sim.methods.implicit_layout import BALANCE, BAND, CORRECTIONS, STEP, residual_of
 
 TRUSTED = 0.5  # largest share by which a correction may be repeated
@@ -52,11 +39,14 @@ def predict(shape, state, x, w, tau):
     Shifts the history: its first entry becomes the present configuration, the second the one
     before.
     """
-    ledger, size = shape[LEDGER], shape[SIZE]
-    near, far = shifted(state, shape[HISTORY]), shifted(state, shape[HISTORY] + size)
-    known = state[ledger + KNOWN * LANES] >= 2.0
-    last, before_last = state[ledger + LENGTH * LANES], state[ledger + LENGTH_BEFORE * LANES]
-    count = shape[DIM] * shape[LINE]
+    ledger, size = shape[layout.LEDGER], shape[layout.SIZE]
+    near, far = shifted(state, shape[layout.HISTORY]), shifted(state, shape[layout.HISTORY] + size)
+    known = state[ledger + layout.KNOWN * LANES] >= 2.0
+    last, before_last = (
+        state[ledger + layout.LENGTH * LANES],
+        state[ledger + layout.LENGTH_BEFORE * LANES],
+    )
+    count = shape[layout.DIM] * shape[layout.LINE]
     back = False
     a = b = c = 0.0
     if known:
@@ -76,15 +66,15 @@ def predict(shape, state, x, w, tau):
             x[at] = now + tau * w[at]
         far[at] = before
         near[at] = now
-    state[ledger + LENGTH_BEFORE * LANES] = last
-    state[ledger + LENGTH * LANES] = tau
+    state[ledger + layout.LENGTH_BEFORE * LANES] = last
+    state[ledger + layout.LENGTH * LANES] = tau
 
 
 @part
 def largest(shape, x):
     """Largest coordinate."""
     value = 0.0
-    for at in range(shape[DIM] * shape[LINE]):
+    for at in range(shape[layout.DIM] * shape[layout.LINE]):
         value = max(value, abs(x[at]))
     return value
 
@@ -92,14 +82,14 @@ def largest(shape, x):
 @part
 def apply_step(shape, state, scratch, number, share, x, change):
     """x and `change` += share of the correction of this number."""
-    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     step = shifted(scratch, shape[STEP])
     correction = shifted(scratch, shape[CORRECTIONS] + number * (n * dim + 1))
     for r in range(n * dim):
         step[r] = share * correction[r]
-    turn_vector(shape, shifted(state, shape[DIRECTION]), False, step)
+    turn_vector(shape, shifted(state, shape[layout.DIRECTION]), NO, step)
     for d in range(dim):
-        at = d * width + MARGIN
+        at = d * width + layout.MARGIN
         for i in range(n):
             x[at + i] += step[i * dim + d]
             change[at + i] += step[i * dim + d]
@@ -117,7 +107,7 @@ def correct(shape, state, scratch, known, x, change):
     Returns |residual . correction| entry by entry and as a whole, the energy defect
     |residual . change| that the residual would leave, and the largest entry of the correction.
     """
-    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     size = n * dim
     z, balance = residual_of(shape, scratch), shifted(scratch, shape[BALANCE])
     corrections = shifted(scratch, shape[CORRECTIONS])
@@ -146,10 +136,10 @@ def correct(shape, state, scratch, known, x, change):
     apply_step(shape, state, scratch, known, 1.0, x, change)
     step, defect = shifted(scratch, shape[STEP]), 0.0
     for d in range(dim):
-        at = d * width + MARGIN
+        at = d * width + layout.MARGIN
         for i in range(n):
             step[i * dim + d] = change[at + i]
-    turn_vector(shape, shifted(state, shape[DIRECTION]), True, step)
+    turn_vector(shape, shifted(state, shape[layout.DIRECTION]), YES, step)
     for r in range(size):
         defect += abs(step[r] * balance[r])
     return energy, abs(slope), defect, largest_entry
@@ -168,10 +158,10 @@ def turned_over(shape, x, start, change):
 
     Not where an end was put elsewhere in no time: smaller steps would not help.
     """
-    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     jump, shortest = 0.0, np.inf
     found = False
-    for i in range(MARGIN, MARGIN + n - 1):
+    for i in range(layout.MARGIN, layout.MARGIN + n - 1):
         along, length = 0.0, 0.0
         for d in range(dim):
             at = d * width + i
@@ -180,11 +170,11 @@ def turned_over(shape, x, start, change):
             length += edge * edge
         shortest = min(shortest, length)
         found = found or along <= 0.0
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         own = own_point(shape, k)
         if own >= 0:
             for d in range(dim):
-                jump = max(jump, abs(change[d * width + MARGIN + own]))
+                jump = max(jump, abs(change[d * width + layout.MARGIN + own]))
     return found and not 4.0 * jump * jump > shortest
 
 

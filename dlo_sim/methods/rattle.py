@@ -26,27 +26,11 @@ from dlo_sim.compiling.pieces import (
     part,
     piece,
 )
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import book
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move
 from dlo_sim.engine.held_motion import add_velocity_of_held
-from dlo_sim.engine.layout import (
-    DIM,
-    DIVERGED,
-    DRIVE_WORK,
-    FORCE,
-    HELD,
-    LINE,
-    MARGIN,
-    MOVED,
-    NOT_CONVERGED,
-    OK,
-    RATES,
-    RATES_BEFORE,
-    N,
-    W,
-    X,
-)
 from dlo_sim.engine.lines import add, copy
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.methods.explicit_layout import CORRECTION, HOLDING_FORCE, MEAN, MULTIPLIERS, STEP_MOVED
@@ -72,7 +56,7 @@ MOST_PROJECTIONS = 20
 @part
 def matrix_here(shape, model, state, scratch):
     """All that a correction from the present configuration needs; whether that went well."""
-    good = factorize(shape, model, state, scratch, shifted(state, shape[X]))
+    good = factorize(shape, model, state, scratch, shifted(state, shape[layout.X]))
     prepare_holding(shape, model, state, scratch)
     return good
 
@@ -80,15 +64,15 @@ def matrix_here(shape, model, state, scratch):
 @part
 def fix_velocity(shape, model, inputs, state, scratch, t, tau):
     """Take out of w what would change lengths, with the matrix of the present configuration."""
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     v = shifted(scratch, shape[MEAN])
     copy(shape, w, v)
     if grasps_move(shape, inputs):
         add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v)
-        for at in range(shape[HELD] * LANES):
-            state[shape[RATES_BEFORE] + at] = scratch[shape[RATES] + at]
+        for at in range(shape[layout.HELD] * LANES):
+            state[shape[layout.RATES_BEFORE] + at] = scratch[shape[layout.RATES] + at]
     clear_multipliers(shape, scratch)
-    for j in range(shape[N] - 1):
+    for j in range(shape[layout.N] - 1):
         value = along_gradient(shape, model, x, v, j)
         scratch[shape[MULTIPLIERS] + slot(shape, j)] = -value
     solve(shape, model, state, scratch, 1.0 / tau)
@@ -98,8 +82,8 @@ def fix_velocity(shape, model, inputs, state, scratch, t, tau):
 @part
 def keep_moved(shape, state, scratch):
     """How far what is held moved in this step, before it is booked."""
-    for at in range(shape[HELD] * LANES):
-        scratch[shape[STEP_MOVED] + at] = state[shape[MOVED] + at]
+    for at in range(shape[layout.HELD] * LANES):
+        scratch[shape[STEP_MOVED] + at] = state[shape[layout.MOVED] + at]
 
 
 @part
@@ -111,25 +95,31 @@ def book_impulse(shape, state, scratch, tau):
     mean rate over the step: so what sets the cable in motion at once is booked exactly.
     """
     f = zero()
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         at = k * LANES
-        way = load(scratch, shape[STEP_MOVED] + at) + tau * load(state, shape[RATES_BEFORE] + at)
+        way = load(scratch, shape[STEP_MOVED] + at) + tau * load(
+            state, shape[layout.RATES_BEFORE] + at
+        )
         f -= 0.5 * scratch[shape[HOLDING_FORCE] + at] * way
-    book(shape, state, DRIVE_WORK, f)
+    book(shape, state, layout.DRIVE_WORK, f)
     clear_holding_force(shape, scratch)
 
 
 @part
 def clear_holding_force(shape, scratch):
     """HOLDING_FORCE = 0."""
-    for at in range(shape[HELD] * LANES):
+    for at in range(shape[layout.HELD] * LANES):
         scratch[shape[HOLDING_FORCE] + at] = 0.0
 
 
 @part
 def rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t0, tau):
     """One step from a configuration whose matrix and forces are there; true if solved."""
-    x, w, force = shifted(state, shape[X]), shifted(state, shape[W]), shifted(scratch, shape[FORCE])
+    x, w, force = (
+        shifted(state, shape[layout.X]),
+        shifted(state, shape[layout.W]),
+        shifted(scratch, shape[layout.FORCE]),
+    )
     add(shape, 0.5 * tau, force, w)
     moves = grasps_move(shape, inputs)
     drift(shape, model, inputs, state, scratch, carry, t0 + tau, tau)
@@ -166,21 +156,21 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
         evaluate(shape, model, inputs, state, scratch, forces, first_step * tau)
         prepare(shape, model, scratch)
         if not matrix_here(shape, model, state, scratch):
-            return NOT_CONVERGED, 0, 0
+            return layout.NOT_CONVERGED, 0, 0
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         if not rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t0, tau):
-            return NOT_CONVERGED, step - first_step, evaluations
+            return layout.NOT_CONVERGED, step - first_step, evaluations
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         evaluations += 1
         flow(shape, model, inputs, state, scratch, closing)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
-            return DIVERGED, step - first_step, evaluations
+            return layout.DIVERGED, step - first_step, evaluations
         if sampling:
             end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return OK, steps, evaluations
+    return layout.OK, steps, evaluations
 
 
 @piece(TRUTH, CABLE)
@@ -188,7 +178,7 @@ def to_rest_length(cable):
     """Move a configuration to rest length by the least kinetic distance; true if done."""
     shape, model, _, state, scratch = bared(cable)
     prepare(shape, model, scratch)
-    x = shifted(state, shape[X])
+    x = shifted(state, shape[layout.X])
     for _ in range(MOST_PROJECTIONS):
         if not matrix_here(shape, model, state, scratch):
             return False
@@ -206,21 +196,21 @@ def add_constraint_force(cable, v, acceleration, force):
     """
     shape, model, _, state, scratch = bared(cable)
     v, acceleration, force = bare(v), bare(acceleration), bare(force)
-    x = shifted(state, shape[X])
+    x = shifted(state, shape[layout.X])
     prepare(shape, model, scratch)
     matrix_here(shape, model, state, scratch)
     clear_multipliers(shape, scratch)
-    for j in range(shape[N] - 1):
+    for j in range(shape[layout.N] - 1):
         value = along_gradient(shape, model, v, v, j)
         value += along_gradient(shape, model, x, acceleration, j)
         scratch[shape[MULTIPLIERS] + slot(shape, j)] = -value
     solve(shape, model, state, scratch, 0.0)
-    for j in range(shape[N] - 1):
+    for j in range(shape[layout.N] - 1):
         multiplier = scratch[shape[MULTIPLIERS] + slot(shape, j)]
-        at = MARGIN + first_point(shape, j)
-        for d in range(shape[DIM]):
+        at = layout.MARGIN + first_point(shape, j)
+        for d in range(shape[layout.DIM]):
             g = gradient(shape, model, x, j, d)
-            to = d * shape[LINE] + at
+            to = d * shape[layout.LINE] + at
             force[to] -= g[0] * multiplier
             force[to + 1] -= g[1] * multiplier
             force[to + 2] -= g[2] * multiplier

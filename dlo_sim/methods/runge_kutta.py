@@ -10,30 +10,11 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import book
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.held_motion import add_velocity_of_held, forget_moved, pulled
-from dlo_sim.engine.layout import (
-    DAMPED,
-    DECAY,
-    DISSIPATED,
-    DIVERGED,
-    DRIVE_WORK,
-    FORCE,
-    HELD,
-    LINE,
-    LINES,
-    LOADS,
-    OK,
-    PULL,
-    RATES,
-    SIZE,
-    SYSTEM,
-    TERMS,
-    W,
-    X,
-)
 from dlo_sim.engine.lines import add, copy, form, gathered, mass_of, solve_mass
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.sampling import begin_sample
@@ -47,35 +28,40 @@ from dlo_sim.methods.turning import add_turning, face
 @part
 def add_decay(shape, model, state, out):
     """out += - decay w of the external damping."""
-    if not shape[TERMS] & DAMPED:
+    if not shape[layout.TERMS] & layout.DAMPED:
         return
-    for line in range(shape[LINES]):
-        rate = load(model, shape[DECAY] + line * LANES)
-        for at in range(line * shape[LINE], (line + 1) * shape[LINE], LANES):
-            store(out, at, load(out, at) - rate * load(state, shape[W] + at))
+    for line in range(shape[layout.LINES]):
+        rate = load(model, shape[layout.DECAY] + line * LANES)
+        for at in range(line * shape[layout.LINE], (line + 1) * shape[layout.LINE], LANES):
+            store(out, at, load(out, at) - rate * load(state, shape[layout.W] + at))
 
 
 @part
 def lose_energy(shape, model, state, dt):
     """Book dt times the power of the external damping, decay w^T M w of every line."""
-    if not shape[TERMS] & DAMPED:
+    if not shape[layout.TERMS] & layout.DAMPED:
         return
-    w = shifted(state, shape[W])
-    for line in range(shape[LINES]):
+    w = shifted(state, shape[layout.W])
+    for line in range(shape[layout.LINES]):
         power = gathered(shape, form(shape, model, mass_of(shape, line), line, w))
-        book(shape, state, DISSIPATED, dt * load(model, shape[DECAY] + line * LANES) * power)
+        book(
+            shape,
+            state,
+            layout.DISSIPATED,
+            dt * load(model, shape[layout.DECAY] + line * LANES) * power,
+        )
 
 
 @part
 def accelerate(shape, model, inputs, state, scratch, forces, t):
     """Acceleration of w at the present configuration into FORCE, unknown to the account."""
-    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
+    x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     forces(shape, model, state, x, force)
-    if shape[LOADS]:
+    if shape[layout.LOADS]:
         load_force(shape, model, inputs, scratch, x, t, force)
     solve_mass(shape, model, force)
-    if shape[HELD]:
-        project(shape, model, state, scratch, force, state, shape[PULL])
+    if shape[layout.HELD]:
+        project(shape, model, state, scratch, force, state, shape[layout.PULL])
 
 
 @part
@@ -84,15 +70,15 @@ def keep_rates(shape, model, inputs, state, scratch, t, stage):
 
     Returns the power of the grasps.
     """
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
-    x_rate = shifted(scratch, shape[X_RATES] + stage * shape[SIZE])
-    w_rate = shifted(scratch, shape[W_RATES] + stage * shape[SIZE])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
+    x_rate = shifted(scratch, shape[X_RATES] + stage * shape[layout.SIZE])
+    w_rate = shifted(scratch, shape[W_RATES] + stage * shape[layout.SIZE])
     copy(shape, w, x_rate)
     power = zero()
     if grasps_move(shape, inputs):
         add_velocity_of_held(shape, model, inputs, state, scratch, x, t, x_rate)
-        power -= pulled(shape, state, scratch, shape[RATES])
-    copy(shape, shifted(scratch, shape[FORCE]), w_rate)
+        power -= pulled(shape, state, scratch, shape[layout.RATES])
+    copy(shape, shifted(scratch, shape[layout.FORCE]), w_rate)
     power += add_turning(shape, model, inputs, state, scratch, x, w, t, w_rate)
     add_decay(shape, model, state, w_rate)
     return power
@@ -104,13 +90,13 @@ def add_rates(shape, scratch, rates, stages, table, row, scale, out):
     for j in range(stages):
         weight = scale * table[row * stages + j]
         if weight != 0.0:
-            add(shape, weight, shifted(scratch, shape[rates] + j * shape[SIZE]), out)
+            add(shape, weight, shifted(scratch, shape[rates] + j * shape[layout.SIZE]), out)
 
 
 @part
 def to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau):
     """State of a stage at time t."""
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     copy(shape, shifted(scratch, shape[X_BEGIN]), x)
     copy(shape, shifted(scratch, shape[W_BEGIN]), w)
     add_rates(shape, scratch, X_RATES, stages, table, stage, tau, x)
@@ -123,11 +109,11 @@ def to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau)
 def to_end(shape, model, inputs, state, scratch, carry, stages, table, t, tau):
     """State at the end of the step, at time t, with what is held at its place."""
     to_stage(shape, model, inputs, state, scratch, stages, table, stages, t, tau)
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
     forget_moved(shape, state)  # the stages know the work
     if grasps_move(shape, inputs):
-        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+        project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
 
 
 @piece(COUNTS, CABLE, ENGINE, REALS, REALS, WHOLE, WHOLE, REAL, WHOLE, RECORDS)
@@ -152,11 +138,11 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
             evaluate(shape, model, inputs, state, scratch, forces, t0)
             power = keep_rates(shape, model, inputs, state, scratch, t0, 0)
             evaluations += 1
-        copy(shape, shifted(state, shape[X]), shifted(scratch, shape[X_BEGIN]))
-        copy(shape, shifted(state, shape[W]), shifted(scratch, shape[W_BEGIN]))
+        copy(shape, shifted(state, shape[layout.X]), shifted(scratch, shape[X_BEGIN]))
+        copy(shape, shifted(state, shape[layout.W]), shifted(scratch, shape[W_BEGIN]))
         weight = tau * table[stages * stages]
         lose_energy(shape, model, state, weight)
-        book(shape, state, DRIVE_WORK, weight * power)
+        book(shape, state, layout.DRIVE_WORK, weight * power)
         for stage in range(1, stages):
             t = (step + nodes[stage]) * tau
             to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau)
@@ -164,14 +150,14 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
             power = keep_rates(shape, model, inputs, state, scratch, t, stage)
             weight = tau * table[stages * stages + stage]
             lose_energy(shape, model, state, weight)
-            book(shape, state, DRIVE_WORK, weight * power)
+            book(shape, state, layout.DRIVE_WORK, weight * power)
         to_end(shape, model, inputs, state, scratch, carry, stages, table, t1, tau)
         evaluate(shape, model, inputs, state, scratch, forces, t1)
         power = keep_rates(shape, model, inputs, state, scratch, t1, 0)
         evaluations += stages
         fresh = not flow(shape, model, inputs, state, scratch, closing)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
-            return DIVERGED, step - first_step, evaluations
+            return layout.DIVERGED, step - first_step, evaluations
         if sampling:
             end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return OK, steps, evaluations
+    return layout.OK, steps, evaluations

@@ -12,29 +12,11 @@ import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, Engine, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import book
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.held_motion import carry
-from dlo_sim.engine.layout import (
-    DAMPED,
-    DECAY,
-    DISSIPATED,
-    DIVERGED,
-    FORCE,
-    IS_BOOKED,
-    LEDGER,
-    LINE,
-    LINES,
-    MARGIN,
-    NOTES,
-    OK,
-    PARTS,
-    STRIDE,
-    TERMS,
-    W,
-    X,
-)
 from dlo_sim.engine.lines import add, form, gathered, mass_of
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
@@ -46,19 +28,19 @@ from dlo_sim.methods.works import evaluate, foresee_work, has_work
 @part
 def decay_flow(shape, model, state, scratch, dt):
     """Exact flow of the external damping over dt."""
-    if not shape[TERMS] & DAMPED:
+    if not shape[layout.TERMS] & layout.DAMPED:
         return
-    w, factors = shifted(state, shape[W]), shape[NOTES]
-    for line in range(shape[LINES]):
-        rates = shape[DECAY] + line * LANES
-        if line == 0 or model[rates] != model[rates - LANES] or shape[STRIDE] > 1:
+    w, factors = shifted(state, shape[layout.W]), shape[layout.NOTES]
+    for line in range(shape[layout.LINES]):
+        rates = shape[layout.DECAY] + line * LANES
+        if line == 0 or model[rates] != model[rates - LANES] or shape[layout.STRIDE] > 1:
             for lane in range(LANES):
                 scratch[factors + lane] = np.exp(-model[rates + lane] * dt)
         factor = load(scratch, factors)
         energy = gathered(shape, form(shape, model, mass_of(shape, line), line, w))
-        book(shape, state, DISSIPATED, 0.5 * energy * (1.0 - factor * factor))
-        start = line * shape[LINE] + MARGIN * shape[STRIDE]
-        for b in range(shape[PARTS]):
+        book(shape, state, layout.DISSIPATED, 0.5 * energy * (1.0 - factor * factor))
+        start = line * shape[layout.LINE] + layout.MARGIN * shape[layout.STRIDE]
+        for b in range(shape[layout.PARTS]):
             at = start + LANES * b
             store(w, at, factor * load(w, at))
 
@@ -70,7 +52,7 @@ ENGINE = Engine(forces, energies, carry, evaluate, CLOSING)
 @part
 def drift(shape, model, inputs, state, scratch, carry, t, dt):
     """Move every control point over dt to time t: at rate w, and what is held to its place."""
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, dt)
     move_anchors(shape, inputs, state, t)
 
@@ -90,12 +72,12 @@ def advance_splitting(
     _, update, end_sample, _ = closing
     shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
-    w, force = shifted(state, shape[W]), shifted(scratch, shape[FORCE])
+    w, force = shifted(state, shape[layout.W]), shifted(scratch, shape[layout.FORCE])
     evaluations = 0
     fresh = False  # FORCE holds the acceleration of the present state
-    works, eight = has_work(shape, inputs), shape[STRIDE] > 1
+    works, eight = has_work(shape, inputs), shape[layout.STRIDE] > 1
     if steps > 0 and works and drift_weights[0] != 0.0:
-        if state[shape[LEDGER] + IS_BOOKED * LANES] == 0.0:
+        if state[shape[layout.LEDGER] + layout.IS_BOOKED * LANES] == 0.0:
             evaluate(shape, model, inputs, state, scratch, forces, first_step * tau)
     for step in range(first_step, first_step + steps):
         t0 = step * tau
@@ -127,7 +109,7 @@ def advance_splitting(
             if eight:
                 sane = keep_sane(shape, state, scratch, step + 1)
             if not sane:
-                return DIVERGED, step - first_step, evaluations
+                return layout.DIVERGED, step - first_step, evaluations
         if sampling:
             end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return OK, steps, evaluations
+    return layout.OK, steps, evaluations

@@ -12,6 +12,7 @@ from dlo_sim.compiling.pieces import (
     part,
     piece,
 )
+from dlo_sim.engine import layout
 from dlo_sim.engine.band import (
     own_point,
 )
@@ -28,25 +29,6 @@ from dlo_sim.engine.held import (
     values_along,
 )
 from dlo_sim.engine.held_motion import add_velocity_of_held
-from dlo_sim.engine.layout import (
-    AHEAD,
-    BORDER,
-    DIM,
-    DIRECTION,
-    DIRECTION_ROWS,
-    HELD,
-    HISTORY,
-    INVERSE,
-    KNOWN,
-    LEDGER,
-    LINE,
-    MARGIN,
-    SIZE,
-    SYSTEM,
-    TARGETS,
-    W,
-    X,
-)
 from dlo_sim.engine.lines import add, clear, copy, difference
 from dlo_sim.engine.springs import (
     move_anchors,
@@ -79,18 +61,18 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
     START_V becomes the velocity at the begin, where nothing moves that of w; MIDDLE_DIRECTION and
     DIRECTION the directions at the middle and at the end; CHANGE and COAST are set.
     """
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     start, speed = shifted(scratch, shape[START]), shifted(scratch, shape[START_V])
     coast, change = shifted(scratch, shape[COAST]), shifted(scratch, shape[CHANGE])
-    directions = shape[HELD] * DIRECTION_ROWS * LANES
+    directions = shape[layout.HELD] * layout.DIRECTION_ROWS * LANES
     moves = grasps_move(shape, inputs)
     copy(shape, x, start)
     copy(shape, w, speed)
     for at in range(directions):
-        scratch[shape[OLD_DIRECTION] + at] = state[shape[DIRECTION] + at]
-        scratch[shape[MIDDLE_DIRECTION] + at] = state[shape[DIRECTION] + at]
-    for at in range(shape[HELD] * shape[HELD] * LANES):
-        scratch[shape[OLD_INVERSE] + at] = state[shape[INVERSE] + at]
+        scratch[shape[OLD_DIRECTION] + at] = state[shape[layout.DIRECTION] + at]
+        scratch[shape[MIDDLE_DIRECTION] + at] = state[shape[layout.DIRECTION] + at]
+    for at in range(shape[layout.HELD] * shape[layout.HELD] * LANES):
+        scratch[shape[OLD_INVERSE] + at] = state[shape[layout.INVERSE] + at]
     if moves:
         add_velocity_of_held(shape, model, inputs, state, scratch, x, t0, speed)
     predict(shape, state, x, w, tau)
@@ -98,27 +80,29 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
         keep_held(shape, model, state, scratch, start, x)
     if moves:
         aim(shape, model, inputs, state, scratch, t0 + 0.5 * tau)
-        for k in range(shape[HELD]):
+        for k in range(shape[layout.HELD]):
             if line_of(shape, k) < 0:
-                for at in range(DIRECTION_ROWS * LANES * k, DIRECTION_ROWS * LANES * (k + 1)):
-                    scratch[shape[MIDDLE_DIRECTION] + at] = scratch[shape[AHEAD] + at]
+                for at in range(
+                    layout.DIRECTION_ROWS * LANES * k, layout.DIRECTION_ROWS * LANES * (k + 1)
+                ):
+                    scratch[shape[MIDDLE_DIRECTION] + at] = scratch[shape[layout.AHEAD] + at]
         aim(shape, model, inputs, state, scratch, t0 + tau)
         if directions_turn(shape, state, scratch):
             turn_to_aim(shape, model, state, scratch)
-        defects(shape, model, state, shape[DIRECTION], scratch, x)
+        defects(shape, model, state, shape[layout.DIRECTION], scratch, x)
         add_shifts(shape, model, state, scratch, 1.0, x)
-        for k in range(shape[HELD]):
-            pin(shape, k, load(scratch, shape[TARGETS] + k * LANES), x)
+        for k in range(shape[layout.HELD]):
+            pin(shape, k, load(scratch, shape[layout.TARGETS] + k * LANES), x)
         move_anchors(shape, inputs, state, t0 + tau)
     middle_rows, end_rows = (
         shifted(scratch, shape[MIDDLE_DIRECTION]),
-        shifted(state, shape[DIRECTION]),
+        shifted(state, shape[layout.DIRECTION]),
     )
     set_border(shape, model, scratch, middle_rows, end_rows)
     difference(shape, x, start, change)
     clear(shape, coast)
     if newmark:
-        acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+        acceleration = shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE])
         driven = shifted(scratch, shape[TRAVEL])
         clear(shape, driven)
         # the change is the travel P (x - start) and what moving grasps carry along
@@ -130,12 +114,12 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
             aim(shape, model, inputs, state, scratch, time)
             turn_to_aim(shape, model, state, scratch)
             add_velocity_of_held(shape, model, inputs, state, scratch, middle, time, driven)
-            project(shape, model, state, scratch, coast, scratch, shape[SYSTEM])
+            project(shape, model, state, scratch, coast, scratch, shape[layout.SYSTEM])
             aim(shape, model, inputs, state, scratch, t0 + tau)
             turn_to_aim(shape, model, state, scratch)
-        for at in range(shape[SIZE]):
+        for at in range(shape[layout.SIZE]):
             carried = change[at] - coast[at]
-            if at < shape[DIM] * shape[LINE]:
+            if at < shape[layout.DIM] * shape[layout.LINE]:
                 free = (1.0 - rate) * w[at] + g * tau * acceleration[at]
                 coast[at] = tau * (free + driven[at]) - rate * carried
             else:
@@ -147,20 +131,20 @@ def keep_held(shape, model, state, scratch, start, x):
     """Leave what is held where it is: a parabola through equal numbers is not equal to them, and
     what it is off by would grow from step to step.
     """
-    width, dim = shape[LINE], shape[DIM]
-    for k in range(shape[HELD]):
+    width, dim = shape[layout.LINE], shape[layout.DIM]
+    for k in range(shape[layout.HELD]):
         own, line = own_point(shape, k), line_of(shape, k)
-        at = MARGIN + own
+        at = layout.MARGIN + own
         if own >= 0 and line >= 0:
             x[line * width + at] = start[line * width + at]
         elif own >= 0:
-            e = shape[DIRECTION] + DIRECTION_ROWS * LANES * k
+            e = shape[layout.DIRECTION] + layout.DIRECTION_ROWS * LANES * k
             away = 0.0
             for d in range(dim):
                 away += state[e + d * LANES] * (x[d * width + at] - start[d * width + at])
             for d in range(dim):
                 x[d * width + at] -= away * state[e + d * LANES]
-    if shape[BORDER]:
+    if shape[layout.BORDER]:
         difference(shape, start, x, shifted(scratch, shape[CHANGE]))
         values_along(shape, model, state, scratch, shifted(scratch, shape[CHANGE]))
         add_shifts(shape, model, state, scratch, 1.0, x)
@@ -169,10 +153,10 @@ def keep_held(shape, model, state, scratch, start, x):
 @part
 def undo_step(shape, state, scratch):
     """The state at the begin of the step; what is known of the motion before is forgotten."""
-    copy(shape, shifted(scratch, shape[START]), shifted(state, shape[X]))
-    for at in range(shape[HELD] * DIRECTION_ROWS * LANES):
-        state[shape[DIRECTION] + at] = scratch[shape[OLD_DIRECTION] + at]
-    for at in range(shape[HELD] * shape[HELD] * LANES):
-        state[shape[INVERSE] + at] = scratch[shape[OLD_INVERSE] + at]
+    copy(shape, shifted(scratch, shape[START]), shifted(state, shape[layout.X]))
+    for at in range(shape[layout.HELD] * layout.DIRECTION_ROWS * LANES):
+        state[shape[layout.DIRECTION] + at] = scratch[shape[OLD_DIRECTION] + at]
+    for at in range(shape[layout.HELD] * shape[layout.HELD] * LANES):
+        state[shape[layout.INVERSE] + at] = scratch[shape[OLD_INVERSE] + at]
     restore_anchors(shape, state)
-    state[shape[LEDGER] + KNOWN * LANES] = 0.0
+    state[shape[layout.LEDGER] + layout.KNOWN * LANES] = 0.0

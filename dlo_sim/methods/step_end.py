@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, first, load, shifted, store
 from dlo_sim.compiling.pieces import (
+    NO,
     NOTHING,
     NUMBERS,
     REAL,
     TABLE,
     TRUTH,
+    YES,
     part,
     piece,
 )
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import (
     book,
 )
@@ -20,32 +23,6 @@ from dlo_sim.engine.held import (
     project,
     row_value,
     through_inverse,
-)
-from dlo_sim.engine.layout import (
-    BISHOP,
-    DIM,
-    DIRECTION,
-    DISSIPATED,
-    DRIVE_WORK,
-    FORCE,
-    HAS_REACTION,
-    HELD,
-    HISTORY,
-    INVERSE,
-    KNOWN,
-    LEDGER,
-    LINE,
-    LOAD_WORK,
-    LOADS,
-    NEW_LOAD,
-    RATES,
-    REACTION,
-    SIZE,
-    SYSTEM,
-    TERMS,
-    TWISTED,
-    W,
-    X,
 )
 from dlo_sim.engine.lines import add_product, clear, copy, mass_of, row_product
 from dlo_sim.engine.springs import (
@@ -80,17 +57,17 @@ def finish_step(
     shape, model, inputs, state, scratch, constants, newmark, t0, tau, whole, lost, dissipates
 ):
     """Momentum after the step, reactions, and the step's entries in the account."""
-    x, w = shifted(state, shape[X]), shifted(state, shape[W])
+    x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    travel, held = shifted(scratch, shape[TRAVEL]), shape[HELD]
+    travel, held = shifted(scratch, shape[TRAVEL]), shape[layout.HELD]
     moves = grasps_move(shape, inputs)
-    if shape[TERMS] & TWISTED:
-        if not shape[TERMS] & BISHOP:
+    if shape[layout.TERMS] & layout.TWISTED:
+        if not shape[layout.TERMS] & layout.BISHOP:
             lost += solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau)
         hold_of_twist(shape, model, scratch, tau)
     work = 0.0
     ahead = shifted(scratch, shape[SEEN])
-    for at in range(shape[SIZE]):
+    for at in range(shape[layout.SIZE]):
         ahead[at] = 2.0 / tau * change[at] - speed[at]
     if moves:
         if newmark:
@@ -98,16 +75,16 @@ def finish_step(
         for k in range(held):
             f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], change)
             work += first(f * load(scratch, shape[FORCE_OF_HELD] + k * LANES))
-        work += held_energy(shape, model, state, scratch, speed, True)
-        work -= held_energy(shape, model, state, scratch, ahead, False)
+        work += held_energy(shape, model, state, scratch, speed, YES)
+        work -= held_energy(shape, model, state, scratch, ahead, NO)
     copy(shape, change, travel)
     if newmark and moves:
-        project(shape, model, state, scratch, travel, scratch, shape[SYSTEM])
-    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+        project(shape, model, state, scratch, travel, scratch, shape[layout.SYSTEM])
+    acceleration = shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE])
     beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
-    for at in range(shape[SIZE]):
+    for at in range(shape[layout.SIZE]):
         w0, a0 = w[at], acceleration[at]
-        if newmark and at < shape[DIM] * shape[LINE]:
+        if newmark and at < shape[layout.DIM] * shape[layout.LINE]:
             a1 = (travel[at] / tau - w0 - tau * (0.5 - beta) * a0) / (tau * beta)
             w[at] = w0 + tau * ((1.0 - gamma) * a0 + gamma * a1)
             acceleration[at] = a1
@@ -116,22 +93,22 @@ def finish_step(
             if dissipates:
                 acceleration[at] = (w[at] - w0) / tau
     if moves:
-        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
+        project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
         if dissipates:
-            project(shape, model, state, scratch, acceleration, scratch, shape[SYSTEM])
+            project(shape, model, state, scratch, acceleration, scratch, shape[layout.SYSTEM])
     if not dissipates:
-        book(shape, state, DISSIPATED, lost)
-    loads, start = shifted(scratch, shape[NEW_LOAD]), shifted(scratch, shape[START])
-    if shape[LOADS]:
-        book(shape, state, LOAD_WORK, row_product(shape, loads, change))
-    book(shape, state, DRIVE_WORK, work + first(anchor_work(shape, model, state, start, x)))
+        book(shape, state, layout.DISSIPATED, lost)
+    loads, start = shifted(scratch, shape[layout.NEW_LOAD]), shifted(scratch, shape[START])
+    if shape[layout.LOADS]:
+        book(shape, state, layout.LOAD_WORK, row_product(shape, loads, change))
+    book(shape, state, layout.DRIVE_WORK, work + first(anchor_work(shape, model, state, start, x)))
     book_anchors(shape, state)
     for k in range(held):
-        at = shape[REACTION] + k * LANES
+        at = shape[layout.REACTION] + k * LANES
         share = tau / whole * first(load(scratch, shape[FORCE_OF_HELD] + k * LANES))
         store(state, at, load(state, at) + share)
-    state[shape[LEDGER] + HAS_REACTION * LANES] = 1.0
-    state[shape[LEDGER] + KNOWN * LANES] += 1.0
+    state[shape[layout.LEDGER] + layout.HAS_REACTION * LANES] = 1.0
+    state[shape[layout.LEDGER] + layout.KNOWN * LANES] += 1.0
 
 
 @part
@@ -140,21 +117,23 @@ def carry_inertia(shape, model, state, scratch, constants, tau):
     generalised-alpha method are those of the free motion alone.
     """
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+    acceleration = shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE])
     push = shifted(scratch, shape[INERTIA])
     weight, beta = constants[INERTIA_WEIGHT], constants[NEWMARK_BETA]
     c = weight * (0.5 - beta) - constants[MASS_WEIGHT]
     clear(shape, push)
-    for at in range(shape[DIM] * shape[LINE]):
+    for at in range(shape[layout.DIM] * shape[layout.LINE]):
         gain = (change[at] - tau * speed[at]) / (tau * tau)
         push[at] = (2.0 - weight) * gain + c * acceleration[at]
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         f = row_value(shape, model, k, scratch, shape[MIDDLE_DIRECTION], push)
-        store(scratch, shape[RATES] + k * LANES, f)
-    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, shape[SYSTEM])
-    for k in range(shape[HELD]):
+        store(scratch, shape[layout.RATES] + k * LANES, f)
+    through_inverse(
+        shape, state, shape[layout.INVERSE], scratch, 1.0, scratch, shape[layout.SYSTEM]
+    )
+    for k in range(shape[layout.HELD]):
         at = shape[FORCE_OF_HELD] + k * LANES
-        f = load(scratch, shape[SYSTEM] + k * LANES)
+        f = load(scratch, shape[layout.SYSTEM] + k * LANES)
         store(scratch, at, load(scratch, at) + f)
 
 
@@ -163,35 +142,41 @@ def held_energy(shape, model, state, scratch, v, old):
     """Kinetic energy [J] of the motion of what is held, (B v)^T S^-1 (B v) / 2, with the directions
     at the begin of the step or those of the state.
     """
-    held = shape[HELD]
+    held = shape[layout.HELD]
     for k in range(held):
-        f = row_value(shape, model, k, state, shape[DIRECTION], v)
+        f = row_value(shape, model, k, state, shape[layout.DIRECTION], v)
         if old:
             f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], v)
-        store(scratch, shape[RATES] + k * LANES, f)
+        store(scratch, shape[layout.RATES] + k * LANES, f)
     if old:
-        through_inverse(shape, scratch, shape[OLD_INVERSE], scratch, 0.5, scratch, shape[SYSTEM])
+        through_inverse(
+            shape, scratch, shape[OLD_INVERSE], scratch, 0.5, scratch, shape[layout.SYSTEM]
+        )
     else:
-        through_inverse(shape, state, shape[INVERSE], scratch, 0.5, scratch, shape[SYSTEM])
+        through_inverse(
+            shape, state, shape[layout.INVERSE], scratch, 0.5, scratch, shape[layout.SYSTEM]
+        )
     energy = 0.0
     for k in range(held):
-        energy += scratch[shape[SYSTEM] + k * LANES] * scratch[shape[RATES] + k * LANES]
+        energy += (
+            scratch[shape[layout.SYSTEM] + k * LANES] * scratch[shape[layout.RATES] + k * LANES]
+        )
     return energy
 
 
 @part
 def hold_of_twist(shape, model, scratch, tau):
     """What is missing on held rows of the twist, into FORCE_OF_HELD."""
-    line, dim = shape[DIM], shape[DIM]
-    at = line * shape[LINE]
+    line, dim = shape[layout.DIM], shape[layout.DIM]
+    at = line * shape[layout.LINE]
     row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    force = shifted(scratch, shape[FORCE])
-    for k in range(at, at + shape[LINE]):
+    force = shifted(scratch, shape[layout.FORCE])
+    for k in range(at, at + shape[layout.LINE]):
         row[k] = 2.0 / tau * (change[k] / tau - speed[k])
         push[k] = -force[k]
     add_product(shape, model, mass_of(shape, line), line, 1.0, row, push)
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         if line_of(shape, k) == dim:
             f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], push)
             store(scratch, shape[FORCE_OF_HELD] + k * LANES, f)

@@ -8,9 +8,11 @@ from dlo_sim.compiling.pieces import (
     REAL,
     TABLE,
     TRUTH,
+    YES,
     part,
     piece,
 )
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import (
     notes_of,
 )
@@ -28,27 +30,6 @@ from dlo_sim.engine.band import (
 from dlo_sim.engine.border import balance_border, solve_border, stiffen_border
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import add_weight
-from dlo_sim.engine.layout import (
-    BETA,
-    DAMPED,
-    DIM,
-    DIRECTION,
-    FORCE,
-    GRAVITY,
-    HELD,
-    HISTORY,
-    LINE,
-    LINES,
-    LOADS,
-    MARGIN,
-    MASS,
-    NEW_LOAD,
-    SIZE,
-    TERMS,
-    VISCOUS,
-    N,
-    X,
-)
 from dlo_sim.engine.lines import add, add_product, clear, mass_of, row_product
 from dlo_sim.engine.loads import add_load_stiffness, load_force
 from dlo_sim.engine.springs import (
@@ -76,8 +57,8 @@ from dlo_sim.methods.implicit_layout import (
 @part
 def is_viscous(shape, model):
     """Whether stretching or bending is damped inside the cable."""
-    beta = shape[BETA]
-    return shape[TERMS] & DAMPED != 0 and model[beta] + model[beta + LANES] > 0.0
+    beta = shape[layout.BETA]
+    return shape[layout.TERMS] & layout.DAMPED != 0 and model[beta] + model[beta + LANES] > 0.0
 
 
 @piece(
@@ -91,15 +72,15 @@ def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, the
     rate (q1 - q0) + COAST, which is q1 - q0 for the midpoint family. Returns the energy lost to
     damping.
     """
-    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
+    x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
     middle, seen = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[SEEN])
     damping, coast = shifted(scratch, shape[DAMPING_FORCE]), shifted(scratch, shape[COAST])
-    loads, notes = shifted(scratch, shape[NEW_LOAD]), notes_of(shape, scratch)
+    loads, notes = shifted(scratch, shape[layout.NEW_LOAD]), notes_of(shape, scratch)
     clear(shape, force)
     clear(shape, loads)
     clear(shape, damping)
-    for at in range(0, shape[SIZE], LANES):
+    for at in range(0, shape[layout.SIZE], LANES):
         moved = load(change, at)
         store(middle, at, load(start, at) + theta * moved)
         store(seen, at, rate * moved + load(coast, at))
@@ -109,15 +90,15 @@ def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, the
     else:
         discrete_force(shape, model, state, middle, middle, seen, viscous, force, notes)
     lost = notes[0]
-    if shape[TERMS] & GRAVITY:
+    if shape[layout.TERMS] & layout.GRAVITY:
         add_weight(shape, model, force)
     spring_force(shape, model, state, middle, theta, force)
-    if shape[LOADS]:
+    if shape[layout.LOADS]:
         load_force(shape, model, inputs, scratch, middle, t + theta * tau, loads)
         add(shape, 1.0, loads, force)
-    if shape[TERMS] & DAMPED:
-        for line in range(shape[LINES]):
-            matrix = shape[VISCOUS] + mass_of(shape, line) - shape[MASS]
+    if shape[layout.TERMS] & layout.DAMPED:
+        for line in range(shape[layout.LINES]):
+            matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
             add_product(shape, model, matrix, line, -1.0 / tau, seen, damping)
         add(shape, 1.0, damping, force)
         lost -= first(row_product(shape, damping, change))
@@ -129,25 +110,25 @@ def balance(shape, model, state, scratch, a, b, c):
     """Residual of the momentum balance into RESIDUAL, in the frames of the clamps, and what is
     missing on held rows into FORCE_OF_HELD. Returns the size of the work against inertia.
     """
-    dim, n, width = shape[DIM], shape[N], shape[LINE]
+    dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    acceleration = shifted(state, shape[HISTORY] + 2 * shape[SIZE])
+    acceleration = shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE])
     row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
-    force, residual = shifted(scratch, shape[FORCE]), residual_of(shape, scratch)
+    force, residual = shifted(scratch, shape[layout.FORCE]), residual_of(shape, scratch)
     for at in range(0, dim * width, LANES):
         f = a * load(change, at) - b * load(speed, at)
         store(row, at, f - c * load(acceleration, at))
         store(push, at, 0.0)
     inertia = 0.0
     for d in range(dim):
-        add_product(shape, model, shape[MASS], d, 1.0, row, push)
+        add_product(shape, model, shape[layout.MASS], d, 1.0, row, push)
         for i in range(n):
-            at = d * width + MARGIN + i
+            at = d * width + layout.MARGIN + i
             inertia += abs(push[at] * change[at])
             residual[i * dim + d] = force[at] - push[at]
-    turn_vector(shape, shifted(scratch, shape[MIDDLE_DIRECTION]), True, residual)
+    turn_vector(shape, shifted(scratch, shape[MIDDLE_DIRECTION]), YES, residual)
     balance_border(shape, scratch, residual, shifted(scratch, shape[FORCE_OF_HELD]))
-    for k in range(shape[HELD]):
+    for k in range(shape[layout.HELD]):
         own, line = own_point(shape, k), line_of(shape, k)
         if own >= 0 and line < dim:
             d = line
@@ -166,14 +147,14 @@ def newton_matrix(
     shape, model, inputs, state, scratch, add_tangent, t, tau, a, theta, rate, discrete
 ):
     """Tangent of the momentum balance into BAND, factorised; whether that went well."""
-    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[X])
+    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     start, middle = shifted(scratch, shape[START]), shifted(scratch, shape[MIDDLE])
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
     clear_band(shape, band)
-    add_lines(shape, model, shape[MASS], a, band)
+    add_lines(shape, model, shape[layout.MASS], a, band)
     viscous = 0.0
-    if shape[TERMS] & DAMPED:
-        add_lines(shape, model, shape[VISCOUS], rate / tau, band)
+    if shape[layout.TERMS] & layout.DAMPED:
+        add_lines(shape, model, shape[layout.VISCOUS], rate / tau, band)
         if is_viscous(shape, model):
             viscous = rate / (2.0 * theta * tau)
     if discrete:
@@ -183,9 +164,9 @@ def newton_matrix(
     add_springs(shape, model, theta, band)
     add_load_stiffness(shape, model, inputs, middle, t + theta * tau, theta, band)
     rows = shifted(scratch, shape[MIDDLE_DIRECTION])
-    hold(shape, rows, shifted(state, shape[DIRECTION]), band)
+    hold(shape, rows, shifted(state, shape[layout.DIRECTION]), band)
     stiffen_border(shape, scratch, band)
-    if not eliminate(band, shape[N] * shape[DIM], shape[DIM]):
+    if not eliminate(band, shape[layout.N] * shape[layout.DIM], shape[layout.DIM]):
         return False
     solve_border(shape, scratch, band)
     return True

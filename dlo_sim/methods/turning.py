@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, store, zero
 from dlo_sim.compiling.pieces import part
+from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import MOTION_SIZE, rates, turned
 from dlo_sim.engine.held import (
     aim,
@@ -22,19 +23,6 @@ from dlo_sim.engine.held import (
     turn_to_aim,
 )
 from dlo_sim.engine.held_motion import target_rates
-from dlo_sim.engine.layout import (
-    AHEAD,
-    AXES,
-    DIM,
-    DIRECTION,
-    DIRECTION_ROWS,
-    HELD,
-    HELD_BODY,
-    INVERSE,
-    MOTION,
-    RATES,
-    SYSTEM,
-)
 from dlo_sim.engine.tables import grasp_of, line_of
 
 
@@ -57,18 +45,18 @@ def turns(shape, k):
 def direction_rates(shape, model, inputs, scratch, t):
     """e' = omega x e of the rows that turn, into the rows AHEAD; whether any does."""
     found = False
-    for k in range(shape[HELD]):
-        grasp = shape[MOTION] + MOTION_SIZE * grasp_of(shape, k)
+    for k in range(shape[layout.HELD]):
+        grasp = shape[layout.MOTION] + MOTION_SIZE * grasp_of(shape, k)
         if not turns(shape, k):
             continue
-        body = shape[HELD_BODY] + DIRECTION_ROWS * LANES * k
+        body = shape[layout.HELD_BODY] + layout.DIRECTION_ROWS * LANES * k
         e = turned(inputs, grasp, t, model[body], model[body + LANES], model[body + 2 * LANES])
         v = rates(inputs, grasp, t)
         spin = (v[5] * e[2] - v[6] * e[1], v[6] * e[0] - v[4] * e[2], v[4] * e[1] - v[5] * e[0])
         moves = inputs[grasp] != 0.0
-        for d in range(shape[DIM]):
-            rate = component3(spin, shape[AXES + d]) if moves else 0.0
-            store(scratch, shape[AHEAD] + (DIRECTION_ROWS * k + d) * LANES, rate)
+        for d in range(shape[layout.DIM]):
+            rate = component3(spin, shape[layout.AXES + d]) if moves else 0.0
+            store(scratch, shape[layout.AHEAD] + (layout.DIRECTION_ROWS * k + d) * LANES, rate)
             found = found or rate != 0.0
     return found
 
@@ -84,9 +72,9 @@ def add_turning(shape, model, inputs, state, scratch, x, w, t, out):
         return power
     if not direction_rates(shape, model, inputs, scratch, t):
         return power
-    held, system, ahead = shape[HELD], shape[SYSTEM], shape[AHEAD]
+    held, system, ahead = shape[layout.HELD], shape[layout.SYSTEM], shape[layout.AHEAD]
     target_rates(shape, model, inputs, state, scratch, x, t)
-    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, system)
+    through_inverse(shape, state, shape[layout.INVERSE], scratch, 1.0, scratch, system)
     for k in range(held):
         if turns(shape, k):
             f = load(scratch, system + k * LANES)
@@ -97,9 +85,9 @@ def add_turning(shape, model, inputs, state, scratch, x, w, t, out):
         rate = zero()
         if turns(shape, k):
             rate = row_value(shape, model, k, scratch, ahead, w)
-        store(scratch, shape[RATES] + k * LANES, rate)
-    through_inverse(shape, state, shape[INVERSE], scratch, 1.0, scratch, system)
+        store(scratch, shape[layout.RATES] + k * LANES, rate)
+    through_inverse(shape, state, shape[layout.INVERSE], scratch, 1.0, scratch, system)
     for k in range(held):
         f = -load(scratch, system + k * LANES)
-        shift_row(shape, model, k, state, shape[DIRECTION], f, out)
+        shift_row(shape, model, k, state, shape[layout.DIRECTION], f, out)
     return power

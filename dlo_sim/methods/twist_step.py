@@ -7,26 +7,9 @@ every guess of the shape, so that it is eliminated from the iteration.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, first, shifted
-from dlo_sim.compiling.pieces import NUMBERS, REAL, TABLE, TRUTH, part, piece
+from dlo_sim.compiling.pieces import NO, NUMBERS, REAL, TABLE, TRUTH, YES, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.bishop import couple_twist
-from dlo_sim.engine.layout import (
-    BETA,
-    DAMPED,
-    DIM,
-    FORCE,
-    HELD,
-    LINE,
-    LOADS,
-    MARGIN,
-    MASS,
-    MATERIAL,
-    NEW_LOAD,
-    TERMS,
-    TWIST,
-    VISCOUS,
-    N,
-    X,
-)
 from dlo_sim.engine.lines import (
     add_differences,
     add_product,
@@ -60,11 +43,11 @@ TURNED = 1e-13  # [rad], correction after which they are solved
 @part
 def mark_held(shape, held):
     """1 in `held` at control points whose twist is held, else 0; whether an end of the cable is."""
-    n = shape[N]
+    n = shape[layout.N]
     for i in range(n):
         held[i] = 0.0
-    for k in range(shape[HELD]):
-        if line_of(shape, k) == shape[DIM]:
+    for k in range(shape[layout.HELD]):
+        if line_of(shape, k) == shape[layout.DIM]:
             point = point_of(shape, k)
             held[own_of(shape, point)] = 1.0
     return held[0] + held[n - 1] > 0.0
@@ -74,7 +57,7 @@ def mark_held(shape, held):
 def factorize(shape, is_held, matrix):
     """LDL^T in place of the matrix (4 lower diagonals, lines of n entries); what is held becomes
     the identity with a right-hand side of zero: its inverse diagonal is 0."""
-    n = shape[N]
+    n = shape[layout.N]
     for i in range(n):
         held = is_held[i] != 0.0
         diagonal = matrix[i]
@@ -93,7 +76,7 @@ def factorize(shape, is_held, matrix):
 @part
 def solve(shape, matrix, x):
     """Solve in place with the factors; entries of what is held become 0."""
-    n = shape[N]
+    n = shape[layout.N]
     for i in range(n):
         value = x[i]
         for k in range(1, min(3, i) + 1):
@@ -109,21 +92,21 @@ def solve(shape, matrix, x):
 @part
 def system(shape, model, tau, beta, matrix):
     """2 / tau^2 M + (1/2 + beta / tau) K + C / tau as lower diagonals."""
-    n, width = shape[N], shape[LINE]
-    damped = 1.0 / tau if shape[TERMS] & DAMPED else 0.0
+    n, width = shape[layout.N], shape[layout.LINE]
+    damped = 1.0 / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
     for k in range(4):
         for i in range(n - k):
-            at = (3 + k) * width + MARGIN + i
-            value = 2.0 / (tau * tau) * model[shape[MASS] + 7 * width + at]
-            value += (0.5 + beta) * model[shape[TWIST] + at]
-            matrix[k * n + i] = value + damped * model[shape[VISCOUS] + 7 * width + at]
+            at = (3 + k) * width + layout.MARGIN + i
+            value = 2.0 / (tau * tau) * model[shape[layout.MASS] + 7 * width + at]
+            value += (0.5 + beta) * model[shape[layout.TWIST] + at]
+            matrix[k * n + i] = value + damped * model[shape[layout.VISCOUS] + 7 * width + at]
 
 
 @part
 def moments_of_middle(shape, model, inputs, scratch, t0, tau):
     """The moments of the midpoint, whose method this line has, into FORCE and NEW_LOAD."""
-    at, width = shape[DIM] * shape[LINE], shape[LINE]
-    force, load = shifted(scratch, shape[FORCE]), shifted(scratch, shape[NEW_LOAD])
+    at, width = shape[layout.DIM] * shape[layout.LINE], shape[layout.LINE]
+    force, load = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[layout.NEW_LOAD])
     start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
     middle, moment = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[DAMPING_FORCE])
     for k in range(at):
@@ -140,24 +123,28 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
     """One Newton correction of the twist line of x and CHANGE; completes that of FORCE, which holds
     all but the elastic and damping forces. Returns the largest entry of the correction.
     """
-    line, width = shape[DIM], shape[LINE]
-    at, natural = line * width, shape[TERMS] & MATERIAL != 0
-    force, start = shifted(scratch, shape[FORCE]), shifted(scratch, shape[START])
+    line, width = shape[layout.DIM], shape[layout.LINE]
+    at, natural = line * width, shape[layout.TERMS] & layout.MATERIAL != 0
+    force, start = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[START])
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    mass, viscous, a = shape[MASS] + 7 * width, shape[VISCOUS] + 7 * width, 2.0 / (tau * tau)
+    mass, viscous, a = (
+        shape[layout.MASS] + 7 * width,
+        shape[layout.VISCOUS] + 7 * width,
+        2.0 / (tau * tau),
+    )
     matrix = shifted(scratch, shape[TWIST_MATRIX])
     system(shape, model, tau, beta, matrix)
     if natural:
-        natural_force(shape, model, state, begin, end, True, False, force)
+        natural_force(shape, model, state, begin, end, YES, NO, force)
         add_natural_stiffness(shape, model, state, begin, end, matrix)
     factorize(shape, shifted(scratch, shape[TWIST_HELD]), matrix)
     latest, rest = shifted(scratch, shape[TWIST_LATEST]), shifted(scratch, shape[TWIST_REST])
     sum_ = shifted(scratch, shape[TWIST_SUM])
-    add_differences(shape, model, shape[TWIST], line, -1.0, start, force)
+    add_differences(shape, model, shape[layout.TWIST], line, -1.0, start, force)
     for k in range(at, at + width):
         rest[k] = force[k]
         sum_[k] = 0.0
-    add_differences(shape, model, shape[TWIST], line, -0.5 - beta, change, rest)
+    add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, rest)
     add_product(shape, model, mass, line, -a, change, rest)
     add_product(shape, model, mass, line, 2.0 / tau, speed, rest)
     # The inertia of a free spin is lost beside a large stiffness in the factors, but not in the
@@ -165,20 +152,20 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
     for _ in range(1 + REFINEMENTS if spins else 1):
         for k in range(at, at + width):
             latest[k] = rest[k]
-        solve(shape, matrix, shifted(latest, at + MARGIN))
+        solve(shape, matrix, shifted(latest, at + layout.MARGIN))
         for k in range(at, at + width):
             sum_[k] += latest[k]
         add_product(shape, model, mass, line, -a, latest, rest)
-        add_differences(shape, model, shape[TWIST], line, -0.5 - beta, latest, rest)
-        if shape[TERMS] & DAMPED:
+        add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, latest, rest)
+        if shape[layout.TERMS] & layout.DAMPED:
             add_product(shape, model, viscous, line, -1.0 / tau, latest, rest)
     moved = 0.0
     for k in range(at, at + width):
         x[k] += sum_[k]
         change[k] += sum_[k]
         moved = max(moved, abs(sum_[k]))
-    add_differences(shape, model, shape[TWIST], line, -0.5 - beta, change, force)
-    if shape[TERMS] & DAMPED:
+    add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, force)
+    if shape[layout.TERMS] & layout.DAMPED:
         add_product(shape, model, viscous, line, -1.0 / tau, sum_, force)
     return moved
 
@@ -192,16 +179,16 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     FORCE and NEW_LOAD. `begin`, `end`: between which the discrete gradient of the natural curvature
     is taken, which alone makes the line nonlinear.
     """
-    line, width = shape[DIM], shape[LINE]
-    at, natural = line * width, shape[TERMS] & MATERIAL != 0
-    damped = shape[TERMS] & DAMPED != 0
-    force, change = shifted(scratch, shape[FORCE]), shifted(scratch, shape[CHANGE])
+    line, width = shape[layout.DIM], shape[layout.LINE]
+    at, natural = line * width, shape[layout.TERMS] & layout.MATERIAL != 0
+    damped = shape[layout.TERMS] & layout.DAMPED != 0
+    force, change = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[CHANGE])
     own, middle = shifted(scratch, shape[TWIST_OWN]), shifted(scratch, shape[MIDDLE])
-    if shape[LOADS]:
+    if shape[layout.LOADS]:
         moments_of_middle(shape, model, inputs, scratch, t0, tau)
-    beta = model[shape[BETA] + 2 * LANES] / tau if damped else 0.0
+    beta = model[shape[layout.BETA] + 2 * LANES] / tau if damped else 0.0
     spins = not mark_held(shape, shifted(scratch, shape[TWIST_HELD]))
-    viscous, lost = shape[VISCOUS] + 7 * width, 0.0
+    viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
     if damped:
         lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
     for k in range(at, at + width):
@@ -216,7 +203,9 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
             break
     if damped:
         lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau
-        twisted = first(gathered(shape, difference_form(shape, model, shape[TWIST], line, change)))
+        twisted = first(
+            gathered(shape, difference_form(shape, model, shape[layout.TWIST], line, change))
+        )
         lost += beta * twisted
     return lost
 
@@ -226,14 +215,16 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
     """`solve_twist` in the Bishop frame of the present guess of the shape, and what the twist adds
     to the forces on the centerline in FORCE. Returns the energy lost, likewise.
     """
-    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
+    x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     begin, end = shifted(scratch, shape[START]), x
     if not discrete:
         begin = end = shifted(scratch, shape[MIDDLE])
-    viscous = model[shape[BETA] + 2 * LANES] / tau if shape[TERMS] & DAMPED else 0.0
-    couple_twist(shape, model, state, begin, end, viscous, True, False, force)
+    viscous = (
+        model[shape[layout.BETA] + 2 * LANES] / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
+    )
+    couple_twist(shape, model, state, begin, end, viscous, YES, NO, force)
     lost = solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau)
-    taken = couple_twist(shape, model, state, begin, end, viscous, False, True, force)
-    if shape[TERMS] & MATERIAL:
-        natural_force(shape, model, state, begin, end, False, True, force)
+    taken = couple_twist(shape, model, state, begin, end, viscous, NO, YES, force)
+    if shape[layout.TERMS] & layout.MATERIAL:
+        natural_force(shape, model, state, begin, end, NO, YES, force)
     return lost + first(gathered(shape, taken))

@@ -4,28 +4,11 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import book, write
 from dlo_sim.engine.forces import forces
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.held_motion import forget_moved, pulled
-from dlo_sim.engine.layout import (
-    BOOKED,
-    DRIVE_WORK,
-    FORCE,
-    HELD,
-    IS_BOOKED,
-    LEDGER,
-    LOAD_WORK,
-    LOADED,
-    LOADS,
-    MOVED,
-    NEW_LOAD,
-    PENDING,
-    PULL,
-    SIZE,
-    SPRINGS,
-    X,
-)
 from dlo_sim.engine.lines import add, clear, copy, gathered, solve_mass
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.springs import anchor_work, book_anchors
@@ -34,14 +17,14 @@ from dlo_sim.engine.springs import anchor_work, book_anchors
 @part
 def has_work(shape, inputs):
     """Whether anything but the cable's own energy does work."""
-    return shape[LOADS] > 0 or grasps_move(shape, inputs)
+    return shape[layout.LOADS] > 0 or grasps_move(shape, inputs)
 
 
 @part
 def way_times(shape, force, x, before):
     """force . (x - before), a row."""
     sum_ = zero()
-    for at in range(0, shape[SIZE], LANES):
+    for at in range(0, shape[layout.SIZE], LANES):
         sum_ += load(force, at) * (load(x, at) - load(before, at))
     return gathered(shape, sum_)
 
@@ -49,32 +32,32 @@ def way_times(shape, force, x, before):
 @piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, forces, REAL)
 def evaluate(shape, model, inputs, state, scratch, forces, t):
     """Acceleration of w at the present configuration into FORCE; work into the ledger."""
-    x, force = shifted(state, shape[X]), shifted(scratch, shape[FORCE])
-    loaded, before = shifted(state, shape[LOADED]), shifted(state, shape[BOOKED])
-    is_booked = state[shape[LEDGER] + IS_BOOKED * LANES] != 0.0
+    x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
+    loaded, before = shifted(state, shape[layout.LOADED]), shifted(state, shape[layout.BOOKED])
+    is_booked = state[shape[layout.LEDGER] + layout.IS_BOOKED * LANES] != 0.0
     works = has_work(shape, inputs)
     forces(shape, model, state, x, force)
-    if shape[LOADS]:
-        new = shifted(scratch, shape[NEW_LOAD])
+    if shape[layout.LOADS]:
+        new = shifted(scratch, shape[layout.NEW_LOAD])
         clear(shape, new)
         load_force(shape, model, inputs, scratch, x, t, new)
         add(shape, 1.0, new, force)
         if is_booked:
             done = way_times(shape, new, x, before) + way_times(shape, loaded, x, before)
-            book(shape, state, LOAD_WORK, 0.5 * done)
+            book(shape, state, layout.LOAD_WORK, 0.5 * done)
         copy(shape, new, loaded)
     solve_mass(shape, model, force)
     half = zero()
     if works and is_booked:
-        half = pulled(shape, state, state, shape[MOVED])
-    if shape[HELD]:
-        project(shape, model, state, scratch, force, state, shape[PULL])
+        half = pulled(shape, state, state, shape[layout.MOVED])
+    if shape[layout.HELD]:
+        project(shape, model, state, scratch, force, state, shape[layout.PULL])
     if works:
         if is_booked:
-            done = -0.5 * (half + pulled(shape, state, state, shape[MOVED]))
-            if shape[SPRINGS]:
+            done = -0.5 * (half + pulled(shape, state, state, shape[layout.MOVED]))
+            if shape[layout.SPRINGS]:
                 done += anchor_work(shape, model, state, before, x)
-            book(shape, state, DRIVE_WORK, done)
+            book(shape, state, layout.DRIVE_WORK, done)
         remember(shape, state, x, before)
 
 
@@ -84,18 +67,18 @@ def remember(shape, state, x, before):
     copy(shape, x, before)
     forget_moved(shape, state)
     book_anchors(shape, state)
-    write(shape, state, IS_BOOKED, 1.0)
-    write(shape, state, PENDING, 0.0)
+    write(shape, state, layout.IS_BOOKED, 1.0)
+    write(shape, state, layout.PENDING, 0.0)
 
 
 @part
 def foresee_work(shape, model, inputs, state):
     """Work since the last evaluation with the forces of that: for a step that ends with a drift."""
     if has_work(shape, inputs):
-        x, before = shifted(state, shape[X]), shifted(state, shape[BOOKED])
-        done = -pulled(shape, state, state, shape[MOVED])
-        if shape[LOADS]:
-            done += way_times(shape, shifted(state, shape[LOADED]), x, before)
-        if shape[SPRINGS]:
+        x, before = shifted(state, shape[layout.X]), shifted(state, shape[layout.BOOKED])
+        done = -pulled(shape, state, state, shape[layout.MOVED])
+        if shape[layout.LOADS]:
+            done += way_times(shape, shifted(state, shape[layout.LOADED]), x, before)
+        if shape[layout.SPRINGS]:
             done += anchor_work(shape, model, state, before, x)
-        write(shape, state, PENDING, done)
+        write(shape, state, layout.PENDING, done)

@@ -9,21 +9,10 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, WHOLE, part, piece
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import write
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
-from dlo_sim.engine.layout import (
-    DIVERGED,
-    FORCE,
-    HISTORY,
-    KNOWN,
-    LEDGER,
-    OK,
-    SIZE,
-    SYSTEM,
-    W,
-    X,
-)
 from dlo_sim.engine.lines import add
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
@@ -37,7 +26,7 @@ from dlo_sim.methods.step_close import flow
 def accelerate(shape, model, inputs, state, scratch, evaluate, forces, t):
     """P M^-1 f and the external damping into FORCE; work into the ledger."""
     evaluate(shape, model, inputs, state, scratch, forces, t)
-    add_decay(shape, model, state, shifted(scratch, shape[FORCE]))
+    add_decay(shape, model, state, shifted(scratch, shape[layout.FORCE]))
 
 
 @part
@@ -45,21 +34,28 @@ def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
     """Positions and w at time t, the end of the step; the present acceleration becomes the one
     before.
     """
-    x, w, mean = shifted(state, shape[X]), shifted(state, shape[W]), shifted(scratch, shape[MEAN])
-    force, before = shifted(scratch, shape[FORCE]), shifted(state, shape[HISTORY] + 2 * shape[SIZE])
-    known = state[shape[LEDGER] + KNOWN * LANES] != 0.0
-    for at in range(0, shape[SIZE], LANES):
+    x, w, mean = (
+        shifted(state, shape[layout.X]),
+        shifted(state, shape[layout.W]),
+        shifted(scratch, shape[MEAN]),
+    )
+    force, before = (
+        shifted(scratch, shape[layout.FORCE]),
+        shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE]),
+    )
+    known = state[shape[layout.LEDGER] + layout.KNOWN * LANES] != 0.0
+    for at in range(0, shape[layout.SIZE], LANES):
         a, v = load(force, at), load(w, at)
         b = load(before, at) if known else a
         store(mean, at, v + tau * ((0.5 + psi) * a - psi * b))
         store(w, at, tau * ((0.5 + phi - psi) * a - (phi - psi) * b))
         store(before, at, a)
-    write(shape, state, KNOWN, 1.0)
+    write(shape, state, layout.KNOWN, 1.0)
     carry(shape, model, inputs, state, scratch, x, mean, t, tau)
     move_anchors(shape, inputs, state, t)
     if grasps_move(shape, inputs):
-        project(shape, model, state, scratch, w, scratch, shape[SYSTEM])
-        project(shape, model, state, scratch, before, scratch, shape[SYSTEM])
+        project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
+        project(shape, model, state, scratch, before, scratch, shape[layout.SYSTEM])
     add(shape, 1.0, mean, w)
 
 
@@ -87,7 +83,7 @@ def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records
         evaluations += 1
         fresh = not flow(shape, model, inputs, state, scratch, closing)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
-            return DIVERGED, step - first_step, evaluations
+            return layout.DIVERGED, step - first_step, evaluations
         if sampling:
             end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return OK, steps, evaluations
+    return layout.OK, steps, evaluations
