@@ -40,7 +40,8 @@ class Strain:
         """
         slope, kappa = _slope_and_curvature(self._inside, points)
         force = EA * (np.linalg.norm(slope, axis=-1) - 1.0) - EI * kappa**2
-        means = force.reshape(*force.shape[:-1], -1, _GAUSS_POINTS) @ self._weights
+        spans = force.shape[-1] // _GAUSS_POINTS
+        means = force.reshape(*force.shape[:-1], spans, _GAUSS_POINTS) @ self._weights
         return np.asarray(means @ self._between)
 
     def curvature(self, points: Array) -> Array:

@@ -63,9 +63,14 @@ class Cable:
     )
 
     @property
+    def natural_shape(self) -> tuple[tuple[float, ...], ...]:
+        """Two curvatures [1/m] and twist [rad/m] of the unloaded cable along it."""
+        return self.rest_curvature, self.rest_curvature_2, self.rest_twist
+
+    @property
     def shaped(self) -> bool:
         """Whether the unloaded cable is bent or twisted."""
-        return any(map(any, (self.rest_curvature, self.rest_curvature_2, self.rest_twist)))
+        return any(map(any, self.natural_shape))
 
     @property
     def area(self) -> float:

@@ -65,7 +65,10 @@ class Observer:
         self._time, self._lacking = 0.0, np.zeros((0, 3))
 
     def add(self, points: Points) -> None:
-        """Take an accepted measurement; stamps must increase."""
+        """Take an accepted measurement; stamps must increase. One too many replaces the oldest."""
+        if len(self._pending) == _MOST_WAITING:
+            self.rejected += len(self._pending[0].points)
+            self._note("full", f"more than {_MOST_WAITING} measurements wait; the oldest is lost")
         self._pending.append(points)
 
     def shift_time(self, delta_ns: int) -> None:

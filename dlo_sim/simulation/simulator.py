@@ -388,6 +388,10 @@ class Simulator(CableInputs):
         self._cable.point_grasps(0.0)
         self._cable.put(points, rates, 0.0)
         optional_terms.carry_samples(other._cable, self._cable)
+        cables = self.scene.cable, other.scene.cable
+        same = len({(cable.natural_shape, cable.rest_curvature_axis) for cable in cables}) == 1
+        if self._model.has(layout.MATERIAL) and not (same and other._model.has(layout.MATERIAL)):
+            self._lay_natural_shape()
         for grasp in taking:
             self.take(grasp)
         self._open_account()

@@ -123,6 +123,17 @@ def test_points_that_come_too_late_are_counted_and_not_used(truth):
     assert "after their time was simulated" in found["last event"]
 
 
+def test_measurements_too_many_to_wait_are_counted(monkeypatch):
+    monkeypatch.setattr(observer, "_MOST_WAITING", 2)
+    said = []
+    waiting = observer.Observer(scene(SEEN).measured, lambda event, detail: said.append(event))
+    for stamp in range(5):
+        waiting.add(observer.Points(stamp, np.zeros((3, 3))))
+    assert waiting.values()["measured points rejected"] == "9"
+    assert said == ["full"] * 3
+    assert waiting.next_change_ns() == 3
+
+
 def test_points_far_away_are_rejected(truth):
     session, errors = run(truth, outliers=True)
     found = values_of(session)

@@ -8,6 +8,7 @@ from cables import SOFT, simulator
 
 from dlo_sim import Plan
 from dlo_sim.core import rotations
+from dlo_sim.simulation.forecast import forecast
 
 TIMES = np.linspace(0.0, 0.6, 13)
 
@@ -69,6 +70,18 @@ def test_a_copy_from_another_process_goes_on_with_the_same_bits():
         one.set_end("start", [0.0, 0.01, 0.0])
         one.advance_steps(20)
     assert np.array_equal(sim.cable.state, other.cable.state)
+
+
+def test_one_that_fails_before_its_first_shape_says_so_itself():
+    sim = moving()
+
+    def failing(times, poses, samples):
+        return sim.advance_steps(0), np.zeros((0, sim.model.n, 4))
+
+    found = forecast(sim, failing, plan_of(sim), 0.1)
+    assert found.centerline.shape == (0, len(found.u), 3)
+    assert found.largest_curvature == 0.0
+    assert found.peak_tension == -np.inf
 
 
 def test_shapes_without_tension():

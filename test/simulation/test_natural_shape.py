@@ -181,6 +181,16 @@ def test_a_term_that_comes_in_leaves_the_natural_shape_along_the_cable():
     assert twin.energy().bend == pytest.approx(before, rel=1e-9)
 
 
+def test_a_natural_shape_that_is_changed_takes_effect():
+    """As a cable that has it from the start; the same if the cable was straight before."""
+    for before in ({"cable__rest_curvature": [-1.0]}, {}):
+        sim = bent(**before, damping__mass=1.5, damping__stiffness=2e-3)
+        sim.advance(0.5)
+        other = sim.reconfigured(sim.scene.with_values({"cable.rest_curvature": [2.0]}))
+        other.advance(20.0)
+        assert other.curvature([0.3, 0.6]) == pytest.approx(2.0, rel=1e-3)
+
+
 def test_rest_twist_needs_a_twist_that_acts():
     with pytest.raises(SceneError, match="cable.rest_twist: needs .* terms.twist to bishop"):
         bent(terms__twist="on", cable__rest_twist=[1.0])
