@@ -33,7 +33,7 @@ from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.simulator_protocol import State
-from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics
+from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
 from dlo_sim.session.transforms import Transforms
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
@@ -65,7 +65,9 @@ class CableNode(GuardedNode):
         self._refuse_unmatched(given or NodeArguments())
         self._scene_parameters: SceneParameters[Prepared] = SceneParameters(self)
         scene = self._scene_parameters.scene
-        check_qos_overrides(self, [self._naming.topic(e.topic) for e in input_topics(scene)])
+        inputs = (entry.topic for entry in (*input_topics(scene), *plan_topics(scene)))
+        wire = self._naming.topic
+        check_qos_overrides(self, map(wire, inputs), map(wire, possible_outputs(scene)))
         self._keeper = StateKeeper(scene, self.get_logger())
         saved = self._keeper.found(scene)
         if saved is not None:

@@ -18,13 +18,15 @@ from rcl_interfaces.msg import (
 )
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as NodeParameter
+from rclpy.qos import QoSPolicyKind
 
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
+from dlo_sim.ros.topics import INPUT_POLICIES, OUTPUT_POLICIES
 from dlo_sim.scene.checking import check_value, unknown_key
 from dlo_sim.scene.description import Scene, parameters_of_scene, scene_parameters
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 from dlo_sim.scene.parameter import Parameter
-from dlo_sim.scene.refusal import shown
+from dlo_sim.scene.refusal import nearest, shown
 
 Prepared = TypeVar("Prepared")
 
@@ -38,12 +40,13 @@ _TYPES = {
     "string_array": NodeParameter.Type.STRING_ARRAY,
 }
 _LARGEST_INTEGER = 2**63 - 1
-# What rclpy lets a user override of a subscription, and the values that every ROS middleware knows.
-_QOS_POLICIES = (
-    Parameter("history", "string", "keep_last", choices=("keep_last", "keep_all")),
-    Parameter("depth", "integer", 100, low=1, high=2**31 - 1),
-    Parameter("reliability", "string", "best_effort", choices=("best_effort", "reliable")),
-)
+# What a user may override of a topic's QoS, and the values that every ROS middleware knows.
+_QOS_POLICIES = {
+    QoSPolicyKind.HISTORY: Parameter("", "string", "", choices=("keep_last", "keep_all")),
+    QoSPolicyKind.DEPTH: Parameter("", "integer", 1, low=1, high=2**31 - 1),
+    QoSPolicyKind.RELIABILITY: Parameter("", "string", "", choices=("best_effort", "reliable")),
+    QoSPolicyKind.DURABILITY: Parameter("", "string", "", choices=("volatile", "transient_local")),
+}
 
 
 class ParameterRefused(ParameterNotDeclaredException):
@@ -172,27 +175,30 @@ def scene_from_overrides(node: GuardedNode) -> Scene:
     return scene_from_values(values)
 
 
-def check_qos_overrides(node: GuardedNode, topics: Iterable[str]) -> None:
+def check_qos_overrides(node: GuardedNode, inputs: Iterable[str], outputs: Iterable[str]) -> None:
     """Refuse a `qos_overrides` that rclpy would stumble over or ignore.
 
     Args:
-        topics: the inputs, by their names on the wire.
+        inputs, outputs: topics by their names on the wire.
 
     Raises:
         SceneError: a topic or policy that cannot be overridden, or a value that it cannot have.
     """
+    entities = [(topic, "subscription", INPUT_POLICIES) for topic in inputs]
+    entities += [(topic, "publisher", OUTPUT_POLICIES) for topic in outputs]
     rows = {
-        f"qos_overrides.{topic}.subscription.{row.key}": row
-        for topic in topics
-        for row in _QOS_POLICIES
+        f"qos_overrides.{topic}.{entity}.{policy.name.lower()}": _QOS_POLICIES[policy]
+        for topic, entity, policies in entities
+        for policy in policies
     }
     for name, override in (node.overrides or {}).items():
         if not name.startswith("qos_overrides."):
             continue
         if name not in rows:
             raise SceneError(
-                f"{name}: is for no input of this scene; these can be given: "
-                f"{', '.join(rows) or 'none'}"
+                f"{name}: overrides nothing of this scene{nearest(name, rows)}; give history, "
+                "depth or reliability of an input's subscription, or depth, reliability or "
+                "durability of an output's publisher, by the topic's full name"
             )
         check_value(replace(rows[name], key=name), _plain(override))
 
