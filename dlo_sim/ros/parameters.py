@@ -71,19 +71,25 @@ class SceneParameters(Generic[Prepared]):
         scene: the scene that the parameters describe now.
     """
 
-    def __init__(self, node: GuardedNode) -> None:
+    def __init__(self, node: GuardedNode, read_only: bool = True) -> None:
         """Read the node's overrides (params files, -p), check them, declare all parameters.
+
+        Args:
+            read_only: declare those so that cannot change; rclpy cannot undeclare them.
 
         Raises:
             SceneError: an override that is unknown, of a wrong type, or an impossible scene.
         """
         self._node = node
         self.scene = scene_from_overrides(node)
-        self._rows = {row.key: row for row in parameters_of_scene(self.scene)}
+        rows = parameters_of_scene(self.scene)
+        self._fixed = set() if read_only else {row.key for row in rows if row.read_only}
+        self._rows = {r.key: replace(r, read_only=r.read_only and read_only) for r in rows}
         values = scene_values(self.scene)
         for key, row in self._rows.items():
             _declare(node, row, values[key])
         self._prepared: tuple[Scene, Prepared] | None = None
+        self._following = False
 
     def take_over(self, scene: Scene) -> None:
         """Show the values of a scene that has come about otherwise."""
@@ -108,9 +114,25 @@ class SceneParameters(Generic[Prepared]):
         """
         self._prepare = prepare
         self._adopt = adopt
+        self._following = True
         self._node.add_pre_set_parameters_callback(self._convert)
         self._node.add_on_set_parameters_callback(self._judge)
         self._node.add_post_set_parameters_callback(self._apply)
+
+    def close(self) -> None:
+        """Leave the parameters, as they are now, to the node's overrides; undeclare them, unless
+        they are read-only.
+        """
+        if self._following:
+            self._node.remove_pre_set_parameters_callback(self._convert)
+            self._node.remove_on_set_parameters_callback(self._judge)
+            self._node.remove_post_set_parameters_callback(self._apply)
+        overrides, values = self._node.overrides, scene_values(self.scene)
+        for key, row in self._rows.items():
+            if not row.read_only:
+                self._node.undeclare_parameter(key)
+            if key in overrides or values[key] != _node_value(row.default):
+                overrides[key] = values[key]
 
     def _convert(self, changes: list[NodeParameter]) -> list[NodeParameter]:
         """Give each value the declared type: 5 for 5.0, `on` read as true, an empty list.
@@ -126,6 +148,10 @@ class SceneParameters(Generic[Prepared]):
             if self._node.has_parameter(change.name):
                 return change
             raise ParameterRefused(str(unknown_key(change.name, change.value, self._rows)))
+        if change.name in self._fixed:
+            raise ParameterRefused(
+                f"{change.name}: cannot change while the node is configured; clean it up first"
+            )
         try:
             value = check_value(row, _plain(change.value))
         except SceneError as error:
@@ -165,7 +191,7 @@ def scene_from_overrides(node: GuardedNode) -> Scene:
     """
     table = {row.key: row for row in scene_parameters()}
     values: dict[str, object] = {}
-    for name, override in (node.overrides or {}).items():
+    for name, override in node.overrides.items():
         if node.has_parameter(name) or name.startswith("qos_overrides."):
             continue
         value = _plain(override)
@@ -191,7 +217,7 @@ def check_qos_overrides(node: GuardedNode, inputs: Iterable[str], outputs: Itera
         for topic, entity, policies in entities
         for policy in policies
     }
-    for name, override in (node.overrides or {}).items():
+    for name, override in node.overrides.items():
         if not name.startswith("qos_overrides."):
             continue
         if name not in rows:

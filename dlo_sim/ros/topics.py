@@ -128,6 +128,11 @@ class Outputs:
         for topic in self._markers:
             self._publishers[topic].wait_for_all_acked(_GOODBYE)
 
+    def close(self) -> None:
+        """End the publishers."""
+        while self._publishers:
+            self._node.destroy_publisher(self._publishers.popitem()[1])
+
 
 class Inputs:
     """Subscriptions to what a session listens to."""
@@ -166,6 +171,11 @@ class Inputs:
                 if taken is None:
                     break
                 subscription.callback(taken[0])
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        while self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.popitem()[1])
 
     @property
     def topics(self) -> list[str]:

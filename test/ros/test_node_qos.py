@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
-from node_harness import CABLE, NodeProcess, Peer
+from node_harness import CABLE, START, NodeProcess, Peer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 KEPT = 2
@@ -23,10 +23,15 @@ QOS = {
 }
 
 
-def test_each_topic_has_the_qos_that_was_asked_for(
-    started: Callable[..., NodeProcess], peer: Peer
-) -> None:
-    started({**CABLE, **QOS})
+@pytest.fixture(scope="module", autouse=True)
+def node(launch: Callable[..., NodeProcess], peer: Peer) -> NodeProcess:
+    node = launch({**CABLE, **QOS})
+    peer.watched = node
+    peer.until(lambda: peer.node.count_services("/dlo_sim/reset"), "node", START)
+    return node
+
+
+def test_each_topic_has_the_qos_that_was_asked_for(peer: Peer) -> None:
     assert peer.get(*QOS) == list(QOS.values())
     live = peer.collect(DiagnosticArray, "/diagnostics")
     peer.until(lambda: len(live) > 3 * KEPT, "diagnostics")
@@ -54,10 +59,7 @@ def test_each_topic_has_the_qos_that_was_asked_for(
     assert points[0] == reactions[1] == []  # they demand what is not offered any more
 
 
-def test_an_override_is_for_its_own_topic_alone(
-    started: Callable[..., NodeProcess], peer: Peer
-) -> None:
-    started({**CABLE, **QOS})
+def test_an_override_is_for_its_own_topic_alone(peer: Peer) -> None:
     kept = peer.node.get_publishers_info_by_topic("/dlo_sim/control_polygon")[0].qos_profile
     assert kept.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert kept.reliability == ReliabilityPolicy.RELIABLE
