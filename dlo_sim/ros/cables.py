@@ -9,6 +9,7 @@ from typing import Any
 from dlo_sim.ros.arguments import NodeArguments
 from dlo_sim.ros.cable_node import CableNode
 from dlo_sim.ros.guarded_node import GuardedNode
+from dlo_sim.ros.lifecycle import ManagedCableNode
 from dlo_sim.scene.checking import check_names, check_value
 from dlo_sim.scene.description import scene_parameters
 from dlo_sim.scene.loading import overridden, scene_file_values
@@ -18,6 +19,7 @@ from dlo_sim.scene.refusal import SceneError
 
 _CABLES = Parameter("cables", "string_array", ())
 _SCENE = Parameter("scene", "string", "")
+_LIFECYCLE = Parameter("lifecycle", "bool", False)
 
 
 def cables(given: NodeArguments) -> dict[str, Callable[[], CableNode]]:
@@ -41,7 +43,7 @@ def cables(given: NodeArguments) -> dict[str, Callable[[], CableNode]]:
     names = [str(name) for name in found]  # type: ignore[union-attr]
     check_names(_CABLES.key, names, sorted({r.key.split(".")[0] for r in scene_parameters()}))
     if not names:
-        return {"": partial(CableNode, NODE_NAME)}
+        return {"": partial(_node, values, NODE_NAME)}
     shared = {k: v for k, v in values.items() if k.split(".")[0] not in (_CABLES.key, *names)}
     return {name: partial(_made, name, full_name, values, shared, given.remaps) for name in names}
 
@@ -59,4 +61,12 @@ def _made(
     scene = check_value(_SCENE, own.pop(_SCENE.key, ""))
     found = scene_file_values(str(scene)) if scene else {}
     merged = overridden(found, {**shared, **own})
-    return CableNode(name, merged, namespace=parent, use_global_arguments=False, cli_args=remaps)
+    return _node(
+        merged, name, merged, namespace=parent, use_global_arguments=False, cli_args=remaps
+    )
+
+
+def _node(values: Mapping[str, Any], *given: Any, **options: Any) -> CableNode:
+    """A plain node, or one with a lifecycle if the values ask for it."""
+    managed = check_value(_LIFECYCLE, values.get(_LIFECYCLE.key, False))
+    return (ManagedCableNode if managed else CableNode)(*given, **options)
