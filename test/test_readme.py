@@ -193,14 +193,14 @@ def test_every_wrench_has_its_sign_and_frame(node_page):
 
 
 def test_table_of_services_is_complete(node_page, checkout):
-    tree = ast.parse((checkout / "dlo_sim" / "ros" / "node.py").read_text(encoding="utf-8"))
+    tree = ast.parse((checkout / "dlo_sim" / "ros" / "live_cable.py").read_text(encoding="utf-8"))
     offered = {
         (
             re.sub("{.*?}", "<name>", ast.unparse(call.args[1]).strip("f'")),
             ast.unparse(call.args[0]),
         )
         for call in ast.walk(tree)
-        if isinstance(call, ast.Call) and ast.unparse(call.func) == "self.create_service"
+        if isinstance(call, ast.Call) and ast.unparse(call.func) == "serve"
     }
     rows = table_rows(section(node_page, "Services"))
     assert {(named(name)[0], kind.rpartition("/")[2]) for name, kind, _ in rows} == offered

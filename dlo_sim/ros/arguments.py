@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -25,6 +26,8 @@ from dlo_sim.scene.refusal import SceneError, brief
 
 _PARAMS_FILE = "--params-file"
 _PARAMETER = ("-p", "--param")
+_REMAP = ("-r", "--remap")
+_RENAME = ("__node:=", "__name:=", "__ns:=")
 _ROS_ARGUMENTS, _END = "--ros-args", "--"
 
 
@@ -42,6 +45,16 @@ class NodeArguments:
     for_rcl: list[str] = field(default_factory=list)
     allow_unmatched: bool = False
     nodes: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def remaps(self) -> list[str]:
+        """ROS arguments with the remap rules alone, but for those that rename every node."""
+        rules = [
+            rule
+            for flag, rule in pairwise(self.for_rcl)
+            if flag in _REMAP and not rule.startswith(_RENAME)
+        ]
+        return [_ROS_ARGUMENTS, *(word for rule in rules for word in ("-r", rule))]
 
     def unmatched(self, node: str) -> list[str]:
         """One line for each params file and -p argument that holds nothing for this node."""

@@ -5,7 +5,7 @@ can carry and they cannot hold, and whatever a callback raises ends the process.
 serve by the node's own methods, so this is where their messages are checked.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,9 +13,11 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
 from dlo_sim.ros.status import ClockWatch
+from dlo_sim.scene.description import is_node_key
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.refusal import brief
 
@@ -31,19 +33,31 @@ class GuardedNode(Node):
             declared of them.
     """
 
-    def __init__(self, name: str, **options: Any) -> None:
+    def __init__(
+        self, name: str, overrides: Mapping[str, Any] | None = None, **options: Any
+    ) -> None:
         """Make the node.
+
+        Args:
+            name: unless a remap rule gives it another one.
+            overrides: instead of those of params files and -p.
+            options: passed to `rclpy.node.Node`.
 
         Raises:
             SceneError: rclpy refuses its name, its namespace or a parameter of its own.
         """
         self.clock_watch = ClockWatch()
-        self.overrides: dict[str, Any] | None = None
+        self.overrides: dict[str, Any] = {}
+        self._noted = False
         options |= {"automatically_declare_parameters_from_overrides": True}
+        given = overrides or {}
         try:
-            super().__init__(name, **options)
-        except (RuntimeError, ParameterException) as error:
+            for_rclpy = [Parameter(k, value=given[k]) for k in given if is_node_key(k)]
+            super().__init__(name, parameter_overrides=for_rclpy, **options)
+        except (RuntimeError, ParameterException, TypeError, ValueError) as error:
             raise SceneError(f"ROS refuses the node: {one_line(error)}; correct it") from None
+        if overrides is not None:
+            self.overrides = dict(overrides)
 
     def resolved(self, topic: str) -> str:
         """A topic by its name on the wire, remapped.
@@ -62,7 +76,8 @@ class GuardedNode(Node):
         """As of every node; but the overrides, which rclpy would declare first of all and which it
         shows nowhere else, are only noted: it cannot declare an empty list.
         """
-        if ignore_override and self.overrides is None:
+        if ignore_override and not self._noted:
+            self._noted = True
             self.overrides = {name: value for name, value, *_ in parameters}
             return []
         return list(super().declare_parameters(namespace, parameters, ignore_override))

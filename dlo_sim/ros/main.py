@@ -6,7 +6,9 @@ simulator failed and `integrator.on_failure` is `stop`.
 
 import gc
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from dlo_sim.process import stopping
@@ -15,7 +17,7 @@ from dlo_sim.scene.loading import SceneError
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from dlo_sim.ros.node import CableNode
+    from dlo_sim.ros.cable_node import CableNode
 
 DONE, REFUSED, FAILED = 0, 2, 3
 
@@ -47,7 +49,7 @@ def _run(arguments: list[str]) -> int:
         import rclpy
         import rclpy.signals
 
-        from dlo_sim.ros.node import CableNode
+        from dlo_sim.ros.cables import cables
     except ImportError as error:
         if (error.name or "").startswith("dlo_sim"):
             raise
@@ -62,19 +64,55 @@ def _run(arguments: list[str]) -> int:
             rclpy.init(args=given.for_rcl, signal_handler_options=no_handlers)
         except (RuntimeError, UnicodeError) as error:
             return _refuse(f"ROS refuses the arguments: {error}")
-    node: CableNode | None = None
     try:
         stopping.check()
-        node = CableNode(given)
-        return _spin(node)
+        return _run_all(cables(given))
     finally:
-        if node is not None:
-            node.destroy_node()
         rclpy.try_shutdown()
 
 
-def _spin(node: "CableNode") -> int:
-    """Run callbacks until a signal or until the node gives up; then take the markers back."""
+def _run_all(makers: "dict[str, Callable[[], CableNode]]") -> int:
+    """Run every cable in a thread of its own, so that none waits for another; the worst status."""
+    running = list(makers)
+    with ThreadPoolExecutor(len(makers)) as pool:
+        ends = [pool.submit(_run_cable, name, makers[name], running) for name in makers]
+    return max(end.result() for end in ends)
+
+
+def _run_cable(name: str, make: "Callable[[], CableNode]", running: list[str]) -> int:
+    """Run a cable until a signal or until it gives up, which the others do not notice.
+
+    Args:
+        name: for messages.
+        running: the names of all that run; this one takes itself off.
+    """
+    label = f"{name}: " if name else ""
+    node: CableNode | None = None
+    try:
+        node = make()
+        node.start()
+        _spin(node)
+        failure = node.failure
+    except SceneError as refusal:
+        return _refuse(f"{label}{refusal}")
+    except Exception:
+        traceback.print_exc()
+        failure = "an error of the program, see above"
+    finally:
+        running.remove(name)
+        if not running:
+            stopping.disable_forced_exit()
+        if node is not None:
+            node.end()
+            node.destroy_node()
+    if failure is None:
+        return DONE
+    print(f"dlo_sim: {label}{failure}", file=sys.stderr)
+    return FAILED
+
+
+def _spin(node: "CableNode") -> None:
+    """Run callbacks until a signal or until the cable gives up."""
     executor = _executor()
     executor.add_node(node)
     try:
@@ -83,14 +121,8 @@ def _spin(node: "CableNode") -> int:
         gc.freeze()
         while not stopping.requested() and node.failure is None:
             executor.spin_once(timeout_sec=_LONGEST_SPIN)
-        stopping.disable_forced_exit()
     finally:
-        node.say_goodbye()
         executor.shutdown()
-    if node.failure is None:
-        return DONE
-    print(f"dlo_sim: {node.failure}", file=sys.stderr)
-    return FAILED
 
 
 def _executor() -> "Executor":

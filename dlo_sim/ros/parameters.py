@@ -18,13 +18,15 @@ from rcl_interfaces.msg import (
 )
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as NodeParameter
+from rclpy.qos import QoSPolicyKind
 
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
+from dlo_sim.ros.topics import INPUT_POLICIES, OUTPUT_POLICIES
 from dlo_sim.scene.checking import check_value, unknown_key
 from dlo_sim.scene.description import Scene, parameters_of_scene, scene_parameters
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 from dlo_sim.scene.parameter import Parameter
-from dlo_sim.scene.refusal import shown
+from dlo_sim.scene.refusal import nearest, shown
 
 Prepared = TypeVar("Prepared")
 
@@ -38,12 +40,13 @@ _TYPES = {
     "string_array": NodeParameter.Type.STRING_ARRAY,
 }
 _LARGEST_INTEGER = 2**63 - 1
-# What rclpy lets a user override of a subscription, and the values that every ROS middleware knows.
-_QOS_POLICIES = (
-    Parameter("history", "string", "keep_last", choices=("keep_last", "keep_all")),
-    Parameter("depth", "integer", 100, low=1, high=2**31 - 1),
-    Parameter("reliability", "string", "best_effort", choices=("best_effort", "reliable")),
-)
+# What a user may override of a topic's QoS, and the values that every ROS middleware knows.
+_QOS_POLICIES = {
+    QoSPolicyKind.HISTORY: Parameter("", "string", "", choices=("keep_last", "keep_all")),
+    QoSPolicyKind.DEPTH: Parameter("", "integer", 1, low=1, high=2**31 - 1),
+    QoSPolicyKind.RELIABILITY: Parameter("", "string", "", choices=("best_effort", "reliable")),
+    QoSPolicyKind.DURABILITY: Parameter("", "string", "", choices=("volatile", "transient_local")),
+}
 
 
 class ParameterRefused(ParameterNotDeclaredException):
@@ -68,19 +71,25 @@ class SceneParameters(Generic[Prepared]):
         scene: the scene that the parameters describe now.
     """
 
-    def __init__(self, node: GuardedNode) -> None:
+    def __init__(self, node: GuardedNode, read_only: bool = True) -> None:
         """Read the node's overrides (params files, -p), check them, declare all parameters.
+
+        Args:
+            read_only: declare those so that cannot change; rclpy cannot undeclare them.
 
         Raises:
             SceneError: an override that is unknown, of a wrong type, or an impossible scene.
         """
         self._node = node
         self.scene = scene_from_overrides(node)
-        self._rows = {row.key: row for row in parameters_of_scene(self.scene)}
+        rows = parameters_of_scene(self.scene)
+        self._fixed = set() if read_only else {row.key for row in rows if row.read_only}
+        self._rows = {r.key: replace(r, read_only=r.read_only and read_only) for r in rows}
         values = scene_values(self.scene)
         for key, row in self._rows.items():
             _declare(node, row, values[key])
         self._prepared: tuple[Scene, Prepared] | None = None
+        self._following = False
 
     def take_over(self, scene: Scene) -> None:
         """Show the values of a scene that has come about otherwise."""
@@ -105,9 +114,25 @@ class SceneParameters(Generic[Prepared]):
         """
         self._prepare = prepare
         self._adopt = adopt
+        self._following = True
         self._node.add_pre_set_parameters_callback(self._convert)
         self._node.add_on_set_parameters_callback(self._judge)
         self._node.add_post_set_parameters_callback(self._apply)
+
+    def close(self) -> None:
+        """Leave the parameters, as they are now, to the node's overrides; undeclare them, unless
+        they are read-only.
+        """
+        if self._following:
+            self._node.remove_pre_set_parameters_callback(self._convert)
+            self._node.remove_on_set_parameters_callback(self._judge)
+            self._node.remove_post_set_parameters_callback(self._apply)
+        overrides, values = self._node.overrides, scene_values(self.scene)
+        for key, row in self._rows.items():
+            if not row.read_only:
+                self._node.undeclare_parameter(key)
+            if key in overrides or values[key] != _node_value(row.default):
+                overrides[key] = values[key]
 
     def _convert(self, changes: list[NodeParameter]) -> list[NodeParameter]:
         """Give each value the declared type: 5 for 5.0, `on` read as true, an empty list.
@@ -123,6 +148,10 @@ class SceneParameters(Generic[Prepared]):
             if self._node.has_parameter(change.name):
                 return change
             raise ParameterRefused(str(unknown_key(change.name, change.value, self._rows)))
+        if change.name in self._fixed:
+            raise ParameterRefused(
+                f"{change.name}: cannot change while the node is configured; clean it up first"
+            )
         try:
             value = check_value(row, _plain(change.value))
         except SceneError as error:
@@ -162,7 +191,7 @@ def scene_from_overrides(node: GuardedNode) -> Scene:
     """
     table = {row.key: row for row in scene_parameters()}
     values: dict[str, object] = {}
-    for name, override in (node.overrides or {}).items():
+    for name, override in node.overrides.items():
         if node.has_parameter(name) or name.startswith("qos_overrides."):
             continue
         value = _plain(override)
@@ -172,27 +201,30 @@ def scene_from_overrides(node: GuardedNode) -> Scene:
     return scene_from_values(values)
 
 
-def check_qos_overrides(node: GuardedNode, topics: Iterable[str]) -> None:
+def check_qos_overrides(node: GuardedNode, inputs: Iterable[str], outputs: Iterable[str]) -> None:
     """Refuse a `qos_overrides` that rclpy would stumble over or ignore.
 
     Args:
-        topics: the inputs, by their names on the wire.
+        inputs, outputs: topics by their names on the wire.
 
     Raises:
         SceneError: a topic or policy that cannot be overridden, or a value that it cannot have.
     """
+    entities = [(topic, "subscription", INPUT_POLICIES) for topic in inputs]
+    entities += [(topic, "publisher", OUTPUT_POLICIES) for topic in outputs]
     rows = {
-        f"qos_overrides.{topic}.subscription.{row.key}": row
-        for topic in topics
-        for row in _QOS_POLICIES
+        f"qos_overrides.{topic}.{entity}.{policy.name.lower()}": _QOS_POLICIES[policy]
+        for topic, entity, policies in entities
+        for policy in policies
     }
-    for name, override in (node.overrides or {}).items():
+    for name, override in node.overrides.items():
         if not name.startswith("qos_overrides."):
             continue
         if name not in rows:
             raise SceneError(
-                f"{name}: is for no input of this scene; these can be given: "
-                f"{', '.join(rows) or 'none'}"
+                f"{name}: overrides nothing of this scene{nearest(name, rows)}; give history, "
+                "depth or reliability of an input's subscription, or depth, reliability or "
+                "durability of an output's publisher, by the topic's full name"
             )
         check_value(replace(rows[name], key=name), _plain(override))
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
@@ -17,18 +17,9 @@ from dlo_sim.session.cdr_markers import encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
 from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, TF, InputTopic, output_topics
 
-# Best effort as sensors publish, so that every publisher matches, but a deeper queue than the usual
-# 5: a tick that takes 20 ms must not lose a 500 Hz wrench.
-_STREAM_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-# What is said once must not be lost.
-_ONCE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-# The newest state also for readers that come later; a slow reader never blocks the node.
-OUTPUT_QOS = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-MANY_QOS = QoSProfile(depth=10)  # each message is about something else
+# What users may override. No keep_all for publishers: a slow reader would block the node.
+INPUT_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
+OUTPUT_POLICIES = (QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 
 _GOODBYE = Duration(nanoseconds=300_000_000)  # longest wait for viewers to take the last marker
 
@@ -40,9 +31,28 @@ def message_class(kind: str) -> type:
     return found
 
 
+# Each call makes a profile of its own: rclpy writes what the user overrides into it.
+
+
 def input_qos(kind: str) -> QoSProfile:
-    """How an input of a ROS type is subscribed."""
-    return _ONCE_QOS if kind == BOOL else _STREAM_QOS
+    """How an input of a ROS type is subscribed.
+
+    Best effort as sensors publish, so that every publisher matches, but a deeper queue than the
+    usual 5: a tick that takes 20 ms must not lose a 500 Hz wrench. A Bool is said once and must not
+    be lost.
+    """
+    once = kind == BOOL
+    reliability = ReliabilityPolicy.RELIABLE if once else ReliabilityPolicy.BEST_EFFORT
+    return QoSProfile(depth=100, reliability=reliability)
+
+
+def output_qos(topic: str) -> QoSProfile:
+    """How an output is published: the newest state also for readers that come later, unless each
+    message is about something else. A slow reader never blocks the node.
+    """
+    if topic in (DIAGNOSTICS, FORECAST, TF):
+        return QoSProfile(depth=10)
+    return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Outputs:
@@ -63,9 +73,12 @@ class Outputs:
             self._readers.pop(topic, None)
         for topic, kind in wanted.items():
             if topic not in self._publishers:
-                qos = MANY_QOS if topic in (DIAGNOSTICS, FORECAST, TF) else OUTPUT_QOS
-                publisher = self._node.create_publisher(message_class(kind), topic, qos)
-                self._publishers[topic] = publisher
+                self._publishers[topic] = self._node.create_publisher(
+                    message_class(kind),
+                    topic,
+                    output_qos(topic),
+                    qos_overriding_options=QoSOverridingOptions(OUTPUT_POLICIES),
+                )
 
     @property
     def topics(self) -> list[str]:
@@ -115,6 +128,11 @@ class Outputs:
         for topic in self._markers:
             self._publishers[topic].wait_for_all_acked(_GOODBYE)
 
+    def close(self) -> None:
+        """End the publishers."""
+        while self._publishers:
+            self._node.destroy_publisher(self._publishers.popitem()[1])
+
 
 class Inputs:
     """Subscriptions to what a session listens to."""
@@ -140,7 +158,7 @@ class Inputs:
             topic,
             lambda raw: receive(topic, raw),
             input_qos(source.type),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=QoSOverridingOptions(INPUT_POLICIES),
             raw=True,
         )
 
@@ -153,6 +171,11 @@ class Inputs:
                 if taken is None:
                     break
                 subscription.callback(taken[0])
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        while self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.popitem()[1])
 
     @property
     def topics(self) -> list[str]:

@@ -1,6 +1,7 @@
 """tf2, which few scenes need and not every installation has: the only file that imports it."""
 
 import math
+from contextlib import ExitStack
 from typing import Any
 
 from rclpy.node import Node
@@ -33,15 +34,19 @@ def tf2_for(scene: Scene) -> Any:
     return tf2_ros
 
 
-def transforms_of(node: Node, scene: Scene) -> Transforms | None:
-    """What tf2 knows, if a scene takes anything from it.
+def transforms_of(node: Node, scene: Scene, opened: ExitStack) -> Transforms | None:
+    """What tf2 knows, if a scene takes anything from it; heard until `opened` is closed.
 
     Raises:
         SceneError: as `tf2_for`.
     """
     tf2_ros = tf2_for(scene)
     listens = set(scene.tf_keys) - {"outputs.tf"}
-    return _Listener(tf2_ros, node, scene.frame_id) if listens else None
+    if not listens:
+        return None
+    listener = _Listener(tf2_ros, node, scene.frame_id)
+    opened.callback(listener.close)
+    return listener
 
 
 class _Listener:
@@ -71,6 +76,10 @@ class _Listener:
         stamp = found.header.stamp
         stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
         return Transform(stamp_ns, values[:3], normalized(values[3:]))
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._listener.unregister()
 
     def clear(self) -> None:
         """As `Transforms.clear`; what stands still stays known."""

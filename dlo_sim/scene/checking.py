@@ -96,8 +96,8 @@ def _check_number(row: Parameter, value: object, key: str) -> float | int:
     return value if row.element_kind == "integer" else float(value)
 
 
-def check_names(group: str, names: Sequence[str], reserved: Sequence[str] = ()) -> None:
-    """Refuse names of loads or grasps that cannot be part of a key, and duplicates.
+def check_names(key: str, names: Sequence[str], reserved: Sequence[str] = ()) -> None:
+    """Refuse names given by this key that cannot be part of a key, and duplicates.
 
     Raises:
         SceneError: naming the first bad one.
@@ -106,12 +106,12 @@ def check_names(group: str, names: Sequence[str], reserved: Sequence[str] = ()) 
         taken = ("names", *reserved)
         if not _NAME.fullmatch(name) or name in taken:
             raise refusal(
-                f"{group}.names",
+                key,
                 name,
                 f"is not a name; use letters, digits and _ (but not {', '.join(map(repr, taken))})",
             )
         if list(names).count(name) > 1:
-            raise refusal(f"{group}.names", name, "is there twice; give each its own name")
+            raise refusal(key, name, "is there twice; give each its own name")
 
 
 def unknown_key(key: str, value: object, known: Mapping[str, Parameter]) -> SceneError:

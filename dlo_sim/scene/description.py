@@ -46,8 +46,10 @@ DEPTH = 1e-3  # diameters that weight on earth presses a cable into an obstacle
 Names = tuple[str, ...]
 # Groups with a block for each name, and the names that mean something else.
 _NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ()}
-# Parameters that every ROS node has; a scene file may set them, the scene does not need them.
-_ROS_KEYS = re.compile(r"(use_sim_time|start_type_description_service|qos_overrides\..*)")
+# Parameters of the node, not of the scene, which a scene file may set all the same.
+_NODE_KEYS = re.compile(
+    r"(use_sim_time|start_type_description_service|qos_overrides\..*|lifecycle|cables)"
+)
 
 
 @dataclass(frozen=True)
@@ -223,6 +225,11 @@ def parameters_of_scene(scene: Scene) -> tuple[Parameter, ...]:
     return scene_parameters(*(tuple(item.name for item in group) for group in groups))
 
 
+def is_node_key(key: str) -> bool:
+    """Whether a scene file sets something of the node by this key that the scene does not need."""
+    return _NODE_KEYS.fullmatch(key) is not None
+
+
 def scene_from_values(values: Mapping[str, object]) -> Scene:
     """Build a scene from flat values; what is not given has its default.
 
@@ -241,7 +248,7 @@ def scene_from_values(values: Mapping[str, object]) -> Scene:
             raise SceneError(f"{brief(key)}: a key must be a string; give one like 'cable.length'")
         if key in known:
             checked[key] = check_value(known[key], value)
-        elif not _ROS_KEYS.fullmatch(key):
+        elif not is_node_key(key):
             raise unknown_key(key, value, known)
     scene = with_parameters(default_scene(*names), checked)
     scene.check()
@@ -286,5 +293,5 @@ def _names(group: str, values: Mapping[str, object]) -> Names:
     row = next(row for row in scene_parameters() if row.key == f"{group}.names")
     names = check_value(row, values.get(row.key, row.default))
     texts = tuple(str(name) for name in names)  # type: ignore[union-attr]
-    check_names(group, texts, _NAMED[group])
+    check_names(row.key, texts, _NAMED[group])
     return texts

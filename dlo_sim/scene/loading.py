@@ -23,7 +23,9 @@ __all__ = [
     "SceneError",
     "find_scene",
     "load_scene",
+    "overridden",
     "parse_assignment",
+    "scene_file_values",
     "scene_from_values",
     "scene_values",
     "shipped_scene",
@@ -52,9 +54,25 @@ def load_scene(
     if isinstance(source, Mapping):
         values = node_values(source) if has_nodes(source) else flat_keys(source)
         return scene_from_values(overridden(values, wanted))
+    values = scene_file_values(source)
+    try:
+        return scene_from_values(overridden(values, wanted))
+    except SceneError as error:
+        raise SceneError(f"{find_scene(source)}: {error}") from None
+
+
+def scene_file_values(source: str | os.PathLike[str]) -> dict[str, object]:
+    """What a scene file says, dotted key -> value, before any check of it.
+
+    Args:
+        source: as of `load_scene`, a name or a path.
+
+    Raises:
+        SceneError: the file cannot be read or holds no scene.
+    """
     path = find_scene(source)
     try:
-        return scene_from_values(overridden(node_values(_read_yaml(path)), wanted))
+        return node_values(_read_yaml(path))
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
 

@@ -178,17 +178,17 @@ class Peer:
         self.node.destroy_client(client)
         return future.result()
 
-    def set(self, values: Mapping[str, Any]) -> SetParametersResult:
+    def set(self, values: Mapping[str, Any], node: str = "/dlo_sim") -> SetParametersResult:
         """Set parameters of the node, all together."""
         messages = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
         request = SetParametersAtomically.Request(parameters=messages)
-        name = "/dlo_sim/set_parameters_atomically"
+        name = f"{node}/set_parameters_atomically"
         return self.call(SetParametersAtomically, name, request, START).result
 
-    def get(self, *names: str) -> list[Any]:
+    def get(self, *names: str, node: str = "/dlo_sim") -> list[Any]:
         """Values of parameters of the node."""
         request = GetParameters.Request(names=names)
-        values = self.call(GetParameters, "/dlo_sim/get_parameters", request).values
+        values = self.call(GetParameters, f"{node}/get_parameters", request).values
         return [parameter_value_to_python(value) for value in values]
 
     def status(

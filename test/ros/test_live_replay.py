@@ -173,15 +173,15 @@ class Player:
 
 
 class Publications:
-    """Everything that the node publishes on ~/control_points, with sequence numbers and times."""
+    """Everything that a node publishes on ~/control_points, with sequence numbers and times."""
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer: Peer, node: str = "/dlo_sim") -> None:
         self.numbers: list[int] = []
         self.times: list[int] = []
         self.poses: dict[int, bytes] = {}
         self._peer = peer.node
         self._subscription = peer.node.create_subscription(
-            PoseArray, "/dlo_sim/control_points", self._take, QoSProfile(depth=1000), raw=True
+            PoseArray, f"{node}/control_points", self._take, QoSProfile(depth=1000), raw=True
         )
 
     def end(self) -> None:

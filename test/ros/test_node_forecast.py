@@ -32,7 +32,8 @@ def plan(joint: str) -> MultiDOFJointTrajectory:
 
 
 def children(process: int) -> list[str]:
-    return Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    threads = Path(f"/proc/{process}/task").glob("*/children")
+    return [child for thread in threads for child in thread.read_text().split()]
 
 
 def test_plans_are_forecast_and_bad_ones_refused(

@@ -20,6 +20,7 @@ from geometry_msgs.msg import PoseArray
 from node_harness import CABLE, HELD, START, NodeProcess, Peer
 
 QOS = "qos_overrides./dlo_sim/tip/wrench.subscription"
+OUT = "qos_overrides./dlo_sim/control_points.publisher"
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,8 @@ QOS = "qos_overrides./dlo_sim/tip/wrench.subscription"
         ({f"{QOS}.depth": 0}, f"{QOS}.depth: 0"),
         ({f"{QOS}.history": ["keep_all"]}, f"{QOS}.history"),
         ({f"{QOS}.durability": "volatile"}, f"{QOS}.durability"),
+        ({f"{OUT}.durability": "for ever"}, f"{OUT}.durability: 'for ever'"),
+        ({f"{OUT}.history": "keep_all"}, f"{OUT}.history"),
     ],
 )
 def test_a_bad_parameter_is_refused(

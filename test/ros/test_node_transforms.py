@@ -45,6 +45,9 @@ class Buffer:
 class TransformListener:
     def __init__(self, buffer, node):
         assert isinstance(buffer, Buffer) and node.get_name() == "dlo_sim"
+
+    def unregister(self):
+        pass
 '''
 
 

@@ -30,7 +30,7 @@ class FakeNode:
     def __init__(self) -> None:
         self.publishers_of: dict[str, FakePublisher] = {}
 
-    def create_publisher(self, message_type: type, topic: str, qos: Any) -> FakePublisher:
+    def create_publisher(self, message_type: type, topic: str, *_: Any, **__: Any) -> FakePublisher:
         return self.publishers_of.setdefault(topic, FakePublisher())
 
 

@@ -1,4 +1,4 @@
-"""The node `dlo_sim`: time, topics, parameters and services around one session.
+"""A cable on a node: time, topics, parameters and services around one session.
 
 A callback hands over, asks the session to advance to a time, publishes. What a message means, how
 far a tick goes and what is worth a warning is decided in `dlo_sim.session`, which the bag replay
@@ -6,6 +6,8 @@ shares.
 """
 
 import time
+from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -16,7 +18,6 @@ from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from dlo_sim.compiling.directory import compiling_told_to
-from dlo_sim.ros.arguments import NodeArguments
 from dlo_sim.ros.background import in_background
 from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
@@ -28,12 +29,11 @@ from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.node_blocks import NODE_NAME
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.simulator_protocol import State
-from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics
+from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
 from dlo_sim.session.transforms import Transforms
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
@@ -41,69 +41,81 @@ _LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
 
 
-class CableNode(GuardedNode):
-    """Predicts a cable live.
+class LiveCable:
+    """Predicts a cable live, on a node of its own.
 
     Attributes:
-        failure: why the node must end, one line; None while all is well.
+        failure: why it must end, one line; None while all is well.
     """
 
-    def __init__(self, given: NodeArguments | None = None, **options: Any) -> None:
-        """Read the parameters, build and compile the simulator, then open topics, services, timers.
+    def __init__(self, node: GuardedNode, *, read_only: bool = True) -> None:
+        """Read the parameters, build and compile the simulator, then open topics and services.
 
         Args:
-            given: the command line.
-            options: passed to `rclpy.node.Node`.
+            node: whose overrides are the scene; an executor spins it.
+            read_only: declare what the scene fixes so, which lasts for the life of the node.
 
         Raises:
-            SceneError: a parameter is refused or for another node, or the scene cannot be
-                simulated.
+            SceneError: a parameter is refused, the scene cannot be simulated, or ROS cannot have
+                its topics; the node is as before.
         """
-        super().__init__(NODE_NAME, **options)
         self.failure: str | None = None
-        self._naming = Naming(self.get_fully_qualified_name(), self.resolved)
-        self._refuse_unmatched(given or NodeArguments())
-        self._scene_parameters: SceneParameters[Prepared] = SceneParameters(self)
-        scene = self._scene_parameters.scene
-        check_qos_overrides(self, [self._naming.topic(e.topic) for e in input_topics(scene)])
-        self._keeper = StateKeeper(scene, self.get_logger())
-        saved = self._keeper.found(scene)
-        if saved is not None:
-            scene = saved.scene
-            self._scene_parameters.take_over(scene)
-        transforms = transforms_of(self, scene)
-        self._session = self._built(scene, saved, transforms)
-        self._plan_topic = self._naming.topic(PLAN)
-        count = scene.forecast.processes
-        self._forecaster = Forecaster(self._session, self._plan_topic, count) if count else None
-        self._status = self._session.status
+        self._node = node
+        self._naming = Naming(node.get_fully_qualified_name(), node.resolved)
         self._times = TickTimes()
         self._clock_jumps = 0
         self._late_reported = 0
         self._logged = (0, 0)  # events and refusals that the log knows of
         self._source_problems: list[str] = []
         self._early: dict[str, bytes] = {}
-        self._open(scene)
-        self._scene_parameters.follow(self._prepare, self._adopt)
-        self._keep_time(scene)
+        self._timers: list[Timer] = []  # none while it is not active
+        with ExitStack() as opened:
+            self._open(opened, read_only)
+            self._opened = opened.pop_all()
         self._log_topics()
 
-    # -- start-up -------------------------------------------------------------------------------
+    # -- start and end --------------------------------------------------------------------------
 
-    def _refuse_unmatched(self, given: NodeArguments) -> None:
-        """Refuse parameters that are all for other nodes, or only say so if that is what is wanted.
-
-        Raises:
-            SceneError: naming the file and the nodes in it.
-        """
-        for line in given.unmatched(self._naming.node):
-            if not given.allow_unmatched:
-                raise SceneError(line)
-            self.get_logger().warning(line)
+    def _open(self, opened: ExitStack, read_only: bool) -> None:
+        """Do what `__init__` says; `opened` knows how to undo it."""
+        node = self._node
+        self._scene_parameters: SceneParameters[Prepared] = SceneParameters(node, read_only)
+        opened.callback(self._scene_parameters.close)
+        scene = self._scene_parameters.scene
+        inputs = (entry.topic for entry in (*input_topics(scene), *plan_topics(scene)))
+        wire = self._naming.topic
+        check_qos_overrides(node, map(wire, inputs), map(wire, possible_outputs(scene)))
+        self._keeper = StateKeeper(scene, node.get_logger())
+        saved = self._keeper.found(scene)
+        if saved is not None:
+            scene = saved.scene
+            self._scene_parameters.take_over(scene)
+        self._session = self._built(scene, saved, transforms_of(node, scene, opened))
+        opened.callback(lambda: self._keeper.close(self._session))
+        self._status = self._session.status
+        self._period_ns = round(1e9 / scene.rate)
+        self._plan_topic = wire(PLAN)
+        count = scene.forecast.processes
+        self._forecaster = Forecaster(self._session, self._plan_topic, count) if count else None
+        if self._forecaster is not None:
+            opened.callback(self._forecaster.close)
+        try:
+            self._outputs = Outputs(node, scene)
+            opened.callback(self._outputs.close)
+            plans = (entry._replace(topic=self._plan_topic) for entry in plan_topics(scene))
+            self._inputs = Inputs(node, (*self._session.inputs, *plans), self._receive)
+            opened.callback(self._inputs.close)
+            self._serve(opened)
+        except RuntimeError as error:
+            raise SceneError(
+                f"ROS cannot open topics and services: {one_line(error)}; correct their names or "
+                "the remap rules"
+            ) from None
+        self._scene_parameters.follow(self._prepare, self._adopt)
 
     def _built(self, scene: Scene, saved: State | None, transforms: Transforms | None) -> Session:
         """The session, with its machine code loaded."""
-        log = self.get_logger()
+        log = self._node.get_logger()
         log.info("building the simulator")
         begin = time.perf_counter()
         with compiling_told_to(log.info):
@@ -115,50 +127,55 @@ class CableNode(GuardedNode):
             log.warning(line)
         return session
 
-    def _open(self, scene: Scene) -> None:
-        """Open topics and services.
-
-        Raises:
-            SceneError: ROS cannot have them, for example where it has something of another type.
+    def activate(self) -> None:
+        """Begin to listen and to tick on the node's clock, and to publish; diagnostics on a clock
+        that runs when /clock does not. After `deactivate` the state goes on as after a pause.
         """
-        try:
-            self._outputs = Outputs(self, scene)
-            plans = (entry._replace(topic=self._plan_topic) for entry in plan_topics(scene))
-            self._inputs = Inputs(self, (*self._session.inputs, *plans), self._receive)
-            self._serve()
-        except RuntimeError as error:
-            raise SceneError(
-                f"ROS cannot open topics and services: {one_line(error)}; correct their names or "
-                "the remap rules"
-            ) from None
-
-    def _serve(self) -> None:
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Trigger, "~/step", self._on_step)
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        for grasp in self._session.scene.grasps:
-            answer = partial(self._on_grasp, grasp.name)
-            self.create_service(Trigger, f"~/{grasp.name}/take", partial(answer, True))
-            self.create_service(Trigger, f"~/{grasp.name}/release", partial(answer, False))
-
-    def _keep_time(self, scene: Scene) -> None:
-        """Ticks on the node's clock; diagnostics on a clock that runs when /clock does not."""
         threshold = JumpThreshold(
             min_forward=_STEP_AHEAD, min_backward=Duration(nanoseconds=-1), on_clock_change=True
         )
-        self._jump_handle = self.get_clock().create_jump_callback(
+        self._jump_handle = self._node.get_clock().create_jump_callback(
             threshold, post_callback=self._on_jump
         )
-        self._timer = self._tick_timer(scene)
+        if self._session.status is SessionStatus.RUNNING:
+            self._session.pause(True)
+            self._session.pause(False)
+        self._times.interrupt()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._report, clock=steady)
+        report = self._node.create_timer(_DIAGNOSTICS_PERIOD, self._report, clock=steady)
+        self._timers = [report, self._tick_timer()]
 
-    def _tick_timer(self, scene: Scene) -> Timer:
-        self._period_ns = round(1e9 / scene.rate)
-        return self.create_timer(1.0 / scene.rate, self._on_timer)
+    def deactivate(self) -> None:
+        """Stop all of that and keep the state."""
+        if self._timers:
+            self._jump_handle.unregister()
+        while self._timers:
+            self._node.destroy_timer(self._timers.pop())
+
+    def close(self) -> None:
+        """Keep the state, remove the markers from every viewer, and leave the node as before."""
+        self.deactivate()
+        self._outputs.say_goodbye(self._now())
+        self._opened.close()
+
+    def _tick_timer(self) -> Timer:
+        return self._node.create_timer(self._period_ns * 1e-9, self._on_timer)
+
+    def _serve(self, opened: ExitStack) -> None:
+        def serve(kind: type, name: str, answer: Callable[..., Any]) -> None:
+            service = self._node.create_service(kind, name, answer)
+            opened.callback(self._node.destroy_service, service)
+
+        serve(Trigger, "~/reset", self._on_reset)
+        serve(Trigger, "~/step", self._on_step)
+        serve(SetBool, "~/pause", self._on_pause)
+        for grasp in self._session.scene.grasps:
+            answer = partial(self._on_grasp, grasp.name)
+            serve(Trigger, f"~/{grasp.name}/take", partial(answer, True))
+            serve(Trigger, f"~/{grasp.name}/release", partial(answer, False))
 
     def _log_topics(self) -> None:
-        log = self.get_logger()
+        log = self._node.get_logger()
         log.info(f"listens to {', '.join(self._inputs.topics) or 'no topic'}")
         log.info(f"publishes {', '.join(self._outputs.topics)}")
 
@@ -166,7 +183,7 @@ class CableNode(GuardedNode):
 
     def _now(self) -> int:
         """The node's clock [ns]; 0 while simulated time has not begun."""
-        return int(self.get_clock().now().nanoseconds)
+        return int(self._node.get_clock().now().nanoseconds)
 
     def _receive(self, topic: str, raw: bytes) -> None:
         """Hand a serialised message to the session.
@@ -174,6 +191,8 @@ class CableNode(GuardedNode):
         Before the first /clock nothing can be dated: the newest message of each topic waits for it.
         """
         now = self._now()
+        if not self._timers:
+            return
         if topic == self._plan_topic and self._forecaster is not None:
             self._forecaster.accept(raw, now)
         elif now == 0:
@@ -192,7 +211,7 @@ class CableNode(GuardedNode):
     def _tick(self) -> None:
         """Advance the session to now and publish."""
         now = self._now()
-        if now == 0:
+        if now == 0 or not self._timers:
             return
         begin = time.perf_counter_ns()
         if self._early:
@@ -217,7 +236,7 @@ class CableNode(GuardedNode):
     def _log_status(self, status: SessionStatus, message: str) -> None:
         self._status = status
         text = message or status.value
-        log = self.get_logger()
+        log = self._node.get_logger()
         if status is SessionStatus.FAILED:
             log.error(f"failed: {text}")
         else:
@@ -234,7 +253,7 @@ class CableNode(GuardedNode):
             return
         self._clock_jumps += 1
         what = "was exchanged" if exchanged else f"went back {-jump.delta.nanoseconds * 1e-9:.3f} s"
-        self.get_logger().warning(f"the clock {what}; the simulation starts over")
+        self._node.get_logger().warning(f"the clock {what}; the simulation starts over")
         self._start_over()
 
     def _start_over(self) -> None:
@@ -256,7 +275,7 @@ class CableNode(GuardedNode):
         def build() -> None:
             made.append(self._session.prepare(scene))
 
-        with compiling_told_to(self.get_logger().info):
+        with compiling_told_to(self._node.get_logger().info):
             in_background(build, self._keep_ticking, lambda: self._period_ns * 1e-9)
         return made[0]
 
@@ -276,16 +295,18 @@ class CableNode(GuardedNode):
         self._session.reconfigure(scene, prepared)
         self._outputs.follow(scene)
         if scene.rate != before.rate:
-            self.destroy_timer(self._timer)
-            self._timer = self._tick_timer(scene)
+            self._period_ns = round(1e9 / scene.rate)
+            if self._timers:
+                self._node.destroy_timer(self._timers.pop())
+                self._timers.append(self._tick_timer())
         self._times.interrupt()
         self._tick()
         self._log_grasps(before)
         if self._session.simulator is simulator:
             return
-        self.get_logger().info(f"parameters changed: {_summary(self._session)}")
+        self._node.get_logger().info(f"parameters changed: {_summary(self._session)}")
         for line in self._session.simulator.warnings:
-            self.get_logger().warning(line)
+            self._node.get_logger().warning(line)
 
     def _log_grasps(self, before: Scene) -> None:
         """Say which grasps hold the cable now, and did not, or the other way round."""
@@ -296,7 +317,7 @@ class CableNode(GuardedNode):
             u = saved.geometries[grasp.name].u
             where = "" if u is None else f" at u = {u / scene.cable.length:.2f}"
             verb = "released" if u is None else "took"
-            self.get_logger().info(f"{verb} '{grasp.name}'{where}")
+            self._node.get_logger().info(f"{verb} '{grasp.name}'{where}")
 
     # -- services -------------------------------------------------------------------------------
 
@@ -316,6 +337,9 @@ class CableNode(GuardedNode):
 
     def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """~/step: while paused, advance by one timer period."""
+        if not self._timers:
+            response.message = "not active; activate the node first"
+            return response
         if self._session.status is not SessionStatus.PAUSED:
             response.message = "not paused; call ~/pause with data: true first"
             return response
@@ -340,7 +364,7 @@ class CableNode(GuardedNode):
             verb = "holds" if taken else "does not hold"
             response.message = f"nothing to do: {name} {verb} the cable"
             return response
-        (result,) = self.set_parameters([NodeParameter(key, NodeParameter.Type.BOOL, taken)])
+        (result,) = self._node.set_parameters([NodeParameter(key, NodeParameter.Type.BOOL, taken)])
         response.success = result.successful
         response.message = result.reason or f"{key}: {str(taken).lower()}"
         return response
@@ -351,14 +375,14 @@ class CableNode(GuardedNode):
         """Publish /diagnostics: what the session counts, and what only the node can measure."""
         now = self._now()
         steady = time.perf_counter_ns()
-        self.clock_watch.look(now, steady * 1e-9)
+        self._node.clock_watch.look(now, steady * 1e-9)
         fresh_late = self._times.late - self._late_reported
         self._late_reported = self._times.late
         sources = self._inputs.sources()
         status = node_status(
             self._times.report(steady, self._session.simulator.step),
             fresh_late,
-            self.clock_watch,
+            self._node.clock_watch,
             self._clock_jumps,
             sources,
         )
@@ -371,14 +395,14 @@ class CableNode(GuardedNode):
         self._log_events()
         problems = [line for source in sources for line in source.problems]
         for line in set(problems).difference(self._source_problems):
-            self.get_logger().warning(line)
+            self._node.get_logger().warning(line)
         self._source_problems = problems
 
     def _log_events(self) -> None:
         """Say in the log, too, what the diagnostics have counted anew; not every second again."""
         journal = self._session.journal
         counts = (sum(journal.events.values()), sum(journal.refused.values()))
-        log = self.get_logger()
+        log = self._node.get_logger()
         if counts[0] > self._logged[0]:
             log.warning(journal.last_event, throttle_duration_sec=_LOG_PAUSE)
         if counts[1] > self._logged[1]:
@@ -390,13 +414,6 @@ class CableNode(GuardedNode):
                 throttle_duration_sec=_LOG_PAUSE,
             )
         self._logged = counts
-
-    def say_goodbye(self) -> None:
-        """Keep the state and remove the markers from every viewer; call it last."""
-        self._keeper.close(self._session)
-        if self._forecaster is not None:
-            self._forecaster.close()
-        self._outputs.say_goodbye(self._now())
 
 
 def _summary(session: Session) -> str:

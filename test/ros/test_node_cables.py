@@ -1,0 +1,247 @@
+"""Several cables in one process: each has its scene, names, rate, failures and end."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import signal
+import statistics
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray, WrenchStamped
+from node_harness import CABLE, START, NodeProcess, Peer
+from test_live_replay import DRIVEN, SECOND, Player, Publications, motion, offline, write_bag
+from visualization_msgs.msg import Marker
+
+from dlo_sim.ros.arguments import read_arguments
+from dlo_sim.ros.cables import cables as cables_of
+from dlo_sim.ros.main import FAILED
+from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
+
+TWO = {"cables": ["a", "b"]}
+# An explicit method close to its stability limit: the push of 100 N makes it diverge.
+UNSTABLE = {"integrator.method": "forest_ruth", "integrator.on_failure": "stop"}
+
+Start = Callable[..., NodeProcess]
+
+
+def of(name: str, values: dict[str, Any]) -> dict[str, Any]:
+    return {f"{name}.{key}": value for key, value in values.items()}
+
+
+@pytest.fixture
+def cables(launch: Start, peer: Peer) -> Iterator[Start]:
+    """`cables(values, *arguments)`: up and running as far as the names say."""
+    nodes: list[NodeProcess] = []
+
+    def start(values: dict[str, Any], *arguments: str, up: str = "ab") -> NodeProcess:
+        node = launch(values, *arguments)
+        nodes.append(node)
+        peer.watched = node
+        for name in up:
+            service = f"/dlo_sim/{name}/reset"
+            peer.until(lambda service=service: peer.node.count_services(service), name, START)
+        return node
+
+    yield start
+    peer.watched = None
+    for node in nodes:
+        node.end()
+    for name in "ab":
+        service = f"/dlo_sim/{name}/reset"
+        peer.until(lambda service=service: not peer.node.count_services(service), "the end")
+
+
+def push(peer: Peer, node: str, force: float) -> tuple[Any, WrenchStamped]:
+    message = WrenchStamped()
+    message.wrench.force.y = force
+    return peer.publisher(WrenchStamped, f"{node}/tip/wrench"), message
+
+
+def period(points: list[PoseArray]) -> float:
+    """Between most stamps [s]."""
+    stamps = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in points]
+    return statistics.median(later - stamp for stamp, later in itertools.pairwise(stamps))
+
+
+def sideways(points: list[PoseArray]) -> float:
+    return max(abs(pose.position.y) for message in points for pose in message.poses)
+
+
+def test_each_cable_has_its_scene_inputs_refusals_and_parameters(cables: Start, peer: Peer) -> None:
+    rates = {**of("a", {"rate": 100.0}), **of("b", {"rate": 25.0, "cable.length": 0.5})}
+    node = cables({**TWO, **CABLE, **rates})
+    found = {name: peer.collect(PoseArray, f"/dlo_sim/{name}/control_points") for name in "ab"}
+    markers = [peer.collect(Marker, f"/dlo_sim/{name}/centerline") for name in "ab"]
+    statuses = peer.collect(DiagnosticArray, "/diagnostics")
+    publisher, message = push(peer, "/dlo_sim/a", 0.05)
+    with peer.repeating(publisher, message):
+        peer.until(lambda: found["a"] and sideways(found["a"]) > 0.1, "motion of a")
+        peer.until(lambda: len(found["b"]) > 20, "control points of b")
+    assert sideways(found["b"]) < 1e-9
+    assert peer.get("cable.length", "rate", node="/dlo_sim/a") == [1.0, 100.0]
+    assert peer.get("cable.length", "rate", node="/dlo_sim/b") == [0.5, 25.0]
+    assert period(found["a"]) == pytest.approx(0.01, rel=0.1)
+    assert period(found["b"]) == pytest.approx(0.04, rel=0.1)
+
+    publisher, message = push(peer, "/dlo_sim/a", math.nan)
+    with peer.repeating(publisher, message):
+        peer.status(
+            "/dlo_sim/a: input /dlo_sim/a/tip/wrench",
+            lambda values, status: int(values.get("refused not_finite", "0")) > 3,
+            "refused wrenches of a",
+        )
+    refused = peer.set({"cable.length": -1.0}, "/dlo_sim/a")
+    assert not refused.successful and "cable.length" in refused.reason
+    assert peer.set({"rate": 50.0}, "/dlo_sim/b").successful
+    assert peer.get("cable.length", "rate", node="/dlo_sim/a") == [1.0, 100.0]
+    count = len(found["b"])
+    peer.until(lambda: len(found["b"]) > count + 10, "b going on")
+    refusing = {
+        status.name.split(":")[0]
+        for array in statuses
+        for status in array.status
+        if any(item.key == "refused not_finite" for item in status.values)
+    }
+    assert refusing == {"/dlo_sim/a"}
+    ids = {status.hardware_id for array in statuses for status in array.status}
+    assert ids == {"/dlo_sim/a", "/dlo_sim/b"}
+
+    peer.until(lambda: all(m and m[-1].action == Marker.ADD for m in markers), "markers")
+    node.process.send_signal(signal.SIGINT)
+    peer.watched = None
+    peer.until(lambda: all(m[-1].action == Marker.DELETEALL for m in markers), "DELETEALL")
+    assert node.wait() == 0
+    assert "Traceback" not in node.output
+
+
+def test_one_that_is_refused_and_one_that_fails_do_not_stop_the_other(
+    cables: Start, peer: Peer, tmp_path: Path
+) -> None:
+    """`a` has a scene file and goes on, `b` fails at a push, `c` has no scene file."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "dlo_sim:\n  ros__parameters:\n    cable: {length: 0.4}\n    start: {fixed: [true, true, "
+        "true]}\n    gravity: [0, 0, -9.5]\n    loads: {names: [tip]}\n",
+        encoding="utf-8",
+    )
+    of_a = of("a", {"scene": str(scene), "loads.names": []})
+    of_b = of("b", {**CABLE, "damping.stiffness": 0.0, **UNSTABLE})
+    node = cables({"cables": ["a", "b", "c"], "c.scene": "two_gripers", **of_a, **of_b})
+    found = peer.collect(PoseArray, "/dlo_sim/a/control_points")
+    names = ("cable.length", "gravity", "loads.names")
+    assert peer.get(*names, node="/dlo_sim/a") == [0.4, [0.0, 0.0, -9.5], []]
+    peer.until(lambda: "dlo_sim: error: c: 'two_gripers' is not a" in node.output, "a refusal")
+    assert not peer.node.count_publishers("/dlo_sim/c/control_points")
+
+    publisher, message = push(peer, "/dlo_sim/b", 100.0)
+    with peer.repeating(publisher, message):
+        peer.until(lambda: "dlo_sim: b: " in node.output, "the failure of b")
+    peer.until(lambda: not peer.node.count_services("/dlo_sim/b/reset"), "the end of b")
+    count = len(found)
+    peer.until(lambda: len(found) > count + 5, "a going on")
+    assert node.stop() == FAILED
+    assert "Traceback" not in node.output
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"cables": "[a, a]"}, "cables: 'a' is there twice"),
+        ({"cables": "[start]"}, "cables: 'start' is not a name"),
+        ({"cables": "a"}, "cables: 'a'"),
+        ({"cables": "[a]", "a.scene": "3"}, "scene: 3"),
+        ({"cables": "[a]", "a.lifecycle": "3"}, "lifecycle: 3"),
+        ({"cables": "[a]", "b.cable.length": "2.0"}, "b.cable.length: 2.0"),
+        ({"lifecycle": "later"}, "lifecycle: 'later'"),
+    ],
+)
+def test_bad_names_are_refused(domain: int, values: dict[str, str], named: str) -> None:
+    rules = [word for key, text in values.items() for word in ("-p", f"{key}:={text}")]
+    with read_arguments(["--ros-args", *rules]) as given:
+        rclpy.init(args=given.for_rcl, domain_id=domain)
+        try:
+            with pytest.raises(SceneError, match=named):
+                for make in cables_of(given).values():
+                    make().start()
+        finally:
+            rclpy.shutdown()
+
+
+def test_remap_rules_are_for_each_cable_and_new_names_for_all_together(domain: int) -> None:
+    rules = ["-r", "__ns:=/arm", "-r", "__node:=left", "-r", "b:~/tip/wrench:=/hand"]
+    values = ["-p", "cables:=[a, b]", "-p", "b.rate:=50.0", "-p", "use_sim_time:=true"]
+    with read_arguments(["--ros-args", *rules, *values]) as given:
+        rclpy.init(args=given.for_rcl, domain_id=domain)
+        nodes = [make() for make in cables_of(given).values()]
+        found = [(n.get_fully_qualified_name(), n.resolved("~/tip/wrench")) for n in nodes]
+        clocks = [node.get_parameter("use_sim_time").value for node in nodes]
+        rates = [node.overrides.get("rate") for node in nodes]
+        for node in nodes:
+            node.destroy_node()
+        rclpy.shutdown()
+    assert found == [("/arm/left/a", "/arm/left/a/tip/wrench"), ("/arm/left/b", "/hand")]
+    assert clocks == [True, True]
+    assert rates == [None, 50.0]
+
+
+def test_processes_of_different_names_keep_apart(launch: Start, peer: Peer) -> None:
+    names = ("left", "middle", "right")
+    nodes = {name: launch(CABLE, "-r", f"__node:={name}") for name in names}
+    for name in names:
+        peer.until(lambda name=name: peer.node.count_services(f"/{name}/reset"), name, START)
+    found = {name: peer.collect(PoseArray, f"/{name}/control_points") for name in names}
+    publisher, message = push(peer, "/middle", 0.05)
+    with peer.repeating(publisher, message):
+        peer.until(lambda: all(found.values()) and sideways(found["middle"]) > 0.1, "motion")
+    assert sideways(found["left"]) < 1e-9 and sideways(found["right"]) < 1e-9
+    peer.status("/right: node", lambda values, status: status.hardware_id == "/right", "its name")
+    assert nodes["middle"].stop() == 0
+    counts = {name: len(found[name]) for name in ("left", "right")}
+    peer.until(lambda: all(len(found[n]) > counts[n] + 5 for n in counts), "the others going on")
+    for name in counts:
+        assert nodes[name].stop() == 0
+
+
+@pytest.mark.slow
+def test_each_gives_the_bits_of_its_replay(
+    cables: Start, peer: Peer, domain: int, tmp_path: Path
+) -> None:
+    late = {**DRIVEN, "inputs.latency": 1.0}  # the machine may stop for a while
+    scenes = {"a": late, "b": {**late, "cable.length": 0.7, "rate": 100.0}}
+    scenes = {name: scene_from_values(values) for name, values in scenes.items()}
+    bag = write_bag(tmp_path / "bag", motion(1.6))
+    values = {
+        key: value
+        for name, scene in scenes.items()
+        for key, value in of(name, scene_values(scene)).items()
+        if value != []
+    }
+    cables({**TWO, **values})
+    player = Player(bag, domain, tmp_path / "player.txt")
+    try:
+        peer.until(lambda: player.said("ready"), "the player")
+        heard = {name: Publications(peer, f"/dlo_sim/{name}") for name in scenes}
+        now = peer.node.get_clock().now().nanoseconds
+        shift = (now + 2 * SECOND) // SECOND * SECOND - 1000 * SECOND
+        player.tell(str(shift))
+        peer.until(lambda: player.said("played"), "the end of the bag")
+        end = 1000 * SECOND + shift + SECOND // 2
+        peer.until(lambda: all(max(h.poses, default=0) > end for h in heard.values()), "the end")
+    finally:
+        player.end()
+    for name, scene in scenes.items():
+        every_step = scene.with_values({"rate": 1.0 / scene.integrator.step})
+        expected = offline(bag, every_step, tmp_path / name)
+        common = {stamp - shift: poses for stamp, poses in heard[name].poses.items()}
+        common = {stamp: poses for stamp, poses in common.items() if stamp in expected}
+        assert len(set(common.values())) > 20
+        assert [s for s, poses in common.items() if poses != expected[s]] == []
