@@ -11,6 +11,7 @@ from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
     add_scene_options,
+    number,
     positive_seconds,
     read_scene,
 )
@@ -38,7 +39,9 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--tolerance",
         metavar="METRES",
-        type=_metres,
+        type=number(
+            "metres", lambda value: 0.0 < value < math.inf, "a tolerance; give metres above zero"
+        ),
         required=True,
         help="largest distance of the cable from its converged motion [m]",
     )
@@ -89,17 +92,6 @@ def run(options: argparse.Namespace) -> int:
     else:
         _print(options, facts)
     return 0
-
-
-def _metres(text: str) -> float:
-    """A length [m], finite and above zero."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give metres") from None
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"{text} is not a tolerance; give metres above zero")
-    return value
 
 
 def _failed(options: argparse.Namespace, message: str) -> int:

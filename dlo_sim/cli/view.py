@@ -6,7 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
+from dlo_sim.cli.arguments import (
+    CommandError,
+    Parser,
+    add_scene_options,
+    needing_matplotlib,
+    read_scene,
+)
 from dlo_sim.cli.output import (
     check_output_file,
     print_json,
@@ -104,14 +110,10 @@ def _writer(kind: str, progress: Callable[[float], None]) -> Callable[["Run", Pa
 
     if kind == "html":
         return write_page
-    try:
+    with needing_matplotlib(
+        f"--format {kind} needs matplotlib; pip install matplotlib, or make html"
+    ):
         from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
-    except ImportError as error:
-        if not (error.name or "").startswith("matplotlib"):
-            raise
-        raise CommandError(
-            f"--format {kind} needs matplotlib; pip install matplotlib, or make html"
-        ) from None
 
     def film(run: "Run", path: Path) -> None:
         try:
