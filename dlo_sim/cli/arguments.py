@@ -55,12 +55,12 @@ positive_seconds = number(
 
 
 @contextmanager
-def needing_matplotlib(refusal: str) -> Iterator[None]:
-    """Refuse what is asked for where matplotlib is missing."""
+def needing_plots(refusal: str) -> Iterator[None]:
+    """Refuse what is asked for where a package of the extra `plots` is missing."""
     try:
         yield
     except ModuleNotFoundError as missing:
-        if (missing.name or "").partition(".")[0] != "matplotlib":
+        if (missing.name or "").partition(".")[0] not in ("matplotlib", "scipy"):
             raise
         raise CommandError(refusal) from None
 

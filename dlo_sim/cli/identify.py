@@ -11,7 +11,7 @@ from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
     add_scene_options,
-    needing_matplotlib,
+    needing_plots,
     number,
     positive_seconds,
     read_scene,
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
     scene = read_scene(options.scene, options.assignments)
     check_output_file(options.output)
     if options.plots is not None:
-        with needing_matplotlib("--plots needs matplotlib; install dlo_sim with the extra 'plots'"):
+        with needing_plots("--plots needs matplotlib; install dlo_sim with the extra 'plots'"):
             from dlo_sim.cli.residuals import draw_residuals
 
     from dlo_sim.batch.workers import open_workers

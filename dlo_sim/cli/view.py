@@ -10,7 +10,7 @@ from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
     add_scene_options,
-    needing_matplotlib,
+    needing_plots,
     read_scene,
 )
 from dlo_sim.cli.output import (
@@ -110,9 +110,7 @@ def _writer(kind: str, progress: Callable[[float], None]) -> Callable[["Run", Pa
 
     if kind == "html":
         return write_page
-    with needing_matplotlib(
-        f"--format {kind} needs matplotlib; pip install matplotlib, or make html"
-    ):
+    with needing_plots(f"--format {kind} needs matplotlib; pip install matplotlib, or make html"):
         from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
 
     def film(run: "Run", path: Path) -> None:

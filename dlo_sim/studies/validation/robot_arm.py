@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from dlo_sim.core import rotations
 from dlo_sim.identification.fit import Fit
@@ -165,7 +166,6 @@ def _row(one: Set, words: str, apart: Array, chosen: slice) -> list[Any]:
 
 def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
     """Logarithm of the stiffness and natural curvature at both ends, by every second angle."""
-    from scipy.optimize import least_squares
 
     def nearest(numbers: Array) -> Array:
         apart = branches(numbers)[:, ::2]
