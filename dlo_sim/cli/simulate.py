@@ -59,11 +59,7 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
-        "--duration",
-        metavar="S",
-        type=positive_seconds,
-        required=True,
-        help="simulated time [s]",
+        "--duration", metavar="S", type=positive_seconds, required=True, help="simulated time [s]"
     )
     parser.add_argument(
         "--every",

@@ -6,20 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import (
-    CommandError,
-    Parser,
-    add_scene_options,
-    needing_plots,
-    read_scene,
-)
-from dlo_sim.cli.output import (
-    check_output_file,
-    print_json,
-    print_rows,
-    progress_bar,
-    write_whole,
-)
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, needing_plots, read_scene
+from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar, write_whole
 
 if TYPE_CHECKING:
     from dlo_sim.view.run import Run

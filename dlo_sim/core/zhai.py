@@ -31,9 +31,7 @@ def with_parameters(psi: float, phi: float) -> Method:
     if psi == 0.5 and phi == 0.5:
         return method
     return dataclasses.replace(
-        method,
-        order=2 if phi == 0.5 else 1,
-        stability_limit=stability_limit(method, psi, phi),
+        method, order=2 if phi == 0.5 else 1, stability_limit=stability_limit(method, psi, phi)
     )
 
 

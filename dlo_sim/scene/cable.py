@@ -179,9 +179,7 @@ class Holder:
         "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
     )
     pose_topic: str = parameter(
-        "",
-        "Topic of the end-effector's pose; empty = it stands still.",
-        read_only=True,
+        "", "Topic of the end-effector's pose; empty = it stands still.", read_only=True
     )
     tf_frame: str = parameter(
         "",

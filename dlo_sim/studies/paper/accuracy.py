@@ -8,13 +8,7 @@ from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper.wires import (
-    COMPARED,
-    Array,
-    Paper,
-    scenario,
-    softened,
-)
+from dlo_sim.studies.paper.wires import COMPARED, Array, Paper, scenario, softened
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Cell, Column
 from dlo_sim.studies.runs import at_method, distance, each, run
