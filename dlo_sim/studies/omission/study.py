@@ -144,9 +144,8 @@ def _describe(report: Report, rows: list[Row]) -> None:
     report.table(
         "omission",
         [
-            *("scene", "term", "in its step", Column("with", "us/step")),
-            *(Column("without", "us/step"), Column("saved", "%", ".0f")),
-            *(Column("error without it", "mm"), "note"),
+            "scene | term | in its step | with [us/step] | without [us/step]",
+            *(Column("saved", "%", ".0f"), "error without it [mm] | note"),
         ],
         [
             [

@@ -15,7 +15,7 @@ from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import runs
-from dlo_sim.studies.report import Column, Header, Report
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.stability.cables import TIGHT
 from dlo_sim.studies.stopwatch import step_cost
 
@@ -59,10 +59,11 @@ class Stiff(NamedTuple):
     converged: float | None
 
 
-HEADER: Header = ["method", "quadrature", "n_u", Column("step", "ms"), "outcome", "energy error"]
-HEADER += ["iterations per step", "most in a step", "run time [s]"]
-HEADER += [Column("forest_ruth's step", "us"), "its run time [s]", "times faster"]
-HEADER += [Column("error", "mm"), Column("at the converged step", "mm")]
+HEADER = (
+    "method | quadrature | n_u | step [ms] | outcome | energy error | iterations per step | "
+    "most in a step | run time [s] | forest_ruth's step [us] | its run time [s] | times faster | "
+    "error [mm] | at the converged step [mm]"
+)
 
 
 def wire(n: int, method: str, step: float = 0.0, gauss: int = 0) -> Scene:
@@ -164,7 +165,7 @@ def describe(report: Report, rows: list[Stiff]) -> dict[str, str]:
     report.table("stiff", HEADER, rows, caption)
     report.table(
         "references",
-        ["reference", Column("distance", "mm")],
+        "reference | distance [mm]",
         [[name, off] for name, off in references().items()],
         "How sure the errors are",
     )

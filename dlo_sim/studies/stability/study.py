@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
-from dlo_sim.studies.report import Column, Report, verdict_list
+from dlo_sim.studies.report import Report, verdict_list
 from dlo_sim.studies.stability import map_report, maps, stiff
 from dlo_sim.studies.stability.extremes import Finding, examine
 from dlo_sim.studies.stability.scenes import EXTREMES
@@ -42,10 +42,8 @@ def _describe(report: Report, findings: Sequence[Finding]) -> dict[str, str]:
     report.section("Extreme cables")
     report.table(
         "extremes",
-        [
-            *("scene", "what", "outcome", "right", "error", "bound", "of what", "energy error"),
-            *("method", Column("step", "ms"), "steps", "iterations", "run time [s]", "reason"),
-        ],
+        "scene | what | outcome | right | error | bound | of what | energy error | method | "
+        "step [ms] | steps | iterations | run time [s] | reason",
         [
             [
                 *(one.extreme.name, one.extreme.what, one.outcome),

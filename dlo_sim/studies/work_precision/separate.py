@@ -11,7 +11,7 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column, Report, columns
+from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.studies.work_precision.references import METHOD, Reference, run
@@ -53,7 +53,7 @@ def _space(
         (case.name, cable, n, _off(case, trials[piece], truths[case.name].points))
         for (case, cable, n), piece in pieces.items()
     ]
-    panel = Panel("n_u", Column("error", "%"), ["error"], by="cable", log="y")
+    panel = Panel("n_u", "error [%]", ["error"], by="cable", log="y")
     panel = replace(panel, looks={cable: {"marker": "o"} for cable in CABLES})
     levels = {case.name: {"reference": truths[case.name].own_error} for case in cases}
     chart(
@@ -85,12 +85,12 @@ def _time(report: Report, request: Request, cases: list[Case]) -> None:
         rows += order_rows(case, method, tried, truth)
     report.table(
         "order_in_time",
-        ["case", "method", Column("step", "ms"), Column("error", "%"), "order"],
+        "case | method | step [ms] | error [%] | order",
         rows,
         f"Error in time at n_u = {FIXED[request.quick]}: against the same method and resolution at "
         "a quarter of the smallest step; order from the step before; failed runs are left out",
     )
-    panel = Panel("step [s]", Column("error", "%"), ["error"], by="method", log="xy")
+    panel = Panel("step [s]", "error [%]", ["error"], by="method", log="xy")
     panel = replace(panel, looks={method: {"marker": "o"} for method in methods})
     data = columns(("case", "method", "step [s]", "error"), [row[:4] for row in rows])
     panels = [replace(panel, title=case.title, where={"case": case.name}) for case in cases]
