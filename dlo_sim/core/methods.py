@@ -57,31 +57,29 @@ class Method:
     phase_error: float = 1.0 / 12.0
 
     def __post_init__(self) -> None:
+        """Refuse a table that cannot be right.
+
+        Raises:
+            ValueError: naming the method and the weights.
+        """
+        sums = {"sub-steps": self.substeps}
         if self.family == RUNGE_KUTTA:
-            self._check_stages()
+            sums["stage weights"] = self.stage_weights
+            if [len(row) for row in self.stage_matrix] != list(range(len(self.stage_weights))):
+                raise ValueError(
+                    f"{self.name}: stage i needs i coefficients, one per earlier stage"
+                )
         if self.family == SPLITTING:
-            self._check_weights()
-        if abs(sum(self.substeps) - 1.0) > 1e-14:
-            raise ValueError(f"{self.name}: sub-steps sum to {sum(self.substeps)}, not 1")
-        if self.mass_damping and min(self.substeps) < 0.0:
-            raise ValueError(f"{self.name}: negative sub-steps make damping grow")
-
-    def _check_stages(self) -> None:
-        if abs(sum(self.stage_weights) - 1.0) > 1e-14:
-            raise ValueError(f"{self.name}: stage weights sum to {sum(self.stage_weights)}, not 1")
-        if [len(row) for row in self.stage_matrix] != list(range(len(self.stage_weights))):
-            raise ValueError(f"{self.name}: stage i needs i coefficients, one per earlier stage")
-
-    def _check_weights(self) -> None:
-        if len(self.drift_weights) != len(self.kick_weights):
-            raise ValueError(
-                f"{self.name}: {len(self.drift_weights)} drifts, other number of kicks"
-            )
-        for kind, weights in (("drift", self.drift_weights), ("kick", self.kick_weights)):
+            sums |= {"drift weights": self.drift_weights, "kick weights": self.kick_weights}
+            if len(self.drift_weights) != len(self.kick_weights):
+                raise ValueError(
+                    f"{self.name}: {len(self.drift_weights)} drifts, other number of kicks"
+                )
+        for what, weights in sums.items():
             if abs(sum(weights) - 1.0) > 1e-14:
-                raise ValueError(f"{self.name}: {kind} weights sum to {sum(weights)}, not 1")
-        if self.mass_damping and min(self.drift_weights + self.kick_weights) < 0.0:
-            raise ValueError(f"{self.name}: negative sub-steps make damping grow")
+                raise ValueError(f"{self.name}: {what} sum to {sum(weights)}, not 1")
+            if self.mass_damping and min(weights) < 0.0:
+                raise ValueError(f"{self.name}: negative sub-steps make damping grow")
 
     @property
     def force_evaluations(self) -> int:

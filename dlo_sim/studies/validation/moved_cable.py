@@ -15,7 +15,7 @@ from dlo_sim.core import rotations
 from dlo_sim.identification.fit import Fit
 from dlo_sim.identification.identify import identify
 from dlo_sim.identification.measurement import Recording
-from dlo_sim.identification.prediction import COMPUTATION, Sensor, predict
+from dlo_sim.identification.prediction import COMPUTATION, Sensor, interpolated, predict
 from dlo_sim.identification.problem import DELAY
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.identification.scores import reaction
@@ -46,8 +46,8 @@ def recorded(bag: Path, scene: Scene) -> Recording:
     if not table.is_file():
         return recording
     times, tips = _tips(table, scene.cable.length)
-    columns = [np.interp(recording.times, times, column) for column in tips.T]
-    return replace(recording, markers=np.stack(columns, axis=-1)[:, None], shares=np.ones(1))
+    markers = interpolated(recording.times, times, tips[:, None])
+    return replace(recording, markers=markers, shares=np.ones(1))
 
 
 def _smoothed(recording: Recording, scene: Scene) -> Recording:
