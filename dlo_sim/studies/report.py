@@ -163,9 +163,14 @@ class Report:
         path.write_text("\n\n".join(lines) + "\n", encoding="utf-8")
         return path
 
-    def outcome(self, verdicts: Mapping[str, str]) -> Outcome:
-        """What the study returns once the report is written."""
-        path = str(self.folder / "report.md")
+    def outcome(self, verdicts: Mapping[str, str], summary: Sequence[str] = ()) -> Outcome:
+        """Write the report; what the study returns.
+
+        Args:
+            summary: as of `write`; a line for each verdict by default.
+        """
+        lines = "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
+        path = str(self.write(summary or [lines]))
         return Outcome(path, self.figures, self.data, self.tables, dict(verdicts))
 
     def _write_csv(
@@ -198,11 +203,6 @@ def shown(cell: Cell) -> str:
 def _parts(header: str | Sequence[str | Column]) -> Iterator[Sequence[str | Column]]:
     for part in [header] if isinstance(header, str) else header:
         yield part.split(" | ") if isinstance(part, str) else [part]
-
-
-def verdict_list(verdicts: Mapping[str, str]) -> str:
-    """A line of markdown for each verdict."""
-    return "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
 
 
 def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from itertools import product
 
@@ -16,7 +15,8 @@ from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column, Report, columns, verdict_list
+from dlo_sim.studies.report import Cell, Column, Report, columns
+from dlo_sim.studies.stopwatch import seconds_of
 
 RESOLUTIONS = {True: (9, 13, 25), False: (7, 9, 11, 13, 17, 25, 41)}
 REPEATS = {True: 15, False: 60}
@@ -39,7 +39,6 @@ def run_study(request: Request) -> Outcome:
     files = {name: shipped_scene(name) for name, _ in KINDS.values()}
     report = Report(request.folder, "Many cables at once", request.command, files)
     verdicts = _vectors(report, request) | _cores(report, request)
-    report.write([verdict_list(verdicts)])
     request.progress(1.0)
     return report.outcome(verdicts)
 
@@ -68,9 +67,7 @@ def _in_turn(
     second()
     for repeat in range(repeats):
         for way, work in enumerate((first, second)):
-            began = time.perf_counter()
-            work()
-            times[repeat, way] = time.perf_counter() - began
+            times[repeat, way] = seconds_of(work)
     one, other = times.min(axis=0).tolist()
     return one, other, one / other, float(np.median(times[:, 0] / times[:, 1]))
 

@@ -18,7 +18,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.plotting import animate, new_figure
-from dlo_sim.studies.report import Cell, Report, verdict_list
+from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.validation import references, robot_arm
 from dlo_sim.studies.validation.corrected import corrected
 
@@ -99,7 +99,6 @@ def run_study(request: Request) -> Outcome:
             report.text(f"Failed: {failure}; its last good shape counts from there on.")
         _pictures(report, cable)
     verdicts |= robot_arm.compare(report, sets, request)
-    report.write([verdict_list(verdicts)])
     request.progress(1.0)
     return report.outcome(verdicts)
 
