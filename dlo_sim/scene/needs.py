@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -77,7 +77,10 @@ class Needs:
     @property
     def active(self) -> tuple[str, ...]:
         """Names of the terms that are there."""
-        return tuple(name for name, value in vars(self).items() if value is True)
+        return tuple(name for name in TERMS if getattr(self, name))
+
+
+TERMS = tuple(member.name for member in fields(Needs) if member.type == "bool")
 
 
 def needs_of(scene: Scene) -> Needs:
