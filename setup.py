@@ -44,7 +44,8 @@ setup(
     extras_require={
         # ROS from wheels, for machines without a ROS installation; never mix it with a sourced one.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
-        "plots": ["matplotlib"],
+        # Pictures and studies.
+        "plots": ["matplotlib", "scipy"],
         # Fits to recordings.
         "identify": ["scipy"],
         # Studies and batches on more than one machine.

@@ -1,7 +1,9 @@
 """Arguments that several subcommands share, and how wrong ones are refused."""
 
 import argparse
-from collections.abc import Sequence
+from argparse import ArgumentTypeError
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import NoReturn
 
 from dlo_sim.scene.description import Scene
@@ -26,17 +28,41 @@ class Parser(argparse.ArgumentParser):
         raise CommandError(f"{message}; see '{self.prog} --help'")
 
 
-def positive_seconds(text: str) -> float:
-    """A time span [s], finite and above zero."""
+def number(unit: str, fits: Callable[[float], bool], otherwise: str) -> Callable[[str], float]:
+    """What reads a number from an option.
+
+    Args:
+        unit: what to give. fits: whether a number will do. otherwise: what it is not, and the cure.
+    """
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise ArgumentTypeError(f"{text!r} is not a number; give {unit}") from None
+        if not fits(value):
+            raise ArgumentTypeError(f"{text} is not {otherwise}")
+        return value
+
+    return read
+
+
+positive_seconds = number(
+    "seconds",
+    lambda value: 0.0 < value <= _LONGEST,
+    f"a time span; give seconds above zero, {_LONGEST:g} at most",
+)
+
+
+@contextmanager
+def needing_plots(refusal: str) -> Iterator[None]:
+    """Refuse what is asked for where a package of the extra `plots` is missing."""
     try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give seconds") from None
-    if not 0.0 < value <= _LONGEST:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a time span; give seconds above zero, {_LONGEST:g} at most"
-        )
-    return value
+        yield
+    except ModuleNotFoundError as missing:
+        if (missing.name or "").partition(".")[0] not in ("matplotlib", "scipy"):
+            raise
+        raise CommandError(refusal) from None
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:

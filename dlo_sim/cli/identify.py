@@ -2,7 +2,7 @@
 
 import argparse
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,8 @@ from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
     add_scene_options,
+    needing_plots,
+    number,
     positive_seconds,
     read_scene,
 )
@@ -58,7 +60,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--leave-out",
         metavar="SHARE",
-        type=_share,
+        type=number("0.3", lambda value: 0.0 <= value < 1.0, "a share; give 0 or more, below 1"),
         default=0.3,
         help="share of the pieces, the last ones, that a first fit does not see (default: 0.3)",
     )
@@ -82,7 +84,9 @@ def run(options: argparse.Namespace) -> int:
     """Fit, write and print; returns the exit status."""
     scene = read_scene(options.scene, options.assignments)
     check_output_file(options.output)
-    draw = None if options.plots is None else _drawing()
+    if options.plots is not None:
+        with needing_plots("--plots needs matplotlib; install dlo_sim with the extra 'plots'"):
+            from dlo_sim.cli.residuals import draw_residuals
 
     from dlo_sim.batch.workers import open_workers
     from dlo_sim.identification.fit import FitError
@@ -102,8 +106,8 @@ def run(options: argparse.Namespace) -> int:
         raise CommandError(str(refusal)) from None
     _write(options, found)
     facts = _facts(options, found)
-    if draw is not None:
-        draw(options.plots, found)
+    if options.plots is not None:
+        draw_residuals(options.plots, found)
     if options.json:
         print_json(facts)
         return 0
@@ -111,17 +115,6 @@ def run(options: argparse.Namespace) -> int:
     print_rows(_rows(found))
     print_rows({"output": str(options.output)})
     return 0
-
-
-def _share(text: str) -> float:
-    """A share, at least 0 and below 1."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give 0.3") from None
-    if not 0.0 <= value < 1.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a share; give 0 or more, below 1")
-    return value
 
 
 def _topics(texts: Sequence[str]) -> dict[str, str]:
@@ -138,8 +131,8 @@ def _topics(texts: Sequence[str]) -> dict[str, str]:
 
 def _rows(found: "Identified") -> dict[str, str]:
     rows = {
-        number.unknown.label: f"{number.value:.4g}  ({number.low:.4g} to {number.high:.4g})"
-        for number in found.fit.numbers
+        one.unknown.label: f"{one.value:.4g}  ({one.low:.4g} to {one.high:.4g})"
+        for one in found.fit.numbers
     }
     rows |= {label: f"left: {reason}" for label, reason in found.fit.left.items()}
     for axis in found.reactions:
@@ -158,10 +151,7 @@ def _facts(options: argparse.Namespace, found: "Identified") -> dict[str, Any]:
     return {
         "status": "ok",
         "output": str(options.output),
-        "numbers": {
-            number.unknown.label: [number.value, number.low, number.high]
-            for number in found.fit.numbers
-        },
+        "numbers": {one.unknown.label: [one.value, one.low, one.high] for one in found.fit.numbers},
         "left": found.fit.left,
         "scores": found.scores,
         "reactions": found.reactions,
@@ -188,20 +178,3 @@ def _write(options: argparse.Namespace, found: "Identified") -> None:
     ]
     text = scene_text(found.scene, comments)
     write_whole(options.output, lambda path: path.write_text(text, encoding="utf-8"))
-
-
-def _drawing() -> "Callable[[Path, Identified], None]":
-    """What draws the residuals.
-
-    Raises:
-        CommandError: no matplotlib.
-    """
-    try:
-        from dlo_sim.cli.residuals import draw_residuals
-    except ModuleNotFoundError as missing:
-        if (missing.name or "").partition(".")[0] != "matplotlib":
-            raise
-        raise CommandError(
-            "--plots needs matplotlib; install dlo_sim with the extra 'plots'"
-        ) from None
-    return draw_residuals

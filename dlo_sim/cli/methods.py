@@ -45,14 +45,7 @@ def _facts(method: Method) -> dict[str, Any]:
 
 
 def _row(method: Method) -> tuple[str, ...]:
-    damping = [
-        kind
-        for kind, admitted in (
-            ("mass", method.mass_damping),
-            ("stiffness", method.stiffness_damping),
-        )
-        if admitted
-    ]
+    damping = [kind for kind in ("mass", "stiffness") if getattr(method, f"{kind}_damping")]
     implicit = method.family == IMPLICIT
     return (
         method.name,

@@ -7,12 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import (
-    CommandError,
-    Parser,
-    add_scene_options,
-    read_scene,
-)
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
 from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable
 
 if TYPE_CHECKING:
@@ -33,10 +28,7 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 folder (sqlite3 or MCAP)")
     parser.add_argument(
-        "--params",
-        metavar="SCENE",
-        required=True,
-        help="scene file, or a shipped scene's name",
+        "--params", metavar="SCENE", required=True, help="scene file, or a shipped scene's name"
     )
     parser.add_argument(
         "--output",

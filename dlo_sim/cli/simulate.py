@@ -30,22 +30,9 @@ _LARGEST_RECORDING = 2 * 1024**3  # bytes
 _SHAPES = ("control_points", "centerline", "centerline_u", "tension", "curvature")
 _ARRAYS = ("time", *_SHAPES, "energy")
 _REPORT = (
-    "status",
-    "message",
-    "simulated_s",
-    "wall_s",
-    "compile_s",
-    "steps",
-    "step_s",
-    "method",
-    "choice",
-    "force_evaluations",
-    "real_time_factor",
-    "energy_error_max",
-    "error_estimate",
-    "active_terms",
-    "left_out",
-    "notes",
+    *("status", "message", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
+    *("choice", "force_evaluations", "real_time_factor", "energy_error_max", "error_estimate"),
+    *("active_terms", "left_out", "notes"),
 )
 
 HELP = "run a scene without ROS and record it"
@@ -59,11 +46,7 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
-        "--duration",
-        metavar="S",
-        type=positive_seconds,
-        required=True,
-        help="simulated time [s]",
+        "--duration", metavar="S", type=positive_seconds, required=True, help="simulated time [s]"
     )
     parser.add_argument(
         "--every",

@@ -6,7 +6,7 @@ import shlex
 from pathlib import Path
 
 from dlo_sim.batch.workers import WorkersError, open_workers
-from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option
+from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option, needing_plots
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
 from dlo_sim.studies.catalogue import STUDIES, Request
 
@@ -47,8 +47,10 @@ def run(options: argparse.Namespace) -> int:
     if options.data is not None:
         words += ["--data", options.data.name]
     words += [flag for flag in ("--quick", "--peers") if getattr(options, flag[2:])]
+    no_figures = "study needs matplotlib and scipy; install dlo_sim with the extra 'plots'"
     try:
         with (
+            needing_plots(no_figures),
             open_workers(options.scheduler) as workers,
             progress_bar(f"study {options.name}") as progress,
         ):
@@ -64,12 +66,6 @@ def run(options: argparse.Namespace) -> int:
             outcome = STUDIES[options.name].run(request)
     except WorkersError as refusal:
         raise CommandError(str(refusal)) from None
-    except ModuleNotFoundError as missing:
-        if (missing.name or "").partition(".")[0] != "matplotlib":
-            raise
-        raise CommandError(
-            "study needs matplotlib for its figures; install dlo_sim with the extra 'plots'"
-        ) from None
     if options.json:
         print_json(dataclasses.asdict(outcome))
         return 0

@@ -11,6 +11,7 @@ from dlo_sim.cli.arguments import (
     CommandError,
     Parser,
     add_scene_options,
+    number,
     positive_seconds,
     read_scene,
 )
@@ -38,7 +39,9 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--tolerance",
         metavar="METRES",
-        type=_metres,
+        type=number(
+            "metres", lambda value: 0.0 < value < math.inf, "a tolerance; give metres above zero"
+        ),
         required=True,
         help="largest distance of the cable from its converged motion [m]",
     )
@@ -87,19 +90,9 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(facts)
     else:
-        _print(options, facts)
+        print(f"{options.scene}: tuned")
+        print_rows({**_rows(options, facts), "output": str(options.output)})
     return 0
-
-
-def _metres(text: str) -> float:
-    """A length [m], finite and above zero."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give metres") from None
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"{text} is not a tolerance; give metres above zero")
-    return value
 
 
 def _failed(options: argparse.Namespace, message: str) -> int:
@@ -140,11 +133,26 @@ def _facts(tuned: "Tuned", options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
-    """What was measured, as the head of the file."""
+def _rows(options: argparse.Namespace, facts: dict[str, Any]) -> dict[str, str]:
+    """What was measured, for people and as the head of the file."""
     present = "failed"
     if facts["faster_than_present"] is not None:
         present = f"{facts['present_wall_s_per_s']:.3g} s, error {facts['present_error_m']:.2g} m"
+    return {
+        "setting": f"{facts['setting']}; the fastest of {facts['tried']} tried",
+        "error": f"{facts['error_m']:.2g} m: largest distance from the converged motion at any of "
+        f"21 points within {options.duration:g} s",
+        "reference": f"{facts['reference']}; "
+        f"itself uncertain by {facts['reference_error_m']:.2g} m",
+        "time": f"{facts['wall_s_per_s']:.3g} s per simulated second, least of {facts['repeats']} "
+        f"runs (median {100 * facts['spread']:.0f} % above), "
+        f"{facts['real_time_factor']:.3g} x real time",
+        "before": present,
+    }
+
+
+def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
+    """The head of the file."""
     changed = "".join(
         f" --set {shlex.quote(' '.join(assignment.split()))}" for assignment in options.assignments
     )
@@ -152,14 +160,7 @@ def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
         f"Tuned by dlo_sim tune {options.scene} --tolerance {options.tolerance:g} "
         f"--duration {options.duration:g}{changed}: what differs from the defaults.",
         "",
-        f"setting    {facts['setting']}; the fastest of {facts['tried']} tried",
-        f"error      {facts['error_m']:.2g} m: largest distance from the converged motion at any "
-        f"of 21 points within {options.duration:g} s",
-        f"reference  {facts['reference']}; itself uncertain by {facts['reference_error_m']:.2g} m",
-        f"time       {facts['wall_s_per_s']:.3g} s per simulated second, least of "
-        f"{facts['repeats']} runs (median {100 * facts['spread']:.0f} % above), "
-        f"{facts['real_time_factor']:.3g} x real time",
-        f"before     {present}",
+        *(f"{label:<10} {text}" for label, text in _rows(options, facts).items()),
         "Grippers rested. Times hold for the machine that measured them.",
         *(["rattle leaves stretching out."] if facts["method"] == "rattle" else []),
         "",
@@ -174,13 +175,3 @@ def _write(
     assert tuned.best is not None
     text = scene_text(tuned.best.taken.applied(scene), _comments(options, facts))
     write_whole(options.output, lambda path: path.write_text(text, encoding="utf-8"))
-
-
-def _print(options: argparse.Namespace, facts: dict[str, Any]) -> None:
-    print(f"{options.scene}: tuned")
-    rows = {}
-    for line in _comments(options, facts)[2:-2]:
-        label, _, text = line.partition(" ")
-        if text.startswith(" "):
-            rows[label] = text.strip()
-    print_rows({**rows, "output": str(options.output)})

@@ -6,14 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
-from dlo_sim.cli.output import (
-    check_output_file,
-    print_json,
-    print_rows,
-    progress_bar,
-    write_whole,
-)
+from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, needing_plots, read_scene
+from dlo_sim.cli.output import check_output_file, print_json, print_rows, progress_bar, write_whole
 
 if TYPE_CHECKING:
     from dlo_sim.view.run import Run
@@ -104,14 +98,8 @@ def _writer(kind: str, progress: Callable[[float], None]) -> Callable[["Run", Pa
 
     if kind == "html":
         return write_page
-    try:
+    with needing_plots(f"--format {kind} needs matplotlib; pip install matplotlib, or make html"):
         from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
-    except ImportError as error:
-        if not (error.name or "").startswith("matplotlib"):
-            raise
-        raise CommandError(
-            f"--format {kind} needs matplotlib; pip install matplotlib, or make html"
-        ) from None
 
     def film(run: "Run", path: Path) -> None:
         try:

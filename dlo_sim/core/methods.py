@@ -8,6 +8,7 @@ An implicit method is a choice of force for the one Newton loop. Everything that
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 SPLITTING = "splitting"
@@ -25,12 +26,12 @@ class Method:
         name: key of `integrator.method`.
         family: `splitting`, `runge_kutta`, `zhai` or `implicit`: which loop executes it.
         order: global order of accuracy in the step.
+        source: where it comes from.
         symmetric: reversing the velocities and stepping on returns to the start.
         symplectic: conserves a nearby energy at fixed step.
         conserves_energy: conserves the energy itself, to the solver's tolerance, at any step.
         stability_limit: largest stable omega * tau on an undamped oscillator; inf if there is none.
         mass_damping, stiffness_damping: whether the method is valid with such damping.
-        source: where it comes from.
         drift_weights, kick_weights: c_i and d_i in units of the step, executed drift first.
         stage_matrix, stage_weights: a_ij and b_j of a Runge-Kutta method.
         substeps: lengths of the sub-steps that make up a step of an implicit method.
@@ -41,13 +42,13 @@ class Method:
     name: str
     family: str
     order: int
-    symmetric: bool
-    symplectic: bool
-    conserves_energy: bool
-    stability_limit: float
-    mass_damping: bool
-    stiffness_damping: bool
     source: str
+    symmetric: bool = False
+    symplectic: bool = False
+    conserves_energy: bool = False
+    stability_limit: float = math.inf
+    mass_damping: bool = False
+    stiffness_damping: bool = False
     drift_weights: tuple[float, ...] = ()
     kick_weights: tuple[float, ...] = ()
     stage_matrix: tuple[tuple[float, ...], ...] = ()
@@ -56,31 +57,29 @@ class Method:
     phase_error: float = 1.0 / 12.0
 
     def __post_init__(self) -> None:
+        """Refuse a table that cannot be right.
+
+        Raises:
+            ValueError: naming the method and the weights.
+        """
+        sums = {"sub-steps": self.substeps}
         if self.family == RUNGE_KUTTA:
-            self._check_stages()
+            sums["stage weights"] = self.stage_weights
+            if [len(row) for row in self.stage_matrix] != list(range(len(self.stage_weights))):
+                raise ValueError(
+                    f"{self.name}: stage i needs i coefficients, one per earlier stage"
+                )
         if self.family == SPLITTING:
-            self._check_weights()
-        if abs(sum(self.substeps) - 1.0) > 1e-14:
-            raise ValueError(f"{self.name}: sub-steps sum to {sum(self.substeps)}, not 1")
-        if self.mass_damping and min(self.substeps) < 0.0:
-            raise ValueError(f"{self.name}: negative sub-steps make damping grow")
-
-    def _check_stages(self) -> None:
-        if abs(sum(self.stage_weights) - 1.0) > 1e-14:
-            raise ValueError(f"{self.name}: stage weights sum to {sum(self.stage_weights)}, not 1")
-        if [len(row) for row in self.stage_matrix] != list(range(len(self.stage_weights))):
-            raise ValueError(f"{self.name}: stage i needs i coefficients, one per earlier stage")
-
-    def _check_weights(self) -> None:
-        if len(self.drift_weights) != len(self.kick_weights):
-            raise ValueError(
-                f"{self.name}: {len(self.drift_weights)} drifts, other number of kicks"
-            )
-        for kind, weights in (("drift", self.drift_weights), ("kick", self.kick_weights)):
+            sums |= {"drift weights": self.drift_weights, "kick weights": self.kick_weights}
+            if len(self.drift_weights) != len(self.kick_weights):
+                raise ValueError(
+                    f"{self.name}: {len(self.drift_weights)} drifts, other number of kicks"
+                )
+        for what, weights in sums.items():
             if abs(sum(weights) - 1.0) > 1e-14:
-                raise ValueError(f"{self.name}: {kind} weights sum to {sum(weights)}, not 1")
-        if self.mass_damping and min(self.drift_weights + self.kick_weights) < 0.0:
-            raise ValueError(f"{self.name}: negative sub-steps make damping grow")
+                raise ValueError(f"{self.name}: {what} sum to {sum(weights)}, not 1")
+            if self.mass_damping and min(weights) < 0.0:
+                raise ValueError(f"{self.name}: negative sub-steps make damping grow")
 
     @property
     def force_evaluations(self) -> int:
@@ -104,10 +103,7 @@ def _forest_ruth() -> Method:
         order=4,
         symmetric=True,
         symplectic=True,
-        conserves_energy=False,
         stability_limit=1.5734,
-        mass_damping=False,
-        stiffness_damping=False,
         source="Forest & Ruth 1990; Neri 1987; Khalifa & Palli eqs. 18-19",
         drift_weights=(
             0.5 * outer,
@@ -128,11 +124,7 @@ def _energy_momentum_4() -> Method:
         family=IMPLICIT,
         order=4,
         symmetric=True,
-        symplectic=False,
         conserves_energy=True,
-        stability_limit=float("inf"),
-        mass_damping=False,
-        stiffness_damping=False,
         source="energy_momentum composed after Suzuki 1990, Phys. Lett. A 146, 319-323",
         substeps=substeps,
         # 2 atan(x / 2) = x - x^3 / 12 + x^5 / 80; the cubes of the sub-steps cancel.
@@ -150,10 +142,8 @@ METHODS: dict[str, Method] = {
             order=2,
             symmetric=True,
             symplectic=True,
-            conserves_energy=False,
             stability_limit=2.0,
             mass_damping=True,
-            stiffness_damping=False,
             source="Verlet 1967, kick-drift-kick form (Swope et al. 1982)",
             drift_weights=(0.0, 1.0),
             kick_weights=(0.5, 0.5),
@@ -162,12 +152,8 @@ METHODS: dict[str, Method] = {
             name="rk4",
             family=RUNGE_KUTTA,
             order=4,
-            symmetric=False,
-            symplectic=False,
-            conserves_energy=False,
             stability_limit=2.0 * 2.0**0.5,
             mass_damping=True,
-            stiffness_damping=False,
             source="Kutta 1901, the classical table",
             stage_matrix=((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
             stage_weights=(1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0),
@@ -177,12 +163,8 @@ METHODS: dict[str, Method] = {
             name="zhai",
             family=ZHAI,
             order=2,
-            symmetric=False,
-            symplectic=False,
-            conserves_energy=False,
             stability_limit=2.0,
             mass_damping=True,
-            stiffness_damping=False,
             source="Zhai 1996, Int. J. Numer. Meth. Eng. 39, 4199-4214",
         ),
         Method(
@@ -192,10 +174,8 @@ METHODS: dict[str, Method] = {
             order=2,
             symmetric=True,
             symplectic=True,
-            conserves_energy=False,
             stability_limit=2.0,
             mass_damping=True,
-            stiffness_damping=False,
             source="Andersen 1983; Hairer, Lubich & Wanner 2006, VII.1.4",
         ),
         Method(
@@ -204,8 +184,6 @@ METHODS: dict[str, Method] = {
             order=2,
             symmetric=True,
             symplectic=True,
-            conserves_energy=False,
-            stability_limit=float("inf"),
             mass_damping=True,
             stiffness_damping=True,
             source="one-stage Gauss collocation; Hairer, Lubich & Wanner 2006, II.1",
@@ -215,9 +193,7 @@ METHODS: dict[str, Method] = {
             family=IMPLICIT,
             order=2,
             symmetric=True,
-            symplectic=False,
             conserves_energy=True,
-            stability_limit=float("inf"),
             mass_damping=True,
             stiffness_damping=True,
             source="discrete gradient per quadrature point; Simo & Tarnow 1992, Gonzalez 1996",
@@ -228,10 +204,6 @@ METHODS: dict[str, Method] = {
             name="generalized_alpha",
             family=IMPLICIT,
             order=2,
-            symmetric=False,
-            symplectic=False,
-            conserves_energy=False,
-            stability_limit=float("inf"),
             mass_damping=True,
             stiffness_damping=True,
             source="Chung & Hulbert 1993, J. Appl. Mech. 60, 371-375",

@@ -37,6 +37,18 @@ def cross(a: Any, b: Any) -> tuple[Any, Any, Any]:
     return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
+def rotated(q: Any, v: Any) -> tuple[Any, Any, Any]:
+    """Components of R(q) v. Plain numbers or arrays of them."""
+    x, y, z, w = q
+    a, b, c = v
+    t0, t1, t2 = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return (
+        a + w * t0 + (y * t2 - z * t1),
+        b + w * t1 + (z * t0 - x * t2),
+        c + w * t2 + (x * t1 - y * t0),
+    )
+
+
 def exponential(rotation: Vector) -> Quaternion:
     """exp(w), the rotation of a rotation vector."""
     x, y, z = rotation

@@ -59,20 +59,7 @@ def conjugate(q: ArrayLike) -> Array:
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """R(q) v, shape (..., 3): v = body coordinates in, world coordinates out."""
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
-    if q.ndim == v.ndim == 1:
-        x, y, z, real = q.tolist()
-        a, b, c = v.tolist()
-        t0, t1, t2 = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-        return np.array(
-            (
-                a + real * t0 + (y * t2 - z * t1),
-                b + real * t1 + (z * t0 - x * t2),
-                c + real * t2 + (x * t1 - y * t0),
-            )
-        )
-    axis, w = q[..., :3], q[..., 3:]
-    t = 2.0 * cross(axis, v)
-    return np.asarray(v + w * t + cross(axis, t))
+    return _together(q.ndim == v.ndim == 1, *one_rotation.rotated(_components(q), _components(v)))
 
 
 def cross(a: ArrayLike, b: ArrayLike) -> Array:

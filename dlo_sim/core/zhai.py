@@ -17,6 +17,10 @@ Source: Zhai 1996, eqs. 3-4; the remarks are derived here and tested.
 from __future__ import annotations
 
 import dataclasses
+from itertools import product
+from operator import itemgetter
+
+import numpy as np
 
 from dlo_sim.core.amplification import stability_limit
 from dlo_sim.core.methods import METHODS, Method
@@ -31,9 +35,7 @@ def with_parameters(psi: float, phi: float) -> Method:
     if psi == 0.5 and phi == 0.5:
         return method
     return dataclasses.replace(
-        method,
-        order=2 if phi == 0.5 else 1,
-        stability_limit=stability_limit(method, psi, phi),
+        method, order=2 if phi == 0.5 else 1, stability_limit=stability_limit(method, psi, phi)
     )
 
 
@@ -43,12 +45,9 @@ def best_pair(passes: int = 9) -> tuple[float, float, float]:
     best, size = (0.0, 0.0, -1.0), 0.5
     centre = (0.47, 0.52)  # off the round numbers, so that the answer is found and not put in
     for _ in range(passes):
-        for i in range(GRID):
-            for j in range(GRID):
-                psi = centre[0] + size * (2.0 * i / (GRID - 1) - 1.0)
-                phi = centre[1] + size * (2.0 * j / (GRID - 1) - 1.0)
-                limit = stability_limit(method, psi, phi)
-                if limit > best[2]:
-                    best = (psi, phi, limit)
+        shifts = (size * np.linspace(-1.0, 1.0, GRID)).tolist()
+        for psi, phi in product(*([middle + shift for shift in shifts] for middle in centre)):
+            limit = stability_limit(method, psi, phi)
+            best = max(best, (psi, phi, limit), key=itemgetter(2))
         centre, size = best[:2], size * SHRINK
     return best

@@ -89,8 +89,8 @@ def predict(
         grid = np.concatenate([[0.0], samples])
         load = load_on_robot(scene, simulator.model.knots, grid, path)
         sensor = sensor or Sensor()
-        forces = _at(times[:, None] - sensor.delay, grid, load) + sensor.offset
-        path = _at(times, grid, path)
+        forces = interpolated(times[:, None] - sensor.delay, grid, load) + sensor.offset
+        path = interpolated(times, grid, path)
     return Prediction(basis @ path, forces, report.message)
 
 
@@ -118,8 +118,12 @@ def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Arra
     return np.asarray(masses.sum() * np.array(scene.gravity) - inertia - external)
 
 
-def _at(times: Array, grid: Array, rows: Array) -> Array:
-    """Rows at other times, linear between those of a grid; times of each column, or of all."""
+def interpolated(times: Array, grid: Array, rows: Array) -> Array:
+    """Rows at other times, linear between those of a grid; times of each column, or of all.
+
+    Args:
+        times: shape (T,), or (T, C) of C columns. grid: shape (K,). rows: shape (K, ...).
+    """
     flat = rows.reshape(len(grid), -1)
     each = times if times.ndim == 2 else np.repeat(times[:, None], flat.shape[1], axis=1)
     columns = [np.interp(at, grid, column) for at, column in zip(each.T, flat.T, strict=True)]

@@ -192,10 +192,7 @@ class _CommittingWriter(Sqlite3Writer):
 
 
 class _Writer(Writer):
-    STORAGE_PLUGINS = {
-        StoragePlugin.MCAP: McapWriter,
-        StoragePlugin.SQLITE3: _CommittingWriter,
-    }
+    STORAGE_PLUGINS = {StoragePlugin.MCAP: McapWriter, StoragePlugin.SQLITE3: _CommittingWriter}
 
 
 class BagWriter:

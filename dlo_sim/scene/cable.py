@@ -18,32 +18,30 @@ ORIGIN = (0.0, 0.0, 0.0)
 class Cable:
     """Material and section. Direct values of 0 mean: derived from modulus, density and diameter."""
 
-    length: float = parameter(1.0, "Rest length L.", "m", 1.0e-4, 1.0e4)
-    diameter: float = parameter(0.005, "Diameter D of the round section.", "m", 1.0e-6, 1.0)
-    density: float = parameter(1200.0, "Density rho.", "kg/m^3", 1.0e-2, 1.0e5)
-    youngs_modulus: float = parameter(1.0e7, "Young's modulus E.", "Pa", 1.0, 1.0e13)
-    shear_modulus: float = parameter(3.5e6, "Shear modulus G.", "Pa", 1.0, 1.0e13)
+    length: float = parameter(1.0, "Rest length L.", "m", (1.0e-4, 1.0e4))
+    diameter: float = parameter(0.005, "Diameter D of the round section.", "m", (1.0e-6, 1.0))
+    density: float = parameter(1200.0, "Density rho.", "kg/m^3", (1.0e-2, 1.0e5))
+    youngs_modulus: float = parameter(1.0e7, "Young's modulus E.", "Pa", (1.0, 1.0e13))
+    shear_modulus: float = parameter(3.5e6, "Shear modulus G.", "Pa", (1.0, 1.0e13))
     linear_density: float = parameter(
-        0.0, "Mass per length mu; 0 = rho pi D^2 / 4.", "kg/m", 0.0, 1.0e4
+        0.0, "Mass per length mu; 0 = rho pi D^2 / 4.", "kg/m", (0.0, 1.0e4)
     )
-    axial_stiffness: float = parameter(0.0, "EA; 0 = E pi D^2 / 4.", "N", 0.0, 1.0e14)
-    bending_stiffness: float = parameter(0.0, "EI; 0 = E pi D^4 / 64.", "N m^2", 0.0, 1.0e12)
-    torsional_stiffness: float = parameter(0.0, "GJ; 0 = G pi D^4 / 32.", "N m^2", 0.0, 1.0e12)
+    axial_stiffness: float = parameter(0.0, "EA; 0 = E pi D^2 / 4.", "N", (0.0, 1.0e14))
+    bending_stiffness: float = parameter(0.0, "EI; 0 = E pi D^4 / 64.", "N m^2", (0.0, 1.0e12))
+    torsional_stiffness: float = parameter(0.0, "GJ; 0 = G pi D^4 / 32.", "N m^2", (0.0, 1.0e12))
     rest_curvature: tuple[float, ...] = parameter(
         (0.0,),
         "Natural curvature at equally spaced points from start to end, linear between them; "
         "one value = the same everywhere.",
         "1/m",
-        -1.0e5,
-        1.0e5,
+        (-1.0e5, 1.0e5),
     )
     rest_curvature_axis: Vector = parameter(
         (0.0, 1.0, 0.0),
         "Unit axis about which the unloaded cable is bent, in the start end-effector's frame; "
         "positive curvature turns the tangent about it by the right-hand rule.",
         "",
-        -1.0,
-        1.0,
+        (-1.0, 1.0),
     )
 
     rest_curvature_2: tuple[float, ...] = parameter(
@@ -51,15 +49,13 @@ class Cable:
         "Natural curvature in the second plane, likewise: about the axis normal to both the cable, "
         "where it leaves the start, and rest_curvature_axis (their cross product).",
         "1/m",
-        -1.0e5,
-        1.0e5,
+        (-1.0e5, 1.0e5),
     )
     rest_twist: tuple[float, ...] = parameter(
         (0.0,),
         "Twist of the unloaded cable, likewise; needs terms.twist bishop.",
         "rad/m",
-        -1.0e5,
-        1.0e5,
+        (-1.0e5, 1.0e5),
     )
 
     @property
@@ -108,16 +104,18 @@ class Damping:
     """Rayleigh damping and air drag."""
 
     mass: float = parameter(
-        0.0, "Rayleigh alpha: force -alpha M v on the cable.", "1/s", 0.0, 1.0e6
+        0.0, "Rayleigh alpha: force -alpha M v on the cable.", "1/s", (0.0, 1.0e6)
     )
-    stiffness: float = parameter(0.0, "Rayleigh beta: internal damping beta K.", "s", 0.0, 1.0e3)
+    stiffness: float = parameter(0.0, "Rayleigh beta: internal damping beta K.", "s", (0.0, 1.0e3))
     stretch: float = parameter(
-        0.0, "Added to damping.stiffness for stretching alone.", "s", 0.0, 1.0e3
+        0.0, "Added to damping.stiffness for stretching alone.", "s", (0.0, 1.0e3)
     )
-    bend: float = parameter(0.0, "Added to damping.stiffness for bending alone.", "s", 0.0, 1.0e3)
-    twist: float = parameter(0.0, "Added to damping.stiffness for twisting alone.", "s", 0.0, 1.0e3)
+    bend: float = parameter(0.0, "Added to damping.stiffness for bending alone.", "s", (0.0, 1.0e3))
+    twist: float = parameter(
+        0.0, "Added to damping.stiffness for twisting alone.", "s", (0.0, 1.0e3)
+    )
     air_drag: float = parameter(
-        0.0, "Linear drag: force per length of cable and per speed.", "N s/m^2", 0.0, 1.0e6
+        0.0, "Linear drag: force per length of cable and per speed.", "N s/m^2", (0.0, 1.0e6)
     )
 
     @property
@@ -132,14 +130,16 @@ class Plasticity:
     """Plastic bending."""
 
     yield_curvature: float = parameter(
-        0.0, "Curvature beyond which bending is plastic; 0 = bending is elastic.", "1/m", 0.0, 1.0e5
+        0.0,
+        "Curvature beyond which bending is plastic; 0 = bending is elastic.",
+        "1/m",
+        (0.0, 1.0e5),
     )
     hardening: float = parameter(
         0.0,
         "Ratio of tangent to elastic bending stiffness beyond yield (linear kinematic hardening).",
         "",
-        0.0,
-        0.999,
+        (0.0, 0.999),
     )
 
 
@@ -152,8 +152,7 @@ class Torsion:
         "For terms.twist frenet: curvature below which torsion is regarded as undefined and is "
         "suppressed; 0 = 1 % of the curvature of a ring of the cable's length.",
         "1/m",
-        0.0,
-        1.0e5,
+        (0.0, 1.0e5),
     )
 
 
@@ -166,8 +165,7 @@ class Holder:
         "End-effector position before any pose is received; for a free end only the direction "
         "of the initial straight line.",
         "m",
-        -1.0e6,
-        1.0e6,
+        (-1.0e6, 1.0e6),
     )
     fixed: Switches = parameter(
         (True, True, True), "Per world axis: held at the position of the end-effector."
@@ -176,8 +174,7 @@ class Holder:
         ORIGIN,
         "Per world axis that is not fixed: spring to the position of the end-effector.",
         "N/m",
-        0.0,
-        1.0e12,
+        (0.0, 1.0e12),
     )
     clamped: bool = parameter(
         False, "Tangent and twist held by the end-effector; needs all three axes fixed."
@@ -187,31 +184,26 @@ class Holder:
         "Direction of the cable (from start towards end) here, in the end-effector's frame; "
         "zeros = from start.position to end.position, for two_points the x axis.",
         "",
-        -1.0e6,
-        1.0e6,
+        (-1.0e6, 1.0e6),
     )
     offset: Vector = parameter(
         ORIGIN,
         "Point where the cable is attached, in the end-effector's frame.",
         "m",
-        -1.0e3,
-        1.0e3,
+        (-1.0e3, 1.0e3),
     )
     jaw: float = parameter(
         0.0,
         "Length of cable that a clamp holds straight: from an end inwards, on both sides of a "
         "grasp in equal parts.",
         "m",
-        0.0,
-        1.0e3,
+        (0.0, 1.0e3),
     )
     frame: str = parameter(
         "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
     )
     pose_topic: str = parameter(
-        "",
-        "Topic of the end-effector's pose; empty = it stands still.",
-        read_only=True,
+        "", "Topic of the end-effector's pose; empty = it stands still.", read_only=True
     )
     tf_frame: str = parameter(
         "",
@@ -230,23 +222,20 @@ class Holder:
         0.0,
         "Distance between two_points; messages in which it is 10 % off are refused, 0 = any.",
         "m",
-        0.0,
-        1.0e3,
+        (0.0, 1.0e3),
     )
     pose_timeout: float = parameter(
         1.0,
         "Time without a pose after which the last one is held, with a warning.",
         "s",
-        0.01,
-        3600.0,
+        (0.01, 3600.0),
     )
     pose_smoothing: float = parameter(
         0.0,
         "Half the window over which poses are smoothed by local parabolas, for noisy tracking; "
         "delays the prediction (raise inputs.latency by as much), 0 = off.",
         "s",
-        0.0,
-        1.0,
+        (0.0, 1.0),
     )
 
     @property
@@ -264,7 +253,7 @@ class Holder:
 class End(Holder):
     """One end of the cable, `start` (u = 0) or `end` (u = L), and what holds it."""
 
-    mass: float = parameter(0.0, "Point mass at this end.", "kg", 0.0, 1.0e4)
+    mass: float = parameter(0.0, "Point mass at this end.", "kg", (0.0, 1.0e4))
 
 
 @dataclass(frozen=True)
@@ -277,8 +266,7 @@ class Grasp(Holder):
         "Where on the cable it holds: 0 at start, 1 at end; negative = the point nearest to the "
         "gripper when it takes the cable.",
         "",
-        -1.0,
-        1.0,
+        (-1.0, 1.0),
     )
     taken: bool = parameter(
         True,
@@ -305,8 +293,7 @@ class Contact:
         "Force per length of cable and depth; 0 = the cable's weight on earth presses it in by a "
         "thousandth of its diameter.",
         "N/m^2",
-        0.0,
-        1.0e12,
+        (0.0, 1.0e12),
     )
 
 
@@ -320,9 +307,9 @@ class Obstacle:
         "plane: all that lies below the plane through position across the z axis.",
         choices=("plane",),
     )
-    position: Vector = parameter(ORIGIN, "A point of its surface.", "m", -1.0e6, 1.0e6)
+    position: Vector = parameter(ORIGIN, "A point of its surface.", "m", (-1.0e6, 1.0e6))
     orientation: tuple[float, float, float, float] = parameter(
-        (0.0, 0.0, 0.0, 1.0), "Quaternion x, y, z, w of its axes, world frame.", "", -1.0, 1.0
+        (0.0, 0.0, 0.0, 1.0), "Quaternion x, y, z, w of its axes, world frame.", "", (-1.0, 1.0)
     )
 
     @property
@@ -354,18 +341,19 @@ class Load:
         1.0,
         "Where on the cable: 0 at start, 1 at end; a load named `start` has default 0.0.",
         "",
-        0.0,
-        1.0,
+        (0.0, 1.0),
     )
     timeout: float = parameter(
-        0.5, "Time without a message after which the load is removed; 0 = never.", "s", 0.0, 3600.0
+        0.5,
+        "Time without a message after which the load is removed; 0 = never.",
+        "s",
+        (0.0, 3600.0),
     )
     sign: float = parameter(
         1.0,
         "1: messages give the load on the cable by the end-effector; -1: the opposite.",
         "",
-        -1.0,
-        1.0,
+        (-1.0, 1.0),
         choices=(1.0, -1.0),
     )
     signal: str = parameter(
@@ -374,9 +362,9 @@ class Load:
         choices=("none", "constant", "sine"),
         read_only=True,
     )
-    force: Vector = parameter(ORIGIN, "Force of the signal, world frame.", "N", -1.0e9, 1.0e9)
-    torque: Vector = parameter(ORIGIN, "Torque of the signal, world frame.", "N m", -1.0e9, 1.0e9)
-    frequency: float = parameter(1.0, "Frequency of a sine.", "Hz", 1.0e-6, 1.0e4)
+    force: Vector = parameter(ORIGIN, "Force of the signal, world frame.", "N", (-1.0e9, 1.0e9))
+    torque: Vector = parameter(ORIGIN, "Torque of the signal, world frame.", "N m", (-1.0e9, 1.0e9))
+    frequency: float = parameter(1.0, "Frequency of a sine.", "Hz", (1.0e-6, 1.0e4))
 
     @property
     def input_topic(self) -> str:

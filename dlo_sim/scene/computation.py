@@ -13,7 +13,7 @@ class Discretization:
     """Spline, quadrature and mass matrix."""
 
     control_points: int = parameter(
-        13, "Number of control points n_u of the cubic B-spline.", "", 4, 2000
+        13, "Number of control points n_u of the cubic B-spline.", "", (4, 2000)
     )
     quadrature: str = parameter(
         "gauss",
@@ -25,8 +25,7 @@ class Discretization:
         "Quadrature points: per knot span for gauss (2 to 10), in total for uniform (at least 2 a "
         "span).",
         "",
-        1,
-        100_000,
+        (1, 100_000),
     )
     stretch: str = parameter(
         "auto",
@@ -106,34 +105,30 @@ class Integrator:
         0.0,
         "Time step tau, at least 1e-9; 0 = chosen from the scene and the accuracy asked for.",
         "s",
-        0.0,
-        1.0,
+        (0.0, 1.0),
     )
     spectral_radius: float = parameter(
         0.8,
         "Spectral radius of generalized_alpha at infinite frequency: 1 = no numerical damping, 0 = "
         "the highest frequencies vanish within a step.",
         "",
-        0.0,
-        1.0,
+        (0.0, 1.0),
     )
     zhai_psi: float = parameter(
         0.5,
         "Parameter psi of Zhai's method; the pair 0.5, 0.5 has the largest stable step.",
         "",
-        0.0,
-        1.0,
+        (0.0, 1.0),
     )
     zhai_phi: float = parameter(
-        0.5, "Parameter phi of Zhai's method; second order only with 0.5.", "", 0.0, 1.0
+        0.5, "Parameter phi of Zhai's method; second order only with 0.5.", "", (0.0, 1.0)
     )
     tolerance: float = parameter(
         1.0e-6,
         "Energy that a step of an implicit method may leave unaccounted for, as a share of the "
         "energy exchanged; all steps together leave ten times as much.",
         "",
-        1.0e-15,
-        1.0e-2,
+        (1.0e-15, 1.0e-2),
     )
     on_failure: str = parameter(
         "hold",
@@ -150,8 +145,7 @@ class Inputs:
         0.06,
         "The prediction lags by this much, so that poses are interpolated, never extrapolated.",
         "s",
-        0.0,
-        10.0,
+        (0.0, 10.0),
     )
     time: str = parameter(
         "auto",
@@ -165,11 +159,13 @@ class Inputs:
         "waits for that no longer than inputs.latency.",
         read_only=True,
     )
-    max_speed: float = parameter(20.0, "Poses that move faster are refused.", "m/s", 1.0e-3, 1.0e6)
-    max_force: float = parameter(1.0e4, "Larger forces are refused.", "N", 1.0e-6, 1.0e9)
-    max_torque: float = parameter(1.0e3, "Larger torques are refused.", "N m", 1.0e-6, 1.0e9)
+    max_speed: float = parameter(
+        20.0, "Poses that move faster are refused.", "m/s", (1.0e-3, 1.0e6)
+    )
+    max_force: float = parameter(1.0e4, "Larger forces are refused.", "N", (1.0e-6, 1.0e9))
+    max_torque: float = parameter(1.0e3, "Larger torques are refused.", "N m", (1.0e-6, 1.0e9))
     catch_up: float = parameter(
-        0.1, "Most simulated time per timer tick; at least one timer period.", "s", 1.0e-3, 10.0
+        0.1, "Most simulated time per timer tick; at least one timer period.", "s", (1.0e-3, 10.0)
     )
 
 
@@ -185,24 +181,23 @@ class Measured:
         read_only=True,
     )
     noise: float = parameter(
-        0.005, "Standard deviation of a coordinate of a measured point.", "m", 1e-6, 1.0
+        0.005, "Standard deviation of a coordinate of a measured point.", "m", (1e-6, 1.0)
     )
     error: float = parameter(
         0.02,
         "Standard deviation of the error of the uncorrected prediction: the larger beside the "
         "noise, the more a point moves the cable.",
         "m",
-        1e-6,
-        10.0,
+        (1e-6, 10.0),
     )
     alike_along: float = parameter(
-        0.1, "Share of the length over which that error is alike.", "", 0.01, 1.0
+        0.1, "Share of the length over which that error is alike.", "", (0.01, 1.0)
     )
     alike_for: float = parameter(
-        0.25, "Time for which that error is alike: the lag of the correction.", "s", 1e-3, 100.0
+        0.25, "Time for which that error is alike: the lag of the correction.", "s", (1e-3, 100.0)
     )
     gate: float = parameter(
-        0.1, "Points further than this from the prediction are rejected.", "m", 1e-6, 100.0
+        0.1, "Points further than this from the prediction are rejected.", "m", (1e-6, 100.0)
     )
 
 
@@ -211,9 +206,9 @@ class Outputs:
     """What is put out besides the control points."""
 
     centerline_samples: int = parameter(
-        50, "Points of the centerline in markers and recordings.", "", 2, 10_000
+        50, "Points of the centerline in markers and recordings.", "", (2, 10_000)
     )
-    marker_rate: float = parameter(30.0, "Rate of the markers.", "Hz", 0.1, 1000.0)
+    marker_rate: float = parameter(30.0, "Rate of the markers.", "Hz", (0.1, 1000.0))
     color_by: str = parameter(
         "none",
         "What the colours of the marker of the centerline show, dark for low, bright for high: "
@@ -230,8 +225,7 @@ class Outputs:
         "Capsules that together hold the cable, published on ~/capsules for planning scenes; 0 = "
         "none. Their radii grow where the cable bends within one.",
         "",
-        0,
-        1000,
+        (0, 1000),
     )
     tf: bool = parameter(
         False,
@@ -244,8 +238,7 @@ class Outputs:
         "Values of the darkest and of the brightest colour, in the unit of what they show; the "
         "same twice = those of the present shape.",
         "",
-        -1.0e9,
-        1.0e9,
+        (-1.0e9, 1.0e9),
     )
 
 
@@ -257,13 +250,12 @@ class Forecasts:
         0,
         "Processes that forecast the plans on ~/plan, beside the ticks; 0 = no forecasts.",
         "",
-        0,
-        64,
+        (0, 64),
         read_only=True,
     )
-    every: float = parameter(0.05, "Time between two shapes of a forecast.", "s", 1e-3, 10.0)
+    every: float = parameter(0.05, "Time between two shapes of a forecast.", "s", (1e-3, 10.0))
     ghosts: int = parameter(
-        5, "Shapes to come that the marker ~/forecast/ghosts shows.", "", 1, 100
+        5, "Shapes to come that the marker ~/forecast/ghosts shows.", "", (1, 100)
     )
 
 
@@ -272,7 +264,7 @@ class Accuracy:
     """Position error that is acceptable, and whether the error is estimated."""
 
     target: float = parameter(
-        0.001, "Acceptable position error; a larger estimate causes a warning.", "m", 1e-9, 1e3
+        0.001, "Acceptable position error; a larger estimate causes a warning.", "m", (1e-9, 1e3)
     )
     estimate: str = parameter(
         "auto",

@@ -5,11 +5,11 @@ Every refusal is one line that names the key, the value and the cure.
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from dlo_sim.scene.cable import Cable, End, Grasp, Holder, Load, Obstacle, Vector
 from dlo_sim.scene.computation import Discretization, Outputs
-from dlo_sim.scene.refusal import refusal, shown
+from dlo_sim.scene.refusal import SceneError, refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 is a step that is chosen
@@ -17,6 +17,11 @@ LEAST_QUATERNION = 1e-3  # norm of an orientation that is surely meant
 _LARGEST_STRETCH = 2.0  # held ends farther apart than this many lengths are surely a mistake
 
 Holders = Mapping[str, Holder]
+
+
+def _refusals(prefix: str, group: object) -> Callable[[str, str], SceneError]:
+    """Refusals of the parameters of a group, from their names, what is wrong and the cure."""
+    return lambda name, problem: refusal(f"{prefix}.{name}", getattr(group, name), problem)
 
 
 def _norm(vector: Vector) -> float:
@@ -35,49 +40,32 @@ def check_cable(cable: Cable) -> None:
         raise refusal("cable.rest_curvature_axis", axis, f"is not a unit vector; give {unit}")
 
 
-def _check_span_stretch(discretization: Discretization) -> None:
-    if discretization.quadrature != "gauss":
-        raise refusal(
-            "discretization.stretch",
-            "span",
-            "needs Gauss points; set discretization.quadrature to gauss, or stretch to sample",
-        )
-    if discretization.control_points < 5:
-        raise refusal(
-            "discretization.stretch",
-            "span",
-            "leaves a single span ways to stretch that cost no energy; give 5 control points or "
-            "more, or set it to sample",
-        )
-
-
 def check_discretization(discretization: Discretization) -> None:
     """Refuse quadratures that do not suit the knots or leave motions without energy."""
-    samples = discretization.samples
-    if discretization.quadrature == "gauss" and not 2 <= samples <= 10:
-        raise refusal(
-            "discretization.samples",
-            samples,
+    refused = _refusals("discretization", discretization)
+    samples, gauss = discretization.samples, discretization.quadrature == "gauss"
+    by_span = discretization.stretch == "span"
+    least = max(2 * (discretization.control_points - 3), 4)
+    if gauss and not 2 <= samples <= 10:
+        raise refused(
+            "samples",
             "points per knot span will not do for gauss; give 2 to 10 (a single one leaves ways to "
             "bend that cost no energy), or set discretization.quadrature to uniform",
         )
-    if discretization.stretch == "span":
-        _check_span_stretch(discretization)
-    if discretization.knots == "auto" and discretization.quadrature != "gauss":
-        raise refusal(
-            "discretization.knots",
-            "auto",
-            "needs Gauss points in every span; set discretization.quadrature to gauss, or knots to "
-            "uniform",
+    if by_span and not gauss:
+        cure = "set discretization.quadrature to gauss, or stretch to sample"
+        raise refused("stretch", f"needs Gauss points; {cure}")
+    if by_span and discretization.control_points < 5:
+        cure = "give 5 control points or more, or set it to sample"
+        raise refused(
+            "stretch", f"leaves a single span ways to stretch that cost no energy; {cure}"
         )
-    least = 2 * (discretization.control_points - 3)
-    if discretization.quadrature == "uniform" and samples < max(least, 4):
-        raise refusal(
-            "discretization.samples",
-            samples,
-            f"samples are too few for uniform quadrature; give {max(least, 4)} or more in all, two "
-            "a knot span",
-        )
+    if discretization.knots == "auto" and not gauss:
+        cure = "set discretization.quadrature to gauss, or knots to uniform"
+        raise refused("knots", f"needs Gauss points in every span; {cure}")
+    if not gauss and samples < least:
+        cure = f"give {least} or more in all, two a knot span"
+        raise refused("samples", f"samples are too few for uniform quadrature; {cure}")
 
 
 def check_holder(name: str, end: Holder, length: float) -> None:
@@ -90,42 +78,25 @@ def check_holder(name: str, end: Holder, length: float) -> None:
                 f"N/m would do nothing, since {name}.fixed[{axis}] is true; set one of them to "
                 "zero or false",
             )
+    refused = _refusals(name, end)
     if end.clamped and not all(end.fixed):
-        raise refusal(
-            f"{name}.clamped",
-            True,
-            f"needs {name}.fixed: [true, true, true] (it is {shown(end.fixed)})",
-        )
+        it_is = f"(it is {shown(end.fixed)})"
+        raise refused("clamped", f"needs {name}.fixed: [true, true, true] {it_is}")
     if end.jaw > length:
-        raise refusal(
-            f"{name}.jaw", end.jaw, f"m is longer than the cable, {length:g} m; shorten the jaw"
-        )
+        raise refused("jaw", f"m is longer than the cable, {length:g} m; shorten the jaw")
     if end.jaw and not end.clamped:
-        raise refusal(
-            f"{name}.jaw",
-            end.jaw,
-            f"m of cable is held straight by a clamp alone; set {name}.clamped: true, or remove it",
-        )
+        cure = f"set {name}.clamped: true, or remove it"
+        raise refused("jaw", f"m of cable is held straight by a clamp alone; {cure}")
     if end.pose_type == "two_points" and any(end.tangent):
-        raise refusal(
-            f"{name}.tangent",
-            end.tangent,
-            f"would be ignored, since {name}.pose_type two_points makes it the x axis; remove it",
-        )
+        why = f"since {name}.pose_type two_points makes it the x axis"
+        raise refused("tangent", f"would be ignored, {why}; remove it")
     if end.pose_type == "pose" and end.pose_spacing:
-        raise refusal(
-            f"{name}.pose_spacing",
-            end.pose_spacing,
-            f"m would be ignored; set {name}.pose_type to two_points, or remove it",
-        )
+        cure = f"set {name}.pose_type to two_points, or remove it"
+        raise refused("pose_spacing", f"m would be ignored; {cure}")
     if end.driven and not end.held:
         key = "pose_topic" if end.pose_topic else "tf_frame"
-        raise refusal(
-            f"{name}.{key}",
-            end.pose_topic or end.tf_frame,
-            f"would move nothing, since it holds nothing; set {name}.fixed: [true, true, true] or "
-            f"remove {name}.{key}",
-        )
+        cure = f"set {name}.fixed: [true, true, true] or remove {name}.{key}"
+        raise refused(key, f"would move nothing, since it holds nothing; {cure}")
 
 
 def check_tf_frame(name: str, end: Holder, world: str) -> None:
@@ -157,30 +128,27 @@ def check_obstacles(obstacles: Sequence[Obstacle]) -> None:
 def check_placement(ends: Mapping[str, End], length: float, shape: str) -> None:
     """Refuse ends that give the initial shape or a clamp no direction, or are too far apart."""
     start, end = ends["start"], ends["end"]
+    refused = _refusals("end", end)
     gap = math.dist(start.position, end.position)
     rigid = all(start.fixed) and all(end.fixed)
     if gap == 0.0:
         for name, held in ends.items():
             if held.clamped and _norm(held.tangent) == 0.0:
-                raise refusal(
-                    f"{name}.tangent",
-                    held.tangent,
-                    "gives no direction, since both ends are at the same place; give a direction",
+                why = "since both ends are at the same place"
+                raise _refusals(name, held)(
+                    "tangent", f"gives no direction, {why}; give a direction"
                 )
         if shape == "straight" or not rigid:
-            raise refusal(
-                "end.position",
-                end.position,
-                "equals start.position, so a straight cable has no direction; "
-                "move it or start.position apart",
+            why = "so a straight cable has no direction"
+            raise refused(
+                "position", f"equals start.position, {why}; move it or start.position apart"
             )
     resting = not (start.driven or end.driven)
     if resting and rigid and gap > _LARGEST_STRETCH * length:
-        raise refusal(
-            "end.position",
-            end.position,
-            f"is {gap:g} m from start.position, but the cable is only {length:g} m "
-            "long; move the ends together or lengthen cable.length",
+        raise refused(
+            "position",
+            f"is {gap:g} m from start.position, but the cable is only {length:g} m long; move the "
+            "ends together or lengthen cable.length",
         )
 
 
@@ -197,22 +165,17 @@ def check_frames(world: str, holders: Holders) -> None:
 def check_load(load: Load) -> None:
     """Refuse values of a load that would be ignored."""
     key = f"loads.{load.name}"
+    refused = _refusals(key, load)
     if load.signal != "none" and load.topic:
-        raise refusal(
-            f"{key}.topic",
-            load.topic,
-            f"cannot be used with {key}.signal {load.signal}; remove one of them",
+        raise refused(
+            "topic", f"cannot be used with {key}.signal {load.signal}; remove one of them"
         )
-    if load.signal == "none":
-        for part, vector in (("force", load.force), ("torque", load.torque)):
-            if any(vector):
-                raise refusal(
-                    f"{key}.{part}",
-                    vector,
-                    f"would be ignored; set {key}.signal to constant or sine, or remove it",
-                )
+    for part in ("force", "torque") if load.signal == "none" else ():
+        if any(getattr(load, part)):
+            cure = f"set {key}.signal to constant or sine, or remove it"
+            raise refused(part, f"would be ignored; {cure}")
     if load.type == "force" and any(load.torque):
-        raise refusal(f"{key}.torque", load.torque, f"would be ignored; set {key}.type to wrench")
+        raise refused("torque", f"would be ignored; set {key}.type to wrench")
 
 
 def check_topics(holders: Holders, loads: Sequence[Load]) -> None:

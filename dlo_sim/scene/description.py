@@ -59,7 +59,7 @@ class Scene:
     frame_id: str = parameter(
         "world", "World frame of all outputs and of inputs without a frame.", read_only=True
     )
-    rate: float = parameter(200.0, "Rate of the node's timer.", "Hz", 1.0, 2000.0)
+    rate: float = parameter(200.0, "Rate of the node's timer.", "Hz", (1.0, 2000.0))
     cable: Cable = Cable()
     damping: Damping = Damping()
     discretization: Discretization = Discretization()
@@ -67,7 +67,7 @@ class Scene:
     plasticity: Plasticity = Plasticity()
     torsion: Torsion = Torsion()
     gravity: Vector = parameter(
-        (0.0, 0.0, -9.81), "Acceleration of gravity, world frame.", "m/s^2", -1.0e4, 1.0e4
+        (0.0, 0.0, -9.81), "Acceleration of gravity, world frame.", "m/s^2", (-1.0e4, 1.0e4)
     )
     start: End = End()
     end: End = End(position=(1.0, 0.0, 0.0), fixed=(False, False, False))

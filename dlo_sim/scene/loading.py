@@ -9,13 +9,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from dlo_sim.scene.description import (
-    Scene,
-    mapping,
-    overridden,
-    scene_from_values,
-    scene_values,
-)
+from dlo_sim.scene.description import Scene, mapping, overridden, scene_from_values, scene_values
 from dlo_sim.scene.node_blocks import flat_keys, has_nodes, node_values
 from dlo_sim.scene.refusal import SceneError, brief, nearest
 

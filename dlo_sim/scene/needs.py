@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,20 +11,6 @@ from numpy.typing import NDArray
 from dlo_sim.scene.description import Scene
 
 Vector = NDArray[np.float64]
-TERMS = (
-    "stretch",
-    "bend",
-    "twist",
-    "frenet",
-    "bishop",
-    "plasticity",
-    "contact",
-    "gravity",
-    "springs",
-    "loads",
-    "drive",
-    "damping",
-)
 _SPACE = (0, 1, 2)
 
 
@@ -33,8 +19,8 @@ class Needs:
     """Which terms a scene's step contains.
 
     Attributes:
-        stretch, bend, twist, gravity, springs, loads, drive, damping, plasticity, contact:
-            present or not.
+        stretch, bend, twist, plasticity, contact, gravity, springs, loads, drive, damping: present
+            or not.
         frenet, bishop: twist is measured against the Frenet torsion, or in the Bishop frame.
         axes: world axes that the motion needs: all three, or the two of a coordinate plane.
         left_out: name of each absent term -> reason.
@@ -45,15 +31,15 @@ class Needs:
     stretch: bool
     bend: bool
     twist: bool
+    frenet: bool
+    bishop: bool
+    plasticity: bool
+    contact: bool
     gravity: bool
     springs: bool
     loads: bool
     drive: bool
     damping: bool
-    frenet: bool
-    bishop: bool
-    plasticity: bool
-    contact: bool
     axes: tuple[int, ...]
     left_out: dict[str, str]
     warnings: tuple[str, ...] = field(default=(), compare=False)
@@ -92,6 +78,9 @@ class Needs:
     def active(self) -> tuple[str, ...]:
         """Names of the terms that are there."""
         return tuple(name for name in TERMS if getattr(self, name))
+
+
+TERMS = tuple(member.name for member in fields(Needs) if member.type == "bool")
 
 
 def needs_of(scene: Scene) -> Needs:
@@ -137,7 +126,7 @@ def needs_of(scene: Scene) -> Needs:
     return Needs(
         **present,
         frenet=frenet_wanted(scene),
-        bishop=bishop_wanted(scene),
+        bishop=scene.terms.twist == "bishop",
         axes=axes,
         left_out=reasons,
         warnings=tuple(warnings),
@@ -208,11 +197,6 @@ def frenet_wanted(scene: Scene) -> bool:
     return scene.terms.twist == "frenet"
 
 
-def bishop_wanted(scene: Scene) -> bool:
-    """Whether twist is measured in the Bishop frame, and so felt by the centerline."""
-    return scene.terms.twist == "bishop"
-
-
 def plasticity_wanted(scene: Scene) -> bool:
     """Whether bending can leave a set."""
     switch = scene.terms.plasticity
@@ -243,7 +227,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     """All three axes, or the two of a plane; and whether anything can leave that plane."""
     switch = scene.terms.out_of_plane
     # Both frames of the twist, and plasticity, exist in space only.
-    framed = frenet_wanted(scene) or bishop_wanted(scene)
+    framed = scene.terms.twist in ("frenet", "bishop")
     in_space = switch == "on" or framed or plasticity_wanted(scene)
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)

@@ -1,6 +1,6 @@
 """Parameters as fields of dataclasses: each field carries what people and checks need to know.
 
-    length: float = parameter(1.0, "Rest length L.", "m", 1.0e-4, 1.0e4)
+    length: float = parameter(1.0, "Rest length L.", "m", (1.0e-4, 1.0e4))
 
 A group of parameters is a dataclass of such fields; a key is a path of attributes. A field that
 holds a tuple of groups with names (`loads`) has the key `loads.names` and a block for each name.
@@ -75,16 +75,20 @@ def parameter(
     default: Any,
     description: str,
     unit: str = "",
-    low: float | None = None,
-    high: float | None = None,
+    bounds: tuple[float, float] | None = None,
     *,
     choices: tuple[Scalar, ...] = (),
     read_only: bool = False,
 ) -> Any:
-    """A dataclass field that is a parameter; its kind is that of the annotation."""
-    bounds = {"low": low, "high": high, "choices": choices}
+    """A dataclass field that is a parameter; its kind is that of the annotation.
+
+    Args:
+        bounds: smallest and largest value, of each element of an array.
+    """
+    low, high = bounds or (None, None)
     words = {"description": description, "unit": unit, "read_only": read_only}
-    return field(default=default, metadata={**words, **bounds})
+    limits = {"low": low, "high": high, "choices": choices}
+    return field(default=default, metadata={**words, **limits})
 
 
 def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:

@@ -12,10 +12,7 @@ PARAMETERS: tuple[Parameter, ...] = scene_parameters()
 
 def markdown_table() -> str:
     """The parameter table as GitHub markdown, without a trailing newline."""
-    lines = [
-        "| parameter | type | default | unit | range | meaning |",
-        "|---|---|---|---|---|---|",
-    ]
+    lines = ["| parameter | type | default | unit | range | meaning |", "|---|---|---|---|---|---|"]
     lines += [_markdown_row(row) for row in placeholder_parameters()]
     return "\n".join(lines)
 

@@ -74,7 +74,9 @@ def decode(message_type: str, raw: Bytes) -> Stamped:
         DecodeError: truncated or overlong bytes, an unknown encapsulation, an impossible header.
     """
     if message_type == BOOL:
-        return Stamped(0, "", (float(_decode_bool(raw)),))
+        _check_encapsulation(raw)
+        _check_length(raw, 5)
+        return Stamped(0, "", (float(bool(raw[4])),))
     if message_type == POSE_ARRAY:
         array = decode_pose_array(raw)
         positions = array.poses[:, :3].ravel().tolist()
@@ -103,12 +105,6 @@ def decode_pose_array(raw: Bytes) -> PoseArray:
     _check_length(raw, begin + 56 * count)
     poses = np.frombuffer(raw, order + "f8", 7 * count, begin).astype(float).reshape(count, 7)
     return PoseArray(stamp_ns, frame_id, poses)
-
-
-def _decode_bool(raw: Bytes) -> bool:
-    _check_encapsulation(raw)
-    _check_length(raw, 5)
-    return bool(raw[4])
 
 
 def _decode_header(raw: Bytes) -> tuple[str, int, str, int]:
@@ -143,8 +139,7 @@ class Reader:
     """Reads field after field of little- or big-endian CDR."""
 
     def __init__(self, raw: Bytes) -> None:
-        if len(raw) < 4 or raw[0] != 0 or raw[1] > 1:
-            raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
+        _check_encapsulation(raw)
         self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
 
     def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
@@ -170,11 +165,6 @@ class Reader:
         """A std_msgs/Header: its stamp [ns] and frame."""
         seconds, nanoseconds = self.whole("i"), self.whole()
         return seconds * _NANO + nanoseconds, self.text()
-
-    @property
-    def order(self) -> str:
-        """Byte order as struct and numpy write it."""
-        return self._order
 
     def _take(self, count: int) -> bytes:
         if self._at + count > len(self._raw):
@@ -320,30 +310,12 @@ def decode_diagnostic_array(raw: Bytes) -> tuple[int, list[DiagnosticStatus]]:
     Raises:
         DecodeError: as `decode`.
     """
-    order, stamp_ns, _, at = _decode_header(raw)
-
-    def number() -> int:
-        nonlocal at
-        at = 4 + (at - 4 + 3 & ~3) + 4
-        return int(struct.unpack_from(order + "I", raw, at - 4)[0])
-
-    def text() -> str:
-        nonlocal at
-        length = number()
-        at += length
-        if at > len(raw):
-            raise DecodeError(f"a text of {length} bytes does not fit into {len(raw)} bytes")
-        return bytes(raw[at - length : at - 1]).decode("utf-8", "replace")
+    reader = Reader(raw)
+    stamp_ns, _ = reader.header()
 
     def status() -> DiagnosticStatus:
-        nonlocal at
-        at += 1
-        level, name, message, _ = raw[at - 1], text(), text(), text()
-        return DiagnosticStatus(
-            level, name, message, tuple((text(), text()) for _ in range(number()))
-        )
+        level, name, message, _ = reader.whole("B"), reader.text(), reader.text(), reader.text()
+        values = tuple((reader.text(), reader.text()) for _ in range(reader.whole()))
+        return DiagnosticStatus(level, name, message, values)
 
-    try:
-        return stamp_ns, [status() for _ in range(number())]
-    except (struct.error, IndexError):
-        raise DecodeError(f"{len(raw)} bytes end within a status") from None
+    return stamp_ns, [status() for _ in range(reader.whole())]

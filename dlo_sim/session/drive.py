@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
@@ -18,8 +18,8 @@ from dlo_sim.session.load_schedule import LoadSchedule
 from dlo_sim.session.observer import Observer
 from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
-from dlo_sim.session.take_schedule import TakeSchedule
 from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.waiting import TakeMessage, Waiting
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
@@ -90,7 +90,7 @@ class Drive:
             if end.driven
         }
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
-        self.takes = {g.name: TakeSchedule() for g in scene.grasps if g.taken_topic}
+        self.takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
         self.observer: Observer | None = None
         if scene.measured.type != "none":
             self.observer = Observer(scene.measured, note)
@@ -116,7 +116,7 @@ class Drive:
         return self.simulator if self.estimate is None else self.estimate
 
     @property
-    def _pending(self) -> list[LoadSchedule | TakeSchedule]:
+    def _pending(self) -> list[Waiting[Any]]:
         return [*self.schedules.values(), *self.takes.values()]
 
     @property
@@ -368,8 +368,9 @@ class Drive:
 
     def _told(self, now_ns: int) -> Scene:
         """The scene with grasps as messages up to a time tell them to hold the cable."""
-        taken = {name: take.newest(now_ns) for name, take in self.takes.items()}
-        return _with_taken(self.scene, {k: v for k, v in taken.items() if v is not None})
+        takes = self.takes.items()
+        told = {name: message.taken for name, take in takes for message in take.due(now_ns)}
+        return _with_taken(self.scene, told)
 
     def _take_and_release(self, scene: Scene) -> None:
         """Let the grasps hold what another scene, which differs in that alone, says."""

@@ -1,25 +1,8 @@
 """Serialised input messages -> checked poses and loads. A bad message is refused with a reason,
 never raised, never used.
 
-SIGN AND FRAME OF EVERY INPUT
-- `WrenchStamped` of a load (`~/start/wrench`, `~/end/wrench`, `loads.<name>.topic`): force [N] and
-  torque [N m] acting ON THE CABLE BY THE END EFFECTOR, at the material point
-  `loads.<name>.position`; multiplied by `loads.<name>.sign`. A force-torque sensor that reports the
-  load of the cable on the robot needs `sign: -1.0`. Axes: those of `header.frame_id`: `frame_id` of
-  the scene or empty = world axes; the name in `start.frame` or `end.frame` = axes of that end
-  effector, rotated to the world by its pose when the load takes effect. The torque is about the
-  material point, whatever the frame's origin.
-- `Vector3Stamped` of a force load (`~/force`): force [N] ON THE CABLE, sign and axes as above.
-- `PoseStamped` (`start.pose_topic`, `end.pose_topic`): pose of the END EFFECTOR in the world frame
-  (`frame_id` or empty); rotates vectors from the end effector's axes into the world's. The cable is
-  attached at `<end>.offset` with `<end>.tangent` in it.
-- `Bool` of a grasp (`grasps.<name>.taken_topic`): whether the grasp holds the cable. It has no
-  stamp and counts at its arrival, in a bag at the time of recording.
-- `PoseArray` of two points (`<end>.pose_type: two_points`): the END EFFECTOR is midway between
-  them, its x axis, the tangent, points from the first to the second; it does not roll.
-- `PointCloud2` or `PoseArray` (`~/measured`): points on the cable in the world frame.
-- With `inputs.tf` any other frame is looked up at the stamp of the message, which waits for its
-  transform for `inputs.latency`, and those behind it on its topic with it.
+Sign and frame of every input: config/NODE.md. Loads act on the cable; a torque is about the point
+of the cable where it acts, whatever the frame of its axes.
 """
 
 from __future__ import annotations
@@ -44,10 +27,10 @@ from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.load_schedule import LoadMessage
 from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.take_schedule import TakeMessage
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.transforms import Transforms, in_world
+from dlo_sim.session.waiting import TakeMessage
 
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.

@@ -7,7 +7,6 @@ CABLE, already multiplied by `loads.<name>.sign`.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -17,10 +16,9 @@ from dlo_sim.core import rotations
 from dlo_sim.scene.cable import Load
 from dlo_sim.session.simulator_protocol import Stepped
 from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.waiting import Waiting
 
-# Loads waiting for their time; a paused simulation must not collect them for ever.
 _MOST_WAITING = 20_000
-
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
 
@@ -41,7 +39,7 @@ class LoadMessage(NamedTuple):
     end: str
 
 
-class LoadSchedule:
+class LoadSchedule(Waiting[LoadMessage]):
     """The pending messages of one load.
 
     Args:
@@ -50,10 +48,10 @@ class LoadSchedule:
     """
 
     def __init__(self, load: Load, note: Callable[[str, str], None]) -> None:
+        super().__init__(_MOST_WAITING)
         self.name = load.name
         self.timeout_ns = round(load.timeout * SECOND)
         self._note = note
-        self.clear()
 
     def remove(self, simulator: Stepped) -> None:
         """Forget all messages and take the load off."""
@@ -62,36 +60,27 @@ class LoadSchedule:
 
     def clear(self) -> None:
         """Forget all messages."""
-        self._pending: deque[LoadMessage] = deque(maxlen=_MOST_WAITING)
+        super().clear()
         self._held: LoadMessage | None = None
 
-    def add(self, message: LoadMessage) -> None:
-        """Take an accepted message; stamps must increase."""
-        self._pending.append(message)
-
     def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns] (the time base was decided later than the first messages
-        came).
-        """
-        moved = [m._replace(stamp_ns=m.stamp_ns + delta_ns) for m in self._pending]
-        self._pending = deque(moved, maxlen=_MOST_WAITING)
+        """Relabel all stamps by delta [ns]."""
+        super().shift_time(delta_ns)
         if self._held is not None:
             self._held = self._held._replace(stamp_ns=self._held.stamp_ns + delta_ns)
 
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next change that is known now, None = none."""
-        changes = []
-        if self._pending:
-            changes.append(self._pending[0].stamp_ns)
-        if self._held is not None and self.timeout_ns:
-            changes.append(self._held.stamp_ns + self.timeout_ns)
-        return min(changes, default=None)
+        change = super().next_change_ns()
+        if self._held is None or not self.timeout_ns:
+            return change
+        removed = self._held.stamp_ns + self.timeout_ns
+        return removed if change is None else min(change, removed)
 
     def apply(self, now_ns: int, step_ns: float, simulator: Stepped) -> None:
         """Give the simulator the load that acts during the step that begins at `now_ns`."""
         newest: LoadMessage | None = None
-        while self._pending and self._pending[0].stamp_ns <= now_ns:
-            newest = self._pending.popleft()
+        for newest in self.due(now_ns):
             if now_ns - newest.stamp_ns > step_ns:
                 self._note(
                     "late", f"load {self.name} came after the simulation had passed its stamp"

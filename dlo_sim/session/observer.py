@@ -9,7 +9,6 @@ the model lacks, and goes on acting. The energy that a correction puts into the 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.error_filter import ErrorFilter
 from dlo_sim.scene.computation import Measured
+from dlo_sim.session.waiting import Waiting
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _PLACES = 201  # of the centerline among which the nearest is looked for
 _AT_ONCE = 4096  # points whose distances from all places are held
-_MOST_WAITING = 1000
 # An acceleration that the model lacks [m/s^2] is learnt per metre of correction, and lasts [s]. On
 # recorded cables this takes 8 % off the error; six times as much makes the lightest one swing.
 _LEARNT, _LASTS = 45.0, 1.6
@@ -39,7 +38,7 @@ class Points(NamedTuple):
     points: Array
 
 
-class Observer:
+class Observer(Waiting[Points]):
     """Corrects a simulator by measured points.
 
     Args:
@@ -56,34 +55,25 @@ class Observer:
         self._note = note
         self.used = self.rejected = 0
         self.work = self.innovation = 0.0
-        self.clear()
+        super().__init__()
 
     def clear(self) -> None:
         """Forget the measurements that wait, and what was learnt from the others."""
-        self._pending: deque[Points] = deque(maxlen=_MOST_WAITING)
+        super().clear()
         self._simulator: Simulator | None = None
         self._time, self._lacking = 0.0, np.zeros((0, 3))
 
-    def add(self, points: Points) -> None:
+    def add(self, message: Points) -> None:
         """Take an accepted measurement; stamps must increase. One too many replaces the oldest."""
-        if len(self._pending) == _MOST_WAITING:
+        most = self._pending.maxlen
+        if len(self._pending) == most:
             self.rejected += len(self._pending[0].points)
-            self._note("full", f"more than {_MOST_WAITING} measurements wait; the oldest is lost")
-        self._pending.append(points)
-
-    def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns]."""
-        moved = [one._replace(stamp_ns=one.stamp_ns + delta_ns) for one in self._pending]
-        self._pending = deque(moved, maxlen=_MOST_WAITING)
-
-    def next_change_ns(self) -> int | None:
-        """Time base [ns] of the next measurement that is known now, None = none."""
-        return self._pending[0].stamp_ns if self._pending else None
+            self._note("full", f"more than {most} measurements wait; the oldest is lost")
+        super().add(message)
 
     def apply(self, now_ns: int, step_ns: float, simulator: Simulator) -> None:
         """Correct the simulator, which is at `now_ns`, by what was measured then."""
-        while self._pending and self._pending[0].stamp_ns <= now_ns:
-            stamp_ns, points = self._pending.popleft()
+        for stamp_ns, points in self.due(now_ns):
             if now_ns - stamp_ns > step_ns:
                 self.rejected += len(points)
                 self._note(

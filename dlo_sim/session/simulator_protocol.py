@@ -6,7 +6,7 @@ The meaning of each member is documented there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,45 +15,14 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
 
+if TYPE_CHECKING:
+    from dlo_sim.simulation.geometry import Geometries
+    from dlo_sim.simulation.report import Energy, Report
+    from dlo_sim.simulation.selection import Choice
+
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
 """Position [m], quaternion x, y, z, w."""
-
-
-class Outcome(Protocol):
-    """How an advance ended."""
-
-    @property
-    def ok(self) -> bool: ...
-
-
-class Advanced(Protocol):
-    """What an advance reports; `message` and `note` are one line, or empty."""
-
-    @property
-    def status(self) -> Outcome: ...
-    @property
-    def steps(self) -> int: ...
-    @property
-    def message(self) -> str: ...
-    @property
-    def note(self) -> str: ...
-
-
-class Energies(Protocol):
-    """Energies [J]."""
-
-    @property
-    def kinetic(self) -> float: ...
-    @property
-    def total(self) -> float: ...
-
-
-class Chosen(Protocol):
-    """Why this method and step."""
-
-    @property
-    def reason(self) -> str: ...
 
 
 class Stepped(Protocol):
@@ -66,7 +35,7 @@ class Stepped(Protocol):
     def take(self, grasp: str) -> None: ...
     def release(self, grasp: str) -> None: ...
     def end_pose(self, end: str) -> tuple[Array, Array]: ...
-    def advance_steps(self, steps: int) -> Advanced: ...
+    def advance_steps(self, steps: int) -> Report: ...
 
 
 class Observable(Protocol):
@@ -80,21 +49,6 @@ class Observable(Protocol):
     def control_poses(self, out: Array) -> None: ...
     def end_pose(self, end: str) -> tuple[Array, Array]: ...
     def reaction_wrench(self, end: str) -> tuple[float, ...]: ...
-
-
-class Placed(Protocol):
-    """Where an end effector was as it took hold of the cable."""
-
-    @property
-    def position(self) -> Array: ...
-    @property
-    def orientation(self) -> Array: ...
-    @property
-    def attachment(self) -> Array: ...
-    @property
-    def tangent(self) -> Array: ...
-    @property
-    def u(self) -> float | None: ...
 
 
 class State(Protocol):
@@ -113,7 +67,7 @@ class State(Protocol):
     @property
     def inputs(self) -> Array: ...
     @property
-    def geometries(self) -> Mapping[str, Placed]: ...
+    def geometries(self) -> Geometries: ...
 
 
 class CableSimulator(Stepped, Observable, Protocol):
@@ -126,7 +80,7 @@ class CableSimulator(Stepped, Observable, Protocol):
     @property
     def method(self) -> str: ...
     @property
-    def choice(self) -> Chosen: ...
+    def choice(self) -> Choice: ...
     @property
     def greville(self) -> Array: ...
     @property
@@ -135,7 +89,7 @@ class CableSimulator(Stepped, Observable, Protocol):
     def left_out(self) -> Mapping[str, str]: ...
     @property
     def warnings(self) -> tuple[str, ...]: ...
-    def energy(self) -> Energies: ...
+    def energy(self) -> Energy: ...
     def reset(self) -> None: ...
     def check_take(self, grasp: str) -> None: ...
     def snapshot(self) -> Any: ...

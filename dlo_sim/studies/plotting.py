@@ -41,7 +41,8 @@ class Panel:
 
     Attributes:
         x: column of the data. lines: columns, one line each, or one column with `by`.
-        y: label and unit of the y axis; x_axis: of the x axis, by default the name of its column.
+        y: label and unit of the y axis, `error [mm]`; x_axis: of the x axis, by default the name of
+            its column.
         by: column of names; the rows of each name are a line. where: rows to draw, column -> value.
         log: which axes are logarithmic: "", "x", "y" or "xy".
         looks: line -> keywords of matplotlib; a line named after a method has its colour anyway.
@@ -50,10 +51,10 @@ class Panel:
     """
 
     x: str
-    y: Column
+    y: str
     lines: Sequence[str]
     title: str = ""
-    x_axis: Column | None = None
+    x_axis: str = ""
     by: str = ""
     where: Mapping[str, object] = field(default_factory=dict)
     log: str = ""
@@ -77,23 +78,24 @@ class Panel:
 
     def draw(self, axes: Axes, data: Data) -> None:
         """Draw the lines with labels, grid and legend."""
-        x_axis, curves = self.x_axis or Column(self.x), self.curves(data)
+        x_axis, y_axis = Column.of(self.x_axis or self.x), Column.of(self.y)
+        curves = self.curves(data)
         spread = colormaps["turbo"](np.linspace(0.05, 0.95, max(len(curves), 2)))
         for (name, (x, y)), color in zip(curves.items(), spread, strict=False):
             label = name.partition(" [")[0]
             look: dict[str, Any] = {"color": COLORS.get(label, color), "label": label}
             draw = _band if self.band else _line
             look |= self.looks.get(name, {})
-            draw(axes, x * x_axis.scale, y * self.y.scale, look)
+            draw(axes, x * x_axis.scale, y * y_axis.scale, look)
         for label, level in self.levels.items():
-            axes.axhline(level * self.y.scale, color="gray", linestyle=":", label=label)
+            axes.axhline(level * y_axis.scale, color="gray", linestyle=":", label=label)
         for label, place in self.uprights.items():
             axes.axvline(place * x_axis.scale, color="gray", linestyle=":", label=label)
         for axis in self.log:
             axes.set(**{f"{axis}scale": "log"})
             # Of the minor ticks two have labels, and only on an axis of less than a decade.
             getattr(axes, f"{axis}axis").set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        axes.set(xlabel=x_axis.header, ylabel=self.y.header, title=self.title)
+        axes.set(xlabel=x_axis.header, ylabel=y_axis.header, title=self.title)
         axes.grid(alpha=0.3, which="both")
         labels = axes.get_legend_handles_labels()[1]
         if len(labels) > MOST_INSIDE:

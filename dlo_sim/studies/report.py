@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,21 @@ class Column:
     Attributes:
         name, unit: the header is `name [unit]`. Values are multiplied by the scale of the unit up
             to the first slash (`us/step` is that of `us`), which is 1 for units not in `SCALES`.
-        form: format specification in the report, e.g. ".0f"; by default see `shown`. The CSV has
-            all digits.
+        form: format specification in the report of what is not a whole number, e.g. ".0f"; by
+            default see `shown`. The CSV has all digits.
     """
 
     name: str
     unit: str = ""
     form: str = ""
+
+    @classmethod
+    def of(cls, header: str | Column, form: str = "") -> Column:
+        """The column that has a header such as `step [us]`."""
+        if isinstance(header, Column):
+            return header
+        name, _, unit = header.removesuffix("]").rpartition(" [")
+        return cls(name, unit, form) if header.endswith("]") else cls(header, form=form)
 
     @property
     def header(self) -> str:
@@ -57,7 +65,7 @@ class Column:
 
     def shown(self, cell: Cell) -> str:
         """A scaled cell for people."""
-        plain = cell is None or isinstance(cell, str) or not math.isfinite(cell)
+        plain = cell is None or isinstance(cell, str | int) or not math.isfinite(cell)
         return shown(cell) if plain or not self.form else format(cell, self.form)
 
 
@@ -99,17 +107,19 @@ class Report:
     def table(
         self,
         name: str,
-        header: Sequence[str | Column],
+        header: str | Sequence[str | Column],
         rows: Iterable[Sequence[Cell]],
         caption: str,
+        form: str = "",
     ) -> None:
         """A table with its caption above, also as `<name>.csv` with all digits.
 
         Args:
-            header: a string is a column without unit, whose values are shown as they are.
+            header: as it will read, `method | step [us]`, or columns and parts of such a text.
             rows: one cell per column, in SI; None is shown as a dash.
+            form: of columns without one of their own.
         """
-        columns = [Column(one) if isinstance(one, str) else one for one in header]
+        columns = [Column.of(one, form) for part in _parts(header) for one in part]
         cells = [[c.scaled(x) for c, x in zip(columns, row, strict=True)] for row in rows]
         lines = [f"**{caption}** (`{name}.csv`)", ""]
         lines.append("| " + " | ".join(column.header for column in columns) + " |")
@@ -153,9 +163,14 @@ class Report:
         path.write_text("\n\n".join(lines) + "\n", encoding="utf-8")
         return path
 
-    def outcome(self, verdicts: Mapping[str, str]) -> Outcome:
-        """What the study returns once the report is written."""
-        path = str(self.folder / "report.md")
+    def outcome(self, verdicts: Mapping[str, str], summary: Sequence[str] = ()) -> Outcome:
+        """Write the report; what the study returns.
+
+        Args:
+            summary: as of `write`; a line for each verdict by default.
+        """
+        lines = "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
+        path = str(self.write(summary or [lines]))
         return Outcome(path, self.figures, self.data, self.tables, dict(verdicts))
 
     def _write_csv(
@@ -185,9 +200,9 @@ def shown(cell: Cell) -> str:
     return f"{value:.0f}" if 1e4 <= size < 1e6 else f"{value:.2e}"
 
 
-def verdict_list(verdicts: Mapping[str, str]) -> str:
-    """A line of markdown for each verdict."""
-    return "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
+def _parts(header: str | Sequence[str | Column]) -> Iterator[Sequence[str | Column]]:
+    for part in [header] if isinstance(header, str) else header:
+        yield part.split(" | ") if isinstance(part, str) else [part]
 
 
 def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:

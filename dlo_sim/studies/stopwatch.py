@@ -25,7 +25,7 @@ class Cost:
 def least(work: Callable[[], object], repeats: int, count: int = 1) -> Cost:
     """Time per thing of `work`, which does `count` things; called once before to warm up."""
     work()
-    return _cost([_seconds(work) / count for _ in range(repeats)])
+    return _cost([seconds_of(work) / count for _ in range(repeats)])
 
 
 def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
@@ -54,7 +54,8 @@ def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -
     return _cost(times)
 
 
-def _seconds(work: Callable[[], object]) -> float:
+def seconds_of(work: Callable[[], object]) -> float:
+    """Time that work takes [s]."""
     began = time.perf_counter()
     work()
     return time.perf_counter() - began

@@ -1,10 +1,11 @@
 """Regularised Frenet torsion: exact values, exact gradient, what the floor does."""
 
+import frenet_torsion as torsion
 import numpy as np
 import pytest
 from differences import assert_limit
 
-from dlo_sim.core import bspline, quadrature, torsion
+from dlo_sim.core import bspline, quadrature
 
 N, LENGTH, GJ, FLOOR = 9, 2.0, 0.04, 0.3
 KNOTS = bspline.clamped_knots(N, LENGTH)

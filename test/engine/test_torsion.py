@@ -1,11 +1,11 @@
 """Compiled Frenet torsion: equal to the oracle, exact gradient, never NaN, samples counted."""
 
+import frenet_torsion as torsion
 import numpy as np
 import pytest
 from cables import FLAT, SOFT, Bench, inflected, scene_of, set_state, straight, wild
 from differences import assert_limit
 
-from dlo_sim.core import torsion
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
 

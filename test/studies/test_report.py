@@ -91,7 +91,7 @@ def test_machine_facts_name_versions_and_commit(monkeypatch, tmp_path):
 
 
 def test_values_in_si_are_shown_in_the_unit_of_their_column(report):
-    header = ["method", Column("step", "us"), Column("off", "%", ".0f"), Column("cost", "us/step")]
+    header = ["method | step [us]", Column("off", "%", ".0f"), "cost [us/step]"]
     report.table("t", header, [["rk4", 2e-6, 0.123, 1e-6], ["none", None, float("inf"), "-"]], "T")
     with (report.folder / "t.csv").open(newline="") as stream:
         rows = list(csv.reader(stream))
@@ -110,16 +110,14 @@ def test_a_chart_draws_the_columns_of_its_data(report):
         "time [s]": [1.0, 2.0, 3.0, 4.0],
         "error [m]": [0.1, 0.2, 0.3, 0.4],
     }
-    where = Panel(
-        "time [s]", Column("error", "mm"), ["error [m]"], by="method", where={"wire": "a"}
-    )
+    where = Panel("time [s]", "error [mm]", ["error [m]"], by="method", where={"wire": "a"})
     curves = {name: [list(xy) for xy in curve] for name, curve in where.curves(data).items()}
     assert curves == {"rk4": [[1.0, 4.0], [0.1, 0.4]], "zhai": [[2.0], [0.2]]}
     _, (axes,) = plotting.new_figure()
     where.draw(axes, data)
     assert list(axes.lines[0].get_ydata()) == [100.0, 400.0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "error [mm]")
-    whole = Panel("time [s]", Column("error", "m"), ["error [m]"], log="xy", levels={"most": 0.4})
+    whole = Panel("time [s]", "error [m]", ["error [m]"], log="xy", levels={"most": 0.4})
     plotting.chart(report, "errors", data, [whole], "Errors")
     assert (report.folder / "errors.png").stat().st_size > 5_000
     with (report.folder / "errors.csv").open(newline="") as stream:

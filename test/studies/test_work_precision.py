@@ -11,7 +11,7 @@ import pytest
 from dlo_sim.batch.workers import Here
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import STUDIES, Request
-from dlo_sim.studies.work_precision import analytic, cases, elastica, sweep
+from dlo_sim.studies.work_precision import analytic, cases, elastica, separate, sweep
 from dlo_sim.studies.work_precision.peers import beside
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
@@ -72,6 +72,22 @@ def test_a_method_that_the_scene_refuses_is_a_row():
     (run,) = sweep.swept(case, None, grid)
     assert (run.status, run.who, run.n_u, run.ok) == ("refused", "forest_ruth", 7, False)
     assert np.isnan(run.error)
+
+
+def test_refused_and_failed_runs_have_no_order():
+    """A refused run has step 0, which has no logarithm."""
+    case, job = cases.soft_cable(), Job(cases.wire(1).scene, 0.1, (0.5,))
+    refused = attempt(case.job, Setting("forest_ruth", 7), timed=False)
+    assert (refused.status, refused.step) == ("refused", 0.0)
+    assert separate.order_rows(case, "forest_ruth", [refused] * 2, refused) == []
+    coarse, fine, truth = (
+        attempt(job, Setting("velocity_verlet", 7, step), timed=False)
+        for step in (2e-5, 1e-5, 2.5e-6)
+    )
+    tried = [coarse, dataclasses.replace(coarse, message="failed"), fine]
+    first, second = separate.order_rows(cases.wire(1), "velocity_verlet", tried, truth)
+    assert (first[2], first[4], second[2]) == (coarse.step, None, fine.step)
+    assert second[4] == pytest.approx(2.0, abs=0.2)
 
 
 def test_thin_wires_are_nearer_by_span_with_few_control_points(study):

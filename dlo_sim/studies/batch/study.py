@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from itertools import product
 
@@ -16,7 +15,8 @@ from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column, Header, Report, columns, verdict_list
+from dlo_sim.studies.report import Cell, Column, Report, columns
+from dlo_sim.studies.stopwatch import seconds_of
 
 RESOLUTIONS = {True: (9, 13, 25), False: (7, 9, 11, 13, 17, 25, 41)}
 REPEATS = {True: 15, False: 60}
@@ -31,7 +31,7 @@ KINDS: dict[str, tuple[str, dict[str, object]]] = {
     "paper_wire, velocity_verlet": ("paper_wire", {"integrator.method": "velocity_verlet"}),
     "paper_wire_force, forest_ruth": ("paper_wire_force", {"integrator.method": "forest_ruth"}),
 }
-TIMES = [Column("times faster", form=".2f"), Column("median times", form=".2f")]
+TIMES = (Column("times faster", form=".2f"), Column("median times", form=".2f"))
 
 
 def run_study(request: Request) -> Outcome:
@@ -39,7 +39,6 @@ def run_study(request: Request) -> Outcome:
     files = {name: shipped_scene(name) for name, _ in KINDS.values()}
     report = Report(request.folder, "Many cables at once", request.command, files)
     verdicts = _vectors(report, request) | _cores(report, request)
-    report.write([verdict_list(verdicts)])
     request.progress(1.0)
     return report.outcome(verdicts)
 
@@ -68,9 +67,7 @@ def _in_turn(
     second()
     for repeat in range(repeats):
         for way, work in enumerate((first, second)):
-            began = time.perf_counter()
-            work()
-            times[repeat, way] = time.perf_counter() - began
+            times[repeat, way] = seconds_of(work)
     one, other = times.min(axis=0).tolist()
     return one, other, one / other, float(np.median(times[:, 0] / times[:, 1]))
 
@@ -111,17 +108,11 @@ def _vectors(report: Report, request: Request) -> dict[str, str]:
         the repeats; packing and unpacking the lanes is in their time. The last column is the median
         of the ratios of neighbouring pieces."""
     )
-    header: Header = [
-        "scenes",
-        "n_u",
-        Column("one by one", "us/step"),
-        Column("lanes", "us/step"),
-        *TIMES,
-    ]
+    header = ("scenes | n_u | one by one [us/step] | lanes [us/step]", *TIMES)
     report.table("vectors", header, rows, "Time of a step of one scene")
     data = columns(("scenes", "n_u", "times faster"), [(*row[:2], row[4]) for row in rows])
     looks = {kind: {"marker": "o"} for kind in KINDS}
-    panel = Panel("n_u", TIMES[0], ["times faster"], by="scenes", looks=looks)
+    panel = Panel("n_u", "times faster", ["times faster"], by="scenes", looks=looks)
     chart(report, "gain", data, [panel], "How many times faster the lanes are, per core")
     return {
         f"vector lanes, {kind}": f"{min(gains):.2f} to {max(gains):.2f} times as fast as one by one"
@@ -154,7 +145,7 @@ def _cores(report: Report, request: Request) -> dict[str, str]:
         """Wires by `simulate_batch`, from scenes to results, in turn in this process and on workers
         that are already there; whether the numbers are equal to the last bit."""
     )
-    header: Header = ["workers", "scenes", "n_u", "simulated [s]", "one [s]", "all [s]", *TIMES]
+    header = ("workers | scenes | n_u | simulated [s] | one [s] | all [s]", *TIMES)
     row: list[Cell] = [count, len(scenes), CORE_CONTROL_POINTS, CORE_DURATION, *times, str(same)]
     report.table("cores", [*header, "same bits"], [row], "Wall time of one batch")
     return {f"{count} workers": f"{times[2]:.2f} times as fast as one, same bits: {same}"}

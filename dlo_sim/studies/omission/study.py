@@ -12,7 +12,7 @@ from dlo_sim.scene.loading import load_scene, shipped_scenes
 from dlo_sim.studies import plotting
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.omission.variants import TERMS, Variant, job, variants
-from dlo_sim.studies.report import Column, Report, columns, verdict_list
+from dlo_sim.studies.report import Column, Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.tuning.search import present_setting
 from dlo_sim.tuning.trial import Trial, attempt, farthest, timed_again
@@ -63,7 +63,6 @@ def run_study(request: Request) -> Outcome:
         request.progress(0.5 + 0.5 * len({row.scene for row in rows}) / len(scenes))
     _describe(report, rows)
     verdicts = verdicts_of(rows)
-    report.write([verdict_list(verdicts)])
     return report.outcome(verdicts)
 
 
@@ -144,9 +143,8 @@ def _describe(report: Report, rows: list[Row]) -> None:
     report.table(
         "omission",
         [
-            *("scene", "term", "in its step", Column("with", "us/step")),
-            *(Column("without", "us/step"), Column("saved", "%", ".0f")),
-            *(Column("error without it", "mm"), "note"),
+            "scene | term | in its step | with [us/step] | without [us/step]",
+            *(Column("saved", "%", ".0f"), "error without it [mm] | note"),
         ],
         [
             [

@@ -8,15 +8,9 @@ from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper.wires import (
-    COMPARED,
-    Array,
-    Paper,
-    scenario,
-    softened,
-)
+from dlo_sim.studies.paper.wires import COMPARED, Array, Paper, scenario, softened
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column
+from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import at_method, distance, each, run
 from dlo_sim.studies.stopwatch import step_cost
 
@@ -84,8 +78,7 @@ def _work_precision(paper: Paper) -> None:
     names = ("wire", "method", "step [s]", TIME, ERROR)
     data = dict(zip(names, zip(*rows, strict=True), strict=True))
     looks = {m: {"marker": mark} for m, mark in zip(COMPARED, "osx^", strict=True)}
-    x = Column(f"run time of {SPAN[paper.quick]:g} s", "s")
-    y = Column("largest position error", "m")
+    x, y = f"run time of {SPAN[paper.quick]:g} s [s]", "largest position error [m]"
     panels = [
         Panel(TIME, y, [ERROR], name, x, by="method", where={"wire": name}, log="xy", looks=looks)
         for name in wires

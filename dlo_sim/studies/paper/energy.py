@@ -12,7 +12,7 @@ from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published
 from dlo_sim.studies.paper.wires import COMPARED, Array, Paper, scenario, softened
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column, Header
+from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import at_method, distance, run
 
 FINE = 8  # the reference of the real wire has a step so many times smaller
@@ -22,10 +22,10 @@ ADDED = "energy added by the slope, regular wire, {}".format
 SWING = "swing of the energy, regular wire, {}".format
 LAST = "position error at the end, regular wire, {} [m]".format
 LARGEST = "largest energy error, real wire, {}".format
-HEADER: Header = [
-    *("method", Column("step", "us"), "largest energy error", Column("slope", "1/s"), "swing"),
-    *("drifts?", Column("position error", "m"), "exponent of its growth", Column("run time", "s")),
-]
+HEADER = (
+    "method | step [us] | largest energy error | slope [1/s] | swing | drifts? | "
+    "position error [m] | exponent of its growth | run time [s]"
+)
 CAPTION = (
     "energy relative to the largest exchanged; swing: standard deviation about the slope; drifts: "
     "the slope leads out of three times that"
@@ -176,8 +176,7 @@ def _energy_figure(paper: Paper, name: str, wire: str, found: dict[str, Conserva
         data["time [s]"] = one.recording.time
         data[f"{method} [J]"] = one.recording.energy - one.recording.energy[0]
         title = f"{method}, step {1e6 * one.recording.step_s:.4g} us"
-        y = Column("energy error", "J")
-        panels.append(Panel("time [s]", y, [f"{method} [J]"], title, band=True))
+        panels.append(Panel("time [s]", "energy error [J]", [f"{method} [J]"], title, band=True))
     caption = f"Energy of {wire}: error over time; band from least to largest, line: mean"
     chart(paper.report, name, data, panels, f"{caption}; mind the scales", (10.0, 5.6), 2)
 
@@ -185,7 +184,7 @@ def _energy_figure(paper: Paper, name: str, wire: str, found: dict[str, Conserva
 def _growth_figure(paper: Paper, time: Array, gaps: dict[str, Array]) -> None:
     data = {"time [s]": time[1:]} | {f"{m} [m]": gap[1:] for m, gap in gaps.items()}
     looks = {"zhai [m]": {"linestyle": "--", "zorder": 5, "label": "zhai (on velocity_verlet)"}}
-    y = Column("largest position error so far", "m")
+    y = "largest position error so far [m]"
     panel = Panel("time [s]", y, list(data)[1:], "Constants CHANGED", log="xy", looks=looks)
     caption = "Growth of the position error of a regular wire at 2 ms; exponents in the table"
     chart(paper.report, "error_growth", data, [panel], caption)

@@ -26,7 +26,7 @@ from dlo_sim.studies.paper.wires import (
     softened,
     step_limit,
 )
-from dlo_sim.studies.report import Cell, Column, Header
+from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import at_method, bisected, distance, each, run, survives
 
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
@@ -90,8 +90,6 @@ def stopped_at(scene: Scene, method: str) -> int:
 def _limit_table(
     paper: Paper, predicted: Limits, observed: Limits, stopped: dict[tuple[int, str], int]
 ) -> None:
-    header: Header = ["scenario", "method", "limit omega tau", Column("predicted", "us")]
-    header += [Column("observed", "us"), "forces per omega tau at the limit", "2 ms / observed"]
     rows: list[list[Cell]] = [
         [
             *(*key, METHODS[key[1]].stability_limit, predicted[key], limit),
@@ -103,7 +101,8 @@ def _limit_table(
     ]
     paper.report.table(
         "stable_steps",
-        [*header, "**the paper's step, 2 ms**"],
+        "scenario | method | limit omega tau | predicted [us] | observed [us] | "
+        "forces per omega tau at the limit | 2 ms / observed | **the paper's step, 2 ms**",
         rows,
         "Largest stable step of the real wire (n_u = 9, n_s = 101): predicted from the linearised "
         "wire, observed by bisection; last column: a run at the paper's 2 ms, nothing changed. "
@@ -155,8 +154,7 @@ def _term_table(paper: Paper) -> None:
         limit = step_limit(scene.with_values(changes))
         omega = METHODS["forest_ruth"].stability_limit / limit
         rows.append([name, omega, limit, published.STEP / limit])
-    header: Header = ["what is there", Column("largest frequency", "rad/s")]
-    header += [Column("Forest-Ruth limit", "us"), "2 ms / limit"]
+    header = "what is there | largest frequency [rad/s] | Forest-Ruth limit [us] | 2 ms / limit"
     caption = "Which term forbids 2 ms (scenario 1, n_u = 9)"
     paper.report.table("limit_by_term", header, rows, caption)
 
@@ -189,10 +187,9 @@ def _paper_rows(paper: Paper) -> None:
         rows.append([name, change, outcome, recording.wall_s, recording.energy_error_max, gap, sag])
         if method == "energy_momentum" and gap is not None:
             paper.found["energy_momentum at 2 ms from a fine run [mm]"] = 1e3 * gap
-    header: Header = ["method", "changed", "reached", Column("run time", "s"), "energy error"]
     paper.report.table(
         "paper_step",
-        [*header, Column("distance", "mm"), Column("sag", "mm")],
+        "method | changed | reached | run time [s] | energy error | distance [mm] | sag [mm]",
         rows,
         f"Rows AT THE PAPER'S STEP of 2 ms, {duration:g} s; bold: constants that were changed; "
         f"distance: largest from the real wire at its own step, whose sag is "

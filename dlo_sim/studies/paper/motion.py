@@ -11,7 +11,6 @@ from dlo_sim.simulation.recording import Recording
 from dlo_sim.studies import plotting
 from dlo_sim.studies.paper.wires import SCENARIOS, Array, Paper, scenario
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column
 from dlo_sim.studies.runs import at_method, distance, each, run
 
 EVERY = 0.005  # [s] between samples
@@ -58,7 +57,7 @@ def add(paper: Paper) -> None:
 def _parting(paper: Paper, time: Array, gaps: dict[str, Array]) -> None:
     """How runs of scenario 2 part: when they are apart, and the exponential rate before that."""
     data = {"time [s]": time[1:]} | {method: gap[1:] for method, gap in gaps.items()}
-    y = Column("largest distance from forest_ruth", "m")
+    y = "largest distance from forest_ruth [m]"
     panel = Panel("time [s]", y, list(gaps), log="y", levels={"1 mm": APART})
     caption = "Two methods in scenario 2, each at 0.9 of its stability limit"
     chart(paper.report, "scenario_2_parting", data, [panel], caption)
@@ -83,7 +82,7 @@ def _coordinate(paper: Paper, recording: Recording, number: int, name: str) -> N
     figure, axes = plotting.new_figure(2, 1, 9.0, 6.0)
     title = f"{what} of the control points, {SCENARIOS[number]}; below: the first {START:g} s"
     for panel_axes, shown, over in zip(axes, (data, early), (title, ""), strict=True):
-        panel = Panel("time [s]", Column(what, "mm"), list(data)[1:], over)
+        panel = Panel("time [s]", f"{what} [mm]", list(data)[1:], over)
         panel.draw(panel_axes, shown)
     caption = f"{what} of every control point, {SCENARIOS[number]}"
     if (number, name) == (1, "z"):

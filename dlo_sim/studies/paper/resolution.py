@@ -9,7 +9,7 @@ from dlo_sim.studies import plotting
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE, SAMPLES
 from dlo_sim.studies.paper.wires import Array, Paper, scenario
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column
+from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import at_method, each, run
 
 METHOD = "velocity_verlet"
@@ -69,9 +69,10 @@ def _table(paper: Paper, errors: Array, own: float) -> None:
     rows = [[row[0], *(None if c is None else 1e3 * float(c) for c in row[1:])] for row in rows]
     paper.report.table(
         "error_by_size",
-        ["n_u \\ n_s", *(Column(str(samples), form=".3g") for samples in SAMPLES)],
+        ["n_u \\ n_s", *map(str, SAMPLES)],
         rows,
         "Error against the reference model, rms over points and instants [mm], scenario 1",
+        form=".3g",
     )
 
 
@@ -99,7 +100,7 @@ def _figures(paper: Paper, errors: Array, time: Array) -> None:
         values = np.sqrt((errors[:, COLUMN] ** 2).mean(axis=axis))
         lines = {f"n_u = {n}": values[i] for i, n in enumerate(CONTROL_POINTS)}
         name = "time [s]" if what == "time" else "material coordinate u [m]"
-        panel = Panel(name, Column(f"error, rms over {over}", "mm"), list(lines), log="y")
+        panel = Panel(name, f"error, rms over {over} [mm]", list(lines), log="y")
         caption = f"Error over {what} for each n_u, n_s = 101"
         chart(report, f"error_over_{what}", {name: x} | lines, [panel], caption)
 

@@ -11,7 +11,7 @@ from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper.wires import Array, Paper, scenario
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column, Header
+from dlo_sim.studies.report import Column
 from dlo_sim.studies.runs import at_method, each
 
 FLOORS = {
@@ -60,21 +60,23 @@ def _frenet(paper: Paper) -> None:
     duration = 0.05 if paper.quick else 0.5
     cases = [(floor, duration) for floor in FLOORS[paper.quick]]
     runs = list(each(paper.workers, _surviving, cases).values())
-    header: Header = [Column("floor", "1/m"), Column("step", "us"), "survived at", "energy error"]
     paper.report.table(
         "frenet_floor",
-        [*header, Column("samples without torsion", "%", ".0f")],
+        [
+            "floor [1/m] | step [us] | survived at | energy error",
+            Column("samples without torsion", "%", ".0f"),
+        ],
         [[*row[:2], f"{row[2]:g} of it", *row[3:]] for row in runs],
         f"Scenario 2 with twist measured against the Frenet torsion, velocity Verlet, "
         f"{duration:g} s; step: 0.9 of the linear bound; 0 of it: none down to {SMALLEST_SHARE:g}",
     )
     floors, steps, shares, _, empty = (np.array(column) for column in zip(*runs, strict=True))
-    floor, right = "curvature floor [1/m]", Column("samples without torsion", "%")
+    floor, without = "curvature floor [1/m]", "samples without torsion"
     bound, survived = "step from the linear bound [s]", "step that survived [s]"
-    data = {floor: floors, bound: steps, survived: shares * steps, right.name: empty}
+    data = {floor: floors, bound: steps, survived: shares * steps, without: empty}
     looks = {bound: {"marker": "o"}, survived: {"marker": "s", "linestyle": "--"}}
     default = {"default floor": scenario(2).curvature_floor}
-    axes = (("xy", Column("step", "us"), [bound, survived]), ("x", right, [right.name]))
+    axes = (("xy", "step [us]", [bound, survived]), ("x", f"{without} [%]", [without]))
     panels = [
         Panel(floor, y, lines, log=log, looks=looks, uprights=default) for log, y, lines in axes
     ]
@@ -136,7 +138,6 @@ def _plastic(paper: Paper) -> None:
     simulated, closed = "simulated curvature [1/m]", "closed form [1/m]"
     data = {"moment [N m]": moments, simulated: curvature, closed: exact}
     looks = {simulated: {"marker": "o", "linestyle": ""}, closed: {"color": "black"}}
-    y = Column("curvature", "1/m")
-    panel = Panel("moment [N m]", y, [closed, simulated], looks=looks)
+    panel = Panel("moment [N m]", "curvature [1/m]", [closed, simulated], looks=looks)
     caption = "A clamped strip bent by a moment at its tip and released"
     chart(paper.report, "moment_curvature", data, [panel], caption)

@@ -75,6 +75,8 @@ def run_study(request: Request) -> PaperOutcome:
     claims.add(report, judged)
     report.table("measured", ["what", "value"], found.items(), "Everything measured by its name")
     opening = [" ".join(text.split()) for text in (OPENING, QUICK)[: 1 + request.quick]]
-    report.write([*opening, "## Verdicts", claims.summary(judged)])
-    outcome = report.outcome({claim.name: claim.verdict for claim in judged})
+    outcome = report.outcome(
+        {claim.name: claim.verdict for claim in judged},
+        [*opening, "## Verdicts", claims.summary(judged)],
+    )
     return PaperOutcome(**vars(outcome), claims=judged)

@@ -19,7 +19,7 @@ from dlo_sim.studies.paper.wires import (
     step_limit,
 )
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column, Header
+from dlo_sim.studies.report import Cell, Column
 from dlo_sim.studies.runs import at_method
 from dlo_sim.studies.stopwatch import step_cost
 
@@ -92,14 +92,13 @@ def _cell(number: int, n: int, samples: int, quick: bool) -> tuple[float, ...]:
 def _stable_table(paper: Paper, grid: Array) -> None:
     times = published.DURATION / grid[:, :, STEP] * grid[:, :, COMPILED]
     rows = [[n, grid[i, 0, STEP], *times[i]] for i, n in enumerate(CONTROL_POINTS)]
-    sizes = [Column(size, form=".3g") for size in SIZES[1:]]
-    header: Header = [SIZES[0], Column("step", "us"), *sizes]
     paper.report.table(
         "stable_sweep",
-        header,
+        [SIZES[0], Column("step", "us", ".4g"), *SIZES[1:]],
         rows,
         "Run time [s] of 10 s of the real wire at 0.9 of the stability limit, compiled, scenario 1 "
         "(steps times cost of a step)",
+        form=".3g",
     )
     for n, time in zip(CONTROL_POINTS, times[:, SAMPLES.index(101)], strict=True):
         paper.found[RUN(n)] = float(time)
@@ -120,11 +119,10 @@ def _paper_step_table(paper: Paper) -> None:
             outcome = f"{STEPS * step_cost(simulator).best:.3g} s" if fine else "stopped"
         bending = step_limit(bending_alone(scene))
         rows.append([n, limit, published.SWEEP_STEP / limit, bending, change, outcome])
-    header: Header = ["n_u", Column("limit of the real wire", "us"), "0.8 ms / limit"]
-    header += [Column("limit of bending alone", "us"), "0.8 ms would need"]
     paper.report.table(
         "paper_sweep_step",
-        [*header, "run time of 10 s so changed"],
+        "n_u | limit of the real wire [us] | 0.8 ms / limit | limit of bending alone [us] | "
+        "0.8 ms would need | run time of 10 s so changed",
         rows,
         "Rows AT THE PAPER'S STEP of 0.8 ms, Forest-Ruth, scenario 1, n_s = 101; bold: constants "
         "that were CHANGED. Where bending alone is too stiff, no softening of the axial term helps",
@@ -141,8 +139,8 @@ def _figure(paper: Paper, compiled: Array) -> None:
     }
     y = "cost of a Forest-Ruth step"
     panels = [
-        Panel("n_s", Column(y, "ms"), [printed], "the paper's C++", by="n_u"),
-        Panel("n_s", Column(y, "us"), [ours], "compiled, this machine", by="n_u"),
+        Panel("n_s", f"{y} [ms]", [printed], "the paper's C++", by="n_u"),
+        Panel("n_s", f"{y} [us]", [ours], "compiled, this machine", by="n_u"),
     ]
     caption = "Cost of a step over n_s and n_u, scenario 1"
     chart(paper.report, "cost_over_size", data, panels, caption, (12.0, 4.4))

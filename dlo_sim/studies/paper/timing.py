@@ -178,11 +178,13 @@ def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
     def printed(times: dict[str, Array], method: str) -> float | None:
         return float(times[method][-1]) / STEPS if method in times else None
 
-    header: Header = ["scenario", "method", "forces/step", Column("our step", "us")]
-    header += [Column("paper MATLAB", "ms/step"), Column("paper C++", "ms/step")]
-    header += [Column(f"numpy {way}", "ms/step") for way in (LOOP, ARRAYS)]
-    header += [Column("compiled", "us/step"), Column("spread", "%", ".0f")]
-    header += [f"{LOOP} / compiled", f"{ARRAYS} / compiled", "compiled, s per simulated s"]
+    header: Header = [
+        "scenario | method | forces/step | our step [us] | paper MATLAB [ms/step] | "
+        "paper C++ [ms/step]",
+        *(f"numpy {way} [ms/step]" for way in (LOOP, ARRAYS)),
+        *("compiled [us/step]", Column("spread", "%", ".0f")),
+        f"{LOOP} / compiled | {ARRAYS} / compiled | compiled, s per simulated s",
+    ]
     rows: list[list[Cell]] = [
         [
             *(number, method, METHODS[method].force_evaluations, one.step),
@@ -210,6 +212,6 @@ def _figure(paper: Paper, own: dict[str, Timing]) -> None:
     data["real time [s]"] = published.TIMES
     looks["real time [s]"] = {"color": "black", "linewidth": 0.8}
     lines = list(data)[1:]
-    panel = Panel("simulated time [s]", Column("run time", "s"), lines, log="xy", looks=looks)
+    panel = Panel("simulated time [s]", "run time [s]", lines, log="xy", looks=looks)
     caption = "Run time over simulated time, scenario 1; below the black line: faster than real"
     chart(paper.report, "run_time", data, [panel], caption, (9.0, 5.0))

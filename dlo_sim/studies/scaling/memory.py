@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column, Report, columns
+from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.scaling.steps import moving
 
 SIZE = 9  # control points
@@ -128,10 +128,8 @@ def describe(report: Report, found: list[Growth]) -> dict[str, str]:
     )
     report.table(
         "memory",
-        [
-            *("method", "steps", Column("resident after warm-up", "KB"), "growth after it [B]"),
-            *("most above it [B]", "blocks left by calls"),
-        ],
+        "method | steps | resident after warm-up [KB] | growth after it [B] | most above it [B] | "
+        "blocks left by calls",
         [
             [
                 *(one.method, int(one.steps[-1]), int(one.resident[WARM]), one.after_warm_up),
@@ -149,7 +147,7 @@ def describe(report: Report, found: list[Growth]) -> dict[str, str]:
     looks = {one.method: {"linewidth": 4.0 / (k + 1)} for k, one in enumerate(found)}
     panel = Panel(
         "share of the run's steps",
-        Column("resident memory, change", "KiB"),
+        "resident memory, change [KiB]",
         ["change [KiB]"],
         by="method",
         looks=looks,  # equal lines stay visible below each other

@@ -177,9 +177,8 @@ def describe(report: Report, found: list[Run]) -> dict[str, str]:
     report.table(
         "steps",
         [
-            *("method", "n_u", Column("step", "us"), Column("time", "us/step")),
-            *(Column("spread", "%", ".0f"), "evaluations per step"),
-            *(Column("time", "us/evaluation"), Column("time", "ns/evaluation/sample")),
+            *("method | n_u | step [us] | time [us/step]", Column("spread", "%", ".0f")),
+            "evaluations per step | time [us/evaluation] | time [ns/evaluation/sample]",
         ],
         [
             [
@@ -193,17 +192,13 @@ def describe(report: Report, found: list[Run]) -> dict[str, str]:
     )
     verdicts = _exponents(report, found)
     looks = {run.method: {"marker": "o"} for run in good}
-    panels = (
-        Column("time of a step", "us"),
-        Column("time of a step per control point", "ns"),
-        Column("time of an evaluation per control point", "ns"),
-    )
-    names = [column.name for column in panels]
+    whole, step = "time of a step", "time of a step per control point"
+    evaluation = "time of an evaluation per control point"
     chart(
         report,
         "time_of_a_step",
         columns(
-            ("method", "n_u", "median", *names),
+            ("method", "n_u", "median", whole, step, evaluation),
             [
                 (run.method, run.size, run.cost.median, run.cost.best, run.cost.best / run.size)
                 + (run.per_evaluation / run.size,)
@@ -211,8 +206,8 @@ def describe(report: Report, found: list[Run]) -> dict[str, str]:
             ],
         ),
         [
-            Panel("n_u", column, [column.name], by="method", log=log, looks=looks)
-            for column, log in zip(panels, ("xy", "x", "x"), strict=True)
+            Panel("n_u", f"{name} [{unit}]", [name], by="method", log=log, looks=looks)
+            for name, unit, log in ((whole, "us", "xy"), (step, "ns", "x"), (evaluation, "ns", "x"))
         ],
         "Time of a step, of a step per control point, and of an evaluation per control point",
         (16.0, 4.8),
@@ -242,10 +237,8 @@ def _exponents(report: Report, found: list[Run]) -> dict[str, str]:
         )
     report.table(
         "exponents",
-        [
-            *("method", "largest n_u that ran", "step, all sizes", f"step, n_u >= {FINE}"),
-            *("evaluation, all sizes", f"evaluation, n_u >= {FINE}"),
-        ],
+        f"method | largest n_u that ran | step, all sizes | step, n_u >= {FINE} | "
+        f"evaluation, all sizes | evaluation, n_u >= {FINE}",
         rows,
         "Exponent p of time ~ n_u^p, least squares in the logarithms (1 is linear)",
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
-from dlo_sim.studies.report import Report, verdict_list
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.scaling import memory, steps
 from dlo_sim.studies.scaling.steps import SCENE
 
@@ -23,5 +23,4 @@ def run_study(request: Request) -> Outcome:
     grown = memory.measured(request.quick, request.part(0.0, 0.3))
     runs = steps.timed(request.quick, request.part(0.3, 1.0))
     verdicts = steps.describe(report, runs) | memory.describe(report, grown)
-    report.write([verdict_list(verdicts)])
     return report.outcome(verdicts)

@@ -12,7 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 
 from dlo_sim.studies import plotting
-from dlo_sim.studies.report import Cell, Column, Report
+from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.report import columns as data_columns
 from dlo_sim.studies.stability.maps import (
     DAMPING,
@@ -121,18 +121,18 @@ def _tables(report: Report, extent: Extent, results: Results) -> None:
         key = (method, damping, motion)
         mine = [r for p, r in results.items() if (p.method, p.damping, p.motion) == key]
         rows.append([*key, *_summary(mine)])
-    header = ["method", "damping", "motion", "points", "observed / predicted, least", "largest"]
-    header += ["none found", "all below [s]", "runs finished", "stopped", "over budget"]
     report.table(
         "limits",
-        [*header, "largest energy error of the finished"],
+        "method | damping | motion | points | observed / predicted, least | largest | none found | "
+        "all below [s] | runs finished | stopped | over budget | "
+        "largest energy error of the finished",
         rows,
         "All maps: observed against predicted limits (trials of "
         f"{extent.trial:g} s), and what became of the energy runs of {extent.duration:g} s",
     )
     report.table(
         "finished_and_wrong",
-        ["method", "damping", "motion", "axis", "value", Column("step", "ms"), "energy error"],
+        "method | damping | motion | axis | value | step [ms] | energy error",
         [
             [p.method, p.damping, p.motion, p.axis, p.value, step, error]
             for p, r in results.items()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from typing import NamedTuple
 
@@ -15,9 +14,9 @@ from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import runs
-from dlo_sim.studies.report import Column, Header, Report
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.stability.cables import TIGHT
-from dlo_sim.studies.stopwatch import step_cost
+from dlo_sim.studies.stopwatch import seconds_of, step_cost
 
 SIZES = {True: (9, 19), False: (9, 13, 19, 40)}  # control points
 STEPS = (2e-3, 5e-3, 1e-2)  # [s]
@@ -59,10 +58,11 @@ class Stiff(NamedTuple):
     converged: float | None
 
 
-HEADER: Header = ["method", "quadrature", "n_u", Column("step", "ms"), "outcome", "energy error"]
-HEADER += ["iterations per step", "most in a step", "run time [s]"]
-HEADER += [Column("forest_ruth's step", "us"), "its run time [s]", "times faster"]
-HEADER += [Column("error", "mm"), Column("at the converged step", "mm")]
+HEADER = (
+    "method | quadrature | n_u | step [ms] | outcome | energy error | iterations per step | "
+    "most in a step | run time [s] | forest_ruth's step [us] | its run time [s] | times faster | "
+    "error [mm] | at the converged step [mm]"
+)
 
 
 def wire(n: int, method: str, step: float = 0.0, gauss: int = 0) -> Scene:
@@ -93,9 +93,8 @@ def _measure(n: int, method: str, gauss: int, repeats: int) -> list[Stiff]:
         costs.append(step_cost(explicit, repeats=15).best)
         for k, simulator in enumerate(simulators):
             simulator.reset()
-            began = time.perf_counter()
-            simulator.advance_steps(round(DURATION / simulator.step))
-            walls[repeat, k] = time.perf_counter() - began
+            steps = round(DURATION / simulator.step)
+            walls[repeat, k] = seconds_of(partial(simulator.advance_steps, steps))
     explicit_wall = min(costs) * DURATION / explicit.step
     for simulator, wall in zip(simulators, walls.min(axis=0).tolist(), strict=True):
         step = simulator.step
@@ -164,7 +163,7 @@ def describe(report: Report, rows: list[Stiff]) -> dict[str, str]:
     report.table("stiff", HEADER, rows, caption)
     report.table(
         "references",
-        ["reference", Column("distance", "mm")],
+        "reference | distance [mm]",
         [[name, off] for name, off in references().items()],
         "How sure the errors are",
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
-from dlo_sim.studies.report import Column, Report, verdict_list
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.stability import map_report, maps, stiff
 from dlo_sim.studies.stability.extremes import Finding, examine
 from dlo_sim.studies.stability.scenes import EXTREMES
@@ -33,7 +33,6 @@ def run_study(request: Request) -> Outcome:
         results[point] = limits
         request.progress(0.5 + 0.5 * len(results) / len(extent.points))
     map_report.add(report, extent, results)
-    report.write([verdict_list(verdicts)])
     return report.outcome(verdicts)
 
 
@@ -42,10 +41,8 @@ def _describe(report: Report, findings: Sequence[Finding]) -> dict[str, str]:
     report.section("Extreme cables")
     report.table(
         "extremes",
-        [
-            *("scene", "what", "outcome", "right", "error", "bound", "of what", "energy error"),
-            *("method", Column("step", "ms"), "steps", "iterations", "run time [s]", "reason"),
-        ],
+        "scene | what | outcome | right | error | bound | of what | energy error | method | "
+        "step [ms] | steps | iterations | run time [s] | reason",
         [
             [
                 *(one.extreme.name, one.extreme.what, one.outcome),

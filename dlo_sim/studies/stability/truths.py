@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
 from dlo_sim.core import bspline
 from dlo_sim.scene.description import Scene
@@ -36,12 +38,10 @@ def catenary(
             horizontal * at / stiffness + horizontal / weight * (start - np.arcsinh(slope))
         )
 
-    end = np.array([length])
-    low, high = 1e-12 * vertical, 1e12 * vertical
-    for _ in range(300):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if reach(middle, end)[0] < span else (low, middle)
-    force = np.sqrt(low * high)
+    end, far = np.array([length]), 12.0 * np.log(10.0)
+    force = vertical * np.exp(
+        brentq(lambda log: reach(vertical * np.exp(log), end)[0] - span, -far, far, xtol=1e-15)
+    )
     slope = (vertical - weight * u) / force
     z = -u * (vertical - 0.5 * weight * u) / stiffness - force / weight * (
         np.sqrt(1.0 + (vertical / force) ** 2) - np.sqrt(1.0 + slope**2)
@@ -56,14 +56,17 @@ def string_deflection(force: float, stiffness: float, length: float, bending: fl
     EI rounds the kink over the length l = sqrt(EI / T) and takes the share 2 l / L away, which
     holds while l is small against L (a pulled beam in a great tension T, first order in l / L).
     """
-    low, high = 0.0, 0.5 * np.pi - 1e-9
-    for _ in range(200):
-        angle = 0.5 * (low + high)
-        pull = 2.0 * stiffness * (1.0 / np.cos(angle) - 1.0) * np.sin(angle)
-        low, high = (angle, high) if pull < force else (low, angle)
-    tension = stiffness * (1.0 / np.cos(low) - 1.0)
-    rounding = 2.0 / length * np.sqrt(bending / tension)
-    return float(0.5 * length * np.tan(low) * (1.0 - rounding))
+
+    def tension(angle: float) -> float:
+        return stiffness * (1.0 / np.cos(angle) - 1.0)
+
+    angle = brentq(
+        lambda angle: 2.0 * tension(angle) * np.sin(angle) - force,
+        *(0.0, 0.5 * np.pi - 1e-9),
+        xtol=1e-15,
+    )
+    rounding = 2.0 / length * np.sqrt(bending / tension(angle))
+    return float(0.5 * length * np.tan(angle) * (1.0 - rounding))
 
 
 def euler_load(scene: Scene) -> float:
@@ -80,18 +83,8 @@ def elastica_gap(share: float) -> float:
 
     Source: Timoshenko & Gere, Theory of Elastic Stability, 1961, section 2.7.
     """
-    phase = (np.arange(2000) + 0.5) / 2000.0 * 0.5 * np.pi
-
-    def integrals(k: float) -> tuple[float, float]:
-        root = np.sqrt(1.0 - (k * np.sin(phase)) ** 2)
-        return float((1.0 / root).mean() * 0.5 * np.pi), float(root.mean() * 0.5 * np.pi)
-
-    low, high = 0.0, 1.0 - 1e-9
-    for _ in range(200):
-        k = 0.5 * (low + high)
-        low, high = (k, high) if (2.0 * integrals(k)[0] / np.pi) ** 2 < share else (low, k)
-    first, second = integrals(low)
-    return 2.0 * second / first - 1.0
+    square = brentq(lambda m: (2.0 * ellipk(m) / np.pi) ** 2 - share, 0.0, 1.0 - 1e-12)
+    return float(2.0 * ellipe(square) / ellipk(square) - 1.0)
 
 
 def momenta(simulator: Simulator) -> tuple[Array, Array]:

@@ -15,12 +15,11 @@ from dlo_sim.core import rotations
 from dlo_sim.identification.fit import Fit
 from dlo_sim.identification.identify import identify
 from dlo_sim.identification.measurement import Recording
-from dlo_sim.identification.prediction import COMPUTATION, Sensor, predict
+from dlo_sim.identification.prediction import COMPUTATION, Sensor, interpolated, predict
 from dlo_sim.identification.problem import DELAY
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.identification.scores import reaction
 from dlo_sim.scene.description import Scene
-from dlo_sim.studies.report import Column, Header
 
 Array = NDArray[np.float64]
 SMOOTHING = 0.2  # [s], half the window of the poses: nothing has to be in time here
@@ -33,18 +32,11 @@ in the other runs, so that only the offset of the sensor, its tare, is of the ru
 while the gripper moves slower than {SLOW:g} m/s. Faster than the poses: what smoothing over
 {SMOOTHING:g} s to either side, as that of the poses, takes from the measured force: the shocks of
 the arm, which pass between two poses, so that no prediction from these can show them."""
-HEADER: Header = [
-    "cable",
-    "numbers",
-    Column("Fx correlation", "", ".2f"),
-    Column("Fx rms error", "N", ".2f"),
-    Column("Fx rms error at rest", "N", ".2f"),
-    Column("Fx faster than the poses", "N", ".2f"),
-    Column("Fz correlation", "", ".2f"),
-    Column("Fz rms error", "N", ".2f"),
-    Column("Fz bias", "N", ".2f"),
-    Column("tip rms error", "cm", ".2f"),
-]
+HEADER = (
+    "cable | numbers | Fx correlation | Fx rms error [N] | Fx rms error at rest [N] | "
+    "Fx faster than the poses [N] | Fz correlation | Fz rms error [N] | Fz bias [N] | "
+    "tip rms error [cm]"
+)
 
 
 def recorded(bag: Path, scene: Scene) -> Recording:
@@ -54,8 +46,8 @@ def recorded(bag: Path, scene: Scene) -> Recording:
     if not table.is_file():
         return recording
     times, tips = _tips(table, scene.cable.length)
-    columns = [np.interp(recording.times, times, column) for column in tips.T]
-    return replace(recording, markers=np.stack(columns, axis=-1)[:, None], shares=np.ones(1))
+    markers = interpolated(recording.times, times, tips[:, None])
+    return replace(recording, markers=markers, shares=np.ones(1))
 
 
 def _smoothed(recording: Recording, scene: Scene) -> Recording:

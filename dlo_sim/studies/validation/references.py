@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import LEAST_FRAMES, Recording
-from dlo_sim.identification.prediction import begin
+from dlo_sim.identification.prediction import begin, interpolated
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
@@ -43,10 +43,7 @@ def resting(item: tuple[Scene, Recording]) -> Array:
             shapes.append(shapes[-1] if shapes else recording.markers[frame])
         else:
             shapes.append(simulator.centerline(recording.shares * scene.cable.length))
-    rows = np.array(shapes).reshape(len(frames), -1)
-    times = recording.times
-    columns = [np.interp(times, times[frames], column) for column in rows.T]
-    return np.stack(columns, axis=-1).reshape(len(times), -1, 3)
+    return interpolated(recording.times, recording.times[frames], np.array(shapes))
 
 
 def spline_distance(item: tuple[Scene, Recording]) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from dlo_sim.core import rotations
 from dlo_sim.identification.fit import Fit
@@ -16,7 +17,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Request
-from dlo_sim.studies.report import Column, Header, Report
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.validation import moved_cable
 
 Array = NDArray[np.float64]
@@ -24,14 +25,10 @@ TURN, REST = 0.7, 1.6  # [s] from one clamp angle to the next, and there
 STILL = 6.0  # 1/s, damping that brings the cable to rest
 TWO = 0.01  # [m] between two shapes
 FACTORS = (1.0, 0.85)  # of the published bending stiffness
-RESTING: Header = [
-    "cable",
-    "bending stiffness, of the published",
-    Column("tip error", "cm", ".2f"),
-    Column("from below", "cm", ".2f"),
-    Column("from above", "cm", ".2f"),
-    "angles with two shapes",
-]
+RESTING = (
+    "cable | bending stiffness, of the published | tip error [cm] | from below [cm] | "
+    "from above [cm] | angles with two shapes"
+)
 
 
 @dataclass(frozen=True)
@@ -101,10 +98,12 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
             "The clamp is turned slowly through all angles, upwards and downwards; where the two "
             "shapes differ, the cable can snap over, and the nearer one counts."
         )
-        report.table("resting", RESTING, resting, "Tip at rest, mean distance over the angles")
+        caption = "Tip at rest, mean distance over the angles"
+        report.table("resting", RESTING, resting, caption, ".2f")
     if moving:
         report.text(moved_cable.EXPLANATION)
-        report.table("moving", moved_cable.HEADER, moving, "Reaction and tip of moved cables")
+        caption = "Reaction and tip of moved cables"
+        report.table("moving", moved_cable.HEADER, moving, caption, ".2f")
     verdicts = {}
     for name, stiffness, tip, *_ in resting:
         verdicts[f"{name} at rest, EI x {stiffness}"] = f"tip {1e2 * tip:.2f} cm off"
@@ -165,7 +164,6 @@ def _row(one: Set, words: str, apart: Array, chosen: slice) -> list[Any]:
 
 def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
     """Logarithm of the stiffness and natural curvature at both ends, by every second angle."""
-    from scipy.optimize import least_squares
 
     def nearest(numbers: Array) -> Array:
         apart = branches(numbers)[:, ::2]

@@ -18,7 +18,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.plotting import animate, new_figure
-from dlo_sim.studies.report import Cell, Column, Header, Report, verdict_list
+from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.validation import references, robot_arm
 from dlo_sim.studies.validation.corrected import corrected
 
@@ -27,17 +27,10 @@ PIECES = {True: 2, False: 1000}  # of a cable
 PREDICTION = "prediction"
 SHOWN = (1.0, 2.5, 4.0)  # [s] of the shapes in pictures
 PER_SECOND = 10  # frames of the animation
-HEADER: Header = [
-    "cable",
-    "what",
-    Column("L1", "cm", ".3f"),
-    Column("mean distance", "cm", ".3f"),
-    Column("worst piece L1", "cm", ".3f"),
-    Column("bias", "cm", ".3f"),
-    Column("slow L1", "cm", ".3f"),
-    Column("fast L1", "cm", ".3f"),
-    Column("time per 10 ms", "ms", ".3f"),
-]
+HEADER = (
+    "cable | what | L1 [cm] | mean distance [cm] | worst piece L1 [cm] | bias [cm] | "
+    "slow L1 [cm] | fast L1 [cm] | time per 10 ms [ms]"
+)
 EXPLANATION = """L1 is the sum over frames 2 and later of the mean absolute error of the markers'
 coordinates, by the number of all frames; markers on the grippers count with none. A prediction
 starts from frames 0 and 1 and sees nothing but the grippers afterwards. Bias is the mean over
@@ -100,13 +93,12 @@ def run_study(request: Request) -> Outcome:
         )
         request.progress(0.8 * (number + 1) / (len(files) + len(sets)))
     if rows:
-        report.table("markers", HEADER, rows, "Error of the markers, mean of the pieces")
+        report.table("markers", HEADER, rows, "Error of the markers, mean of the pieces", ".3f")
     for cable in cables:
         for failure in cable.failures:
             report.text(f"Failed: {failure}; its last good shape counts from there on.")
         _pictures(report, cable)
     verdicts |= robot_arm.compare(report, sets, request)
-    report.write([verdict_list(verdicts)])
     request.progress(1.0)
     return report.outcome(verdicts)
 

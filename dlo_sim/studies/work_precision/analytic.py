@@ -11,7 +11,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column, Report, columns
+from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.stability.truths import catenary
 from dlo_sim.studies.work_precision import elastica
 from dlo_sim.studies.work_precision.cases import CLOSED, cantilever, rod_of, soft_cable, wire
@@ -39,13 +39,13 @@ def add(report: Report, quick: bool) -> None:
         rows.append((name, n_u, float(np.abs(place - truth).max()) / scale))
     report.table(
         "analytic",
-        ["n_u", *(Column(name, "%") for name in shapes)],
+        ["n_u", *(f"{name} [%]" for name in shapes)],
         [[n_u, *(row[2] for row in rows if row[1] == n_u)] for n_u in RESOLUTIONS[quick]],
         "Errors of equilibria",
     )
     data = columns(("what", "n_u", "error"), rows)
     looks = {name: {"marker": "o"} for name in shapes}
-    panel = Panel("n_u", Column("error", "%"), ["error"], by="what", log="y", looks=looks)
+    panel = Panel("n_u", "error [%]", ["error"], by="what", log="y", looks=looks)
     chart(report, "analytic_errors", data, [panel], "Equilibria against analytic results")
 
 

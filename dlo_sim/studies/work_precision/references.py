@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
-from dlo_sim.studies.report import Column, Report
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.tuning.setting import Setting
@@ -107,7 +107,7 @@ def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None
     )
     report.table(
         "cases",
-        ["case", "duration [s]", "axes", "at [L]", "scale", Column("length of the scale", "mm")],
+        "case | duration [s] | axes | at [L] | scale | length of the scale [mm]",
         [
             [
                 *(case.name, case.job.duration, "".join("xyz"[axis] for axis in case.components)),
@@ -119,11 +119,8 @@ def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None
     )
     report.table(
         "references",
-        [
-            *("case", "n_u", Column("step", "us"), Column("own error in space", "%")),
-            *(Column("own error in time", "%"), "checked by", "at n_u"),
-            *(Column("with step", "us"), Column("distance", "%")),
-        ],
+        "case | n_u | step [us] | own error in space [%] | own error in time [%] | checked by | "
+        "at n_u | with step [us] | distance [%]",
         [
             [
                 *(name, truth.setting.control_points, truth.step, truth.space, truth.time),

@@ -11,7 +11,7 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column, Report, columns
+from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.studies.work_precision.references import METHOD, Reference, run
@@ -31,6 +31,7 @@ CABLES = {
 }
 SIZE = (13.0, 8.0)
 Piece = tuple[Job, Setting, float]  # as of `references.run`
+OrderRow = tuple[str, str, float, float, float | None]  # case, method, step, error, order
 
 
 def add(report: Report, request: Request, cases: list[Case], truths: dict[str, Reference]) -> None:
@@ -52,7 +53,7 @@ def _space(
         (case.name, cable, n, _off(case, trials[piece], truths[case.name].points))
         for (case, cable, n), piece in pieces.items()
     ]
-    panel = Panel("n_u", Column("error", "%"), ["error"], by="cable", log="y")
+    panel = Panel("n_u", "error [%]", ["error"], by="cable", log="y")
     panel = replace(panel, looks={cable: {"marker": "o"} for cable in CABLES})
     levels = {case.name: {"reference": truths[case.name].own_error} for case in cases}
     chart(
@@ -78,28 +79,38 @@ def _time(report: Report, request: Request, cases: list[Case]) -> None:
         for case, method in product(cases, methods)
     }
     trials = each(request.workers, _run, [one for some in pieces.values() for one in some])
-    rows = []
+    rows: list[OrderRow] = []
     for (case, method), some in pieces.items():
         *tried, truth = (trials[one] for one in some)
-        before, last = np.nan, np.nan
-        for trial in tried:
-            off = _off(case, trial, truth.points)
-            order = float(np.log(last / off) / np.log(before / trial.step))
-            rows.append((case.name, method, trial.step, off, None if np.isnan(order) else order))
-            before, last = trial.step, off
-    rows = [row for row in rows if np.isfinite(row[3])]
+        rows += order_rows(case, method, tried, truth)
     report.table(
         "order_in_time",
-        ["case", "method", Column("step", "ms"), Column("error", "%"), "order"],
+        "case | method | step [ms] | error [%] | order",
         rows,
         f"Error in time at n_u = {FIXED[request.quick]}: against the same method and resolution at "
         "a quarter of the smallest step; order from the step before; failed runs are left out",
     )
-    panel = Panel("step [s]", Column("error", "%"), ["error"], by="method", log="xy")
+    panel = Panel("step [s]", "error [%]", ["error"], by="method", log="xy")
     panel = replace(panel, looks={method: {"marker": "o"} for method in methods})
     data = columns(("case", "method", "step [s]", "error"), [row[:4] for row in rows])
     panels = [replace(panel, title=case.title, where={"case": case.name}) for case in cases]
     chart(report, "time", data, panels, "Error in time alone", SIZE, rows=2)
+
+
+def order_rows(case: Case, method: str, tried: list[Trial], truth: Trial) -> list[OrderRow]:
+    """Step [s], error and order from the row before; failed and refused runs, of which the latter
+    may have no step, are left out."""
+    rows: list[OrderRow] = []
+    for trial in tried:
+        off = _off(case, trial, truth.points)
+        if np.isnan(off):
+            continue
+        order = None
+        if rows:
+            _, _, step, before, _ = rows[-1]
+            order = float(np.log(before / off) / np.log(step / trial.step))
+        rows.append((case.name, method, trial.step, off, order))
+    return rows
 
 
 def _steps(case: Case, method: str, quick: bool) -> list[Piece]:

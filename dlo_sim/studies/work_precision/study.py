@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
-from dlo_sim.studies.report import Cell, Report, verdict_list
+from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.work_precision import analytic, references, separate, sweep
 from dlo_sim.studies.work_precision.cases import all_cases
 from dlo_sim.studies.work_precision.peers import beside
@@ -63,6 +63,5 @@ def run_study(request: Request) -> Outcome:
     separate.add(report, request, cases, truths)
     request.progress(0.95)
     analytic.add(report, request.quick)
-    report.write([verdict_list(verdicts)])
     request.progress(1.0)
     return report.outcome(verdicts)

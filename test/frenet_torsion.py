@@ -1,4 +1,4 @@
-"""Twist against the Frenet torsion: plain numpy, slow, obvious; the oracle for `engine.torsion`.
+"""Twist against the Frenet torsion, in plain numpy: the oracle for `engine.torsion`.
 
 With t = r', k = r'', c = r''' and C = t x k the torsion of a curve is gamma = C.c / |C|^2 (Khalifa
 & Palli, eq. 6), 0/0 where the curve is straight. Regularised with a curvature floor delta [1/m]:
