@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.tuning.setting import Setting, ways_to_stretch
+from dlo_sim.tuning.setting import Setting, ways_to_resolve
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def _method_and_step(job: Job, wanted: float) -> tuple[Setting, float]:
 
 def _stretch(scene: Scene, method: str) -> str:
     """By span where it can be: thin cables converge sooner."""
-    return "span" if "span" in ways_to_stretch(scene, method) else "sample"
+    return "span" if len(ways_to_resolve(scene, method)) > 1 else "sample"
 
 
 def _not_in_time(last: Trial, wanted: float) -> NoReference:

@@ -13,7 +13,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.reference import Reference, converged
-from dlo_sim.tuning.setting import Setting, ways_to_stretch
+from dlo_sim.tuning.setting import Setting, ways_to_resolve
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, longest_step, timed_again
 
 TRIED = (
@@ -110,9 +110,9 @@ def tune(
     reference = converged(job, tolerance, lambda fraction: progress(0.3 * fraction))
     search = _Search(job, reference, tolerance - reference.error, [], progress)
     kinds = [
-        Setting(method, 0, 0.0, points, stretch=stretch)
+        Setting(method, 0, 0.0, points, stretch=stretch, knots=knots)
         for method in TRIED
-        for points, stretch in product(POINTS, ways_to_stretch(scene, method))
+        for points, (stretch, knots) in product(POINTS, ways_to_resolve(scene, method))
     ]
     for k, kind in enumerate(kinds):
         _method(search, kind)
@@ -138,6 +138,7 @@ def present_setting(scene: Scene) -> Setting:
         rule.samples,
         rule.quadrature,
         rule.stretch,
+        rule.knots,
     )
 
 

@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import needs_of
+from dlo_sim.simulation.model import grading
+
+FEW = 7  # control points, of a cable with long spans
 
 
 @dataclass(frozen=True, order=True)
@@ -16,7 +19,7 @@ class Setting:
         method: integrator.method; a constrained one leaves stretching out.
         control_points: n_u. samples: Gauss points per knot span, or uniform samples in all.
         step: tau [s]; 0 = what suits accuracy.target, at most 0.9 of the stability limit.
-        stretch: discretization.stretch, sample or span.
+        stretch: discretization.stretch, sample or span. knots: discretization.knots.
         off: terms that are switched off although they are in the scene.
     """
 
@@ -26,6 +29,7 @@ class Setting:
     samples: int = 3
     quadrature: str = "gauss"
     stretch: str = "sample"
+    knots: str = "uniform"
     off: tuple[str, ...] = ()
 
     @property
@@ -36,6 +40,7 @@ class Setting:
             "discretization.quadrature": self.quadrature,
             "discretization.samples": self.samples,
             "discretization.stretch": self.stretch,
+            "discretization.knots": self.knots,
             "integrator.method": self.method,
             "integrator.step": self.step,
             **{f"terms.{name}": "off" for name in self.off},
@@ -56,13 +61,18 @@ class Setting:
         rule = "per span" if self.quadrature == "gauss" else "in all"
         without = f", without {', '.join(self.off)}" if self.off else ""
         by = ", stretch by span" if self.stretch == "span" else ""
-        points = f"{self.samples} points {rule}{by}"
+        graded = ", knots auto" if self.knots == "auto" else ""
+        points = f"{self.samples} points {rule}{by}{graded}"
         return f"{self.method}, n_u {self.control_points}, {points}, {step}{without}"
 
 
-def ways_to_stretch(scene: Scene, method: str) -> tuple[str, ...]:
-    """Values of discretization.stretch worth trying: only `sample` where the scene does not
-    stretch."""
+def ways_to_resolve(scene: Scene, method: str) -> tuple[tuple[str, str], ...]:
+    """Values of `stretch` and `knots` worth trying: stretching by span only of a scene that
+    stretches, spans that are shorter at clamps only of a cable that is soft enough for them.
+    """
     integrator = replace(scene.integrator, method=method)
-    stretches = needs_of(replace(scene, integrator=integrator)).stretch
-    return ("sample", "span") if stretches else ("sample",)
+    plain = "sample", "uniform"
+    if not needs_of(replace(scene, integrator=integrator)).stretch:
+        return (plain,)
+    coarse = Setting("energy_momentum", FEW, 1e-3, knots="auto").applied(scene)
+    return (plain, ("span", "uniform"), *[("span", "auto")] * any(grading(coarse)))

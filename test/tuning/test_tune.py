@@ -32,7 +32,7 @@ from dlo_sim.tuning.search import (
     present_setting,
     tune,
 )
-from dlo_sim.tuning.setting import Setting, ways_to_stretch
+from dlo_sim.tuning.setting import Setting, ways_to_resolve
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
 
 TOLERANCE, DURATION = 1e-3, 0.3
@@ -259,11 +259,11 @@ def test_a_stiff_wire_gets_along_with_fewer_control_points_by_span(monkeypatch):
     job = Job(_wire({}), 0.2, (0.25, 0.5, 0.75), 0.01)
     fine = attempt(job, Setting("energy_momentum", 33, 1e-3), timed=False)
     fewest = {}
-    for way in ways_to_stretch(job.scene, "energy_momentum"):
+    for stretch, _ in ways_to_resolve(job.scene, "energy_momentum"):
         search = _Search(job, Reference(fine.points, fine.setting, 0.0), 1e-3, [], _quiet)
-        _method(search, Setting("energy_momentum", 0, samples=2, stretch=way))
-        assert {trial.setting.stretch for trial, _ in search.good} == {way}
-        fewest[way] = int(search.fastest)
+        _method(search, Setting("energy_momentum", 0, samples=2, stretch=stretch))
+        assert {trial.setting.stretch for trial, _ in search.good} == {stretch}
+        fewest[stretch] = int(search.fastest)
     assert fewest == {"sample": 9, "span": 7}
 
 
@@ -322,9 +322,19 @@ def test_the_present_setting_is_the_scene_s_own():
 
 def test_stretching_that_is_left_out_is_tried_one_way():
     scene = _wire({})
-    assert ways_to_stretch(scene, "rattle") == ("sample",)
-    assert ways_to_stretch(_wire({"terms.stretch": "off"}), "velocity_verlet") == ("sample",)
-    assert ways_to_stretch(scene, "velocity_verlet") == ("sample", "span")
+    assert ways_to_resolve(scene, "rattle") == (("sample", "uniform"),)
+    assert ways_to_resolve(_wire({"terms.stretch": "off"}), "velocity_verlet") == (
+        ("sample", "uniform"),
+    )
+    assert ways_to_resolve(scene, "velocity_verlet") == (("sample", "uniform"), ("span", "uniform"))
+
+
+def test_graded_knots_are_tried_where_a_clamped_cable_is_soft():
+    held = {"start.fixed": [True] * 3, "start.clamped": True, "start.spring": [0.0] * 3}
+    clamped = held | {"gravity": [0.0, 0.0, -9.81]}
+    soft = _wire({**clamped, "cable.youngs_modulus": 1e5})
+    assert ways_to_resolve(soft, "energy_momentum")[2:] == (("span", "auto"),)
+    assert len(ways_to_resolve(_wire(clamped), "energy_momentum")) == 2
 
 
 def test_implicit_steps_beyond_a_timer_period_where_nothing_arrives_in_between():

@@ -79,7 +79,9 @@ class Run(NamedTuple):
     @property
     def line(self) -> str:
         """Its line in the diagram."""
-        return self.who + (", stretch by span" if self.stretch == "by span" else "")
+        return self.who + (
+            f", stretch {self.stretch}" if self.stretch.startswith("by span") else ""
+        )
 
 
 def rod_of(scene: Scene, deformed: bool = False) -> elastica.Rod:

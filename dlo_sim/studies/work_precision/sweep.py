@@ -18,7 +18,7 @@ from dlo_sim.studies import plotting
 from dlo_sim.studies.report import Cell, Column, Header, Report, columns
 from dlo_sim.studies.work_precision.cases import Case, Run
 from dlo_sim.studies.work_precision.references import Reference
-from dlo_sim.tuning.setting import Setting
+from dlo_sim.tuning.setting import Setting, ways_to_resolve
 from dlo_sim.tuning.trial import at_share, attempt, error
 
 LEVELS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)  # of the case's scale
@@ -34,9 +34,10 @@ PAPER_STEP = 2e-3  # [s], which no explicit method bears on the wire
 
 @dataclass(frozen=True)
 class Grid:
-    """What is tried: methods, those implicit ones that are tried with stretching by span as well,
-    resolutions, steps of implicit methods [s], shares of the own steps of the others, and how long
-    repeats take [s]."""
+    """What is tried: methods, those of them that are tried with stretching by span and with graded
+    knots as well, resolutions, steps of implicit methods [s], shares of the own steps of the
+    others, and how long repeats take [s].
+    """
 
     methods: tuple[str, ...]
     by_span: tuple[str, ...]
@@ -53,7 +54,7 @@ FULL = Grid(
     ),
     by_span=("energy_momentum", "energy_momentum_4", "generalized_alpha"),
     control_points=(7, 8, 9, 11, 13, 17, 23),
-    steps=(1e-2, 5e-3, 2e-3, 1e-3, 5e-4),
+    steps=(4e-2, 2e-2, 1e-2, 4e-3, 2e-3, 1e-3, 5e-4),
     shares=(1.0, 0.5),
     budget=0.1,
 )
@@ -87,7 +88,8 @@ def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
     """A setting tried on a case and judged."""
     trial = attempt(case.job, setting, budget=budget)
     left_out = METHODS[setting.method].family == CONSTRAINED
-    way = "left out" if left_out else f"by {setting.stretch}"
+    graded = ", knots auto" * (setting.knots == "auto")
+    way = "left out" if left_out else f"by {setting.stretch}{graded}"
     n_u, words = setting.control_points, setting.words
     run = Run(setting.method, way, n_u, trial.step, trial.status, words)
     if not trial.ok:
@@ -100,8 +102,12 @@ def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
 
 def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
     if METHODS[method].family == IMPLICIT:
-        ways = ("sample", "span") if method in grid.by_span else ("sample",)
-        return [Setting(method, n_u, step, stretch=way) for way in ways for step in grid.steps]
+        ways = ways_to_resolve(case.scene, method)
+        return [
+            Setting(method, n_u, step, stretch=stretch, knots=knots)
+            for stretch, knots in (ways if method in grid.by_span else ways[:1])
+            for step in grid.steps
+        ]
     first = Setting(method, n_u)
     try:
         found = [at_share(case.job, first, share) for share in grid.shares]
@@ -195,11 +201,12 @@ def diagram(
 
 
 def _draw(axes: Axes, runs: Sequence[Run], cost: str) -> None:
-    """A method's runs as dots, its front as a line; dashed where stretching counts by span."""
+    """A method's runs as dots, its front as a line; dashed where stretching counts by span,
+    dotted with graded knots too."""
     for name in dict.fromkeys(run.line for run in runs):
         own = [run for run in runs if run.line == name and run.ok]
         color = plotting.COLORS.get(name.partition(",")[0], "black")
-        dash = "--" if "," in name else "-"
+        dash = ("-", "--", ":")[name.count(",")]
         looks: list[tuple[list[Run], dict[str, Any]]] = [
             (own, {"linestyle": "", "marker": ".", "alpha": 0.3}),
             (front(own, cost), {"linestyle": dash, "marker": "o", "markersize": 4, "label": name}),
