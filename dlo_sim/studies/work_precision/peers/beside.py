@@ -58,7 +58,7 @@ PEERS = (
             "cantilever": _CHAIN,
             "steel_wire": _CHAIN,
             "hanging_chain": _CHAIN,
-            "soft_grippers": ((12, 0.0), (20, 0.0), (40, 0.0)),
+            "soft_grippers": ((12, 0.0), (20, 0.0), (24, 0.0), (40, 0.0), (64, 0.0)),
         },
     ),
     Peer(
