@@ -154,8 +154,12 @@ class CableNode(GuardedNode):
         self.create_timer(_DIAGNOSTICS_PERIOD, self._report, clock=steady)
 
     def _tick_timer(self, scene: Scene) -> Timer:
+        """A timer that fires when states have just become due: it keeps the phase of now, for which
+        this waits up to a period.
+        """
         self._period_ns = round(1e9 / scene.rate)
-        return self.create_timer(1.0 / scene.rate, self._on_timer)
+        time.sleep(self._session.until_tick(self._now()) * 1e-9)
+        return self.create_timer(self._period_ns * 1e-9, self._on_timer)
 
     def _log_topics(self) -> None:
         log = self.get_logger()
@@ -275,7 +279,7 @@ class CableNode(GuardedNode):
         before, simulator = self._session.scene, self._session.simulator
         self._session.reconfigure(scene, prepared)
         self._outputs.follow(scene)
-        if scene.rate != before.rate:
+        if (scene.rate, scene.inputs.latency) != (before.rate, before.inputs.latency):
             self.destroy_timer(self._timer)
             self._timer = self._tick_timer(scene)
         self._times.interrupt()

@@ -49,7 +49,9 @@ EVENTS: dict[str, str] = {
     "not_published": "an output was not finite and was not published",
     "inaccurate": "the estimated error exceeds accuracy.target",
     "slow_newton": "Newton's method took far more iterations in a tick than usual",
+    "markers_spared": "the session fell behind and goes on without its markers",
     "estimate_spared": "the session fell behind and goes on without its error estimate",
+    "taken_up": "the session keeps up again and goes on with what it had spared last",
 }
 """Everything else that is counted."""
 
