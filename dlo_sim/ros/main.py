@@ -75,7 +75,7 @@ def _run(arguments: list[str]) -> int:
 
 def _spin(node: "CableNode") -> int:
     """Run callbacks until a signal or until the node gives up; then take the markers back."""
-    executor = _executor()
+    executor = new_executor()
     executor.add_node(node)
     try:
         # What start-up has allocated stays; the collector need not look at it during a tick.
@@ -93,7 +93,7 @@ def _spin(node: "CableNode") -> int:
     return FAILED
 
 
-def _executor() -> "Executor":
+def new_executor() -> "Executor":
     """The events executor, which needs a third of the processor time, or else the usual one."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor

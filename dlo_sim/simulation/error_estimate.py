@@ -208,7 +208,8 @@ class ErrorEstimate:
         return next((one.failure for one in self._companions if one.failure), "")
 
     def _all(self) -> list[Simulator]:
-        finer = (one.simulator for one in self._companions)
+        # One that failed stands still in time, and would refuse to jump to a motion of now.
+        finer = (one.simulator for one in self._companions if not one.failure)
         return [self.simulator, *(one for one in finer if one is not None)]
 
     def _move_companions(self, end: str, motion: EndMotion) -> None:

@@ -222,6 +222,19 @@ def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
     assert math.isfinite(estimate.recent.total)
 
 
+def test_a_companion_that_failed_stops_no_gripper():
+    estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
+    estimate._space.simulator.cable.x[0, 5] = np.nan
+    simulator = estimate.simulator
+    for _ in range(3):
+        position, orientation = estimate.end_pose("end")
+        path = [position, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        motion = EndMotion(simulator.time, 20 * simulator.step, path, orientation, np.zeros((2, 3)))
+        estimate.set_motion("end", motion)
+        assert estimate.advance_steps(20).status.ok
+    assert "finer run failed" in estimate.recent.unknown
+
+
 def test_recording_reports_the_estimate_only_where_asked():
     scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
     plain = record(scene, 0.1, 0.01)
