@@ -11,12 +11,13 @@ from dlo_sim.session import cdr
 from dlo_sim.session.intake import Intake
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.studies.endurance import fuzz, soak, study
+from dlo_sim.studies.endurance.bad_messages import messages
 from dlo_sim.studies.endurance.live import Case, Played
 from dlo_sim.studies.report import Report
 
 
 def test_bad_messages():
-    made = fuzz.messages(600, seed=7)
+    made = messages(600, seed=7)
     assert sum(made.values()) == 600
     assert made["used"] > 60 and made["refused: undecodable"] > 100
     assert {"refused: not_finite", "refused: out_of_order", "waits for its time"} <= made.keys()
@@ -29,7 +30,7 @@ def test_a_session_that_raises_is_noticed(monkeypatch):
     struct_error = IndexError("of a reader")
     monkeypatch.setattr(Intake, "accept", fails)
     with pytest.raises(fuzz.Broken, match="IndexError: of a reader; given /"):
-        fuzz.messages(100, seed=7)
+        messages(100, seed=7)
 
 
 def test_a_number_that_is_not_finite_is_noticed(monkeypatch):
@@ -37,7 +38,7 @@ def test_a_number_that_is_not_finite_is_noticed(monkeypatch):
     message = SimpleNamespace(topic="~/x", type=cdr.WRENCH_STAMPED, stamp_ns=0, data=bad)
     monkeypatch.setattr(Outputs, "messages", lambda self, *given: [message])
     with pytest.raises(fuzz.Broken, match="~/x is not finite"):
-        fuzz.messages(100, seed=7)
+        messages(100, seed=7)
 
 
 def test_a_refusal_is_one_line():

@@ -15,6 +15,7 @@ import numpy as np
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.endurance import fuzz, soak
+from dlo_sim.studies.endurance.bad_messages import messages
 from dlo_sim.studies.endurance.live import CONTROL_POINTS, Case, Played, play, same_offline
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Column, Header, Report, columns, verdict_list
@@ -55,7 +56,7 @@ def _fuzz(report: Report, quick: bool, progress: Callable[[float], None]) -> dic
     counts, found = PIECES[quick], dict[str, Counter[str]]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found["messages"] = fuzz.messages(counts["messages"], SEED, progress)
+        found["messages"] = messages(counts["messages"], SEED, progress)
         found["parameters"] = fuzz.parameters(counts["parameters"], SEED, progress)
         found["bags"] = fuzz.bags(counts["bags"], SEED, folder, progress)
         found["signals"] = fuzz.signals(counts["signals"], SEED, folder, progress)
@@ -206,7 +207,7 @@ def describe_overload(report: Report, played: Played) -> dict[str, str]:
             if count != seen:
                 rows.append((at, name, int(count)))
             seen = count
-    rows.sort()
+    rows.sort(key=lambda row: row[0])  # within a second as they are shed
     header: Header = [Column("time", "s", ".0f"), "counted in /diagnostics", "times so far"]
     report.table("overload", header, rows, "What was shed and taken up, to a second")
     lags = played.said("session", "lag [s]")
