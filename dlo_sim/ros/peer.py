@@ -1,10 +1,10 @@
 """A node's peer in a process of its own, for studies: plays messages at their times, disturbs, and
 notes when each output came.
 
-`python -m dlo_sim.ros.peer FILE` reads a `Task` as JSON, says when the messages begin [ns], and
-writes what it noted to `Task.output`, pickled: arrays by topic, shape (n, 2): arrival and header
-stamp [ns]; `log`: what /diagnostics says, as JSON; `sent`, `kept`: the last messages played and
-read; `changed`: how many changes of parameters were taken and refused.
+`python -m dlo_sim.ros.peer FILE` reads a `Task` as JSON, says when the messages begin [ns], and at
+the end, or that of stdin, writes what it noted to `Task.output`, pickled: arrays by topic, shape
+(n, 2): arrival and header stamp [ns]; `log`: what /diagnostics says, as JSON; `sent`, `kept`: the
+last messages played and read; `changed`: how many changes of parameters were taken and refused.
 """
 
 import json
@@ -180,8 +180,14 @@ def run(task: Task) -> None:
     print(begin_ns, flush=True)
     player = threading.Thread(target=peer.play, args=(begin_ns,), daemon=True)
     player.start()
-    last, seconds = 0, 0.0
-    while seconds < task.seconds + 0.5:
+    last, seconds, enough = 0, 0.0, threading.Event()
+
+    def listen() -> None:
+        sys.stdin.read()
+        enough.set()
+
+    threading.Thread(target=listen, daemon=True).start()
+    while seconds < task.seconds + 0.5 and not enough.is_set():
         executor.spin_once(timeout_sec=0.05)
         seconds = (time.time_ns() - begin_ns) * 1e-9
         if seconds >= last + 1:

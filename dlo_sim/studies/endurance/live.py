@@ -157,7 +157,7 @@ def play(case: Case, folder: Path, domain: int, progress: Callable[[float], None
     reads = {resolved(t): output_topics(case.scene)[t] for t in topics}
     messages = [(*head, data.hex()) for *head, data in case.messages]
     tasks: dict[str, dict[str, object]] = {
-        "source": {"messages": messages, "lap": LAP, **case.task},
+        "source": {"seconds": case.seconds, "messages": messages, "lap": LAP, **case.task},
         "reader": {"reads": reads, "kept": CONTROL_POINTS},
         **({"slow": {"reads": reads}} if case.slow_reader else {}),
     }
@@ -165,7 +165,7 @@ def play(case: Case, folder: Path, domain: int, progress: Callable[[float], None
     with _starting(os.environ | ENVIRONMENT | {"ROS_DOMAIN_ID": str(domain)}, log) as start:
         node = start("dlo_sim", "node", "--ros-args", "--params-file", str(folder / "scene.yaml"))
         for name, task in tasks.items():
-            told = {**task, "seconds": case.seconds, "output": str(folder / name)}
+            told = {"seconds": 1e9, **task, "output": str(folder / name)}
             (folder / f"{name}.json").write_text(json.dumps(told), encoding="utf-8")
             peers[name] = start("dlo_sim.ros.peer", str(folder / f"{name}.json"))
         begin = int(_first_line(peers["source"], log)) * 1e-9
@@ -176,6 +176,7 @@ def play(case: Case, folder: Path, domain: int, progress: Callable[[float], None
         for name in ("source", "reader"):
             if peers[name].wait(120.0) or node.poll() is not None:
                 raise RuntimeError(f"{name} or node ended: {log.read_text(errors='replace')}")
+            _close(peers["reader"])
         node.send_signal(signal.SIGINT)
         status = node.wait(60.0)
     noted = {name: pickle.loads((folder / name).read_bytes()) for name in ("source", "reader")}
@@ -192,14 +193,20 @@ def _starting(
 
         def start(*words: str) -> subprocess.Popen[bytes]:
             command = [sys.executable, "-m", *words]
+            pipe = subprocess.PIPE
             child = subprocess.Popen(
-                command, env=environment, stdout=subprocess.PIPE, stderr=errors
+                command, env=environment, stdin=pipe, stdout=pipe, stderr=errors
             )
-            started.callback(child.communicate)
+            started.callback(child.wait)
             started.callback(child.kill)
             return child
 
         yield start
+
+
+def _close(peer: subprocess.Popen[bytes]) -> None:
+    assert peer.stdin is not None
+    peer.stdin.close()
 
 
 def _first_line(peer: subprocess.Popen[bytes], log: Path) -> str:

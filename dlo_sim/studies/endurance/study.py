@@ -109,8 +109,8 @@ def latency_cases(seconds: float) -> dict[float, Case]:
 
 
 def overload_case(begin: float, end: float, seconds: float) -> Case:
-    """The process runs for 3 ms in 20 for a while."""
-    return Case(200.0, 50, seconds, stops=[(begin, end, 0.02, 0.85)])
+    """The process runs for 4 ms in 20 for a while."""
+    return Case(200.0, 50, seconds, stops=[(begin, end, 0.02, 0.8)])
 
 
 def _live(report: Report, quick: bool, progress: Callable[[float], None]) -> dict[str, str]:
