@@ -3,8 +3,9 @@ notes when each output came.
 
 `python -m dlo_sim.ros.peer FILE` reads a `Task` as JSON, says when the messages begin [ns], and at
 the end, or that of stdin, writes what it noted to `Task.output`, pickled: arrays by topic, shape
-(n, 2): arrival and header stamp [ns]; `log`: what /diagnostics says, as JSON; `sent`, `kept`: the
-last messages played and read; `changed`: how many changes of parameters were taken and refused.
+(n, 2): arrival and header stamp [ns]; `begin` of the messages [ns]; `log`: what /diagnostics says,
+as JSON; `sent`, `kept`: the last messages played and read; `changed`: how many changes of
+parameters were taken and refused.
 """
 
 import json
@@ -194,7 +195,12 @@ def run(task: Task) -> None:
             last = int(seconds)
             peer.disturb(seconds)
     player.join()
-    found: dict[str, Any] = {"log": peer.log, "sent": peer.sent, "changed": peer.changed}
+    found: dict[str, Any] = {
+        "begin": begin_ns,
+        "log": peer.log,
+        "sent": peer.sent,
+        "changed": peer.changed,
+    }
     found |= {topic: np.reshape(noted, (-1, 2)) for topic, noted in peer.noted.items()}
     found["kept"] = list(peer.kept)
     with Path(task.output).open("wb") as stream:

@@ -93,7 +93,7 @@ def played(case: Case, refused) -> Played:
         f'{{"time": {round(at * 1e9)}, "/dlo_sim: session": {{"messages refused": "{count}"}}}}'
         for at, count in enumerate(refused)
     ]
-    source = {"log": log, "sent": [(0, 0, 0)]}
+    source = {"log": log, "begin": 0}
     return Played(case, source, {}, np.zeros((2, 5)), 0)
 
 

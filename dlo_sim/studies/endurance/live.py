@@ -132,7 +132,7 @@ class Played:
     def said(self, status: str, key: str) -> list[tuple[float, str]]:
         """(time [s], value) of a key in /diagnostics."""
         lines = [json.loads(line) for line in self.source["log"]]
-        name, begin = f"/dlo_sim: {status}", self.source["sent"][0][2]
+        name, begin = f"/dlo_sim: {status}", self.source["begin"]
         return [
             ((line["time"] - begin) * 1e-9, line[name][key])
             for line in lines
