@@ -101,6 +101,20 @@ class EndMotion:
         rate = self.rotation[0] + 2.0 * s * self.rotation[1]
         return moving * rotations.angular_velocity(self._rotation_vector(t), rate)
 
+    def rest(self, now: float) -> EndMotion:
+        """What is left of it at `now` [s], as a motion from time 0: the same places at any time and
+        the same last pose; it turns there at a constant rate.
+        """
+        s, orientation = float(np.ravel(self._elapsed(now))[0]), self.orientation_at(now)
+        left = self.duration - s
+        p0, p1, p2 = self.position
+        turn = one_rotation.turn_between(
+            orientation.tolist(), self.orientation_at(self.end).tolist()
+        )
+        rate = np.array(turn) / left if left > 0.0 else np.zeros(3)
+        position = np.stack((p0 + s * (p1 + s * p2), p1 + 2.0 * s * p2, p2))
+        return EndMotion(0.0, left, position, orientation, np.stack((rate, np.zeros(3))))
+
     def _elapsed(self, t: Any) -> Array | float:
         if isinstance(t, float):  # asked for at every pose: numpy's clip alone takes 3 us
             return min(max(t - self.start, 0.0), self.duration)

@@ -159,6 +159,10 @@ class LiveCable:
         self._opened.close()
 
     def _tick_timer(self) -> Timer:
+        """A timer that fires when states have just become due: it keeps the phase of now, for which
+        this waits up to a period.
+        """
+        time.sleep(self._session.until_tick(self._now()) * 1e-9)
         return self._node.create_timer(self._period_ns * 1e-9, self._on_timer)
 
     def _serve(self, opened: ExitStack) -> None:
@@ -294,7 +298,7 @@ class LiveCable:
         before, simulator = self._session.scene, self._session.simulator
         self._session.reconfigure(scene, prepared)
         self._outputs.follow(scene)
-        if scene.rate != before.rate:
+        if (scene.rate, scene.inputs.latency) != (before.rate, before.inputs.latency):
             self._period_ns = round(1e9 / scene.rate)
             if self._timers:
                 self._node.destroy_timer(self._timers.pop())

@@ -113,7 +113,7 @@ def _run_cable(name: str, make: "Callable[[], CableNode]", running: list[str]) -
 
 def _spin(node: "CableNode") -> None:
     """Run callbacks until a signal or until the cable gives up."""
-    executor = _executor()
+    executor = new_executor()
     executor.add_node(node)
     try:
         # What start-up has allocated stays; the collector need not look at it during a tick.
@@ -125,7 +125,7 @@ def _spin(node: "CableNode") -> None:
         executor.shutdown()
 
 
-def _executor() -> "Executor":
+def new_executor() -> "Executor":
     """The events executor, which needs a third of the processor time, or else the usual one."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 _brief = reprlib.Repr()
 _brief.maxstring = _brief.maxother = _brief.maxlong = 60
 _brief.maxlist = _brief.maxtuple = 8
+_LONGEST_LINE = 2000
 
 
 class SceneError(ValueError):
@@ -23,9 +24,12 @@ def refusal(key: str, value: object, problem: str) -> SceneError:
 
 
 def one_line(message: str) -> str:
-    """A message that may quote a file: one line, without escape sequences or endless words."""
+    """A message that may quote a file or another message: one line, without escape sequences or
+    endless words, and not endless itself.
+    """
     words = [w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in message.split()]
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(words))
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(words))
+    return line if len(line) <= _LONGEST_LINE else f"{line[:600]} ... {line[-300:]}"
 
 
 def brief(value: object) -> str:

@@ -121,7 +121,9 @@ def decode_point_cloud(raw: Bytes) -> Cloud:
         }
     )
     cloud = np.ndarray((rows, columns), layout, data, 0, (row_step, point_step)).ravel()
-    return Cloud(stamp, frame_id, np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1))
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN like any other
+        points = np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1)
+    return Cloud(stamp, frame_id, points)
 
 
 class PointCloudEncoder(Encoder):

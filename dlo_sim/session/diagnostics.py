@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from dlo_sim.scene.refusal import one_line
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.cdr import DiagnosticStatus
 from dlo_sim.session.simulator_protocol import CableSimulator
@@ -49,7 +50,9 @@ EVENTS: dict[str, str] = {
     "not_published": "an output was not finite and was not published",
     "inaccurate": "the estimated error exceeds accuracy.target",
     "slow_newton": "Newton's method took far more iterations in a tick than usual",
+    "markers_spared": "the session fell behind and goes on without its markers",
     "estimate_spared": "the session fell behind and goes on without its error estimate",
+    "taken_up": "the session keeps up again and goes on with what it had spared last",
 }
 """Everything else that is counted."""
 
@@ -75,9 +78,9 @@ class TopicRecord:
         return sum(self.refused.values())
 
     def refuse(self, reason: str, detail: str) -> None:
-        """Count a refused message; `detail` is one line that names the value and the cure."""
+        """Count a refused message; `detail` names the value and the cure."""
         self.refused[reason] += 1
-        self.last_refusal = f"{reason}: {detail}"
+        self.last_refusal = one_line(f"{reason}: {detail}")
 
 
 class Journal:

@@ -165,7 +165,7 @@ class Drive:
             self.estimate = ErrorEstimate.placed(cast("Simulator", self.simulator), poses)
         self.grid = StepGrid(origin, self.simulator.step)
         self.index = 0
-        self._knots = dict.fromkeys(self.paths, 0)
+        self._knots, self._motions = dict.fromkeys(self.paths, 0), {}
 
     def resume(self, base_ns: int, saved: State) -> None:
         """`begin` with a saved state: loads are those of the scene, ends rejoin their poses
@@ -293,6 +293,19 @@ class Drive:
             return False
         self.estimate, self._too_slow = None, True
         return True
+
+    def resume_estimate(self) -> bool:
+        """Estimate again after `spare_estimate`, from the present state; whether it was spared."""
+        spared, self._too_slow = self._too_slow, False
+        if spared:
+            from dlo_sim.simulation.error_estimate import ErrorEstimate
+
+            self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
+            for name, motion in self._motions.items():
+                self.estimate.go_on(name, motion)
+            for schedule in self.schedules.values():
+                schedule.resend(self.estimate)
+        return spared
 
     def rename_free_run(self, delta_ns: int) -> None:
         """Relabel by delta [ns] a simulation that waits for no pose: its time is read off the

@@ -19,10 +19,19 @@ _MOST_LISTENED = 0.1
 # A live tick takes at most so many steps: callbacks, services and diagnostics wait for it. A step
 # so short that this is not enough falls behind, which is reported as lag and skipped time.
 _MOST_LIVE_STEPS = 20_000
+# What a simulation that falls behind goes without, in this order, before it skips time: event,
+# share of the most lag from which on, and what is given up.
+_SHED = (
+    ("markers_spared", 0.25, "its markers"),
+    ("estimate_spared", 0.5, "its error estimate; keep it with accuracy.estimate: on"),
+)
+# The last of it comes back after the simulation has kept up for so long, and the next after twice
+# as long: it may be just that which is too much [s].
+_CALM, _MOST_CALM = 10.0, 600.0
 
 
 class Pacing:
-    """The limits of a tick in whole numbers, and the lag.
+    """The limits of a tick in whole numbers, the lag, and what a lag costs.
 
     Attributes:
         most_steps: steps that one tick may take.
@@ -32,6 +41,8 @@ class Pacing:
     def __init__(self, scene: Scene, step: float, journal: Journal, live: bool) -> None:
         self._journal = journal
         self._live = live
+        self._shed = 0  # of _SHED, the first so many are given up
+        self._calm_ns = round(_CALM * SECOND)
         self.configure(scene, step)
         self.clear()
 
@@ -45,16 +56,27 @@ class Pacing:
         if self._live:
             self.most_steps = min(self.most_steps, _MOST_LIVE_STEPS)
         self._most_listened_ns = round(max(_MOST_LISTENED, 2.0 / scene.rate) * SECOND)
-        self._most_lag_ns = round((max([MOST_LAG, *timeouts]) + inputs.catch_up) * SECOND)
+        self._catch_up_ns = round(inputs.catch_up * SECOND)
+        self._most_lag_ns = round(max([MOST_LAG, *timeouts]) * SECOND) + self._catch_up_ns
 
     def clear(self) -> None:
         """Forget the lag and what was listened to."""
         self.lag_ns = 0
+        self._kept_up_since_ns: int | None = None
         self.listen_anew()
+
+    @property
+    def without_markers(self) -> bool:
+        """Whether there is no time for markers."""
+        return self._shed > 0
 
     def listen_anew(self) -> None:
         """The time base has other names: a silence begins with the next tick."""
         self._listened_ns: int | None = None
+
+    def until_tick(self, base_ns: int) -> int:
+        """How long after this time of the time base a state has just become due [ns]."""
+        return self._grid.until_tick(base_ns - self._latency_ns)
 
     def aim(self, base_ns: int) -> int:
         """The state [ns] that is wanted at this time of the time base [ns]."""
@@ -68,7 +90,7 @@ class Pacing:
 
     def reached(self, wanted_ns: int, drive: Drive, held_up: bool) -> None:
         """Note the lag; keep a simulation that is too slow from falling behind for ever: first
-        without the error estimate, then by leaving out time.
+        without what it can go without, then by leaving out time.
 
         Args:
             held_up: it waits for a pose or has failed, and is not slow.
@@ -76,18 +98,40 @@ class Pacing:
         before, self.lag_ns = self.lag_ns, max(0, wanted_ns - drive.now_ns)
         if held_up:
             return
-        falling = self.lag_ns >= before > self._most_lag_ns // 2
-        if falling and drive.spare_estimate():
-            self._journal.event(
-                "estimate_spared",
-                "the prediction fell behind and goes on without its error estimate; keep it with "
-                "accuracy.estimate: on",
-            )
-        too_slow = self.lag_ns >= before > self._most_lag_ns
-        if too_slow or self.lag_ns > self._most_lag_ns + MOST_CATCH_UP * SECOND:
+        falling_by = before if self.lag_ns >= before else 0
+        if self._shed < len(_SHED) and falling_by > _SHED[self._shed][1] * self._most_lag_ns:
+            self._give_up(drive)
+        elif self._shed:
+            self._take_up(wanted_ns, drive)
+        if (
+            falling_by > self._most_lag_ns
+            or self.lag_ns > self._most_lag_ns + MOST_CATCH_UP * SECOND
+        ):
             skipped = drive.skip_to(wanted_ns)
             self._journal.skipped_ns += skipped
             self._journal.event(
                 "time_skipped",
                 f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped",
+            )
+
+    def _give_up(self, drive: Drive) -> None:
+        event, _, what = _SHED[self._shed]
+        self._shed += 1
+        self._kept_up_since_ns = None
+        if event != "estimate_spared" or drive.spare_estimate():
+            self._journal.event(event, f"the prediction fell behind and goes on without {what}")
+
+    def _take_up(self, wanted_ns: int, drive: Drive) -> None:
+        """Give back what was given up last, once the simulation has kept up for long enough."""
+        if self._kept_up_since_ns is None or self.lag_ns > self._catch_up_ns:
+            self._kept_up_since_ns = wanted_ns
+        if wanted_ns - self._kept_up_since_ns < self._calm_ns:
+            return
+        self._kept_up_since_ns = None
+        self._calm_ns = min(2 * self._calm_ns, round(_MOST_CALM * SECOND))
+        self._shed -= 1
+        event, _, what = _SHED[self._shed]
+        if event != "estimate_spared" or drive.resume_estimate():
+            self._journal.event(
+                "taken_up", f"the prediction keeps up and goes on with {what.partition(';')[0]}"
             )

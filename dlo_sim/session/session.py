@@ -158,6 +158,12 @@ class Session:
         before = self._time.offset_ns
         self._use(self._intake.accept(topic, raw, arrival_ns), before)
 
+    def until_tick(self, now_ns: int) -> int:
+        """How long after this time of the clock a regular tick should come, so that it finds a
+        state that has just become due [ns]; less than a timer period.
+        """
+        return self._pacing.until_tick(self._time.from_clock(now_ns))
+
     def tick(self, now_ns: int) -> TickReport:
         """Advance the simulation to `now_ns` (clock) minus the latency, down to a multiple of the
         timer period, as far as inputs and limits allow.
@@ -166,7 +172,8 @@ class Session:
         before = self._time.offset_ns
         self._use(self._intake.sample(now_ns) + self._intake.due(now_ns), before)
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
-        self._markers_due, self._marker_count = count != self._marker_count, count
+        due = count != self._marker_count and not self._pacing.without_markers
+        self._markers_due, self._marker_count = due, count
         wanted_ns = self._pacing.aim(self._time.from_clock(now_ns))
         if self._paused or self._failure:
             return self._report(0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+_JITTER = 250_000  # of ticks, usually [ns]; a quarter of a period at most
+
 
 @dataclass
 class StepGrid:
@@ -56,18 +58,25 @@ class OutputGrid:
 
     def __init__(self, rate: float) -> None:
         self._period_ns = round(1e9 / rate)
+        self._jitter_ns = min(self._period_ns // 4, _JITTER)
         self._last: int | None = None
+
+    def until_tick(self, base_ns: int) -> int:
+        """How long after this time of the time base a regular tick should come, less than a period
+        [ns]: when a state has just become due, and by more than ticks jitter.
+        """
+        return (5 * self._jitter_ns // 4 - base_ns) % self._period_ns
 
     def aim(self, base_ns: int) -> int:
         """The time [ns] to which a tick goes that may go up to `base_ns`.
 
-        That is the newest multiple, or the next one after the last tick's until half a period after
-        a newer one: ticks that jitter about a multiple take them one by one all the same.
+        That is the newest multiple, or the next one after the last tick's until shortly after a
+        newer one: ticks that jitter about a multiple take them one by one all the same.
         """
         period, index = self._period_ns, base_ns // self._period_ns
         if self._last is not None:
             following = self._last + 1
-            if following * period <= base_ns < following * period + 3 * period // 2:
+            if following * period <= base_ns < (following + 1) * period + self._jitter_ns:
                 index = following
         self._last = index
         return index * period

@@ -27,6 +27,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,6 +77,7 @@ class ErrorEstimate:
 
     def __init__(self, simulator: Simulator, place: _Place = Simulator) -> None:
         self.simulator = simulator
+        self._begun = simulator.steps
         self.seconds = 0.0
         self._look = max(1, round(LOOK / simulator.step))
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
@@ -95,13 +97,15 @@ class ErrorEstimate:
 
     @classmethod
     def continued(cls, simulator: Simulator) -> ErrorEstimate:
-        """Companions that start from the shape, motion and ends of a simulator at its time 0; what
-        has gone wrong before does not count.
+        """Companions that start from the present shape, motion and ends of a simulator; what has
+        gone wrong before does not count. Loads and motions that are under way are to be given again
+        (`go_on`).
         """
         return cls(simulator, simulator.reconfigured)
 
     def take_over(self) -> None:
-        """Let the companions start from the present state of the simulator, at its time 0."""
+        """Let the companions start from the present state of the simulator."""
+        self._begun = self.simulator.steps
         for companion in (self._time, self._space):
             if companion is not None:
                 companion.take_over(self.simulator)
@@ -154,8 +158,13 @@ class ErrorEstimate:
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """See `Simulator.set_motion`."""
-        for simulator in self._all():
-            simulator.set_motion(end, motion)
+        self.simulator.set_motion(end, motion)
+        start = motion.start - self._begun * self.simulator.step
+        self._move_companions(end, replace(motion, start=start))
+
+    def go_on(self, end: str, motion: EndMotion) -> None:
+        """Let new companions take up a motion under way of the simulator's."""
+        self._move_companions(end, motion.rest(self.simulator.time))
 
     def set_end(
         self,
@@ -185,6 +194,7 @@ class ErrorEstimate:
     def reset(self) -> None:
         """Back to the first state, and the errors forgotten."""
         self.simulator.reset()
+        self._begun = 0
         for companion in self._companions:
             companion.reset()
         self._compare()
@@ -198,13 +208,18 @@ class ErrorEstimate:
         return next((one.failure for one in self._companions if one.failure), "")
 
     def _all(self) -> list[Simulator]:
-        finer = (one.simulator for one in self._companions)
+        # One that failed stands still in time, and would refuse to jump to a motion of now.
+        finer = (one.simulator for one in self._companions if not one.failure)
         return [self.simulator, *(one for one in finer if one is not None)]
+
+    def _move_companions(self, end: str, motion: EndMotion) -> None:
+        for simulator in self._all()[1:]:
+            simulator.set_motion(end, motion)
 
     def _follow(self) -> None:
         began = time.perf_counter()
         for companion in self._companions:
-            companion.follow(self.simulator.steps)
+            companion.follow(self.simulator.steps - self._begun)
         if self.simulator.steps % self._look == 0:
             self._compare()
         self.seconds += time.perf_counter() - began

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core.rotations import cross
 from dlo_sim.engine import layout
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.inextensible import held_force
@@ -46,7 +47,7 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
         weights = np.array(point.weights)
         force += weights.sum() * pull
         arm = weights @ (points[point.first : point.first + 4, :3] - about_point)
-        moment += np.cross(arm, pull)
+        moment += cross(arm, pull)
     for k, spring in enumerate(model.holding.springs):
         if spring.grasp == grasp:
             weights = np.array(spring.point.weights)

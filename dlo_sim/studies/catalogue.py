@@ -92,6 +92,10 @@ STUDIES = {
         "time per step against control points, memory over many steps",
         "dlo_sim.studies.scaling.study",
     ),
+    "endurance": Study(
+        "a day offline, half an hour of a disturbed node, bad input at random, rates and overload",
+        "dlo_sim.studies.endurance.study",
+    ),
     "validation": Study(
         "recorded cables (--data) beside predictions, trivial references and the noise floor",
         "dlo_sim.studies.validation.study",

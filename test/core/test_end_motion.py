@@ -98,3 +98,17 @@ def test_cannot_be_changed_behind_its_back():
     assert motion.position[0, 0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         motion.position[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("now", [0.5, 1.3, 3.5])
+def test_the_rest_of_a_motion_is_at_the_same_places_and_ends_alike(now):
+    turned = [[0.3, -0.2, 0.5], [0.4, 0.1, -0.3]]
+    position = [[1.0, 2.0, 3.0], [0.1, -0.2, 0.3], [0.5, 0.4, -0.6]]
+    motion = EndMotion(0.5, 2.0, position, [0, 0, 0.6, 0.8], turned)
+    rest = motion.rest(now)
+    assert rest.end == pytest.approx(max(motion.end - now, 0.0))
+    for s in (0.0, 0.4, 1.1, 5.0):
+        np.testing.assert_allclose(rest.position_at(s), motion.position_at(now + s), atol=1e-12)
+    for s in (0.0, 5.0):
+        found, expected = rest.orientation_at(s), motion.orientation_at(now + s)
+        assert abs(found @ expected) == pytest.approx(1.0, abs=1e-12)

@@ -15,6 +15,7 @@ from dlo_sim.cli.main import main
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.session import cdr
+from dlo_sim.studies.endurance.fuzz import damage_bag
 from dlo_sim.tuning.scene_file import scene_text
 
 zstd = pytest.importorskip("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
@@ -273,26 +274,6 @@ def test_messages_packed_one_by_one(make_bag, recorded, bad):
 # ---------------------------------------------------------------------------------------- at random
 
 
-def damage(rng, path):
-    """Change bytes of one of the two files of a bag."""
-    file = rng.choice([data_file(path)] * 3 + [path / "metadata.yaml"])
-    data = bytearray(file.read_bytes())
-    at, length = rng.randrange(len(data)), rng.choice([1, 16, 512, 4096])
-    kind = rng.randrange(5)
-    if kind == 0:
-        for _ in range(rng.choice([1, 5, 100])):
-            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-    elif kind == 1:
-        del data[at:]
-    elif kind == 2:
-        data[at : at + length] = rng.choice([b"\0", b"\xff"]) * length
-    elif kind == 3:
-        del data[at : at + length]
-    else:
-        data[at:at] = rng.randbytes(length)
-    file.write_bytes(data)
-
-
 @pytest.mark.parametrize("storage", STORAGES)
 def test_whatever_is_damaged(make_bag, scene, tmp_path, storage):
     rng = random.Random(13)
@@ -304,7 +285,7 @@ def test_whatever_is_damaged(make_bag, scene, tmp_path, storage):
         for file, data in zip(sorted(path.iterdir()), good, strict=True):
             file.write_bytes(data)
         for _ in range(rng.choice([1, 1, 3])):
-            damage(rng, path)
+            damage_bag(rng, path)
         try:
             bag, _ = read(path)
             damaged += bool(bag.damage)

@@ -194,6 +194,14 @@ def test_point_cloud(frame):
     assert np.array_equal(points, rows[:, :3])
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_signalling_nan_is_a_nan_and_no_warning():
+    rows = np.full((1, 3), 0x7FA00000, dtype="<u4").view("<f4")
+    raw = bytearray(PointCloudEncoder("world", "xyz", 1).encode(STAMP))
+    raw[-13:-1] = rows.tobytes()
+    assert np.isnan(decode_point_cloud(raw).points).all()
+
+
 @pytest.mark.parametrize("text", ["", "a", "ab", "abc", "abcd"])
 def test_diagnostic_array(text):
     statuses = [

@@ -126,6 +126,13 @@ def test_garbage_bytes(pair, topic):
     )
 
 
+@pytest.mark.parametrize("frame", ["a\nb", "\x1b[31m", "many " * 2000])
+def test_what_a_message_says_is_quoted_on_one_short_line(loaded, frame):
+    loaded.wrench(T0, (1, 0, 0), frame=frame)
+    said = loaded.session.journal.topics["/wrench"].last_refusal
+    assert said.startswith("unknown_frame: frame_id") and said.isprintable() and len(said) < 2000
+
+
 def test_every_reason_has_a_test_here():
     """All but none: the reasons above are all that exist."""
     tested = {reason for *_, reason in (*WRENCHES.values(), *POSES.values())}

@@ -167,6 +167,33 @@ def test_companions_continue_from_the_present_state():
     assert continued.recent.space < 0.1 * placed.recent.space
 
 
+def test_companions_that_come_in_the_middle_of_a_motion_end_where_it_ends():
+    scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
+    alone, running = Simulator(scene), Simulator(scene)
+    position, orientation = running.end_pose("end")
+    coefficients = [position, [-0.2, 0.0, 0.1], [0.1, 0.0, 0.1]]
+    for simulator in (alone, running):
+        count, step = round(0.2 / simulator.step), simulator.step
+        turn = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]
+        motion = EndMotion(0.0, 2.0 * count * step, coefficients, orientation, turn)
+        simulator.set_motion("end", motion)
+        simulator.advance_steps(count)
+    estimate = ErrorEstimate.continued(running)
+    estimate.go_on("end", motion)
+    assert estimate.advance_steps(count).status.ok and alone.advance_steps(count).status.ok
+    np.testing.assert_array_equal(running.control_points, alone.control_points)
+    position, orientation = running.end_pose("end")
+    onward = [position, *coefficients[1:]]
+    estimate.set_motion("end", EndMotion(running.time, count * step, onward, orientation, turn))
+    assert estimate.advance_steps(count).status.ok
+    for one in estimate._companions:
+        for own, of_original in zip(
+            one.simulator.end_pose("end"), running.end_pose("end"), strict=True
+        ):
+            np.testing.assert_allclose(own, of_original, atol=1e-12)
+    assert 0.0 < estimate.recent.total < 0.1  # today 0.04: few control points
+
+
 def test_run_without_a_finer_one_is_of_unknown_error():
     scene = shipped("two_grippers")
 
@@ -193,6 +220,19 @@ def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
     assert "finer run failed" in estimate.recent.unknown
     estimate.reset()
     assert math.isfinite(estimate.recent.total)
+
+
+def test_a_companion_that_failed_stops_no_gripper():
+    estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
+    estimate._space.simulator.cable.x[0, 5] = np.nan
+    simulator = estimate.simulator
+    for _ in range(3):
+        position, orientation = estimate.end_pose("end")
+        path = [position, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]
+        motion = EndMotion(simulator.time, 20 * simulator.step, path, orientation, np.zeros((2, 3)))
+        estimate.set_motion("end", motion)
+        assert estimate.advance_steps(20).status.ok
+    assert "finer run failed" in estimate.recent.unknown
 
 
 def test_recording_reports_the_estimate_only_where_asked():

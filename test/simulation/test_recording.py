@@ -202,6 +202,23 @@ def test_a_run_of_far_too_many_newton_iterations_says_so(swinging):
     assert report.status.ok and f"{mean:.0f} iterations" in report.note
 
 
+def test_what_each_correction_teaches_saves_iterations():
+    values = {
+        "discretization.control_points": 9,
+        "integrator.method": "energy_momentum",
+        "integrator.step": 0.02,
+        "integrator.tolerance": 1e-12,
+        "loads.names": ["hand"],
+        "loads.hand.position": 0.6,
+        "loads.hand.signal": "sine",
+        "loads.hand.frequency": 2.0,
+        "loads.hand.force": [0.3, 0.2, 0.1],
+    }
+    report = Simulator(load_scene(shipped_scene("two_grippers"), values)).advance(1.0)
+    assert report.status.ok
+    assert report.force_evaluations < 13.5 * report.steps  # 12.3; 14.7 with Broyden's sign wrong
+
+
 def test_a_calm_run_with_one_wild_part_says_where_it_was_wild(monkeypatch):
     """Parts of a run are judged one by one: a long calm run does not hide a wild part."""
     monkeypatch.setattr(recording, "_FEWEST_STEPS", 5)

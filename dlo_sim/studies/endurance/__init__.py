@@ -1,0 +1,1 @@
+"""What a sceptical user runs before the node is trusted."""

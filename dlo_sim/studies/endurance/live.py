@@ -1,0 +1,281 @@
+"""The node in a process, played to and read by others: what they note, and what the system says."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.scene.description import Scene
+from dlo_sim.session import cdr
+from dlo_sim.session.session import Session
+from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.topics import output_topics, resolved
+from dlo_sim.studies.endurance.soak import LAP, gripper
+from dlo_sim.studies.runs import shipped
+from dlo_sim.tuning.scene_file import scene_text
+
+CONTROL_POINTS = "/dlo_sim/control_points"
+WRENCH = "/dlo_sim/hand/wrench"
+ENVIRONMENT = {
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # no shared memory that a stopped process keeps
+}
+LATE = 2.5  # periods between two outputs
+
+
+@dataclass(frozen=True)
+class Case:
+    """A node and what is done to it. Times [s] count from when the messages begin.
+
+    Attributes:
+        rate: of ticks [Hz]. n: control points. poses, wrenches: how often each comes [Hz].
+        seconds: how long. values: more parameters. task: more for the peer that plays.
+        stops: (begin, end, period, share): within each period the process is stopped for so long a
+            share; a period of 0 is one stop.
+        slow_reader: whether another process subscribes to everything and reads nothing.
+    """
+
+    rate: float
+    n: int
+    seconds: float
+    poses: float = 100.0
+    wrenches: float = 200.0
+    values: Mapping[str, object] = field(default_factory=dict)
+    task: Mapping[str, object] = field(default_factory=dict)
+    stops: Sequence[tuple[float, float, float, float]] = ()
+    slow_reader: bool = False
+
+    @property
+    def scene(self) -> Scene:
+        """A cable between two moving grippers, a hand at its middle."""
+        values: dict[str, object] = {
+            "discretization.control_points": self.n,
+            "rate": self.rate,
+            "integrator.step": 1.0 / self.rate,
+            "loads.names": ["hand"],
+            "loads.hand.position": 0.5,
+        }
+        return shipped("two_grippers").with_values({**values, **self.values})
+
+    @property
+    def messages(self) -> list[tuple[str, str, float, bytes]]:
+        """Topic, type, time [s] and message of a lap, in order."""
+        pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+        wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
+        found = []
+        for k in range(round(LAP * self.poses)):
+            t = k / self.poses
+            for end in ("start", "end"):
+                data = pose.encode(0, gripper(end, t))
+                found.append((f"/dlo_sim/{end}/pose", cdr.POSE_STAMPED, t, data))
+        for k in range(round(LAP * self.wrenches)):
+            t = k / self.wrenches
+            force = 0.02 * np.sin(2.0 * np.pi * t)
+            data = wrench.encode(0, (0.0, force, 0.0, 0.0, 0.0, 0.0))
+            found.append((WRENCH, cdr.WRENCH_STAMPED, t, data))
+        return sorted(found, key=lambda one: one[2])
+
+
+@dataclass(frozen=True)
+class Played:
+    """What was noted of a case.
+
+    Attributes:
+        source, reader: see `ros.peer`.
+        system: time [s], processor time [s], resident memory [B], open files, threads of the node.
+        status: exit status of the node.
+    """
+
+    case: Case
+    source: Mapping[str, Any]
+    reader: Mapping[str, Any]
+    system: NDArray[np.float64]
+    status: int
+
+    @property
+    def share(self) -> float:
+        """Processor time of the node as a share of a core."""
+        spent = self.system[-1] - self.system[0]
+        return float(spent[1] / spent[0])
+
+    @property
+    def ages(self) -> NDArray[np.float64]:
+        """Arrival minus stamp of the control points [s], without the first second."""
+        noted = self.reader[CONTROL_POINTS]
+        return np.asarray((noted[:, 0] - noted[:, 1])[round(self.case.rate) :] * 1e-9)
+
+    @property
+    def gaps(self) -> NDArray[np.float64]:
+        """Times between two arrivals of control points [s], without the first second."""
+        return np.asarray(np.diff(self.reader[CONTROL_POINTS][round(self.case.rate) :, 0]) * 1e-9)
+
+    @property
+    def late(self) -> int:
+        """Gaps of more than 2.5 periods."""
+        return int(np.sum(self.gaps > LATE / self.case.rate))
+
+    def said(self, status: str, key: str) -> list[tuple[float, str]]:
+        """(time [s], value) of a key in /diagnostics."""
+        lines = [json.loads(line) for line in self.source["log"]]
+        name, begin = f"/dlo_sim: {status}", self.source["begin"]
+        return [
+            ((line["time"] - begin) * 1e-9, line[name][key])
+            for line in lines
+            if key in line.get(name, {})
+        ]
+
+    def count(self, status: str, key: str) -> int:
+        """The last value of a counter in /diagnostics."""
+        found = self.said(status, key)
+        return int(found[-1][1]) if found else 0
+
+
+def play(case: Case, folder: Path, domain: int, progress: Callable[[float], None]) -> Played:
+    """Start node and peers, wait until they are done.
+
+    Raises:
+        RuntimeError: the node, or a peer, ended on its own; with what it said.
+    """
+    folder.mkdir(parents=True)
+    (folder / "scene.yaml").write_text(scene_text(case.scene, []), encoding="utf-8")
+    topics = [t for t in output_topics(case.scene) if t not in ("/diagnostics", "/tf")]
+    reads = {resolved(t): output_topics(case.scene)[t] for t in topics}
+    messages = [(*head, data.hex()) for *head, data in case.messages]
+    tasks: dict[str, dict[str, object]] = {
+        "source": {"seconds": case.seconds, "messages": messages, "lap": LAP, **case.task},
+        "reader": {"reads": reads, "kept": CONTROL_POINTS},
+        **({"slow": {"reads": reads}} if case.slow_reader else {}),
+    }
+    log, peers = folder / "log.txt", {}
+    with _starting(os.environ | ENVIRONMENT | {"ROS_DOMAIN_ID": str(domain)}, log) as start:
+        node = start("dlo_sim", "node", "--ros-args", "--params-file", str(folder / "scene.yaml"))
+        for name, task in tasks.items():
+            told = {"seconds": 1e9, **task, "output": str(folder / name)}
+            (folder / f"{name}.json").write_text(json.dumps(told), encoding="utf-8")
+            peers[name] = start("dlo_sim.ros.peer", str(folder / f"{name}.json"))
+        begin = int(_first_line(peers["source"], log)) * 1e-9
+        if case.slow_reader:
+            _first_line(peers["slow"], log)
+            peers["slow"].send_signal(signal.SIGSTOP)
+        system = _watch(case, node, begin, progress)
+        for name in ("source", "reader"):
+            if peers[name].wait(120.0) or node.poll() is not None:
+                raise RuntimeError(f"{name} or node ended: {log.read_text(errors='replace')}")
+            _close(peers["reader"])
+        node.send_signal(signal.SIGINT)
+        status = node.wait(60.0)
+    noted = {name: pickle.loads((folder / name).read_bytes()) for name in ("source", "reader")}
+    return Played(case, **noted, system=system, status=status)
+
+
+@contextlib.contextmanager
+def _starting(
+    environment: Mapping[str, str], log: Path
+) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """What starts modules as processes, which end with the block; their stderr goes to a file."""
+    with contextlib.ExitStack() as started:
+        errors = started.enter_context(log.open("wb"))
+
+        def start(*words: str) -> subprocess.Popen[bytes]:
+            command = [sys.executable, "-m", *words]
+            pipe = subprocess.PIPE
+            child = subprocess.Popen(
+                command, env=environment, stdin=pipe, stdout=pipe, stderr=errors
+            )
+            started.callback(child.wait)
+            started.callback(child.kill)
+            return child
+
+        yield start
+
+
+def _close(peer: subprocess.Popen[bytes]) -> None:
+    assert peer.stdin is not None
+    peer.stdin.close()
+
+
+def _first_line(peer: subprocess.Popen[bytes], log: Path) -> str:
+    assert peer.stdout is not None
+    line = peer.stdout.readline().decode()
+    if not line:
+        raise RuntimeError(f"no node: {log.read_text(errors='replace')[-2000:]}")
+    return line
+
+
+def _watch(
+    case: Case,
+    node: subprocess.Popen[bytes],
+    begin: float,
+    progress: Callable[[float], None],
+) -> NDArray[np.float64]:
+    """Stop and continue the node; look at it once a second."""
+    looks: list[tuple[float, ...]] = []
+    stops = sorted(itertools.chain.from_iterable(_pieces(*stop) for stop in case.stops))
+    while (now := time.time() - begin) < case.seconds:
+        if stops and now >= stops[0][0]:
+            _, length = stops.pop(0)
+            node.send_signal(signal.SIGSTOP)
+            time.sleep(length)
+            node.send_signal(signal.SIGCONT)
+        if now > len(looks) + 1.0:
+            looks.append(_look(node.pid, now))
+            progress(now / case.seconds)
+        until = min(stops[0][0] if stops else case.seconds, len(looks) + 1.0)
+        time.sleep(min(max(until - (time.time() - begin), 0.0), 0.2))
+    return np.array(looks)
+
+
+def _pieces(begin: float, end: float, period: float, share: float) -> list[tuple[float, float]]:
+    if not period:
+        return [(begin, end - begin)]
+    return [(begin + k * period, share * period) for k in range(int((end - begin) / period))]
+
+
+def _look(pid: int, now: float) -> tuple[float, ...]:
+    place = Path(f"/proc/{pid}")
+    fields = (place / "stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    spent = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    resident = int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
+    return now, spent, resident, len(os.listdir(place / "fd")), len(os.listdir(place / "task"))
+
+
+def same_offline(played: Played) -> tuple[int, int]:
+    """States after the last silence, which holds a ~/reset, that a session offline has in the same
+    bits, given the messages that were sent since; and how many were compared.
+    """
+    made, sent = played.case.messages, list(played.source["sent"])
+    times = np.array([time_ns for _, _, time_ns in sent])
+    last = int(np.flatnonzero(np.diff(times) > SECOND)[-1]) + 1
+    session, found = Session(played.case.scene), dict[int, bytes]()
+    now, period = sent[last][2], round(SECOND / played.case.rate)
+    for index, stamp_ns, time_ns in sent[last:]:
+        while now < time_ns:
+            now += period
+            session.tick(now)
+            found |= {m.stamp_ns: m.data for m in session.messages(["~/control_points"])}
+        topic, _, _, raw = made[index]
+        stamp = struct.pack("<iI", *divmod(stamp_ns, SECOND))
+        session.receive(topic, raw[:4] + stamp + raw[12:], time_ns)
+    live = {_stamp(raw): raw for raw in played.reader["kept"]}
+    common = live.keys() & found.keys()
+    return sum(live[stamp] == found[stamp] for stamp in common), len(common)
+
+
+def _stamp(raw: bytes) -> int:
+    seconds, nanoseconds = struct.unpack_from("<iI", raw, 4)
+    return int(seconds) * SECOND + int(nanoseconds)

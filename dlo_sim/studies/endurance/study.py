@@ -1,0 +1,274 @@
+"""`dlo_sim study endurance`: what a sceptical user runs before the node is trusted."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from dlo_sim.scene.loading import shipped_scene
+from dlo_sim.studies.catalogue import Outcome, Request
+from dlo_sim.studies.endurance import fuzz, soak
+from dlo_sim.studies.endurance.bad_messages import messages
+from dlo_sim.studies.endurance.live import CONTROL_POINTS, Case, Played, play, same_offline
+from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.report import Column, Header, Report, columns
+
+SEED = 1
+PIECES = {  # of the fuzzing
+    True: {"messages": 4_000, "parameters": 200, "bags": 50, "signals": 20},
+    False: {"messages": 100_000, "parameters": 10_000, "bags": 1_000, "signals": 1_000},
+}
+SOAK = {True: 40.0, False: 1800.0}  # [s]
+ROUND = {True: 24.0, False: 60.0}  # [s] from one disturbance to its next
+REST = 10.0  # [s] undisturbed at the end, to be compared with offline
+TIMED = {True: 8.0, False: 60.0}
+LATENCIES = (0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.06)
+SWEPT = {True: 4.0, False: 15.0}
+OVERLOAD = {True: (3.0, 12.0, 18.0), False: (5.0, 25.0, 75.0)}  # [s] begin, end, of the run
+USUAL, OTHER = {"damping.air_drag": 0.005}, {"damping.air_drag": 0.006}
+KINDS = ({"outputs.marker_rate": 20.0}, {"accuracy.estimate": "off"}, {"accuracy.estimate": "auto"})
+
+
+def run_study(request: Request) -> Outcome:
+    """Run the study into a folder."""
+    files = {"two_grippers": shipped_scene("two_grippers")}
+    report = Report(request.folder, "Endurance of session and node", request.command, files)
+    verdicts = _fuzz(report, request.quick, request.part(0.0, 0.3))
+    looks = soak.soaked(request.quick, request.part(0.3, 0.5))
+    verdicts |= soak.describe(report, looks)
+    if importlib.util.find_spec("rclpy") is None:
+        report.text("The node was not run: there is no rclpy here.")
+        verdicts["the node"] = "not run: there is no rclpy"
+    else:
+        verdicts |= _live(report, request.quick, request.part(0.5, 1.0))
+    return report.outcome(verdicts)
+
+
+def _fuzz(report: Report, quick: bool, progress: Callable[[float], None]) -> dict[str, str]:
+    counts, found = PIECES[quick], dict[str, Counter[str]]()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        found["messages"] = messages(counts["messages"], SEED, progress)
+        found["parameters"] = fuzz.parameters(counts["parameters"], SEED, progress)
+        found["bags"] = fuzz.bags(counts["bags"], SEED, folder, progress)
+        found["signals"] = fuzz.signals(counts["signals"], SEED, folder, progress)
+    report.section("Bad input at random")
+    report.text(
+        """Messages of every type, three in four with numbers that are none, lengths that lie,
+        stamps from anywhere, bits flipped, cut off or grown; sets of random values for parameters
+        of a running session; bags with changed bytes; SIGINT or SIGTERM to `simulate`, `replay` and
+        `node` within their first 2.5 s. The study ends with the first that raises, publishes a
+        number that is not finite, is refused in more than a line, or leaves half a file."""
+    )
+    rows = [(what, *one) for what, made in found.items() for one in made.most_common()]
+    report.table("fuzz", ["input", "outcome", "count"], rows, "What became of it")
+    total = ", ".join(f"{sum(made.values())} {what}" for what, made in found.items())
+    return {"bad input": f"{total}: none raised, each refusal one line"}
+
+
+def soak_case(seconds: float, every: float) -> Case:
+    """A parameter a second; in each round a hold-up, a lost publisher and stamps that jump."""
+    rounds = [every * k for k in range(int((seconds - REST) / every))]
+    changes = [OTHER, *KINDS, USUAL]
+    task = {
+        "changes": [changes[k % len(changes)] for k in range(int(seconds - REST) - 3)]
+        + [USUAL | {"accuracy.estimate": "auto", "outputs.marker_rate": 30.0}],
+        "silences": [(at + 0.6 * every, at + 0.65 * every, "/dlo_sim/end/pose") for at in rounds]
+        + [(seconds - REST, seconds - REST + 3.0, "")],
+        "jumps": [(at + 0.8 * every, at + 0.9 * every, 3600.0) for at in rounds],
+        "resets": [seconds - REST + 1.5],
+    }
+    stops = [(at + 0.3 * every, at + 0.3 * every + 1.5, 0.0, 0.0) for at in rounds]
+    return Case(200.0, 13, seconds, task=task, stops=stops)
+
+
+def rate_cases(seconds: float) -> dict[str, Case]:
+    """What is timed."""
+    return {
+        "1 kHz, 13 control points": Case(1000.0, 13, seconds, 500.0, 500.0),
+        "200 Hz, 50 control points": Case(200.0, 50, seconds),
+        "the same beside a stopped reader": Case(200.0, 50, seconds, slow_reader=True),
+    }
+
+
+def latency_cases(seconds: float) -> dict[float, Case]:
+    """Poses at 500 Hz, a latency each."""
+    values = {"accuracy.estimate": "off"}
+    return {
+        latency: Case(500.0, 13, seconds, 500.0, values={**values, "inputs.latency": latency})
+        for latency in LATENCIES
+    }
+
+
+def overload_case(begin: float, end: float, seconds: float) -> Case:
+    """The process runs for 4 ms in 20 for a while."""
+    return Case(200.0, 50, seconds, stops=[(begin, end, 0.02, 0.8)])
+
+
+def _live(report: Report, quick: bool, progress: Callable[[float], None]) -> dict[str, str]:
+    domains = (1 + (os.getpid() + k) % 100 for k in range(1_000_000))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+
+        def run(what: str, case: Case) -> Played:
+            return play(case, folder / what.replace(" ", "_"), next(domains), progress)
+
+        verdicts = describe_soak(report, run("soak", soak_case(SOAK[quick], ROUND[quick])))
+        verdicts |= describe_overload(report, run("overload", overload_case(*OVERLOAD[quick])))
+        timed = {name: run(name, case) for name, case in rate_cases(TIMED[quick]).items()}
+        verdicts |= describe_rates(report, timed)
+        swept = {x: run(f"latency {x}", case) for x, case in latency_cases(SWEPT[quick]).items()}
+        verdicts |= describe_latencies(report, swept)
+    return verdicts
+
+
+def describe_soak(report: Report, played: Played) -> dict[str, str]:
+    """Section, table and figure of the live soak; returns the verdicts."""
+    case, system = played.case, played.system
+    equal, compared = same_offline(played)
+    refused, other = _refused(played)
+    taken, turned_down = played.source["changed"]
+    report.section("The node, disturbed")
+    report.text(
+        f"""{case.seconds:.0f} s at {case.rate:.0f} Hz with two grippers at {case.poses:.0f} Hz and
+        a wrench at {case.wrenches:.0f} Hz; every second a parameter is changed. In each round the
+        process is stopped for 1.5 s, a publisher vanishes, and all stamps jump by an hour and
+        back. At the end all publishers stop, `~/reset` is called, and what follows is compared with
+        a session offline that is given the same messages."""
+    )
+    warm = len(system) // 5
+    header: Header = ["look", Column("time", "s"), Column("processor", "s"), "resident [MB]"]
+    rows = [
+        (look, at, spent, resident * 1e-6, files, threads)
+        for look, (at, spent, resident, files, threads) in {
+            "after a fifth": system[warm].tolist(),
+            "last": system[-1].tolist(),
+        }.items()
+    ]
+    report.table("node", [*header, "open files", "threads"], rows, "The process")
+    events = [(k, int(v)) for k, v in _counters(played) if int(v)]
+    report.table("events", ["counted", "times"], events, "What /diagnostics counted")
+    data = {"time [s]": system[:, 0], "resident memory [MB]": system[:, 2] * 1e-6}
+    panel = Panel("time [s]", "resident memory [MB]", ["resident memory [MB]"])
+    chart(report, "node_memory", data, [panel], "Resident memory of the node", (8.0, 3.2))
+    grown = (system[-1] - system[warm])[2:] * [1e-6, 1.0, 1.0]
+    return {
+        f"{case.seconds:.0f} s live": (
+            f"memory {grown[0]:+.2f} MB, files {grown[1]:+.0f}, threads {grown[2]:+.0f} after a "
+            f"fifth; exit status {played.status}; {taken} changes taken, {turned_down} refused; "
+            f"{refused} messages refused, {other} of them not within 2 s of a jump"
+        ),
+        "live = offline after it": f"{equal} of {compared} states in the same bits",
+    }
+
+
+def _counters(played: Played) -> Iterator[tuple[str, str]]:
+    """What the last /diagnostics of the session counted."""
+    last = json.loads(next(x for x in reversed(played.source["log"]) if ": session" in x))
+    for key, value in last["/dlo_sim: session"].items():
+        if key.startswith(("event ", "messages ")):
+            yield key, value
+
+
+def _refused(played: Played) -> tuple[int, int]:
+    """Messages refused, and those of them that came when no stamp had just jumped."""
+    jumps = played.case.task.get("jumps", ())
+    edges = np.array([at for begin, end, _ in jumps for at in (begin, end)])  # type: ignore[attr-defined]
+    total = other = 0
+    for at, count in played.said("session", "messages refused"):
+        near = len(edges) and np.any((at >= edges) & (at < edges + 2.0))
+        other += 0 if near else int(count) - total
+        total = int(count)
+    return total, other
+
+
+def describe_overload(report: Report, played: Played) -> dict[str, str]:
+    """Section, table and figure of the overload; returns the verdict."""
+    stop = played.case.stops[0]
+    begin, end, period, share = stop
+    report.section("Too little processor time")
+    report.text(
+        f"""{played.case.n} control points at {played.case.rate:.0f} Hz; from {begin:.0f} to
+        {end:.0f} s the process is stopped for {share:.0%} of each {period * 1e3:.0f} ms."""
+    )
+    names = ("markers_spared", "estimate_spared", "time_skipped", "taken_up")
+    rows = []
+    for name in names:
+        seen = "0"
+        for at, count in played.said("session", f"event {name}"):
+            if count != seen:
+                rows.append((at, name, int(count)))
+            seen = count
+    rows.sort(key=lambda row: row[0])  # within a second as they are shed
+    header: Header = [Column("time", "s", ".0f"), "counted in /diagnostics", "times so far"]
+    report.table("overload", header, rows, "What was shed and taken up, to a second")
+    lags = played.said("session", "lag [s]")
+    data = {"time [s]": [at for at, _ in lags], "lag [s]": [float(lag) for _, lag in lags]}
+    first = {name: next((at for at, what, _ in rows if what == name), None) for name in names}
+    uprights = {name: at for name, at in first.items() if at is not None}
+    panel = Panel("time [s]", "lag [s]", ["lag [s]"], uprights=uprights)
+    caption = "How far the prediction was behind, and when it first shed and took up what"
+    chart(report, "overload", data, [panel], caption, (8.0, 3.4))
+    order = ", ".join(f"{name} after {at - begin:.0f} s" for at, name, _ in rows)
+    return {"overload": order or "nothing was shed: the machine was fast enough"}
+
+
+def describe_rates(report: Report, played: dict[str, Played]) -> dict[str, str]:
+    """Section and table of what was timed; returns the verdicts."""
+    report.section("Rates, read by another process")
+    report.text(
+        f"""Poses, a wrench and every output; a third process plays, a fourth reads. Age is arrival
+        minus stamp of `~/control_points`, jitter how far the time between two arrivals is from the
+        period, late are arrivals more than 2.5 periods apart, late ticks those that the node
+        counted, lost the states of which none arrived. Load when it began:
+        {os.getloadavg()[0]:.1f} of {os.cpu_count()} cores."""
+    )
+    header: Header = [
+        *("case", Column("age", "ms"), Column("99 %", "ms"), Column("above latency", "ms")),
+        *(Column("jitter 99 %", "ms"), "arrivals", "late", "late ticks", "share of a core"),
+    ]
+    rows, verdicts = [], {}
+    for name, one in played.items():
+        median, most = np.percentile(one.ages, [50.0, 99.0]).tolist()
+        above = median - one.case.scene.inputs.latency
+        jitter = float(np.percentile(np.abs(one.gaps - 1.0 / one.case.rate), 99.0))
+        late = one.count("node", "late ticks")
+        arrivals = len(one.reader[CONTROL_POINTS])
+        rows.append((name, median, most, above, jitter, arrivals, one.late, late, one.share))
+        verdicts[name] = (
+            f"age {median * 1e3:.1f} ms ({most * 1e3:.1f} for 99 %), {late} late ticks, "
+            f"{one.share:.0%} of a core"
+        )
+    report.table("rates", header, rows, "Age, jitter and cost")
+    return verdicts
+
+
+def describe_latencies(report: Report, played: dict[float, Played]) -> dict[str, str]:
+    """Section, table and figure of the latencies; returns the verdict."""
+    report.section("How small inputs.latency can be")
+    report.text(
+        """Poses at 500 Hz, ticks at 500 Hz. Below some latency the next pose is not there when its
+        state is due: the prediction waits for it, and the age falls no further."""
+    )
+    rows = []
+    for latency, one in played.items():
+        median, most = np.percentile(one.ages, [50.0, 99.0]).tolist()
+        late = one.count("session", "event late")
+        rows.append((latency, median, most, median - latency, late))
+    names = ("latency", "age, median", "age, 99 %", "median above latency")
+    header: Header = [*(Column(name, "ms") for name in names), "late messages"]
+    report.table("latencies", header, rows, "Age of the outputs")
+    axis = "inputs.latency [ms]"
+    data = columns(("latency [s]", "median [s]", "99 % [s]"), [row[:3] for row in rows])
+    panel = Panel("latency [s]", "age [ms]", ["median [s]", "99 % [s]"], x_axis=axis, log="xy")
+    chart(report, "latencies", data, [panel], "Age of the outputs", (7.0, 4.0))
+    useful = [latency for latency, _, _, above, late in rows if above <= 0.002 and not late]
+    least = f"{min(useful) * 1e3:g} ms" if useful else "none of those tried"
+    return {"smallest useful latency for 500 Hz poses": least}

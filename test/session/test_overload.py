@@ -1,0 +1,102 @@
+"""A session that is too slow sheds markers, its estimate, then time, and takes them up again."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from session_bench import GRIPPER, MS, SECOND, T0, Bench, motion
+
+from dlo_sim.session.topics import CENTERLINE, CONTROL_POINTS
+from dlo_sim.simulation.error_estimate import ErrorEstimate
+from dlo_sim.simulation.report import DiscretizationError
+
+SHED = "markers_spared", "estimate_spared", "time_skipped"
+FAST = {"inputs.catch_up": 0.02}  # of each tick; ticks that come every 30 ms fall behind by 10
+
+
+class Spied:
+    """An estimate that passes everything on and notes what went on in its companions."""
+
+    def __init__(self, simulator) -> None:
+        self.simulator, self.recent = simulator, DiscretizationError(0.0, 0.0)
+        self.order, self.went_on = 2, []
+
+    def go_on(self, end, motion) -> None:
+        self.went_on.append((end, motion.rest(self.simulator.time).position[0].tolist()))
+
+    def __getattr__(self, name):
+        return getattr(self.simulator, name)
+
+
+class Overloaded:
+    """A gripper's poses at 50 Hz and a session whose ticks can be too rare."""
+
+    def __init__(self, monkeypatch, **changes) -> None:
+        self.estimates: list[Spied] = []
+        monkeypatch.setattr(ErrorEstimate, "placed", self.make)
+        monkeypatch.setattr(ErrorEstimate, "continued", self.make)
+        self.bench = Bench(GRIPPER | FAST, live=True, **changes)
+        self.now, self.posed = T0, T0
+        self._seen = Counter()
+
+    def make(self, simulator, poses=None):
+        self.estimates.append(Spied(simulator))
+        return self.estimates[-1]
+
+    def run(self, seconds: float, period_ns: int) -> tuple[list[str], set[str]]:
+        """Tick so often for so long; what was shed or taken up, and the topics put out."""
+        log: list[str] = []
+        out: set[str] = set()
+        for _ in range(round(seconds * SECOND / period_ns)):
+            self.now += period_ns
+            while self.posed <= self.now:
+                self.bench.pose(self.posed, motion(self.posed))
+                self.posed += 20 * MS
+            self.bench.session.tick(self.now)
+            out |= {message.topic for message in self.bench.session.messages()}
+            events = Counter(self.bench.events)
+            log += [name for name in (*SHED, "taken_up") if events[name] > self._seen[name]]
+            self._seen = events
+        return log, out
+
+
+def test_it_sheds_in_the_written_order_and_no_more_than_it_must(monkeypatch):
+    world = Overloaded(monkeypatch)
+    log, out = world.run(1.0, 5 * MS)
+    assert not log and {CENTERLINE, CONTROL_POINTS} <= out
+    assert world.run(0.9, 30 * MS)[0] == ["markers_spared"]  # 0.3 s behind
+    log, out = world.run(0.9, 30 * MS)
+    assert log == ["estimate_spared"]
+    assert CONTROL_POINTS in out and CENTERLINE not in out
+    assert set(world.run(3.0, 30 * MS)[0]) == {"time_skipped"}
+    assert world.bench.session.journal.skipped_ns > 0.9 * SECOND
+
+
+def test_it_takes_up_the_last_first_once_it_keeps_up_and_waits_longer_each_time(monkeypatch):
+    world = Overloaded(monkeypatch)
+    assert world.run(2.8, 30 * MS)[0] == ["markers_spared", "estimate_spared"]
+    assert world.run(9.5, 5 * MS)[0] == []
+    log, out = world.run(1.5, 5 * MS)
+    assert log == ["taken_up"] and CENTERLINE not in out
+    ((end, place),) = world.estimates[1].went_on
+    assert end == "start" and place != [0.0, 0.0, 0.0]  # where the gripper was under way
+    assert world.run(18.0, 5 * MS)[0] == []
+    log, out = world.run(2.0, 5 * MS)
+    assert log == ["taken_up"] and CENTERLINE in out
+    assert len(world.estimates) == 2
+
+
+def test_an_estimate_that_was_asked_for_is_kept(monkeypatch):
+    world = Overloaded(monkeypatch, **{"accuracy.estimate": "on"})
+    assert tuple(dict.fromkeys(world.run(6.0, 30 * MS)[0])) == (SHED[0], SHED[2])
+    assert world.run(35.0, 5 * MS)[0] == ["taken_up"]
+    assert len(world.estimates) == 1
+
+
+def test_a_gap_in_the_poses_and_one_long_tick_shed_nothing(monkeypatch):
+    world = Overloaded(monkeypatch)
+    world.run(1.0, 5 * MS)
+    world.now += 900 * MS
+    log, _ = world.run(1.0, 5 * MS)
+    world.posed += 2 * SECOND
+    assert log + world.run(3.0, 5 * MS)[0] == []
