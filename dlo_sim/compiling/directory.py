@@ -206,7 +206,7 @@ def _obstacle(directory: Path) -> str:
 def _say(directory: Path) -> None:
     """Say, once per process, that something is compiled, and why every start will if so."""
     obstacle = _obstacle(directory)
-    told, level = f"once per installation, some 30 s, kept in {directory.parent}", logging.INFO
+    told, level = f"once per installation, some 45 s, kept in {directory.parent}", logging.INFO
     if obstacle:
         told = f"at every start: {obstacle}; set DLO_SIM_CACHE to a directory of your own"
         level = logging.WARNING

@@ -49,7 +49,7 @@ def cache(base: Path, mine: Path, untrusted: str) -> Finding:
         return problem(f"the cache {base} cannot be written; every start compiles", cure)
     if mine.is_dir() and any(mine.iterdir()):
         return ok(f"the cache {base} holds this version's machine code")
-    return note(f"the cache {base} is empty; the first start compiles for some 30 s", "once only")
+    return note(f"the cache {base} is empty; the first start compiles for some 45 s", "once only")
 
 
 def _existing(path: Path) -> Path:

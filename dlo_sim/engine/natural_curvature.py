@@ -92,7 +92,7 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
             on_angle = zero()
             if follows:
                 across0, across1 = natural_curvature.cross(ta, ka), natural_curvature.cross(tb, kb)
-                n0, n1, on_t, on_angle = material_frame.between(
+                n0, n1, on_t, on_angle = material_frame.discrete_gradient(
                     n0, material_frame.unit(tangent_at(r, xi)),
                     integrated(1.0 / s, angle0, xi), integrated(1.0 / s, angle1, xi),
                     ta, tb, combined(0.5, across0, 0.5, across1),
@@ -138,16 +138,16 @@ def natural_energy(shape, model, state, x):
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
             n = natural_at(shape, state, b, j)
             if follows:
-                n = followed(n, tangent_at(r, xi), t, integrated(1.0 / s, angle, xi))
+                n = vector_now(n, tangent_at(r, xi), t, integrated(1.0 / s, angle, xi))
             sum_ += natural_curvature.energy(n, t, k, dot(t, t))
     return sum_
 
 
 @part
-def followed(n, before, t, angle):
+def vector_now(n, before, t, angle):
     """A vector of the last step's end, for r' then and now and the angle since."""
     u = material_frame.unit(before)
-    return material_frame.carried(material_frame.turned(n, u, angle), u, material_frame.unit(t))
+    return material_frame.transported(material_frame.turned(n, u, angle), u, material_frame.unit(t))
 
 
 @part
@@ -161,7 +161,7 @@ def follow_natural(shape, model, state, x):
         for j in range(shape[layout.SAMPLES]):
             xi = load(model, sample_of(block_of(shape, b), j) + layout.XI * LANES)
             n = natural_at(shape, state, b, j)
-            n = followed(n, tangent_at(r, xi), tangent_at(p, xi), integrated(1.0 / s, angle, xi))
+            n = vector_now(n, tangent_at(r, xi), tangent_at(p, xi), integrated(1.0 / s, angle, xi))
             at = rows_of(shape, b, j)
             store(state, at, n[0])
             store(state, at + LANES, n[1])
@@ -195,7 +195,7 @@ def add_natural_stiffness(shape, model, state, x0, x1, matrix):
             ka, kb = bending_at(p, xi, s), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
             angle = 0.5 * (integrated(1.0 / s, angle0, xi) + integrated(1.0 / s, angle1, xi))
-            m = followed(natural_at(shape, state, b, j), tangent_at(r, xi), t, angle)
+            m = vector_now(natural_at(shape, state, b, j), tangent_at(r, xi), t, angle)
             c = dot(t, t)
             f = -0.5 * natural_curvature.energy(m, t, k, c)
             for first in range(4):

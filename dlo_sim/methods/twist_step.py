@@ -1,4 +1,5 @@
-"""The twist line of an implicit step: linear, so one symmetric solve by the midpoint rule.
+"""The twist line of an implicit step by the midpoint rule: one symmetric solve, since it is linear
+but for natural curvature in the material frame, whose moment takes Newton corrections.
 
 In the Bishop frame it depends on the new shape and the shape on it: `step_twist` solves it for
 every guess of the shape, so that it is eliminated from the iteration.
@@ -37,7 +38,7 @@ from dlo_sim.methods.implicit_layout import (
 
 REFINEMENTS = 3  # of the solution for a cable that is free to spin
 MOST_CORRECTIONS = 8  # of the angles, where natural curvature makes them nonlinear
-TURNED = 1e-13  # [rad], correction after which they are solved
+TURNED = 1e-13  # of 1 rad and the angle, correction after which they are solved
 
 
 @part
@@ -120,9 +121,13 @@ def moments_of_middle(shape, model, inputs, scratch, t0, tau):
 
 @part
 def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins):
-    """One Newton correction of the twist line of x and CHANGE; completes that of FORCE, which holds
-    all but the elastic and damping forces. Returns the largest entry of the correction.
+    """One Newton correction of the twist line of x and CHANGE for the residual
+        f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),   d = CHANGE,
+    where f is what FORCE holds: loads, twist of the frame, and damping for the d before. It makes
+    FORCE complete and keeps damping up to date in TWIST_OWN. Returns the largest entry of the
+    correction as a share of 1 rad and the angle.
     """
+    own = shifted(scratch, shape[TWIST_OWN])
     line, width = shape[layout.DIM], shape[layout.LINE]
     at, natural = line * width, shape[layout.TERMS] & layout.MATERIAL != 0
     force, start = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[START])
@@ -163,10 +168,11 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
     for k in range(at, at + width):
         x[k] += sum_[k]
         change[k] += sum_[k]
-        moved = max(moved, abs(sum_[k]))
+        moved = max(moved, abs(sum_[k]) / (1.0 + abs(x[k])))
     add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, force)
     if shape[layout.TERMS] & layout.DAMPED:
         add_product(shape, model, viscous, line, -1.0 / tau, sum_, force)
+        add_product(shape, model, viscous, line, -1.0 / tau, sum_, own)
     return moved
 
 

@@ -8,6 +8,8 @@ from collections.abc import Callable
 # [s] for which a thread may keep the interpreter to itself. A tick gives it away at each compiled
 # step and each publication, and would wait 5 ms, Python's own value, to get it back every time.
 _SWITCH_INTERVAL = 1.0e-4
+_turn = threading.Lock()
+_usual: list[float] = []  # of the process, while one or more cables prepare
 
 
 def in_background(
@@ -35,8 +37,9 @@ def in_background(
     thread = threading.Thread(target=run, name="preparing")
     due = time.perf_counter()
     meanwhile()  # some of a period may have gone by since the last call
-    usual = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH_INTERVAL)
+    with _turn:
+        _usual.append(sys.getswitchinterval())
+        sys.setswitchinterval(_SWITCH_INTERVAL)
     thread.start()
     try:
         while True:
@@ -47,6 +50,9 @@ def in_background(
             meanwhile()
     finally:
         thread.join()
-        sys.setswitchinterval(usual)
+        with _turn:
+            usual = _usual.pop()
+            if not _usual:
+                sys.setswitchinterval(usual)
     if failures:
         raise failures[0]

@@ -37,6 +37,7 @@ from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, poss
 from dlo_sim.session.transforms import Transforms
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
+_LONGEST_WAIT = 50_000_000  # [ns] for a phase
 _LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
 
@@ -160,9 +161,11 @@ class LiveCable:
 
     def _tick_timer(self) -> Timer:
         """A timer that fires when states have just become due: it keeps the phase of now, for which
-        this waits up to a period.
+        this waits a little. Slow timers, and clocks that do not run at wall time, are left as they
+        are.
         """
-        time.sleep(self._session.until_tick(self._now()) * 1e-9)
+        if self._period_ns < _LONGEST_WAIT and not self._node.get_clock().ros_time_is_active:
+            time.sleep(self._session.until_tick(self._now()) * 1e-9)
         return self._node.create_timer(self._period_ns * 1e-9, self._on_timer)
 
     def _serve(self, opened: ExitStack) -> None:

@@ -38,8 +38,10 @@ class Cable:
     )
     rest_curvature_axis: Vector = parameter(
         (0.0, 1.0, 0.0),
-        "Unit axis about which the unloaded cable is bent, in the start end-effector's frame; "
-        "positive curvature turns the tangent about it by the right-hand rule.",
+        "Unit axis about which the unloaded cable is bent, across it where it leaves the start, in "
+        "the start end-effector's frame; along the cable it goes with the material frame if "
+        "terms.twist is bishop. Positive curvature turns the tangent about it by the right-hand "
+        "rule.",
         "",
         (-1.0, 1.0),
     )

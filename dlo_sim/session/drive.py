@@ -295,7 +295,11 @@ class Drive:
         return True
 
     def resume_estimate(self) -> bool:
-        """Estimate again after `spare_estimate`, from the present state; whether it was spared."""
+        """Estimate again after `spare_estimate`, from the present state; whether it was spared and
+        can go on: companions would begin a sine load anew.
+        """
+        if any(load.signal == "sine" for load in self.scene.loads):
+            return False
         spared, self._too_slow = self._too_slow, False
         if spared:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
@@ -362,7 +366,10 @@ class Drive:
             self._take_and_release(told)
             return
         _, self.simulator, self.estimate = prepared
-        self.scene, self._too_slow, self._rebuilt = scene, False, True
+        self.scene, self._rebuilt = scene, True
+        self._too_slow = self._too_slow and scene.accuracy.estimate != "on"
+        if self._too_slow:
+            self.estimate = None
         if self.observer is not None:
             self.observer.measured = scene.measured
         if grid is not None:

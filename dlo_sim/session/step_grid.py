@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-_JITTER = 250_000  # of ticks, usually [ns]; a quarter of a period at most
+_JITTER = 500_000  # of ticks, usually [ns]; a quarter of a period at most
 
 
 @dataclass

@@ -116,10 +116,13 @@ class Cable:
         """Directions of what is held: those of the grasps at time t."""
         between_steps.turn_to(self.arrays, t)
 
-    def put(self, points: Array, rates: Array, time: float | None = None) -> None:
+    def put(
+        self, points: Array, rates: Array, time: float | None = None, follow: bool = False
+    ) -> None:
         """Take over control points (n, 4) and their velocities; nothing of before is known.
 
-        With a time, points held between control points go to where they are held then.
+        With a time, points held between control points go to where they are held then. `follow`: it
+        is the same cable a little further on, with which the natural shape goes.
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
@@ -130,12 +133,17 @@ class Cable:
         self.state[at : at + 3 * size] = 0.0
         self.model.rows(self.state, layout.RATES_BEFORE, len(self.model.holding.rows))[:] = 0.0
         self.ledger[[layout.KNOWN, layout.IS_BOOKED, layout.PENDING, layout.HAS_REACTION]] = 0.0
+        if follow:
+            self.follow()
         self.open_frame()
+
+    def follow(self) -> None:
+        """Take the natural shape of the material frame from where it was opened to the present."""
+        if self.model.has(layout.MATERIAL):
+            follow_to_present(self.arrays)
 
     def open_frame(self) -> None:
         """The twist angles are those in the Bishop frame of the present shape."""
-        if self.model.has(layout.MATERIAL):
-            follow_to_present(self.arrays)
         if self.model.has(layout.BISHOP):
             self.model.view(self.state, layout.REFERENCE)[:] = self.x
             self.frame_turn[:] = 0.0

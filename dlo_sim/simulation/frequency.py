@@ -41,9 +41,9 @@ def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) 
         twisting = spectrum.largest_of_line(band, inertia, ~held)
         if model.has(layout.MATERIAL):
             # EI kappa kappa0 per length and angle, for bends down to the cable's diameter
-            section = scene.cable
-            bent = max(map(abs, (*section.rest_curvature, *section.rest_curvature_2)))
-            turning = section.EI * bent / (section.diameter * section.polar_inertia)
+            material = scene.cable
+            bent = max(map(abs, (*material.rest_curvature, *material.rest_curvature_2)))
+            turning = material.EI * bent / (material.diameter * material.polar_inertia)
             twisting = math.hypot(twisting, math.sqrt(2.0 * turning))
         value = max(value, twisting)
     if model.has(layout.TORSION):

@@ -112,7 +112,7 @@ class CableInputs(CableView):
         before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
         self._ends.take_frame_turns(cable.frame_turn)
         self._ends.put(points, self.time)
-        cable.put(points, rates, self.time)
+        cable.put(points, rates, self.time, follow=True)
         work = cable.present_energy() - before
         if not math.isfinite(work):
             cable.state[:], cable.inputs[:] = kept
@@ -221,6 +221,7 @@ class CableInputs(CableView):
         samples = frames[1:].reshape(*self._model.rule.xi.shape, 4)
         rows = rows_in_frames(self._natural_rows(), self.end_pose("start")[1], frames[0], samples)
         put_by_sample(self._cable, layout.NATURAL, rows)
+        self._cable.open_frame()
 
     def _natural_rows(self) -> Array:
         return natural_rows(self.scene, self._model, self._geometries["start"].tangent)

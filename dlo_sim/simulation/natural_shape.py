@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.by_sample import moment_weights, sample_coordinates
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
+LEAST_ACROSS = 1e-3  # share of the axis
 
 
 def has_natural_shape(scene: Scene, model: Model) -> bool:
@@ -22,6 +24,9 @@ def has_natural_shape(scene: Scene, model: Model) -> bool:
 def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
     """Rows of `layout.NATURAL` where the cable leaves the start's end effector, in whose frame it
     has this unit tangent: EI kappa0 times the weight (3), rest twist; (spans, samples, 4).
+
+    Raises:
+        SceneError: the axis lies along the cable.
     """
     cable, share = scene.cable, sample_coordinates(model)
 
@@ -29,9 +34,15 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
         return np.interp(share, np.linspace(0.0, 1.0, len(values)), values)[..., None]
 
     axis = np.array(cable.rest_curvature_axis)
-    axis /= np.linalg.norm(axis)
-    bent = along(cable.rest_curvature) * axis
-    bent = bent + along(cable.rest_curvature_2) * np.cross(tangent, axis)
+    aside = np.cross(tangent, axis)
+    across = float(np.linalg.norm(aside))
+    if across < LEAST_ACROSS:
+        raise SceneError(
+            f"cable.rest_curvature_axis: {axis.tolist()} lies along the cable where it leaves the "
+            "start, and bends nothing; give an axis across it"
+        )
+    bent = along(cable.rest_curvature) * axis / np.linalg.norm(axis)
+    bent = bent + along(cable.rest_curvature_2) * aside / across
     return np.concatenate([moment_weights(model) * bent, along(cable.rest_twist)], axis=-1)
 
 

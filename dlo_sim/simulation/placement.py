@@ -15,6 +15,7 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
 from dlo_sim.simulation import inextensible as length
 from dlo_sim.simulation import statics
+from dlo_sim.simulation.by_sample import by_sample, put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
@@ -23,7 +24,7 @@ from dlo_sim.simulation.model import Model, build_model
 
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
-MOST_LAYINGS = 4
+MOST_LAYINGS = 12
 LAID = 1e-9  # of the length, movement after which the natural shape fits the frames
 
 
@@ -34,9 +35,8 @@ def place(
     cable: Cable,
     lay: Callable[[], None] | None = None,
 ) -> None:
-    """Put a cable into the scene's first shape, at rest. `lay` turns the natural shape along the
-    cable with its material frame, of which each search for the equilibrium takes what the last one
-    left.
+    """Put a cable into the scene's first shape, at rest. `lay` aligns the natural shape with the
+    material frames of the present shape; it is called before each search and at the end.
 
     Raises:
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
@@ -46,6 +46,8 @@ def place(
     points[:, :3] = first_shape(scene, geometries, cable.model.knots)
     ends.put(points, 0.0, anew=True)
     cable.put(points, np.zeros_like(points), 0.0)
+    if lay:
+        lay()
     constrained = inextensible(scene)
     if wants_equilibrium(scene, geometries):
         if frenet_wanted(scene):
@@ -54,6 +56,8 @@ def place(
             )
         if constrained:
             _relax_elastic(scene, geometries, cable)
+            if lay:
+                lay()
         elif not _relaxed(cable, lay):
             raise SceneError(
                 "initial.shape: no equilibrium found from the first guess; use straight, more "
@@ -86,9 +90,9 @@ def _relaxed(cable: Cable, lay: Callable[[], None] | None) -> bool:
         return statics.relax(cable)
     for _ in range(MOST_LAYINGS):
         before = cable.x.copy()
-        lay()
         if not statics.relax(cable):
             return False
+        lay()
         if np.abs(cable.x - before).max() < LAID * float(cable.model.knots[-1]):
             break
     return True
@@ -131,5 +135,8 @@ def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
         twin.anchors[:] = cable.anchors
     points = cable.model.to_columns(cable.x)
     twin.put(points, np.zeros_like(points))
+    if twin.model.has(layout.CURVED):
+        natural = by_sample(cable, layout.NATURAL, layout.NATURAL_ROWS)
+        put_by_sample(twin, layout.NATURAL, natural)
     statics.relax(twin)
     cable.x[:] = twin.x

@@ -298,6 +298,8 @@ class Simulator(CableInputs):
         self._ends.take_frame_turns(self._cable.frame_turn)
         self._ends.put(place, 0.0)
         self._cable.put(place, speed, 0.0)
+        if self._model.has(layout.MATERIAL):
+            self._lay_natural_shape()
         moved = np.abs(self.control_points - given).max()
         self._open_account()
         if not math.isfinite(self._cable.entry(layout.ENERGY_START)):

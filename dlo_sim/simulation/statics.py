@@ -143,7 +143,7 @@ class _Search:
         cable.x[:] += NUDGE * self._length / np.abs(way).max() * way
 
     def relax_twist(self) -> None:
-        """The twist line is linear: one solution at the shape found.
+        """One linear solution for the twist line at the shape found.
 
         Where no end holds the twist there is nothing to solve: the cable keeps the one it has.
         """
@@ -186,6 +186,7 @@ class _Search:
         """Newton correction of the spatial lines, shape (dim, n); None where it leads uphill."""
         cable, dim = self._cable, self._dim
         n, x = cable.model.n, cable.x
+        cable.follow()
         cable.open_frame()  # the shape is found without twist
         force = cable.forces()
         band = cable.stiffness()

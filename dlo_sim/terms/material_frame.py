@@ -16,7 +16,9 @@ from dlo_sim.terms.viscosity import combined, dot
 
 @part
 def sine_share(z):
-    """sin(phi) / phi of z = phi^2, to 1e-12 up to phi = 1."""
+    """sin(phi) / phi of z = phi^2: to 1e-12 up to phi = 1, to 1e-4 up to 3; larger turns of one
+    step are out of reach.
+    """
     f = 1.0 - z * (1.0 / 156.0)
     f = 1.0 - z * (1.0 / 110.0) * f
     f = 1.0 - z * (1.0 / 72.0) * f
@@ -28,7 +30,8 @@ def sine_share(z):
 @part
 def cosine(z):
     """cos(phi) of z = phi^2, likewise."""
-    f = 1.0 - z * (1.0 / 132.0)
+    f = 1.0 - z * (1.0 / 182.0)
+    f = 1.0 - z * (1.0 / 132.0) * f
     f = 1.0 - z * (1.0 / 90.0) * f
     f = 1.0 - z * (1.0 / 56.0) * f
     f = 1.0 - z * (1.0 / 30.0) * f
@@ -50,13 +53,13 @@ def turned(n, t, angle):
 
 
 @part
-def carried(a, before, t):
+def transported(a, before, t):
     """P a, from one unit tangent to another."""
     return combined(1.0, a, -dot(t, a) / (1.0 + dot(before, t)), combined(1.0, before, 1.0, t))
 
 
 @part
-def between(n, before, angle0, angle1, t0, t1, b):
+def discrete_gradient(n, before, angle0, angle1, t0, t1, b):
     """The vector at two shapes, n0 and n1, for b = the mean of t x k, and the divided differences
         b.(n1 - n0) = G.(t1 - t0) + g (angle1 - angle0),
     exactly: a product rule with symmetric means. Returns n0, n1, G, g.

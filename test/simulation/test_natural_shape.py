@@ -89,6 +89,38 @@ def test_the_energy_account_closes_while_it_coils(method):
     assert sim.energy_error < 1e-11
 
 
+@pytest.mark.parametrize("damping", [1.0, 100.0])
+def test_the_account_closes_with_damping_and_rest_twist_alone(damping):
+    """Rest twist without curvature: one iteration of the shape, several corrections of theta."""
+    sim = bent(cable__rest_twist=[3.0, -2.0], damping__mass=damping, integrator__tolerance=1e-12)
+    assert sim.advance(0.5).status.ok
+    assert sim.energy_error < 1e-9
+
+
+def test_a_shape_given_from_outside_has_the_natural_shape_along_it():
+    """Half of the way to the helix, as one that has come there by itself."""
+    sim = bent(**BENT, damping__mass=2.5, damping__stiffness=2e-3)
+    sim.advance(1.0)
+    other = bent(**BENT)
+    other.start_from(sim.control_points)
+    assert other.energy().bend == pytest.approx(sim.energy().bend, rel=0.02)
+
+
+def test_an_inextensible_cable_between_grippers_begins_at_rest():
+    values = {"end__fixed": [True] * 3, "end__clamped": True, "end__position": [0.8, 0.0, 0.0]}
+    sim = bent("rattle", 0.0, **values, gravity=[0.0, 0.0, -9.81], initial__shape="auto",
+               cable__rest_curvature=[1.0])  # fmt: skip
+    before = sim.control_points
+    assert sim.advance(0.2).status.ok
+    assert np.abs(sim.control_points - before)[:, :3].max() < 5e-3
+
+
+def test_an_axis_along_the_cable_is_refused():
+    axis = {"cable__rest_curvature_axis": [1.0, 0.0, 0.0]}
+    with pytest.raises(SceneError, match="rest_curvature_axis: .* give an axis across it"):
+        bent(cable__rest_curvature=[4.0], **axis)
+
+
 def test_forces_are_the_gradient_of_the_energy():
     """With a shape and twist apart from those of the last step, against central differences; what
     natural curvature adds, since twist alone has no potential in this frame."""

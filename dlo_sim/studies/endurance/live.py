@@ -173,10 +173,11 @@ def play(case: Case, folder: Path, domain: int, progress: Callable[[float], None
             _first_line(peers["slow"], log)
             peers["slow"].send_signal(signal.SIGSTOP)
         system = _watch(case, node, begin, progress)
-        for name in ("source", "reader"):
-            if peers[name].wait(120.0) or node.poll() is not None:
-                raise RuntimeError(f"{name} or node ended: {log.read_text(errors='replace')}")
-            _close(peers["reader"])
+        ended = [peers["source"].wait(120.0)]
+        _close(peers["reader"])
+        ended.append(peers["reader"].wait(120.0))
+        if any(ended) or node.poll() is not None:
+            raise RuntimeError(f"a peer or the node ended: {log.read_text(errors='replace')}")
         node.send_signal(signal.SIGINT)
         status = node.wait(60.0)
     noted = {name: pickle.loads((folder / name).read_bytes()) for name in ("source", "reader")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import json
 import os
 import tempfile
@@ -51,14 +52,20 @@ def run_study(request: Request) -> Outcome:
     return report.outcome(verdicts)
 
 
+def _share(progress: Callable[[float], None], k: int, of: int) -> Callable[[float], None]:
+    """Progress of part k of so many equal ones."""
+    return lambda fraction: progress((k + fraction) / of)
+
+
 def _fuzz(report: Report, quick: bool, progress: Callable[[float], None]) -> dict[str, str]:
     counts, found = PIECES[quick], dict[str, Counter[str]]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found["messages"] = messages(counts["messages"], SEED, progress)
-        found["parameters"] = fuzz.parameters(counts["parameters"], SEED, progress)
-        found["bags"] = fuzz.bags(counts["bags"], SEED, folder, progress)
-        found["signals"] = fuzz.signals(counts["signals"], SEED, folder, progress)
+        parts = [_share(progress, k, 4) for k in range(4)]
+        found["messages"] = messages(counts["messages"], SEED, parts[0])
+        found["parameters"] = fuzz.parameters(counts["parameters"], SEED, parts[1])
+        found["bags"] = fuzz.bags(counts["bags"], SEED, folder, parts[2])
+        found["signals"] = fuzz.signals(counts["signals"], SEED, folder, parts[3])
     report.section("Bad input at random")
     report.text(
         """Messages of every type, three in four with numbers that are none, lengths that lie,
@@ -113,18 +120,21 @@ def overload_case(begin: float, end: float, seconds: float) -> Case:
 
 
 def _live(report: Report, quick: bool, progress: Callable[[float], None]) -> dict[str, str]:
-    domains = (1 + (os.getpid() + k) % 100 for k in range(1_000_000))
+    rates, latencies = rate_cases(TIMED[quick]), latency_cases(SWEPT[quick])
+    whole, runs = 2 + len(rates) + len(latencies), itertools.count()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
 
         def run(what: str, case: Case) -> Played:
-            return play(case, folder / what.replace(" ", "_"), next(domains), progress)
+            k = next(runs)
+            domain = 1 + (os.getpid() + k) % 100
+            return play(case, folder / what.replace(" ", "_"), domain, _share(progress, k, whole))
 
         verdicts = describe_soak(report, run("soak", soak_case(SOAK[quick], ROUND[quick])))
         verdicts |= describe_overload(report, run("overload", overload_case(*OVERLOAD[quick])))
-        timed = {name: run(name, case) for name, case in rate_cases(TIMED[quick]).items()}
+        timed = {name: run(name, case) for name, case in rates.items()}
         verdicts |= describe_rates(report, timed)
-        swept = {x: run(f"latency {x}", case) for x, case in latency_cases(SWEPT[quick]).items()}
+        swept = {x: run(f"latency {x}", case) for x, case in latencies.items()}
         verdicts |= describe_latencies(report, swept)
     return verdicts
 
