@@ -36,13 +36,13 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
     axis = np.array(cable.rest_curvature_axis)
     aside = np.cross(tangent, axis)
     across = float(np.linalg.norm(aside))
-    if across < LEAST_ACROSS:
+    if across < LEAST_ACROSS and (model.has(layout.MATERIAL) or any(cable.rest_curvature_2)):
         raise SceneError(
             f"cable.rest_curvature_axis: {axis.tolist()} lies along the cable where it leaves the "
             "start, and bends nothing; give an axis across it"
         )
     bent = along(cable.rest_curvature) * axis / np.linalg.norm(axis)
-    bent = bent + along(cable.rest_curvature_2) * aside / across
+    bent = bent + along(cable.rest_curvature_2) * aside / max(across, LEAST_ACROSS)
     return np.concatenate([moment_weights(model) * bent, along(cable.rest_twist)], axis=-1)
 
 
