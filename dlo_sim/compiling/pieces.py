@@ -12,6 +12,7 @@ fastmath {contract} (fused multiply-add only; NaN and the order of sums keep the
 from __future__ import annotations
 
 import functools
+import importlib
 import warnings
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -61,6 +62,10 @@ class Piece:
         self._signature = signature
         self._code: Callable[..., Any] | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies in other processes are the piece of that name there."""
+        return _named, (self.function.__module__, self.function.__qualname__)
+
     @property
     def code(self) -> Callable[..., Any]:
         """The machine code, compiled or read from disk at its first use."""
@@ -82,6 +87,10 @@ class Piece:
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code."""
         return self.code(*arguments)
+
+
+def _named(module: str, name: str) -> Any:
+    return getattr(importlib.import_module(module), name)
 
 
 def piece(result: Any, *arguments: Any) -> Callable[[Callable[..., Any]], Piece]:

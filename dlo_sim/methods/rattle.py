@@ -165,7 +165,8 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
             return layout.NOT_CONVERGED, step - first_step, evaluations
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         evaluations += 1
-        flow(shape, model, inputs, state, scratch, closing)
+        if flow(shape, model, inputs, state, scratch, closing):
+            evaluate(shape, model, inputs, state, scratch, forces, (step + 1) * tau)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
             return layout.DIVERGED, step - first_step, evaluations
         if sampling:

@@ -16,11 +16,12 @@ CLOSING = (update_account, end_sample, follow_shape)
 
 @part
 def flow(shape, model, inputs, state, scratch, closing):
-    """Change of the terms' own state at the shape after a step; whether that changes forces."""
+    """Change of the terms' own state at the shape after a step; whether that changes forces. Then
+    the next step computes them anew, as it would after a pause between two calls.
+    """
     _, _, _, follow_shape = closing
     if shape[TERMS] & BISHOP:
         follow_shape(shape, model, inputs, state, scratch)
     if shape[TERMS] & PLASTICITY:
         plastic_flow(shape, model, state, shifted(state, shape[X]))
-        return True
-    return False
+    return shape[TERMS] & (BISHOP | PLASTICITY) != 0

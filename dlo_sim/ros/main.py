@@ -137,5 +137,6 @@ def new_executor() -> "Executor":
 
 
 def _refuse(reason: str) -> int:
-    print(f"dlo_sim: error: {' '.join(reason.split())}", file=sys.stderr)
+    # One piece: several cables may be refused at once.
+    sys.stderr.write(f"dlo_sim: error: {' '.join(reason.split())}\n")
     return REFUSED

@@ -19,6 +19,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.report import UndefinedTorsion
 
 TINY = 1e-300
+NATURAL_KEYS = ("rest_curvature", "rest_curvature_2", "rest_twist")  # of Cable.natural_shape
 
 
 def carry_samples(old: Cable, new: Cable) -> None:
@@ -90,12 +91,15 @@ def check_terms(scene: Scene, needs: Needs) -> None:
         )
     if any(scene.cable.rest_twist) and not needs.bishop:
         raise SceneError(
-            "cable.rest_twist: needs the twist that acts on the shape; set terms.twist to bishop"
+            f"cable.rest_twist: {list(scene.cable.rest_twist)} needs the twist that acts on the "
+            "shape; set terms.twist to bishop"
         )
     if needs.plasticity and scene.cable.shaped:
+        values = scene.cable.natural_shape
+        key = next(key for key, value in zip(NATURAL_KEYS, values, strict=True) if any(value))
         raise SceneError(
-            "cable.rest_curvature: is not available together with terms.plasticity; set it to "
-            "[0.0] or terms.plasticity to off"
+            f"cable.{key}: is not available together with terms.plasticity; set it to [0.0] or "
+            "terms.plasticity to off"
         )
 
 
