@@ -73,6 +73,7 @@ class Outputs:
     """Encodes the state of one simulator.
 
     Attributes:
+        topics: of the messages, in the order of publication.
         not_finite: messages withheld because a number in them was not finite.
     """
 
@@ -119,6 +120,7 @@ class Outputs:
             for topic, message_type in output_topics(scene).items()
             if topic in encoders  # others are not made of the present state alone
         )
+        self.topics = [topic for topic, _, _ in self._topics]
 
     def messages(
         self, simulator: Observable, stamp_ns: int, wanted: Collection[str]

@@ -205,7 +205,7 @@ class Session:
         fresh, self._given_out = state != self._given_out, state
         markers, self._markers_due = self._markers_due, False
         due = set(again)
-        for topic in output_topics(self.scene) if wanted is None else wanted:
+        for topic in self._outputs.topics if wanted is None else wanted:
             if markers if topic in MARKERS else fresh:
                 due.add(topic)
         found = self._outputs.messages(self._drive.simulator, self.stamp_ns, due)

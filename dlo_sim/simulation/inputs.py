@@ -37,6 +37,7 @@ class CableInputs(CableView):
 
     _load_index: dict[str, int]
     _loop: GuardedLoop
+    _natural: Array  # rows of the natural shape in the frame of the start, if there is one
 
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
@@ -191,6 +192,8 @@ class CableInputs(CableView):
         booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
         booked[:] = cable.anchors
         cable.point_grasps(self.time if self._steps else 0.0)
+        if has_natural_shape(self.scene, model):
+            self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
         self._turn_natural_shape()
 
     def _after_end_moved(self, end: str) -> None:
@@ -210,7 +213,7 @@ class CableInputs(CableView):
         if not has_natural_shape(self.scene, self._model) or self._model.has(layout.MATERIAL):
             return
         turn = rotations.to_matrix(self.end_pose("start")[1])
-        rows = turned_rows(self._natural_rows(), turn, self._model.axes)
+        rows = turned_rows(self._natural, turn, self._model.axes)
         put_by_sample(self._cable, layout.NATURAL, rows)
 
     def _lay_natural_shape(self) -> None:
@@ -219,12 +222,9 @@ class CableInputs(CableView):
         u = np.append(0.0, sample_coordinates(self._model).ravel() * length)
         frames = self.frames(u)
         samples = frames[1:].reshape(*self._model.rule.xi.shape, 4)
-        rows = rows_in_frames(self._natural_rows(), self.end_pose("start")[1], frames[0], samples)
+        rows = rows_in_frames(self._natural, self.end_pose("start")[1], frames[0], samples)
         put_by_sample(self._cable, layout.NATURAL, rows)
         self._cable.open_frame()
-
-    def _natural_rows(self) -> Array:
-        return natural_rows(self.scene, self._model, self._geometries["start"].tangent)
 
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""

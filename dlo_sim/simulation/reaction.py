@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core.rotations import cross
+from dlo_sim.core.one_rotation import cross
 from dlo_sim.engine import layout
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.inextensible import held_force
@@ -32,8 +32,7 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
     force, moment = np.zeros(3), np.zeros(3)
     points = model.to_columns(cable.x)
     about_point = _place_of(model, grasp, points)
-    axes = np.array(model.axes)
-    about = 0.0
+    axes, about = list(model.axes), 0.0
     for k, row in enumerate(model.holding.rows):
         if row.grasp != grasp:
             continue
@@ -42,12 +41,14 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
             about = float(forces[k])
             continue
         pull = np.zeros(3)
-        direction = cable.direction(k) if row.line < 0 else np.eye(len(axes))[row.line]
-        pull[axes] = forces[k] * direction
+        if row.line < 0:
+            pull[axes] = forces[k] * cable.direction(k)
+        else:
+            pull[axes[row.line]] = forces[k]
         weights = np.array(point.weights)
         force += weights.sum() * pull
         arm = weights @ (points[point.first : point.first + 4, :3] - about_point)
-        moment += cross(arm, pull)
+        moment += cross(arm.tolist(), pull.tolist())
     for k, spring in enumerate(model.holding.springs):
         if spring.grasp == grasp:
             weights = np.array(spring.point.weights)
