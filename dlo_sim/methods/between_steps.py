@@ -5,7 +5,18 @@ account. Pieces for callers from Python.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, bare, first, load, shifted, store
-from dlo_sim.compiling.pieces import NO, NOTHING, REAL, REALS, TRUTH, WHOLE, YES, part, piece
+from dlo_sim.compiling.pieces import (
+    NO,
+    NOTHING,
+    REAL,
+    REALS,
+    TRUTH,
+    WHOLE,
+    YES,
+    Engine,
+    part,
+    piece,
+)
 from dlo_sim.engine import account, layout
 from dlo_sim.engine.band import (
     add_springs,
@@ -50,6 +61,8 @@ from dlo_sim.engine.tables import grasp_of
 from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES, residual_of
 from dlo_sim.methods.works import evaluate
+
+ENERGIES = Engine(energies)
 
 
 @piece(NOTHING, CABLE, REAL)
@@ -103,17 +116,19 @@ def kinetic_energy(cable, v):
     return first(kinetic(shape, model, bare(v)))
 
 
-@piece(NOTHING, CABLE, energies)
-def open_account(cable, look):
+@piece(NOTHING, CABLE, ENERGIES)
+def open_account(cable, engine):
     """Open the energy account at the present state."""
     shape, model, _, state, scratch = bared(cable)
+    _, look = engine.pieces
     account.open_account(shape, model, state, scratch, look)
 
 
-@piece(NOTHING, CABLE, energies)
-def measure(cable, look):
+@piece(NOTHING, CABLE, ENERGIES)
+def measure(cable, engine):
     """Kinetic energy of w into the notes, potential energies into the ledger."""
     shape, model, _, state, scratch = bared(cable)
+    _, look = engine.pieces
     account.measure(shape, model, state, scratch, look)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.engine import layout
 from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.forces import energies, forces
+from dlo_sim.engine.forces import forces
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.natural_curvature import follow_to_present
@@ -54,12 +55,16 @@ class Cable:
 
     # -- views ----------------------------------------------------------------------------------
 
-    @property
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies make views of their own arrays."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
     def x(self) -> Array:
         """Positions, a view of shape (lines, n)."""
         return self.model.view(self.state, layout.X)
 
-    @property
+    @cached_property
     def w(self) -> Array:
         """Momentum variable w = P v (`engine.held`), a view of shape (lines, n)."""
         return self.model.view(self.state, layout.W)
@@ -90,7 +95,7 @@ class Cable:
         count = int(self.model.shape[layout.GRASPS]) * self.model.has(layout.BISHOP)
         return self.model.rows(self.state, layout.FRAME_TURN, count)
 
-    @property
+    @cached_property
     def ledger(self) -> Array:
         """The account, a view of shape (LEDGER_ROWS, LANES); of one cable lane 0 counts."""
         return self.model.rows(self.state, layout.LEDGER, layout.LEDGER_ROWS)
@@ -99,10 +104,12 @@ class Cable:
         """An entry of the account."""
         return float(self.state[self.model.shape[layout.LEDGER] + row * LANES])
 
-    def direction(self, k: int) -> Array:
-        """Direction of held row k in the spatial lines, shape (dim,)."""
-        rows = self.model.rows(self.state, layout.DIRECTION, len(self.model.holding.rows) * 4)
-        return rows[4 * k : 4 * k + len(self.model.axes), 0]
+    @property
+    def directions(self) -> Array:
+        """Directions of the held rows in the spatial lines, a view of shape (held, dim)."""
+        count = len(self.model.holding.rows)
+        rows = self.model.rows(self.state, layout.DIRECTION, count * layout.DIRECTION_ROWS)
+        return rows.reshape(count, layout.DIRECTION_ROWS, LANES)[:, : len(self.model.axes), 0]
 
     def place(self, grasp: int, t: float) -> Array:
         """Attachment point [m] and twist angle [rad] of a grasp at time t, shape (4,)."""
@@ -166,11 +173,11 @@ class Cable:
         cable = scene.cable
         self.ledger[:] = 0.0
         self.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
-        between_steps.open_account(self.arrays, energies.code)
+        between_steps.open_account(self.arrays, between_steps.ENERGIES.code)
 
     def potentials(self) -> Array:
         """Potential energies [J] in the order of `layout.ENERGIES`."""
-        between_steps.measure(self.arrays, energies.code)
+        between_steps.measure(self.arrays, between_steps.ENERGIES.code)
         first = layout.ENERGY
         return self.ledger[first : first + len(layout.ENERGIES), 0].copy()
 

@@ -78,7 +78,7 @@ def held_force(cable: Cable, t: float) -> Array:
         if row.line >= 0:
             acceleration[row.line] += shift
         else:
-            acceleration[: len(model.axes)] += np.outer(cable.direction(k), shift)
+            acceleration[: len(model.axes)] += np.outer(cable.directions[k], shift)
     lines = cable.padded(force)
     v = cable.padded(cable.velocities(t))
     rattle.add_constraint_force(cable.arrays, v, cable.padded(acceleration), lines)
