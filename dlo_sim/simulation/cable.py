@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
+from dlo_sim.compiling.pieces import code_of
 from dlo_sim.engine import layout
-from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.forces import forces
+from dlo_sim.engine.assembly import Assembly, assembly
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.natural_curvature import follow_to_present
-from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods import between_steps
 from dlo_sim.methods.implicit_layout import BALANCE, BAND
 from dlo_sim.methods.works import evaluate
@@ -52,6 +51,15 @@ class Cable:
     def arrays(self) -> tuple[Any, ...]:
         """shape, model, inputs, state, scratch: the first arguments of the compiled functions."""
         return self.model.shape, self.model.values, self.inputs, self.state, self.scratch
+
+    @property
+    def terms(self) -> int:
+        """Bits of its terms."""
+        return int(self.model.shape[layout.TERMS])
+
+    @property
+    def _assembly(self) -> Assembly:
+        return assembly(self.terms)
 
     # -- views ----------------------------------------------------------------------------------
 
@@ -173,11 +181,11 @@ class Cable:
         cable = scene.cable
         self.ledger[:] = 0.0
         self.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
-        between_steps.open_account(self.arrays, between_steps.ENERGIES.code)
+        between_steps.open_account(self.arrays, between_steps.energies_of(self.terms).code)
 
     def potentials(self) -> Array:
         """Potential energies [J] in the order of `layout.ENERGIES`."""
-        between_steps.measure(self.arrays, between_steps.ENERGIES.code)
+        between_steps.measure(self.arrays, between_steps.energies_of(self.terms).code)
         first = layout.ENERGY
         return self.ledger[first : first + len(layout.ENERGIES), 0].copy()
 
@@ -198,7 +206,7 @@ class Cable:
     def settle(self, t: float) -> None:
         """Book the work up to time t that a step has left for the next one."""
         if self.entry(layout.IS_BOOKED):
-            between_steps.settle(self.arrays, evaluate.code, forces.code, t)
+            between_steps.settle(self.arrays, evaluate.code, code_of(self._assembly.forces), t)
 
     def present_energy(self) -> float:
         """Kinetic energy of w and potential energy [J]."""
@@ -216,10 +224,11 @@ class Cable:
         velocities in lines, those of the damping too.
         """
         out = self._lines()
-        between_steps.all_forces(self.arrays, forces.code, t, out)
+        between_steps.forces_now(self.arrays, code_of(self._assembly.forces), t, out)
         if rates is not None and self.model.has(layout.DAMPED):
             v = self.padded(rates)
-            between_steps.damping_forces(self.arrays, discrete_force.code, v, out)
+            gradient = code_of(self._assembly.gradient)
+            between_steps.damping_forces(self.arrays, gradient, v, out)
         return self.shown(out)
 
     def held_force(self, t: float, force: Array | None = None) -> Array:
@@ -235,7 +244,7 @@ class Cable:
         """Hessian of the potential energy of the spatial lines: the band matrix of scratch, a view
         of shape (n dim, width); entry (r, c) at [r, c - r + 4 dim - 1].
         """
-        between_steps.stiffness(self.arrays, add_tangent.code)
+        between_steps.stiffness(self.arrays, code_of(self._assembly.tangent))
         return self.band
 
     @property
