@@ -121,7 +121,8 @@ SPAN_LENGTH = 4  # shortest span [m]
 ROUND_OFF_AXIAL = 5  # EA L [N m], 0 without stretching
 ROUND_OFF_BENDING = 6  # EI L [N m^3], 0 without bending
 CONTACT_STIFFNESS = 7  # [N/m^2]
-SCALE_ROWS = 8
+DRAG_ACROSS = 8  # beyond that along the cable [N s/m^2]
+SCALE_ROWS = 9
 PLANE_ROWS = 4
 
 # -- rows of a block of the mesh ----------------------------------------------------------------

@@ -29,6 +29,7 @@ from dlo_sim.engine.band import (
 )
 from dlo_sim.engine.border import balance_border, solve_border, stiffen_border
 from dlo_sim.engine.discrete import discrete_force
+from dlo_sim.engine.drag import add_drag_tangent, drag_across, drag_force
 from dlo_sim.engine.forces import add_weight
 from dlo_sim.engine.lines import add, add_product, clear, mass_of, row_product
 from dlo_sim.engine.loads import add_load_stiffness, load_force
@@ -100,6 +101,8 @@ def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, the
         for line in range(shape[layout.LINES]):
             matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
             add_product(shape, model, matrix, line, -1.0 / tau, seen, damping)
+        if drag_across(shape, model) > 0.0:
+            drag_force(shape, model, middle, seen, 1.0 / tau, damping)
         add(shape, 1.0, damping, force)
         lost -= first(row_product(shape, damping, change))
     return lost
@@ -155,6 +158,8 @@ def newton_matrix(
     viscous = 0.0
     if shape[layout.TERMS] & layout.DAMPED:
         add_lines(shape, model, shape[layout.VISCOUS], rate / tau, band)
+        if drag_across(shape, model) > 0.0:
+            add_drag_tangent(shape, model, middle, rate / tau, factors, band)
         if is_viscous(shape, model):
             viscous = rate / (2.0 * theta * tau)
     if discrete:

@@ -119,12 +119,24 @@ class Damping:
     air_drag: float = parameter(
         0.0, "Linear drag: force per length of cable and per speed.", "N s/m^2", (0.0, 1.0e6)
     )
+    air_drag_ratio: float = parameter(
+        1.0,
+        "Share of air_drag that acts on motion of the cable along itself: 1 = the same in all "
+        "directions, 0.5 = a thin cylinder in slow flow.",
+        "",
+        (0.0, 1.0),
+    )
 
     @property
     def internal(self) -> Vector:
         """Internal damping of stretching, bending and twisting [s]."""
         beta = self.stiffness
         return beta + self.stretch, beta + self.bend, beta + self.twist
+
+    @property
+    def drag_across(self) -> float:
+        """What air drag across the cable has more than along it [N s/m^2]."""
+        return self.air_drag * (1.0 - self.air_drag_ratio)
 
 
 @dataclass(frozen=True)

@@ -178,6 +178,8 @@ def _without_constraint(scene: Scene) -> str:
     if scene.terms.damping != "off":
         if any(damping.internal):
             return "is not valid with damping.stiffness, stretch, bend or twist"
+        if damping.drag_across:
+            return "is not valid with damping.air_drag_ratio below 1"
         if damping.air_drag and (scene.start.mass or scene.end.mass):
             return "is not valid with damping.air_drag beside a point mass"
     return "cannot step a cable taut between fixed ends" if _taut(scene) else ""

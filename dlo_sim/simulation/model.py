@@ -431,6 +431,7 @@ class _Filling:
             layout.ROUND_OFF_AXIAL: cable.EA * cable.length * needs.stretch,
             layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,
             layout.CONTACT_STIFFNESS: self._scene.contact_stiffness,
+            layout.DRAG_ACROSS: scene.damping.drag_across,
         }
         rows = self._rows(layout.SCALES, layout.SCALE_ROWS)
         for row, value in values.items():
