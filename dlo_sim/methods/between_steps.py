@@ -20,6 +20,7 @@ from dlo_sim.engine.band import (
 from dlo_sim.engine.border import keep_border, set_border, solve_border, stiffen_border
 from dlo_sim.engine.bundles import CABLE, bared
 from dlo_sim.engine.discrete import discrete_force
+from dlo_sim.engine.drag import drag_across, drag_force
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
 from dlo_sim.engine.held import (
@@ -270,9 +271,11 @@ def damping_forces(cable, discrete_force, v, out):
     for line in range(shape[layout.LINES]):
         matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
         add_product(shape, model, matrix, line, -1.0, v, out)
+    x, spare = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V1])
+    if drag_across(shape, model) > 0.0:
+        drag_force(shape, model, x, v, 1.0, out)
     beta = shape[layout.BETA]
     if model[beta] + model[beta + LANES] > 0.0:
-        x, spare = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V1])
         notes = shifted(scratch, shape[layout.NOTES])
         clear(shape, spare)
         discrete_force(shape, model, state, x, x, v, 1.0, spare, notes)
@@ -293,7 +296,7 @@ def jump(cable, carry, t):
     shape, model, inputs, state, scratch = bared(cable)
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
-    move_anchors(shape, inputs, state, t)
+    move_anchors(shape, model, inputs, state, t)
 
 
 @piece(NOTHING, CABLE, evaluate, forces, REAL)

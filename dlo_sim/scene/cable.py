@@ -193,6 +193,13 @@ class Holder:
     clamped: bool = parameter(
         False, "Tangent and twist held by the end-effector; needs all three axes fixed."
     )
+    tangent_spring: float = parameter(
+        0.0,
+        "Where it is not clamped: stiffness that turns the cable towards `tangent`, by a moment of "
+        "this times the sine of the angle between them.",
+        "N m/rad",
+        (0.0, 1.0e9),
+    )
     tangent: Vector = parameter(
         ORIGIN,
         "Direction of the cable (from start towards end) here, in the end-effector's frame; "
@@ -255,7 +262,12 @@ class Holder:
     @property
     def held(self) -> bool:
         """Whether anything (a fixed axis or a spring) ties the cable to the end-effector."""
-        return any(self.fixed) or any(self.spring)
+        return any(self.fixed) or any(self.spring) or self.tangent_spring > 0.0
+
+    @property
+    def points(self) -> bool:
+        """Whether it holds the direction of the cable, rigidly or by a spring."""
+        return self.clamped or self.tangent_spring > 0.0
 
     @property
     def driven(self) -> bool:

@@ -257,7 +257,7 @@ def _ends_leave(scene: Scene, normal: int) -> bool:
     apart = [max(places) - min(places)] if places else []
     if not (scene.start.held and scene.end.held):
         apart.append(scene.start.position[normal] - scene.end.position[normal])
-    apart += [one.tangent[normal] for one in holders if one.clamped]
+    apart += [one.tangent[normal] for one in holders if one.points]
     return any(apart)
 
 
@@ -292,7 +292,7 @@ def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
 
 
 def _sprung(scene: Scene) -> bool:
-    return any(any(holder.spring) for holder in scene.holders.values())
+    return any(any(one.spring) or one.tangent_spring for one in scene.holders.values())
 
 
 def _driven(scene: Scene) -> bool:

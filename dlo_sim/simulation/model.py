@@ -403,7 +403,7 @@ class _Filling:
         for k, spring in enumerate(holding.springs):
             rows = springs[k * layout.SPRING_ROWS :]
             rows[:4] = np.array(spring.point.weights)[:, None]
-            rows[4] = spring.stiffness
+            rows[4], rows[5] = spring.stiffness, not spring.tangent
 
     def _loads(self) -> None:
         model = self._model

@@ -51,9 +51,14 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
         moment += cross(arm.tolist(), pull.tolist())
     for k, spring in enumerate(model.holding.springs):
         if spring.grasp == grasp:
-            weights = np.array(spring.point.weights)
-            value = weights @ cable.x[spring.line, spring.point.first : spring.point.first + 4]
-            force[axes[spring.line]] += spring.stiffness * (cable.anchors[k, 0] - value)
+            seen = slice(spring.point.first, spring.point.first + 4)
+            weights, pull = np.array(spring.point.weights), np.zeros(3)
+            value = weights @ cable.x[spring.line, seen]
+            pull[axes[spring.line]] = spring.stiffness * (cable.anchors[k, 0] - value)
+            if spring.tangent:
+                moment += cross((weights @ points[seen, :3]).tolist(), pull.tolist())
+            else:
+                force += pull
     if about:
         first, second = (0, 1) if grasp == 0 else (-2, -1)
         tangent = points[second, :3] - points[first, :3]
@@ -67,7 +72,11 @@ def _place_of(model: Model, grasp: int, points: Array) -> Array:
     if grasp < 2:
         return points[-grasp, :3]
     held = [model.holding.points[row.point] for row in model.holding.rows if row.grasp == grasp]
-    held += [spring.point for spring in model.holding.springs if spring.grasp == grasp]
+    held += [
+        spring.point
+        for spring in model.holding.springs
+        if spring.grasp == grasp and not spring.tangent
+    ]
     place = np.zeros(3)
     for point in held[:1]:
         place = np.array(point.weights) @ points[point.first : point.first + 4, :3]

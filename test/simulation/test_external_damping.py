@@ -112,6 +112,14 @@ def test_a_straight_rod_slides_further_along_itself_than_across(method, stretch)
     assert sim.energy_error < 1e-6
 
 
+def test_drag_by_direction_is_in_the_forces_of_an_instant():
+    """Those from which reactions before the first step are made."""
+    sim = simulator(SLIDING, DRAGGED, {"damping.air_drag_ratio": 0.3, "terms.out_of_plane": "on"})
+    rates = np.tile([[1.0], [2.0], [3.0]], (1, 8))
+    total = sim.cable.forces(0.0, rates).sum(axis=1)
+    assert total == pytest.approx(-DRAG * np.array([0.3 * 1.0, 2.0, 3.0]), rel=1e-12)
+
+
 @pytest.mark.parametrize("planar", [False, True])
 def test_drag_by_direction_takes_energy_from_every_motion(planar):
     """Even where nothing resists motion along the cable; and what it takes is what is missing."""
