@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine import bishop, contact, layout, natural_curvature, plasticity, torsion
+from dlo_sim.engine import bishop, contact, drag, layout, natural_curvature, plasticity, torsion
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.tangent import add_tangent
@@ -22,6 +22,7 @@ OPTIONAL = (
     bishop.TERM,
     plasticity.TERM,
     contact.TERM,
+    drag.TERM,
 )
 """The terms that a scene may lack; a new one is added here."""
 
@@ -32,8 +33,8 @@ T = TypeVar("T")
 
 
 class Assembly(NamedTuple):
-    """Functions of all terms, for the parts below of the same names: what every scene has, then one
-    of each optional term.
+    """Functions of all terms, for the parts below: what every scene has, then one of each optional
+    term.
     """
 
     forces: Any
@@ -56,8 +57,16 @@ def assembly(terms: int) -> Assembly:
     return Assembly(
         forces=(forces, tuple(term.force for term in found)),
         energies=(energies, tuple(term.energy for term in found)),
-        gradient=(discrete_force, tuple(term.gradient for term in found)),
-        tangent=(add_tangent, tuple(term.tangent for term in found)),
+        gradient=(
+            discrete_force,
+            tuple(term.gradient for term in found),
+            tuple(term.damping for term in found),
+        ),
+        tangent=(
+            add_tangent,
+            tuple(term.tangent for term in found),
+            tuple(term.damping_tangent for term in found),
+        ),
         flow=tuple(term.flow for term in found),
     )
 
@@ -89,16 +98,32 @@ def all_energies(assembled, shape, model, state, x, out):
 @part
 def discrete_gradient(assembled, shape, model, state, x0, x1, moved, viscous, out, lost):
     """out -= discrete gradient between x0 and x1, and viscous stresses (`discrete_force`)."""
-    _, discrete_force, others = assembled
+    _, discrete_force, others, _ = assembled
     discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost)
     for add in others[1:]:
         add(shape, model, state, x0, x1, out)
 
 
 @part
+def add_damping(assembled, shape, model, x, moved, scale, out):
+    """out -= scale C(x) moved of the optional terms, from the functions of the gradient."""
+    _, _, _, others = assembled
+    for add in others[1:]:
+        add(shape, model, x, moved, scale, out)
+
+
+@part
+def add_damping_tangent(assembled, shape, model, x, scale, scratch, band):
+    """band += scale C(x) of the optional terms, from the functions of the tangent."""
+    _, _, _, others = assembled
+    for add in others[1:]:
+        add(shape, model, x, scale, scratch, band)
+
+
+@part
 def all_tangents(assembled, shape, model, state, x0, x1, viscous, scale, scratch, band):
     """band += scale times the Jacobian of the discrete gradient by x1 (`add_tangent`)."""
-    _, add_tangent, others = assembled
+    _, add_tangent, others, _ = assembled
     add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band)
     for add in others[1:]:
         add(shape, model, state, x0, x1, scale, scratch, band)

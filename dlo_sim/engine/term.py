@@ -16,6 +16,8 @@ from dlo_sim.engine.lines import gathered
 FORCE = NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS
 ENERGY = NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS
 TANGENT = NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, NUMBERS, NUMBERS
+DAMPING = NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, REAL, NUMBERS
+DAMPING_TANGENT = NOTHING, TABLE, NUMBERS, NUMBERS, REAL, NUMBERS, NUMBERS
 FLOW = NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS
 
 
@@ -40,6 +42,16 @@ def no_tangent(shape, model, state, x0, x1, scale, scratch, band):
     """Nothing."""
 
 
+@piece(*DAMPING)
+def no_damping(shape, model, x, moved, scale, out):
+    """Nothing."""
+
+
+@piece(*DAMPING_TANGENT)
+def no_damping_tangent(shape, model, x, scale, scratch, band):
+    """Nothing."""
+
+
 @piece(*FLOW)
 def no_flow(shape, model, inputs, state, scratch):
     """Nothing."""
@@ -54,6 +66,7 @@ class Term(NamedTuple):
         gradient: out -= discrete gradient between x0 and x1, for implicit steps.
         energy: adds energies [J] to the rows of `layout.ENERGIES` in out.
         tangent: band += scale times the Jacobian of that discrete gradient by x1.
+        damping: out -= scale C(x) moved; damping_tangent: band += scale C(x).
         flow: change of the term's own state at the shape after a step.
     """
 
@@ -62,4 +75,6 @@ class Term(NamedTuple):
     gradient: Piece = no_force
     energy: Piece = no_energy
     tangent: Piece = no_tangent
+    damping: Piece = no_damping
+    damping_tangent: Piece = no_damping_tangent
     flow: Piece = no_flow

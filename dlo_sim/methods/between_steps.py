@@ -20,6 +20,7 @@ from dlo_sim.compiling.pieces import (
 from dlo_sim.engine import account, layout
 from dlo_sim.engine.assembly import (
     ANY,
+    add_damping,
     all_forces,
     all_tangents,
     assembly,
@@ -297,9 +298,10 @@ def damping_forces(cable, gradient, v, out):
     for line in range(shape[layout.LINES]):
         matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
         add_product(shape, model, matrix, line, -1.0, v, out)
+    x, spare = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V1])
+    add_damping(gradient, shape, model, x, v, 1.0, out)
     beta = shape[layout.BETA]
     if model[beta] + model[beta + LANES] > 0.0:
-        x, spare = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V1])
         notes = shifted(scratch, shape[layout.NOTES])
         clear(shape, spare)
         discrete_gradient(gradient, shape, model, state, x, x, v, 1.0, spare, notes)
@@ -320,7 +322,7 @@ def jump(cable, carry, t):
     shape, model, inputs, state, scratch = bared(cable)
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
-    move_anchors(shape, inputs, state, t)
+    move_anchors(shape, model, inputs, state, t)
 
 
 @piece(NOTHING, CABLE, evaluate, ANY.forces, REAL)

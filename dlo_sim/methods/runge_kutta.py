@@ -102,7 +102,7 @@ def to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau)
     add_rates(shape, scratch, X_RATES, stages, table, stage, tau, x)
     add_rates(shape, scratch, W_RATES, stages, table, stage, tau, w)
     face(shape, model, inputs, state, scratch, t)
-    move_anchors(shape, inputs, state, t)
+    move_anchors(shape, model, inputs, state, t)
 
 
 @part

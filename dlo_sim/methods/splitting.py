@@ -59,7 +59,7 @@ def drift(shape, model, inputs, state, scratch, carry, t, dt):
     """Move every control point over dt to time t: at rate w, and what is held to its place."""
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, dt)
-    move_anchors(shape, inputs, state, t)
+    move_anchors(shape, model, inputs, state, t)
 
 
 @piece(COUNTS, CABLE, ENGINE, REALS, REALS, WHOLE, WHOLE, REAL, WHOLE, RECORDS)

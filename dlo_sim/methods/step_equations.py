@@ -16,7 +16,13 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.account import (
     notes_of,
 )
-from dlo_sim.engine.assembly import ANY, all_tangents, discrete_gradient
+from dlo_sim.engine.assembly import (
+    ANY,
+    add_damping,
+    add_damping_tangent,
+    all_tangents,
+    discrete_gradient,
+)
 from dlo_sim.engine.band import (
     add_lines,
     add_springs,
@@ -97,6 +103,7 @@ def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, ra
         for line in range(shape[layout.LINES]):
             matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
             add_product(shape, model, matrix, line, -1.0 / tau, seen, damping)
+        add_damping(gradient, shape, model, middle, seen, 1.0 / tau, damping)
         add(shape, 1.0, damping, force)
         lost -= first(row_product(shape, damping, change))
     return lost
@@ -150,6 +157,7 @@ def newton_matrix(shape, model, inputs, state, scratch, tangent, t, tau, a, thet
     viscous = 0.0
     if shape[layout.TERMS] & layout.DAMPED:
         add_lines(shape, model, shape[layout.VISCOUS], rate / tau, band)
+        add_damping_tangent(tangent, shape, model, middle, rate / tau, factors, band)
         if is_viscous(shape, model):
             viscous = rate / (2.0 * theta * tau)
     begin, end = (start, x) if discrete else (middle, middle)

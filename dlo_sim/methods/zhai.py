@@ -52,7 +52,7 @@ def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
         store(before, at, a)
     write(shape, state, layout.KNOWN, 1.0)
     carry(shape, model, inputs, state, scratch, x, mean, t, tau)
-    move_anchors(shape, inputs, state, t)
+    move_anchors(shape, model, inputs, state, t)
     if grasps_move(shape, inputs):
         project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
         project(shape, model, state, scratch, before, scratch, shape[layout.SYSTEM])
