@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, store, zero
-from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, part, piece
+from dlo_sim.compiling.pieces import YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     bending_at,
@@ -35,6 +35,7 @@ from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, framed
 from dlo_sim.engine.lines import gathered
 from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
 from dlo_sim.engine.tables import grasp_of, line_of, own_of, point_of
+from dlo_sim.engine.term import ENERGY, FLOW, FORCE, Term, add_energy
 from dlo_sim.engine.torsion import angle_block
 from dlo_sim.terms import bishop
 
@@ -96,9 +97,15 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
     return taken
 
 
-@part
-def coupled_energy(shape, model, state, x):
-    """What tau adds to the twisting energy of theta alone [J], to be gathered."""
+@piece(*FORCE)
+def force(shape, model, state, x0, x1, out):
+    """`couple_twist` on all that moves. Of a step `methods.twist_step` adds it."""
+    couple_twist(shape, model, state, x0, x1, 0.0, YES, YES, out)
+
+
+@piece(*ENERGY)
+def energy(shape, model, state, x, out):
+    """What tau adds to the twisting energy of theta alone [J]."""
     stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
     sum_, reference = zero(), shifted(state, shape[layout.REFERENCE])
     for b in range(shape[layout.BLOCKS]):
@@ -115,7 +122,7 @@ def coupled_energy(shape, model, state, x):
             rate -= rest_twist_at(shape, state, b, j)
             w = stiffness * load(model, at + layout.QUADRATURE * LANES)
             sum_ += w * rate * (0.5 * rate + polynomial(angle, xi))
-    return sum_
+    add_energy(shape, sum_, layout.TWISTING, out)
 
 
 @part
@@ -241,7 +248,7 @@ def turn_of_end(shape, model, reference, x, arcs, guess):
     return turned + 4.0 * np.pi * np.floor((guess - turned) / (4.0 * np.pi) + 0.5)
 
 
-@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
+@piece(*FLOW)
 def follow_shape(shape, model, inputs, state, scratch):
     """Take theta, and what the grasps prescribe, to the Bishop frame of the present shape."""
     n, line = shape[layout.N], shape[layout.DIM] * shape[layout.LINE]
@@ -279,3 +286,6 @@ def follow_shape(shape, model, inputs, state, scratch):
             store(state, at, load(state, at) + (psi[layout.MARGIN + own] - turned))
     for at in range(0, shape[layout.SIZE], LANES):
         store(reference, at, load(x, at))
+
+
+TERM = Term(layout.BISHOP, force=force, energy=energy, flow=follow_shape)

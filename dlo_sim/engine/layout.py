@@ -52,7 +52,8 @@ HELD_WEIGHTS = 28  # 5 rows a held point: basis values and their sum
 HELD_SHIFT = 29  # a line a held point: M^-1 times its basis values
 HELD_PRODUCT = 30  # rows, points x points: basis values of the first . shift of the second
 HELD_BODY = 31  # 4 rows a held row: direction in the frame of its grasp, or of the lines
-SPRING = 32  # 5 rows a spring row: basis values and stiffness [N/m]
+SPRING = 32  # 6 rows a spring row: basis values, stiffness [N/m or N m/rad], 1 of a place or 0 of
+# a tangent
 LOAD_BASIS = 33  # a line a load: its basis values
 LOAD_POINT = 34  # 8 rows a load: basis values, slopes [1/m]
 SCALES = 35  # rows below
@@ -73,7 +74,7 @@ INVERSE = 56  # rows, held x held: of the products (rows . shifts) along these d
 PULL = 57  # rows, held: what the forces of the last evaluation put on what is held
 MOVED = 58  # rows, held: how far it moved since
 REACTION = 59  # rows, held: mean force over the last step
-ANCHOR = 60  # rows, springs: where they pull to [m]
+ANCHOR = 60  # rows, springs: what they pull to
 ANCHOR_BOOKED = 63  # the same up to which work is booked
 LEDGER = 61
 NATURAL = 62  # NATURAL_ROWS a sample of every block (`engine.natural_curvature`)
@@ -100,7 +101,7 @@ ROW_TABLE = 81  # a held row: its point, its grasp, its line or -1 if its direct
 SPRING_TABLE = 82  # a spring row: first control point, grasp, line
 LOAD_TABLE = 83  # a load: first control point
 POINT_ENTRIES, ROW_ENTRIES, SPRING_ENTRIES = 3, 3, 3
-POINT_ROWS, DIRECTION_ROWS, SPRING_ROWS, LOAD_ROWS, LOAD_POINT_ROWS = 5, 4, 5, 7, 8
+POINT_ROWS, DIRECTION_ROWS, SPRING_ROWS, LOAD_ROWS, LOAD_POINT_ROWS = 5, 4, 6, 7, 8
 BORDER_FORCES = 84  # 4 dim entries a border row: along what it pushes, of its control points
 BORDER_CONDITIONS = 85  # the same: what it keeps
 BORDER_GRAM = 86  # border x border
@@ -121,7 +122,8 @@ SPAN_LENGTH = 4  # shortest span [m]
 ROUND_OFF_AXIAL = 5  # EA L [N m], 0 without stretching
 ROUND_OFF_BENDING = 6  # EI L [N m^3], 0 without bending
 CONTACT_STIFFNESS = 7  # [N/m^2]
-SCALE_ROWS = 8
+DRAG_ACROSS = 8  # beyond that along the cable [N s/m^2]
+SCALE_ROWS = 9
 PLANE_ROWS = 4
 
 # -- rows of a block of the mesh ----------------------------------------------------------------
@@ -149,6 +151,7 @@ GRAVITY = 128
 DAMPED = 256  # linear damping and stiffness damping
 BISHOP = 512  # twist against the Bishop frame
 CONTACT = 1024
+DRAG = 4096  # air drag that depends on the direction
 MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
 
 # -- rows of the ledger [J] ---------------------------------------------------------------------

@@ -1,7 +1,8 @@
 """Rows that are held through a stiffness: k (target - sum_k b_k x_k) along an axis.
 
 The target is where the grasp is; where grasps move, the anchors follow, and what that does is
-booked as their work.
+booked as their work. A tangent is held likewise, with slopes b'_k and the grasp's direction d as
+target: k/2 |r' - d|^2 is k (1 - cos) of the angle between them, as |r'| is all but 1.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, first, load, store, zero
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import layout
-from dlo_sim.engine.grasps import MOTION_SIZE, place
-from dlo_sim.engine.held import component
+from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, place, turned
+from dlo_sim.engine.held import component, component3
 from dlo_sim.engine.tables import spring_first, spring_grasp, spring_line
 
 
@@ -35,7 +36,7 @@ def spring_value(shape, model, k, x):
 
 @part
 def stiffness_of(shape, model, k):
-    """Stiffness [N/m]."""
+    """Stiffness [N/m], of a tangent [N m/rad]."""
     return load(model, shape[layout.SPRING] + (layout.SPRING_ROWS * k + 4) * LANES)
 
 
@@ -78,13 +79,24 @@ def spring_energy(shape, model, state, x):
 
 
 @part
-def move_anchors(shape, inputs, state, t):
+def target_of(shape, model, inputs, k, t):
+    """What spring row k pulls to at time t: a coordinate of its grasp's place, or direction."""
+    grasp = shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)
+    axis = shape[layout.AXES + spring_line(shape, k)]
+    if model[shape[layout.SPRING] + (layout.SPRING_ROWS * k + 5) * LANES] == 0.0:
+        d = grasp + DIRECTION
+        direction = turned(inputs, grasp, t, inputs[d], inputs[d + 1], inputs[d + 2])
+        return component3(direction, axis)
+    return component(place(inputs, grasp, t), axis)
+
+
+@part
+def move_anchors(shape, model, inputs, state, t):
     """Let the springs of grasps that move pull to where these are at time t."""
     for k in range(shape[layout.SPRINGS]):
-        grasp = shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)
-        if inputs[grasp] != 0.0:
-            axis = shape[layout.AXES + spring_line(shape, k)]
-            store(state, shape[layout.ANCHOR] + k * LANES, component(place(inputs, grasp, t), axis))
+        if inputs[shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)] != 0.0:
+            target = target_of(shape, model, inputs, k, t)
+            store(state, shape[layout.ANCHOR] + k * LANES, target)
 
 
 @part

@@ -16,6 +16,7 @@ from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
+PLACES = 50  # of the cable at which the direction of drag is looked at
 STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 mm
 # How recordings are simulated where nobody says otherwise; the start comes from the markers.
 COMPUTATION: dict[str, object] = {
@@ -97,8 +98,9 @@ def predict(
 def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Array:
     """Load of the cable on what holds it [N], shape (K, 3).
 
-    It is M g - dP/dt - D, with the momentum P and the external damping force D = alpha P + c int
-    r' dt ds, and with point masses at the ends: what several end effectors bear together.
+    It is M g - dP/dt - D, with the momentum P and the external damping force D: alpha P and drag
+    along and across the cable. Point masses at the ends count; it is what several end effectors
+    bear together.
 
     Args:
         times: evenly rising [s], shape (K,). path: control points at these [m], shape (K, n, 3).
@@ -115,7 +117,19 @@ def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Arra
     # The mean of both steps at an instant, as the steps' own equations have it.
     rate = np.diff(moments, 2, axis=0) / step**2
     inertia = np.concatenate([rate[:1], rate, rate[-1:]])
+    external += _drag_across(scene, knots, path, np.gradient(path, step, axis=0))
     return np.asarray(masses.sum() * np.array(scene.gravity) - inertia - external)
+
+
+def _drag_across(scene: Scene, knots: Array, path: Array, rates: Array) -> Array:
+    """What drag across the cable has more than drag along it [N], shape (K, 3)."""
+    every, length = np.eye(path.shape[1]), scene.cable.length
+    u = (np.arange(PLACES) + 0.5) / PLACES * length
+    motion = bspline.evaluate(every, knots, u) @ rates
+    tangents = bspline.evaluate(every, knots, u, 1) @ path
+    tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
+    motion -= tangents * (tangents * motion).sum(axis=-1, keepdims=True)
+    return np.asarray(scene.damping.drag_across * length * motion.mean(axis=1))
 
 
 def interpolated(times: Array, grid: Array, rows: Array) -> Array:

@@ -93,7 +93,7 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
         add_shifts(shape, model, state, scratch, 1.0, x)
         for k in range(shape[layout.HELD]):
             pin(shape, k, load(scratch, shape[layout.TARGETS] + k * LANES), x)
-        move_anchors(shape, inputs, state, t0 + tau)
+        move_anchors(shape, model, inputs, state, t0 + tau)
     middle_rows, end_rows = (
         shifted(scratch, shape[MIDDLE_DIRECTION]),
         shifted(state, shape[layout.DIRECTION]),

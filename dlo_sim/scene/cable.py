@@ -119,12 +119,24 @@ class Damping:
     air_drag: float = parameter(
         0.0, "Linear drag: force per length of cable and per speed.", "N s/m^2", (0.0, 1.0e6)
     )
+    air_drag_ratio: float = parameter(
+        1.0,
+        "Share of air_drag that acts on motion of the cable along itself: 1 = the same in all "
+        "directions, 0.5 = a thin cylinder in slow flow.",
+        "",
+        (0.0, 1.0),
+    )
 
     @property
     def internal(self) -> Vector:
         """Internal damping of stretching, bending and twisting [s]."""
         beta = self.stiffness
         return beta + self.stretch, beta + self.bend, beta + self.twist
+
+    @property
+    def drag_across(self) -> float:
+        """What air drag across the cable has more than along it [N s/m^2]."""
+        return self.air_drag * (1.0 - self.air_drag_ratio)
 
 
 @dataclass(frozen=True)
@@ -180,6 +192,13 @@ class Holder:
     )
     clamped: bool = parameter(
         False, "Tangent and twist held by the end-effector; needs all three axes fixed."
+    )
+    tangent_spring: float = parameter(
+        0.0,
+        "Where it is not clamped: stiffness that turns the cable towards `tangent`, by a moment of "
+        "this times the sine of the angle between them.",
+        "N m/rad",
+        (0.0, 1.0e9),
     )
     tangent: Vector = parameter(
         ORIGIN,
@@ -243,7 +262,12 @@ class Holder:
     @property
     def held(self) -> bool:
         """Whether anything (a fixed axis or a spring) ties the cable to the end-effector."""
-        return any(self.fixed) or any(self.spring)
+        return any(self.fixed) or any(self.spring) or self.tangent_spring > 0.0
+
+    @property
+    def points(self) -> bool:
+        """Whether it holds the direction of the cable, rigidly or by a spring."""
+        return self.clamped or self.tangent_spring > 0.0
 
     @property
     def driven(self) -> bool:

@@ -82,6 +82,9 @@ def check_holder(name: str, end: Holder, length: float) -> None:
     if end.clamped and not all(end.fixed):
         it_is = f"(it is {shown(end.fixed)})"
         raise refused("clamped", f"needs {name}.fixed: [true, true, true] {it_is}")
+    if end.clamped and end.tangent_spring:
+        cure = f"remove it, or set {name}.clamped: false"
+        raise refused("tangent_spring", f"N m/rad would do nothing beside a clamp; {cure}")
     if end.jaw > length:
         raise refused("jaw", f"m is longer than the cable, {length:g} m; shorten the jaw")
     if end.jaw and not end.clamped:

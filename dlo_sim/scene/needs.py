@@ -178,6 +178,8 @@ def _without_constraint(scene: Scene) -> str:
     if scene.terms.damping != "off":
         if any(damping.internal):
             return "is not valid with damping.stiffness, stretch, bend or twist"
+        if damping.drag_across:
+            return "is not valid with damping.air_drag_ratio below 1"
         if damping.air_drag and (scene.start.mass or scene.end.mass):
             return "is not valid with damping.air_drag beside a point mass"
     return "cannot step a cable taut between fixed ends" if _taut(scene) else ""
@@ -255,7 +257,7 @@ def _ends_leave(scene: Scene, normal: int) -> bool:
     apart = [max(places) - min(places)] if places else []
     if not (scene.start.held and scene.end.held):
         apart.append(scene.start.position[normal] - scene.end.position[normal])
-    apart += [one.tangent[normal] for one in holders if one.clamped]
+    apart += [one.tangent[normal] for one in holders if one.points]
     return any(apart)
 
 
@@ -290,7 +292,7 @@ def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
 
 
 def _sprung(scene: Scene) -> bool:
-    return any(any(holder.spring) for holder in scene.holders.values())
+    return any(any(one.spring) or one.tangent_spring for one in scene.holders.values())
 
 
 def _driven(scene: Scene) -> bool:

@@ -55,10 +55,10 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
     """The same [rad/s] once the grasps that hold nothing yet have taken the cable, and it touches
     an obstacle.
 
-    A spring k at the basis values b adds at most k b.(M^-1 b) to omega^2, a jaw the largest omega^2
-    of the bending stiffness that it adds, if it were everywhere, and contact its stiffness over the
-    linear density (Weyl's inequality). The force of contact sets in with a kink: a step near its
-    limit would gain 40 % of the energy of a hard landing, a quarter of it 1 %.
+    A spring k at the basis values (or slopes) b adds at most k b.(M^-1 b) to omega^2, a jaw the
+    largest omega^2 of the bending stiffness that it adds, if it were everywhere, and contact its
+    stiffness over the linear density (Weyl's inequality). The force of contact sets in with a kink:
+    a step near its limit would gain 40 % of the energy of a hard landing, a quarter of it 1 %.
     """
     if model.has(layout.CONTACT):
         pressed = math.sqrt(scene.contact_stiffness / scene.cable.mu)
@@ -69,13 +69,16 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
         free = np.ones(model.n, dtype=bool)
         added = spectrum.largest_of_line(bending, model.band(layout.MASS, 0), free)
         frequency = math.hypot(frequency, added)
-    stiffest = max((max(grasp.spring) for grasp in idle), default=0.0)
-    if not stiffest:
-        return frequency
     inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, 0)))
-    basis = bspline.evaluate(np.eye(model.n), model.knots, bspline.greville(model.knots))
-    lightest = np.einsum("ui,ij,uj->u", basis, inverse, basis).max()
-    return float(np.sqrt(frequency**2 + stiffest * lightest))
+    places = bspline.greville(model.knots)
+    for derivative, stiffnesses in enumerate(
+        ([max(grasp.spring) for grasp in idle], [grasp.tangent_spring for grasp in idle])
+    ):
+        if any(stiffnesses):
+            basis = bspline.evaluate(np.eye(model.n), model.knots, places, derivative)
+            lightest = float(np.einsum("ui,ij,uj->u", basis, inverse, basis).max())
+            frequency = math.hypot(frequency, math.sqrt(max(stiffnesses) * lightest))
+    return frequency
 
 
 def held_rows(model: Model, state: Array) -> Array:

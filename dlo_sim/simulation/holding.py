@@ -3,7 +3,8 @@
 At an end a fixed axis is a row of its control point; a clamp is the rows across its tangent of the
 neighbour, whose distance along the tangent stays free, and the twist. A grasp between control
 points has rows of the same kind with four basis values: fixed axes hold sum_k b_k x_k, a clamp the
-directions across it of r' = sum_k b'_k x_k. A spring is a row held through a stiffness.
+directions across it of r' = sum_k b'_k x_k. A spring is a row held through a stiffness, of such a
+place or of r'.
 """
 
 from __future__ import annotations
@@ -46,12 +47,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Spring:
-    """A point held along a line through a stiffness [N/m]."""
+    """A point held along a line through a stiffness [N/m], or (`tangent`) r' there [N m/rad]."""
 
     point: Point
     grasp: int
     line: int
     stiffness: float
+    tangent: bool = False
 
 
 @dataclass
@@ -105,6 +107,11 @@ def holding_of(
     for grasp, stiffness in enumerate(_spring_stiffness(scene, geometries)):
         outer = 0 if grasp == 0 else n - 1
         _add_springs(holding, own_point(outer, n), grasp, stiffness, axes)
+    for grasp, (name, holder) in enumerate(scene.holders.items()):
+        if holder.tangent_spring and geometries[name].u is not None:
+            slope = _point_between(knots, geometries[name].u, 1)
+            stiffness = [holder.tangent_spring] * 3
+            _add_springs(holding, slope, grasp, stiffness, axes, tangent=True)
     for grasp, between in enumerate(scene.grasps, start=len(scene.ends)):
         geometry = geometries[between.name]
         if geometry.u is not None:
@@ -131,11 +138,16 @@ def _check_independent(holding: Holding, name: str, u: float, n: int) -> None:
 
 
 def _add_springs(
-    holding: Holding, point: Point, grasp: int, stiffness: ArrayLike, axes: tuple[int, ...]
+    holding: Holding,
+    point: Point,
+    grasp: int,
+    stiffness: ArrayLike,
+    axes: tuple[int, ...],
+    tangent: bool = False,
 ) -> None:
     by_axis = np.asarray(stiffness, dtype=float)
     holding.springs += [
-        Spring(point, grasp, line, float(by_axis[axis]))
+        Spring(point, grasp, line, float(by_axis[axis]), tangent)
         for line, axis in enumerate(axes)
         if by_axis[axis]
     ]

@@ -16,7 +16,7 @@ from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
+from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry, world_tangent
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import build_model
@@ -187,8 +187,9 @@ class CableInputs(CableView):
             row[6] = load.frequency if load.signal == "sine" else 0.0
         self._ends.live_in(cable.motion)
         for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
-            place = list(self._geometries.values())[spring.grasp].attachment
-            anchor[:] = place[model.axes[spring.line]]
+            geometry = list(self._geometries.values())[spring.grasp]
+            target = world_tangent(geometry) if spring.tangent else geometry.attachment
+            anchor[:] = target[model.axes[spring.line]]
         booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
         booked[:] = cable.anchors
         cable.point_grasps(self.time if self._steps else 0.0)
@@ -204,9 +205,9 @@ class CableInputs(CableView):
             needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
         )
         if self._model.has(layout.CURVED):
-            before = self._cable.present_energy()
+            before = self._cable.potentials().sum()
             self._turn_natural_shape()
-            self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
+            self._cable.ledger[layout.DRIVE_WORK] += self._cable.potentials().sum() - before
 
     def _turn_natural_shape(self) -> None:
         """The natural shape turns with the start's end effector, unless it follows the cable."""

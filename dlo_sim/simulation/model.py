@@ -220,6 +220,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.DAMPED: needs.damping,
         layout.BISHOP: needs.bishop,
         layout.CONTACT: needs.contact,
+        layout.DRAG: needs.damping and scene.damping.drag_across > 0.0,
         layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
     return sum(bit for bit, there in present.items() if there)
@@ -403,7 +404,7 @@ class _Filling:
         for k, spring in enumerate(holding.springs):
             rows = springs[k * layout.SPRING_ROWS :]
             rows[:4] = np.array(spring.point.weights)[:, None]
-            rows[4] = spring.stiffness
+            rows[4], rows[5] = spring.stiffness, not spring.tangent
 
     def _loads(self) -> None:
         model = self._model
@@ -431,6 +432,7 @@ class _Filling:
             layout.ROUND_OFF_AXIAL: cable.EA * cable.length * needs.stretch,
             layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,
             layout.CONTACT_STIFFNESS: self._scene.contact_stiffness,
+            layout.DRAG_ACROSS: scene.damping.drag_across,
         }
         rows = self._rows(layout.SCALES, layout.SCALE_ROWS)
         for row, value in values.items():

@@ -210,6 +210,8 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
         return "rattle", "terms.stretch is off: constraints keep the length"
     if any(scene.damping.internal):
         return "energy_momentum", "stiffness damping needs an implicit method"
+    if scene.damping.drag_across:
+        return "energy_momentum", "air drag that depends on the direction needs an implicit method"
     if scene.damping.air_drag and (scene.start.mass or scene.end.mass):
         return "energy_momentum", "air drag beside a point mass needs an implicit method"
     limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
@@ -262,6 +264,11 @@ def _check_damping(scene: Scene, method: Method) -> None:
         raise SceneError(
             f"integrator.method: {method.name} is not valid with damping.{name} "
             f"{inside[name]:g}; use energy_momentum or implicit_midpoint"
+        )
+    if damping.drag_across and method.family != IMPLICIT:
+        raise SceneError(
+            f"integrator.method: {method.name} is not valid with damping.air_drag_ratio "
+            f"{damping.air_drag_ratio:g}; use energy_momentum, or set it to 1.0"
         )
     if (damping.mass or damping.air_drag) and not method.mass_damping:
         raise SceneError(

@@ -16,9 +16,12 @@ def carry_inputs(old: Cable, new: Cable) -> None:
     """Loads and anchors of springs."""
     if len(old.loads) and len(new.loads):
         new.loads[:] = old.loads
-    places = {(s.grasp, old.model.axes[s.line]): k for k, s in enumerate(old.model.holding.springs)}
+    places = {
+        (spring.grasp, old.model.axes[spring.line], spring.tangent): k
+        for k, spring in enumerate(old.model.holding.springs)
+    }
     for k, spring in enumerate(new.model.holding.springs):
-        known = places.get((spring.grasp, new.model.axes[spring.line]))
+        known = places.get((spring.grasp, new.model.axes[spring.line], spring.tangent))
         if known is not None:
             new.anchors[k] = old.anchors[known]
 

@@ -240,8 +240,8 @@ class CableView:
     def reaction(self, end: str) -> tuple[Array, Array]:
         """Force [N] and moment [N m] ON THE CABLE BY the end effector, world frame, each (3,).
 
-        The moment is about the attachment point; it is zero at an end that is not clamped. The
-        inertia and weight of the end's point mass are included.
+        The moment is about the attachment point; it is zero where neither a clamp nor a
+        spring holds the direction. The inertia and weight of the end's point mass are included.
         """
         wrench = np.array(self.reaction_wrench(end))
         return wrench[:3], wrench[3:]

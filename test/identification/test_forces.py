@@ -61,12 +61,14 @@ def test_the_load_of_a_cable_at_rest_is_its_weight(moved):
     assert np.abs(made.forces - [0.0, 0.0, -WEIGHT]).max() < 1e-5
 
 
-def test_the_load_of_a_moved_cable_is_its_reaction(moved):
+@pytest.mark.parametrize("drag", [(0.2, 1.0), (2.0, 0.0)])
+def test_the_load_of_a_moved_cable_is_its_reaction(moved, drag):
     """The reaction is the mean of a step: that at an instant is the mean of the steps around it."""
     step, last = 0.0025, 160
     times = step * np.arange(last + 3)
     path = poses(times, 1.0, 3)["start"]
-    scene = dlo_sim.load_scene({**HANGING, "integrator.step": step, "start.mass": 0.0})
+    dragged = {"damping.air_drag": drag[0], "damping.air_drag_ratio": drag[1]}
+    scene = dlo_sim.load_scene({**HANGING, **dragged, "integrator.step": step, "start.mass": 0.0})
     recording = replace(moved, times=times, poses={"start": path})
     load = predict(scene, recording).forces[last]
     reactions = []

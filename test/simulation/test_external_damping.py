@@ -6,6 +6,7 @@ from cables import FLAT, FREE, FULL, SOFT, scene_of, set_state, simulator
 
 from dlo_sim.batch import simulate_batch
 from dlo_sim.core.methods import METHODS
+from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.selection import choose
 
 DRAG = 0.05  # [N s/m^2], 0.5 1/s of the cable's 0.1 kg/m
@@ -90,3 +91,58 @@ def test_the_step_limit_knows_the_damping_of_the_twist_too():
         assert dragged == pytest.approx(min(alone, damped), rel=1e-3)
         assert damped != pytest.approx(alone, rel=1e-3)
         assert off == alone
+
+
+IMPLICIT_NAMES = [name for name in METHOD_NAMES if METHODS[name].family == "implicit"]
+SLIDING = SOFT | FREE | FLAT | {"loads.names": []}
+
+
+@pytest.mark.parametrize("stretch", ["sample", "span"])
+@pytest.mark.parametrize("method", IMPLICIT_NAMES)
+def test_a_straight_rod_slides_further_along_itself_than_across(method, stretch):
+    """v e^(-c_t t / mu) along and v e^(-c_n t / mu) across."""
+    values = {"damping.air_drag_ratio": 0.3, "discretization.stretch": stretch}
+    sim = simulator(SLIDING, DRAGGED, values, method=method, step=STEP)
+    set_state(sim, rates=np.tile([0.3, -1.0, 2.0, 0.0], (8, 1)))
+    assert sim.advance_steps(STEPS).status.ok
+    across = np.exp(-DRAG / 0.1 * sim.time)
+    along = np.exp(-0.3 * DRAG / 0.1 * sim.time)
+    expected = np.tile([0.3 * along, -across, 2.0 * across], (8, 1))
+    assert sim.velocities[:, :3] == pytest.approx(expected, rel=1e-6)
+    assert sim.energy_error < 1e-6
+
+
+def test_drag_by_direction_is_in_the_forces_of_an_instant():
+    """Those from which reactions before the first step are made."""
+    sim = simulator(SLIDING, DRAGGED, {"damping.air_drag_ratio": 0.3, "terms.out_of_plane": "on"})
+    rates = np.tile([[1.0], [2.0], [3.0]], (1, 8))
+    total = sim.cable.forces(0.0, rates).sum(axis=1)
+    assert total == pytest.approx(-DRAG * np.array([0.3 * 1.0, 2.0, 3.0]), rel=1e-12)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_drag_by_direction_takes_energy_from_every_motion(planar):
+    """Even where nothing resists motion along the cable; and what it takes is what is missing."""
+    rng = np.random.default_rng(7)
+    values = {"damping.air_drag": 300.0, "damping.air_drag_ratio": 0.0}
+    values |= {"terms.out_of_plane": "auto" if planar else "on", "start.fixed": [True] * 3}
+    sim = simulator(SLIDING, values, method="energy_momentum", step=1e-3)
+    assert len(sim.model.axes) == (2 if planar else 3)
+    columns = np.isin(np.arange(4), sim.model.axes)
+    rates = rng.normal(size=(8, 4)) * columns
+    rates[0] = 0.0
+    set_state(sim, rates=rates)
+    begin = sim.energy().total
+    report = sim.advance_steps(300)
+    assert report.status.ok
+    assert sim.energy().total < 0.5 * begin
+    assert sim.energy_error < 1e-8 * begin
+    assert report.force_evaluations < 3 * 300  # 2.1 a step; without its tangent more
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "rk4", "zhai", "rattle"])
+def test_methods_without_drag_by_direction_refuse_it(method):
+    values = DRAGGED | {"damping.air_drag_ratio": 0.5}
+    with pytest.raises(SceneError, match=r"damping\.air_drag_ratio 0\.5; use energy_momentum"):
+        simulator(SLIDING, values, method=method)
+    assert simulator(SLIDING, values).method == "energy_momentum"

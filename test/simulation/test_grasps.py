@@ -1,5 +1,7 @@
 """Grasps between the ends: held points, forces, energy, taking and releasing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cables import SOFT, scene_of, simulator
@@ -251,3 +253,89 @@ def rotation(quaternion):
     from dlo_sim.core import rotations
 
     return rotations.to_matrix(quaternion)
+
+
+SOFTLY = {
+    "grasps.hand.tangent_spring": 0.03,
+    "grasps.hand.tangent": [0.8, 0.6, 0.0],
+    "grasps.hand.position": [0.3, 0.05, -0.1],
+    "end.position": [0.75, 0.0, 0.05],
+}
+
+
+def torque_about_origin(sim, names):
+    """Of the reactions, about the world's origin [N m]."""
+    total = np.zeros(3)
+    for name in names:
+        force, moment = sim.reaction(name)
+        place = at(sim, {"start": 0.0, "hand": 0.4, "end": 1.0}[name])
+        total += moment + np.cross(place, force)
+    return total
+
+
+def torque_of_weight(sim):
+    u = (np.arange(4000) + 0.5) / 4000 * sim.scene.cable.length
+    return np.cross(sim.centerline(u).mean(axis=0), weight(sim))
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_a_soft_clamp_adds_its_turn_to_a_cantilever(end):
+    """Sag of the tip P L^3 / (3 EI) + P L^2 / k, of a force so small that it is linear."""
+    free = "end" if end == "start" else "start"
+    push, k = 1e-5, 0.05
+    values = {
+        f"{end}.tangent_spring": k,
+        f"{end}.fixed": [True] * 3,
+        f"{free}.fixed": [False] * 3,
+        "end.position": [1.0, 0.0, 0.0],
+        "initial.shape": "equilibrium",
+        "gravity": [0.0, 0.0, 0.0],
+        "loads.names": ["tip"],
+        "loads.tip.signal": "constant",
+        "loads.tip.position": 1.0 if free == "end" else 0.0,
+        "loads.tip.force": [0.0, 0.0, push],
+        "discretization.control_points": 17,
+    }
+    sim = simulator({**SOFT, "start.clamped": False, "terms.out_of_plane": "on"}, values)
+    sag = at(sim, 1.0 if free == "end" else 0.0)[2]
+    assert sag == pytest.approx(push / (3.0 * sim.scene.cable.EI) + push / k, rel=1e-3)
+    sign = 1.0 if free == "end" else -1.0
+    assert sim.reaction(end)[1] == pytest.approx([0.0, sign * push, 0.0], rel=1e-3, abs=1e-9)
+
+
+def test_reactions_balance_force_and_moment_where_a_spring_holds_the_direction():
+    sim = held(**SOFTLY)
+    names = ("start", "hand", "end")
+    assert torque_about_origin(sim, names) == pytest.approx(-torque_of_weight(sim), abs=1e-6)
+    sine = np.cross(tangent(sim), [0.8, 0.6, 0.0])
+    assert sim.reaction("hand")[1] == pytest.approx(0.03 * sine, abs=0.01 * 0.03)
+    assert np.linalg.norm(sine) > 0.9
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_gripper_that_turns_the_cable_through_a_spring_books_its_work(method):
+    sim = held(method, **SOFTLY)
+    begin = replace(TURN, position=[SOFTLY["grasps.hand.position"], *TURN.position[1:]])
+    sim.set_motion("hand", begin)
+    before = sim.energy().spring
+    assert sim.advance(0.1).status.ok
+    assert abs(sim.energy().spring - before) > 1e-4
+    aim = rotation(TURN.orientation_at(sim.time)) @ SOFTLY["grasps.hand.tangent"]
+    moment = 0.03 * np.cross(tangent(sim), aim)
+    assert sim.cable.anchors[:3, 0] == pytest.approx(aim, abs=1e-9)
+    if method in ("velocity_verlet", "rk4"):  # else it is the mean of a step
+        assert sim.reaction("hand")[1] == pytest.approx(moment, abs=0.05 * 0.03)
+    assert sim.energy_error < (1e-9 if method == "energy_momentum" else 2e-3)
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "energy_momentum"])
+def test_a_spring_takes_the_direction_that_it_finds_and_releases_it(method):
+    sim = held(method, **SOFTLY)
+    before = sim.energy().spring
+    sim.release("hand")
+    sim.advance(0.02)
+    assert sim.energy().spring == 0.0
+    sim.take("hand", 0.6)
+    assert sim.energy().spring < 2e-3 * before  # the cable is stretched a little there
+    assert sim.advance(0.05).status.ok
+    assert sim.energy_error < (1e-9 if method == "energy_momentum" else 5e-3)
