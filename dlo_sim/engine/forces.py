@@ -33,7 +33,7 @@ def forces(shape, model, state, x, out):
         add_weight(shape, model, out)
     if terms & layout.CONTACT:
         contact_force(shape, model, x, x, out)
-    spring_force(shape, model, state, x, 1.0, out)
+    spring_force(shape, model, state, x, 1.0, YES, out)
 
 
 @part

@@ -28,6 +28,7 @@ from dlo_sim.engine.lines import add_product, clear, copy, mass_of, row_product
 from dlo_sim.engine.springs import (
     anchor_work,
     book_anchors,
+    roll_loss,
 )
 from dlo_sim.engine.tables import line_of
 from dlo_sim.methods.implicit_layout import (
@@ -101,7 +102,8 @@ def finish_step(
     loads, start = shifted(scratch, shape[layout.NEW_LOAD]), shifted(scratch, shape[START])
     if shape[layout.LOADS]:
         book(shape, state, layout.LOAD_WORK, row_product(shape, loads, change))
-    book(shape, state, layout.DRIVE_WORK, work + first(anchor_work(shape, model, state, start, x)))
+    work += first(anchor_work(shape, model, state, start, x))
+    book(shape, state, layout.DRIVE_WORK, work + roll_loss(shape, model, state, change)[1])
     book_anchors(shape, state)
     for k in range(held):
         at = shape[layout.REACTION] + k * LANES

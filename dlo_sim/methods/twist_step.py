@@ -21,6 +21,7 @@ from dlo_sim.engine.lines import (
 )
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
+from dlo_sim.engine.springs import add_roll_change, add_roll_stiffness, roll_force, roll_loss
 from dlo_sim.engine.tables import line_of, own_of, point_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
@@ -92,7 +93,7 @@ def solve(shape, matrix, x):
 
 @part
 def system(shape, model, tau, beta, matrix):
-    """2 / tau^2 M + (1/2 + beta / tau) K + C / tau as lower diagonals."""
+    """2 / tau^2 M + (1/2 + beta / tau) K + C / tau and springs as lower diagonals."""
     n, width = shape[layout.N], shape[layout.LINE]
     damped = 1.0 / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
     for k in range(4):
@@ -101,6 +102,7 @@ def system(shape, model, tau, beta, matrix):
             value = 2.0 / (tau * tau) * model[shape[layout.MASS] + 7 * width + at]
             value += (0.5 + beta) * model[shape[layout.TWIST] + at]
             matrix[k * n + i] = value + damped * model[shape[layout.VISCOUS] + 7 * width + at]
+    add_roll_stiffness(shape, model, matrix)
 
 
 @part
@@ -123,9 +125,9 @@ def moments_of_middle(shape, model, inputs, scratch, t0, tau):
 def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins):
     """One Newton correction of the twist line of x and CHANGE for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),   d = CHANGE,
-    where f is what FORCE holds: loads, twist of the frame, and damping for the d before. It makes
-    FORCE complete and keeps damping up to date in TWIST_OWN. Returns the largest entry of the
-    correction as a share of 1 rad and the angle.
+    where f is what FORCE holds: loads, twist of the frame, and damping and springs for the d
+    before. It makes FORCE complete and keeps these two up to date in TWIST_OWN. Returns the largest
+    entry of the correction as a share of 1 rad and the angle.
     """
     own = shifted(scratch, shape[TWIST_OWN])
     line, width = shape[layout.DIM], shape[layout.LINE]
@@ -162,6 +164,7 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
             sum_[k] += latest[k]
         add_product(shape, model, mass, line, -a, latest, rest)
         add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, latest, rest)
+        add_roll_change(shape, model, latest, rest)
         if shape[layout.TERMS] & layout.DAMPED:
             add_product(shape, model, viscous, line, -1.0 / tau, latest, rest)
     moved = 0.0
@@ -170,6 +173,8 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
         change[k] += sum_[k]
         moved = max(moved, abs(sum_[k]) / (1.0 + abs(x[k])))
     add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, force)
+    add_roll_change(shape, model, sum_, force)
+    add_roll_change(shape, model, sum_, own)
     if shape[layout.TERMS] & layout.DAMPED:
         add_product(shape, model, viscous, line, -1.0 / tau, sum_, force)
         add_product(shape, model, viscous, line, -1.0 / tau, sum_, own)
@@ -197,6 +202,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
     if damped:
         lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
+    roll_force(shape, model, state, shifted(scratch, shape[START]), change, force)
     for k in range(at, at + width):
         own[k] = force[k]
     for _ in range(MOST_CORRECTIONS if natural else 1):
@@ -207,6 +213,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
             middle[k] = scratch[shape[START] + k] + 0.5 * change[k]
         if moved < TURNED:
             break
+    lost += roll_loss(shape, model, state, change)[0]
     if damped:
         lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau
         twisted = first(

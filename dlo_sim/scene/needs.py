@@ -281,7 +281,7 @@ def _plane(axes: tuple[int, ...]) -> str:
 
 def _may_twist(scene: Scene) -> bool:
     """Something can turn the cable about its own axis: a gripper that clamps it, or a moment."""
-    turned = any(end.clamped and end.driven for end in scene.ends.values())
+    turned = any(one.rolls and one.driven for one in scene.holders.values())
     moments = any(load.type == "wrench" for load in scene.loads)
     return turned or moments
 

@@ -120,6 +120,18 @@ class Model:
         return np.stack([seven[3 + k] for k in range(4)])
 
     @property
+    def twisting_stiffness(self) -> Array:
+        """Stiffness of the line of the twist with its springs, lower diagonals, shape (4, n)."""
+        band = self.band(layout.TWIST, len(self.axes))
+        for spring in self.holding.springs:
+            if spring.line == len(self.axes):
+                weights, first = np.array(spring.point.weights), spring.point.first
+                for k in range(4):
+                    products = weights[k:] * weights[: 4 - k]
+                    band[k, first : first + 4 - k] += spring.stiffness * products
+        return band
+
+    @property
     def axial_stiffness(self) -> float:
         """EA [N]."""
         return float(self.values[int(self.shape[layout.MESH]) + layout.AXIAL * LANES])
@@ -404,6 +416,8 @@ class _Filling:
             rows = springs[k * layout.SPRING_ROWS :]
             rows[:4] = np.array(spring.point.weights)[:, None]
             rows[4], rows[5] = spring.stiffness, not spring.tangent
+            _, xi, _ = bspline.locate(self._model.knots, np.array([spring.u]))
+            rows[6], rows[7] = xi, spring.damping
 
     def _loads(self) -> None:
         model = self._model

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core import bspline
 from dlo_sim.core.one_rotation import cross
 from dlo_sim.engine import layout
 from dlo_sim.simulation.cable import Cable
@@ -54,7 +55,12 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
             seen = slice(spring.point.first, spring.point.first + 4)
             weights, pull = np.array(spring.point.weights), np.zeros(3)
             value = weights @ cable.x[spring.line, seen]
-            pull[axes[spring.line]] = spring.stiffness * (cable.anchors[k, 0] - value)
+            size = spring.stiffness * (cable.anchors[k, 0] - value)
+            if spring.line == len(axes):
+                (tangent,) = bspline.evaluate(points[:, :3], model.knots, [spring.u], 1)
+                moment += size * tangent / np.linalg.norm(tangent)
+                continue
+            pull[axes[spring.line]] = size
             if spring.tangent:
                 moment += cross((weights @ points[seen, :3]).tolist(), pull.tolist())
             else:
