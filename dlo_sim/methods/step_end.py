@@ -62,6 +62,7 @@ def finish_step(
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
     travel, held = shifted(scratch, shape[TRAVEL]), shape[layout.HELD]
     moves = grasps_move(shape, inputs)
+    static = shape[layout.TERMS] & layout.STATIC_TWIST != 0
     if shape[layout.TERMS] & layout.TWISTED:
         if not shape[layout.TERMS] & layout.BISHOP:
             lost += solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau)
@@ -91,6 +92,8 @@ def finish_step(
             acceleration[at] = a1
         else:
             w[at] = ahead[at]
+            if at >= shape[layout.DIM] * shape[layout.LINE] and static:
+                w[at] = change[at] / tau  # without inertia nothing damps what `ahead` alternates by
             if dissipates:
                 acceleration[at] = (w[at] - w0) / tau
     if moves:

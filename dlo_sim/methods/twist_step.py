@@ -43,6 +43,17 @@ TURNED = 1e-13  # of 1 rad and the angle, correction after which they are solved
 
 
 @part
+def damping_share(shape, model, tau):
+    """Internal damping of the twist over the step. Half a step of it makes the moment that of the
+    end of the step, so that twist without inertia is at rest there.
+    """
+    share = 0.5 if shape[layout.TERMS] & layout.STATIC_TWIST else 0.0
+    if shape[layout.TERMS] & layout.DAMPED:
+        share += model[shape[layout.BETA] + 2 * LANES] / tau
+    return share
+
+
+@part
 def mark_held(shape, held):
     """1 in `held` at control points whose twist is held, else 0; whether an end of the cable is."""
     n = shape[layout.N]
@@ -197,7 +208,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     own, middle = shifted(scratch, shape[TWIST_OWN]), shifted(scratch, shape[MIDDLE])
     if shape[layout.LOADS]:
         moments_of_middle(shape, model, inputs, scratch, t0, tau)
-    beta = model[shape[layout.BETA] + 2 * LANES] / tau if damped else 0.0
+    beta = damping_share(shape, model, tau)
     spins = not mark_held(shape, shifted(scratch, shape[TWIST_HELD]))
     viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
     if damped:
@@ -216,10 +227,9 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     lost += roll_loss(shape, model, state, change)[0]
     if damped:
         lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau
-        twisted = first(
-            gathered(shape, difference_form(shape, model, shape[layout.TWIST], line, change))
-        )
-        lost += beta * twisted
+    if beta > 0.0:
+        twisted = difference_form(shape, model, shape[layout.TWIST], line, change)
+        lost += beta * first(gathered(shape, twisted))
     return lost
 
 
@@ -232,9 +242,7 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
     begin, end = shifted(scratch, shape[START]), x
     if not discrete:
         begin = end = shifted(scratch, shape[MIDDLE])
-    viscous = (
-        model[shape[layout.BETA] + 2 * LANES] / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
-    )
+    viscous = damping_share(shape, model, tau)
     couple_twist(shape, model, state, begin, end, viscous, YES, NO, force)
     lost = solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau)
     taken = couple_twist(shape, model, state, begin, end, viscous, NO, YES, force)

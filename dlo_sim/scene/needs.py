@@ -126,7 +126,7 @@ def needs_of(scene: Scene) -> Needs:
     return Needs(
         **present,
         frenet=frenet_wanted(scene),
-        bishop=scene.terms.twist == "bishop",
+        bishop=scene.terms.twist in ("bishop", "quasistatic"),
         axes=axes,
         left_out=reasons,
         warnings=tuple(warnings),
@@ -229,7 +229,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     """All three axes, or the two of a plane; and whether anything can leave that plane."""
     switch = scene.terms.out_of_plane
     # Both frames of the twist, and plasticity, exist in space only.
-    framed = scene.terms.twist in ("frenet", "bishop")
+    framed = scene.terms.twist in ("frenet", "bishop", "quasistatic")
     in_space = switch == "on" or framed or plasticity_wanted(scene)
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)

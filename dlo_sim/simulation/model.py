@@ -197,6 +197,7 @@ def build_model(
     return model
 
 
+STATIC = 1e-9  # of the polar inertia of a cable whose twist is quasistatic
 GRADING = 0.4  # of spans at clamped ends; 0.6 helps at 9 control points and hurts at 17
 SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 
@@ -232,6 +233,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.DAMPED: needs.damping,
         layout.BISHOP: needs.bishop,
         layout.CONTACT: needs.contact,
+        layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
         layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
     return sum(bit for bit, there in present.items() if there)
@@ -287,7 +289,10 @@ class _Filling:
         space = scene.cable.mu * gram
         space[0, 0] += scene.start.mass
         space[0, -1] += scene.end.mass
-        bands = [space] * self._dim + [scene.cable.polar_inertia * gram] * model.twist
+        inertia = scene.cable.polar_inertia
+        if model.has(layout.STATIC_TWIST):
+            inertia *= STATIC  # not 0, which could not be inverted
+        bands = [space] * self._dim + [inertia * gram] * model.twist
         self._masses(bands)
         if self._needs.gravity:
             pull = np.asarray(scene.gravity)[list(model.axes)]
