@@ -18,7 +18,7 @@ from dlo_sim.core.methods import METHODS, SPLITTING
 from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.methods.explicit_layout import FAILED_STEP, GOOD, GOOD_LEDGER, GOOD_ROWS, GOOD_STEP
-from dlo_sim.methods.splitting import ENGINE, advance_splitting
+from dlo_sim.methods.splitting import advance_splitting, engine_of
 from dlo_sim.simulation.arrays import Counts, Table, counts_of, line_view, new_shape, rooms
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.report import Status
@@ -127,7 +127,7 @@ def run_lanes(lanes: Sequence[Lane], step: float, duration: float, times: Array)
     method = METHODS[lanes[0].method]
     advance_splitting(
         (stack.shape, stack.model, stack.inputs, stack.state, stack.scratch),
-        ENGINE.code,
+        engine_of(stack.shape[layout.TERMS]).code,
         *(np.array(method.drift_weights), np.array(method.kick_weights)),
         *(0, max(1, int(np.ceil(duration / step - 1e-9))), step, GUARD_STEPS),
         (times, stack.samples.ravel(), stack.energies.ravel(), stack.marks),

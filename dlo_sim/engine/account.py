@@ -12,7 +12,7 @@ import numpy as np
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import NUMBERS, TABLE, TRUTH, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.forces import energies
+from dlo_sim.engine.assembly import ANY, all_energies
 from dlo_sim.engine.lines import kinetic
 from dlo_sim.engine.torsion import undefined_torsion
 
@@ -105,7 +105,7 @@ def measure(shape, model, state, scratch, look):
     """
     x, out = shifted(state, shape[layout.X]), notes_of(shape, scratch)
     store(out, 0, kinetic(shape, model, shifted(state, shape[layout.W])))
-    look(shape, model, state, x, shifted(out, LANES))
+    all_energies(look, shape, model, state, x, shifted(out, LANES))
     for at in range(COUNT * LANES):
         state[shape[layout.LEDGER] + layout.ENERGY * LANES + at] = out[LANES + at]
 
@@ -137,7 +137,7 @@ def total_energy(shape, state, kinetic_energy, lane):
     return total
 
 
-@piece(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, energies)
+@piece(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, ANY.energies)
 def update_account(shape, model, state, scratch, look):
     """Compare the energy with work done and energy lost; whether all cables are sane.
 

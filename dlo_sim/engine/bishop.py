@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.compiling.lanes import LANES, first, load, shifted, store, zero
-from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, part, piece
+from dlo_sim.compiling.pieces import YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     bending_at,
@@ -43,6 +43,7 @@ from dlo_sim.engine.tables import (
     spring_first,
     spring_grasp,
 )
+from dlo_sim.engine.term import ENERGY, FLOW, FORCE, Term, add_energy
 from dlo_sim.engine.torsion import angle_block
 from dlo_sim.terms import bishop
 
@@ -104,9 +105,15 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
     return taken
 
 
-@part
-def coupled_energy(shape, model, state, x):
-    """What tau adds to the twisting energy of theta alone [J], to be gathered."""
+@piece(*FORCE)
+def force(shape, model, state, x0, x1, out):
+    """`couple_twist` on all that moves. Of a step `methods.twist_step` adds it."""
+    couple_twist(shape, model, state, x0, x1, 0.0, YES, YES, out)
+
+
+@piece(*ENERGY)
+def energy(shape, model, state, x, out):
+    """What tau adds to the twisting energy of theta alone [J]."""
     stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
     sum_, reference = zero(), shifted(state, shape[layout.REFERENCE])
     for b in range(shape[layout.BLOCKS]):
@@ -123,7 +130,7 @@ def coupled_energy(shape, model, state, x):
             rate -= rest_twist_at(shape, state, b, j)
             w = stiffness * load(model, at + layout.QUADRATURE * LANES)
             sum_ += w * rate * (0.5 * rate + polynomial(angle, xi))
-    return sum_
+    add_energy(shape, sum_, layout.TWISTING, out)
 
 
 @part
@@ -218,7 +225,8 @@ def span_tangent(shape, model, x, span, xi):
         at = layout.MARGIN + span + k
         t0 += b * x[at]
         t1 += b * x[at + width]
-        t2 += b * x[at + 2 * width]
+        if shape[layout.DIM] == 3:
+            t2 += b * x[at + 2 * width]
     inverse = 1.0 / np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
     return inverse * t0, inverse * t1, inverse * t2
 
@@ -287,7 +295,7 @@ def follow_springs(shape, model, inputs, state, psi, x):
             state[shape[layout.ANCHOR_BOOKED] + k * LANES] += moved
 
 
-@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
+@piece(*FLOW)
 def follow_shape(shape, model, inputs, state, scratch):
     """Take theta, and what the grasps prescribe, to the Bishop frame of the present shape."""
     n, line = shape[layout.N], shape[layout.DIM] * shape[layout.LINE]
@@ -324,3 +332,6 @@ def follow_shape(shape, model, inputs, state, scratch):
     follow_springs(shape, model, inputs, state, psi, x)
     for at in range(0, shape[layout.SIZE], LANES):
         store(reference, at, load(x, at))
+
+
+TERM = Term(layout.BISHOP, force=force, energy=energy, flow=follow_shape)

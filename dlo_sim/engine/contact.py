@@ -8,7 +8,7 @@ with their values at xi = 0 these are the basis itself.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, size, store, total, zero
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     add_cubic,
@@ -19,6 +19,7 @@ from dlo_sim.engine.elastic import (
     sample_of,
     scatter_values,
 )
+from dlo_sim.engine.term import ENERGY, FORCE, TANGENT, Term, add_energy
 from dlo_sim.terms import contact
 
 
@@ -50,8 +51,8 @@ def gap_polynomial(shape, model, x, b, plane):
     return g
 
 
-@part
-def contact_force(shape, model, x0, x1, out):
+@piece(*FORCE)
+def force(shape, model, state, x0, x1, out):
     """out -= discrete gradient of the contact energy between x0 and x1."""
     stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
     stride = shape[layout.STRIDE]
@@ -75,9 +76,9 @@ def contact_force(shape, model, x0, x1, out):
                 scatter_values(f, at, stride, model, block, -normal, out)
 
 
-@part
-def contact_energy(shape, model, x):
-    """Energy of contact [J], to be gathered."""
+@piece(*ENERGY)
+def energy(shape, model, state, x, out):
+    """Energy of contact [J]."""
     stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
     sum_ = zero()
     for k in range(shape[layout.PLANES]):
@@ -90,11 +91,11 @@ def contact_energy(shape, model, x):
                 g = integrated(inverse, p, load(model, at + layout.XI * LANES))
                 w = load(model, at + layout.QUADRATURE * LANES)
                 sum_ += w * contact.energy(stiffness, g)
-    return sum_
+    add_energy(shape, sum_, layout.CONTACT_ENERGY, out)
 
 
-@part
-def add_contact_tangent(shape, model, x0, x1, scale, scratch, band):
+@piece(*TANGENT)
+def tangent(shape, model, state, x0, x1, scale, scratch, band):
     """band += scale times the Jacobian of that discrete gradient by x1; one cable only.
 
     `scratch`: SAMPLES + 1 rows.
@@ -142,3 +143,6 @@ def add_block(shape, model, b, plane, first, other, numbers, at, band):
             to = ((LANES * b + first) * dim + i) * width + (other - first) * dim + j - i + half
             for span in range(spans):
                 band[to + dim * width * span] += product * numbers[at + span]
+
+
+TERM = Term(layout.CONTACT, force=force, gradient=force, energy=energy, tangent=tangent)

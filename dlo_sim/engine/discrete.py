@@ -12,9 +12,8 @@ quadrature point). Viscosity is evaluated at the midpoint.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, root, total, zero
-from dlo_sim.compiling.pieces import NO, NOTHING, NUMBERS, REAL, TABLE, YES, part, piece
+from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.contact import contact_force
 from dlo_sim.engine.elastic import (
     bending_at,
     block_of,
@@ -26,7 +25,6 @@ from dlo_sim.engine.elastic import (
     span_strains,
     tangent_at,
 )
-from dlo_sim.engine.natural_curvature import natural_force
 from dlo_sim.terms import bend, stretch, viscosity
 from dlo_sim.terms.viscosity import combined
 
@@ -129,8 +127,4 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
             g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
             g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
-    if terms & layout.CURVED and not terms & layout.MATERIAL:
-        natural_force(shape, model, state, x0, x1, NO, YES, out)
-    if terms & layout.CONTACT:
-        contact_force(shape, model, x0, x1, out)
     lost[0] = total(taken)

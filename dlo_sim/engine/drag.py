@@ -8,7 +8,7 @@ second, at the tangents of one shape. Both take energy from every motion.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, root, store, zero
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     add_cubic,
@@ -23,6 +23,7 @@ from dlo_sim.engine.elastic import (
     tangent_at,
 )
 from dlo_sim.engine.tangent import keep
+from dlo_sim.engine.term import DAMPING, DAMPING_TANGENT, Term
 from dlo_sim.terms.viscosity import combined
 
 
@@ -32,7 +33,7 @@ def drag_across(shape, model):
     return model[shape[layout.SCALES] + layout.DRAG_ACROSS * LANES]
 
 
-@part
+@piece(*DAMPING)
 def drag_force(shape, model, x, moved, scale, out):
     """out -= scale (c_n - c_t) integral b (v - t (t . v)) for a motion v = `moved` of shape x."""
     width, scale = shape[layout.LINE], scale * drag_across(shape, model)
@@ -65,8 +66,8 @@ def drag_force(shape, model, x, moved, scale, out):
             scatter_values(f2, at + 2 * width, stride, model, block, -1.0, out)
 
 
-@part
-def add_drag_tangent(shape, model, x, scale, scratch, band):
+@piece(*DAMPING_TANGENT)
+def drag_tangent(shape, model, x, scale, scratch, band):
     """band += scale times the derivative of minus that force by the motion, at a fixed shape; one
     cable only. What the turning of the tangents adds is left out.
 
@@ -110,3 +111,6 @@ def add_pair(shape, b, first, other, scratch, band):
             to = ((LANES * b + first) * dim + i) * width + (other - first) * dim + j - i + half
             for span in range(spans):
                 band[to + dim * width * span] += scratch[spare + span]
+
+
+TERM = Term(layout.DRAG, damping=drag_force, damping_tangent=drag_tangent)

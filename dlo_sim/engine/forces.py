@@ -1,38 +1,27 @@
-"""All forces at one configuration, and all energies: the sum over the terms of a scene."""
+"""Forces at one configuration, and energies, of the terms that every scene has: stretching,
+bending, twist by itself, weight, springs. `engine.assembly` adds the others.
+"""
 
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, size, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, YES, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.bishop import couple_twist, coupled_energy
-from dlo_sim.engine.contact import contact_energy, contact_force
 from dlo_sim.engine.elastic import elastic_energy, elastic_force
 from dlo_sim.engine.lines import add_differences, clear, difference_form, gathered
-from dlo_sim.engine.natural_curvature import natural_energy, natural_force
-from dlo_sim.engine.plasticity import plastic_energy
 from dlo_sim.engine.springs import spring_energy, spring_force
-from dlo_sim.engine.torsion import torsion_energy, torsion_force
 
 
 @piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
 def forces(shape, model, state, x, out):
-    """out = - dU/dq of everything that has a potential."""
+    """out = - dU/dq of these terms."""
     clear(shape, out)
     terms = shape[layout.TERMS]
     elastic_force(shape, model, x, out)
-    if terms & layout.CURVED:
-        natural_force(shape, model, state, x, x, terms & layout.MATERIAL != 0, YES, out)
-    if terms & layout.TORSION:
-        torsion_force(shape, model, x, out)
-    if terms & layout.BISHOP:
-        couple_twist(shape, model, state, x, x, 0.0, YES, YES, out)
     if terms & layout.TWISTED:
         add_differences(shape, model, shape[layout.TWIST], shape[layout.DIM], -1.0, x, out)
     if terms & layout.GRAVITY:
         add_weight(shape, model, out)
-    if terms & layout.CONTACT:
-        contact_force(shape, model, x, x, out)
     spring_force(shape, model, state, x, 1.0, YES, out)
 
 
@@ -68,26 +57,13 @@ def energies(shape, model, state, x, out):
     for at in range((len(layout.ENERGIES) + 1) * LANES):
         out[at] = 0.0
     stretching, bending = elastic_energy(shape, model, x)
-    if terms & layout.CURVED:
-        bending += natural_energy(shape, model, state, x)
     store(out, layout.STRETCHING * LANES, gathered(shape, stretching))
     store(out, layout.BENDING_ENERGY * LANES, gathered(shape, bending))
     if terms & layout.TWISTED:
         f = 0.5 * difference_form(shape, model, shape[layout.TWIST], shape[layout.DIM], x)
-        if terms & layout.BISHOP:
-            f += coupled_energy(shape, model, state, x)
         store(out, layout.TWISTING * LANES, gathered(shape, f))
-    if terms & layout.TORSION:
-        store(out, layout.TORSIONAL * LANES, gathered(shape, torsion_energy(shape, model, x)))
-    if terms & layout.PLASTICITY:
-        store(
-            out, layout.PLASTIC_ENERGY * LANES, gathered(shape, plastic_energy(shape, model, state))
-        )
     if terms & layout.GRAVITY:
         weight, large = weight_energy(shape, model, x)
         store(out, layout.WEIGHT_ENERGY * LANES, gathered(shape, weight))
         store(out, len(layout.ENERGIES) * LANES, gathered(shape, large))
-    if terms & layout.CONTACT:
-        f = contact_energy(shape, model, x)
-        store(out, layout.CONTACT_ENERGY * LANES, gathered(shape, f))
     store(out, layout.SPRING_ENERGY * LANES, spring_energy(shape, model, state, x))

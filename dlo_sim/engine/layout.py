@@ -151,7 +151,8 @@ GRAVITY = 128
 DAMPED = 256  # linear damping and stiffness damping
 BISHOP = 512  # twist against the Bishop frame
 CONTACT = 1024
-STATIC_TWIST = 4096  # twist without inertia, at rest at the end of each step
+DRAG = 4096  # air drag that depends on the direction
+STATIC_TWIST = 8192  # twist without inertia, at rest at the end of each step
 MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
 
 # -- rows of the ledger [J] ---------------------------------------------------------------------

@@ -9,7 +9,7 @@ each other.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, shifted, store, zero
-from dlo_sim.compiling.pieces import NOTHING, part, piece
+from dlo_sim.compiling.pieces import NO, NOTHING, YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.bundles import CABLE, bared
 from dlo_sim.engine.elastic import (
@@ -26,6 +26,7 @@ from dlo_sim.engine.elastic import (
     scatter_values,
     tangent_at,
 )
+from dlo_sim.engine.term import ENERGY, FORCE, Term, add_energy
 from dlo_sim.terms import material_frame, natural_curvature
 from dlo_sim.terms.viscosity import combined, dot
 
@@ -117,9 +118,23 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
             scatter_values(twisted, at_twist + LANES * b, 1, model, block, -1.0, out)
 
 
-@part
-def natural_energy(shape, model, state, x):
-    """Energy of the natural curvature [J], to be gathered; it counts as bending."""
+@piece(*FORCE)
+def force(shape, model, state, x0, x1, out):
+    """`natural_force` on all that moves."""
+    follows = shape[layout.TERMS] & layout.MATERIAL != 0
+    natural_force(shape, model, state, x0, x1, follows, YES, out)
+
+
+@piece(*FORCE)
+def gradient(shape, model, state, x0, x1, out):
+    """The same where it does not depend on theta, with which `methods.twist_step` solves it."""
+    if not shape[layout.TERMS] & layout.MATERIAL:
+        natural_force(shape, model, state, x0, x1, NO, YES, out)
+
+
+@piece(*ENERGY)
+def energy(shape, model, state, x, out):
+    """Energy of the natural curvature [J]; it counts as bending."""
     sum_ = zero()
     follows = shape[layout.TERMS] & layout.MATERIAL != 0
     reference = x
@@ -140,7 +155,7 @@ def natural_energy(shape, model, state, x):
             if follows:
                 n = vector_now(n, tangent_at(r, xi), t, integrated(1.0 / s, angle, xi))
             sum_ += natural_curvature.energy(n, t, k, dot(t, t))
-    return sum_
+    add_energy(shape, sum_, layout.BENDING_ENERGY, out)
 
 
 @part
@@ -204,3 +219,7 @@ def add_natural_stiffness(shape, model, state, x0, x1, matrix):
                     to = (first - other) * n + LANES * b + other
                     entry = g * basis_at(model, block, other, 1.0 / s, xi)
                     store(matrix, to, load(matrix, to) + entry)
+
+
+# Its tangent is in that of bending, whose vectors it shares: `engine.tangent`.
+TERM = Term(layout.CURVED, force=force, gradient=gradient, energy=energy)

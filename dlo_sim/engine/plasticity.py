@@ -15,11 +15,12 @@ dimensions only.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, root, size, store, zero
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.lanes import LANES, load, root, shifted, size, store, zero
+from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import bending_at, block_of, curve, dot, sample_of, tangent_at
 from dlo_sim.engine.lines import gathered
+from dlo_sim.engine.term import ENERGY, FLOW, Term, add_energy
 from dlo_sim.terms.natural_curvature import cross
 from dlo_sim.terms.viscosity import combined
 
@@ -40,9 +41,9 @@ def store_three(array, at, v):
     store(array, at + 2 * LANES, v[2])
 
 
-@part
-def plastic_energy(shape, model, state):
-    """(EI + H)/2 |p|^2, integrated [J], to be gathered."""
+@piece(*ENERGY)
+def energy(shape, model, state, x, out):
+    """(EI + H)/2 |p|^2, integrated [J]."""
     sum_ = zero()
     hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
     for b in range(shape[layout.BLOCKS]):
@@ -55,15 +56,13 @@ def plastic_energy(shape, model, state):
                 + (b * shape[layout.SAMPLES] + j) * layout.PLASTIC_ROWS * LANES,
             )
             sum_ += load(model, sample_of(block, j) + layout.QUADRATURE * LANES) * half * dot(p, p)
-    return sum_
+    add_energy(shape, sum_, layout.PLASTIC_ENERGY, out)
 
 
-@part
-def plastic_flow(shape, model, state, x):
-    """Carry the plastic curvature to the shape x and let it flow.
-
-    The forces have to be computed anew afterwards.
-    """
+@piece(*FLOW)
+def plastic_flow(shape, model, inputs, state, scratch):
+    """Carry the plastic curvature to the present shape and let it flow."""
+    x = shifted(state, shape[layout.X])
     hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
     yield_moment = load(model, shape[layout.SCALES] + layout.YIELD_MOMENT * LANES)
     carried, flowed = zero(), zero()
@@ -110,3 +109,6 @@ def plastic_flow(shape, model, state, x):
     store(state, at, load(state, at) + lost + gathered(shape, carried))
     at = ledger + layout.PLASTIC_WORK * LANES
     store(state, at, load(state, at) + lost)
+
+
+TERM = Term(layout.PLASTICITY, energy=energy, flow=plastic_flow)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, shifted
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine.account import notes_of, update_account
+from dlo_sim.engine.assembly import ANY
 from dlo_sim.engine.bundles import BARE_RECORDS
-from dlo_sim.engine.forces import energies
 from dlo_sim.engine.held_motion import add_velocity_of_held
 from dlo_sim.engine.layout import BEFORE, SIZE, V0, V1, W, X
 from dlo_sim.engine.lines import copy
@@ -38,7 +38,7 @@ def begin_sample(shape, model, inputs, state, scratch, records, t0, tau):
 
 
 @piece(
-    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, energies, update_account),
+    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, ANY.energies, update_account),
     *(BARE_RECORDS, REAL, REAL),
 )
 def end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau):

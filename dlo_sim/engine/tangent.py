@@ -13,7 +13,6 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, root, store, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.contact import add_contact_tangent
 from dlo_sim.engine.discrete import mean
 from dlo_sim.engine.elastic import (
     bending_at,
@@ -174,8 +173,6 @@ def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
         for i in range(dim):
             for j in range(dim):
                 add_entry(shape, model, b, i, j, viscous, scale, scratch, band)
-    if shape[layout.TERMS] & layout.CONTACT:
-        add_contact_tangent(shape, model, x0, x1, scale, scratch, band)
 
 
 @part

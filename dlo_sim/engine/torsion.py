@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, store, zero
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     bending_at,
@@ -16,6 +16,7 @@ from dlo_sim.engine.elastic import (
     scatter_lines,
     tangent_at,
 )
+from dlo_sim.engine.term import ENERGY, FORCE, Term, add_energy
 from dlo_sim.terms import torsion
 
 
@@ -42,8 +43,8 @@ def angle_block(shape, model, x, b):
     return coefficients(x, at, shape[layout.STRIDE], model, block_of(shape, b))
 
 
-@part
-def torsion_force(shape, model, x, out):
+@piece(*FORCE)
+def force(shape, model, state, _, x, out):
     """out -= gradient of what the torsion adds to the plain twist term."""
     stiffness, floor = torsion_scales(shape, model)
     for b in range(shape[layout.BLOCKS]):
@@ -77,9 +78,9 @@ def torsion_force(shape, model, x, out):
         scatter(turn, at, shape[layout.STRIDE], model, block, -1.0, out)
 
 
-@part
-def torsion_energy(shape, model, x):
-    """What the torsion adds to the twisting energy [J], to be gathered."""
+@piece(*ENERGY)
+def energy(shape, model, state, x, out):
+    """What the torsion adds to the twisting energy [J]."""
     stiffness, floor = torsion_scales(shape, model)
     total_ = zero()
     for b in range(shape[layout.BLOCKS]):
@@ -93,7 +94,7 @@ def torsion_energy(shape, model, x):
             w = stiffness * load(model, at + layout.QUADRATURE * LANES)
             rate = angle[0] + xi * (angle[1] + xi * angle[2])
             total_ += torsion.energy(w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate)
-    return total_
+    add_energy(shape, total_, layout.TORSIONAL, out)
 
 
 @part
@@ -113,3 +114,6 @@ def undefined_torsion(shape, model, scratch, x):
                 inside = model[at + layout.QUADRATURE * LANES + lane] != 0.0
                 count += 1.0 if inside and scratch[excess + lane] < 0.0 else 0.0
     return count
+
+
+TERM = Term(layout.TORSION, force=force, energy=energy)

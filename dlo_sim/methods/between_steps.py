@@ -5,8 +5,28 @@ account. Pieces for callers from Python.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, bare, first, load, shifted, store
-from dlo_sim.compiling.pieces import NO, NOTHING, REAL, REALS, TRUTH, WHOLE, YES, part, piece
+from dlo_sim.compiling.pieces import (
+    NO,
+    NOTHING,
+    REAL,
+    REALS,
+    TRUTH,
+    WHOLE,
+    YES,
+    Engine,
+    part,
+    piece,
+)
 from dlo_sim.engine import account, layout
+from dlo_sim.engine.assembly import (
+    ANY,
+    add_damping,
+    all_forces,
+    all_tangents,
+    assembly,
+    by_terms,
+    discrete_gradient,
+)
 from dlo_sim.engine.band import (
     add_springs,
     clear_band,
@@ -19,9 +39,6 @@ from dlo_sim.engine.band import (
 )
 from dlo_sim.engine.border import keep_border, set_border, solve_border, stiffen_border
 from dlo_sim.engine.bundles import CABLE, bared
-from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.drag import drag_across, drag_force
-from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
 from dlo_sim.engine.held import (
     add_shifts,
@@ -48,9 +65,17 @@ from dlo_sim.engine.loads import add_load_stiffness, load_force
 from dlo_sim.engine.sampling import velocities
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.engine.tables import grasp_of
-from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES, residual_of
 from dlo_sim.methods.works import evaluate
+
+
+@by_terms
+def energies_of(terms: int) -> Engine:
+    """All energies of a scene with these bits."""
+    return Engine(assembly(terms).energies)
+
+
+ENERGIES = energies_of(0)  # of the type of all others
 
 
 @piece(NOTHING, CABLE, REAL)
@@ -104,17 +129,19 @@ def kinetic_energy(cable, v):
     return first(kinetic(shape, model, bare(v)))
 
 
-@piece(NOTHING, CABLE, energies)
-def open_account(cable, look):
+@piece(NOTHING, CABLE, ENERGIES)
+def open_account(cable, engine):
     """Open the energy account at the present state."""
     shape, model, _, state, scratch = bared(cable)
+    _, look = engine.pieces
     account.open_account(shape, model, state, scratch, look)
 
 
-@piece(NOTHING, CABLE, energies)
-def measure(cable, look):
+@piece(NOTHING, CABLE, ENERGIES)
+def measure(cable, engine):
     """Kinetic energy of w into the notes, potential energies into the ledger."""
     shape, model, _, state, scratch = bared(cable)
+    _, look = engine.pieces
     account.measure(shape, model, state, scratch, look)
 
 
@@ -132,24 +159,24 @@ def grasp_turn(inputs, at, t, direction):
     direction[0], direction[1], direction[2] = v[0], v[1], v[2]
 
 
-@piece(NOTHING, CABLE, forces, REAL, REALS)
-def all_forces(cable, forces, t, out):
+@piece(NOTHING, CABLE, ANY.forces, REAL, REALS)
+def forces_now(cable, forces, t, out):
     """Potential and load forces at the present configuration into the lines of `out`."""
     shape, model, inputs, state, scratch = bared(cable)
     out = bare(out)
     x = shifted(state, shape[layout.X])
-    forces(shape, model, state, x, out)
+    all_forces(forces, shape, model, state, x, out)
     load_force(shape, model, inputs, scratch, x, t, out)
 
 
-@piece(NOTHING, CABLE, add_tangent)
-def stiffness(cable, add_tangent):
+@piece(NOTHING, CABLE, ANY.tangent)
+def stiffness(cable, tangent):
     """Hessian of the potential energy of the spatial lines into BAND."""
     shape, model, _, state, scratch = bared(cable)
     band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     clear_band(shape, band)
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
-    add_tangent(shape, model, state, x, x, 0.0, 2.0, factors, band)
+    all_tangents(tangent, shape, model, state, x, x, 0.0, 2.0, factors, band)
     add_springs(shape, model, 1.0, band)
 
 
@@ -263,8 +290,8 @@ def held_force(cable, t, force, out):
         out[k] = scratch[shape[layout.SYSTEM] + k * LANES]
 
 
-@piece(NOTHING, CABLE, discrete_force, REALS, REALS)
-def damping_forces(cable, discrete_force, v, out):
+@piece(NOTHING, CABLE, ANY.gradient, REALS, REALS)
+def damping_forces(cable, gradient, v, out):
     """out += forces of the linear damping and of the viscosity at velocities v, lines."""
     shape, model, _, state, scratch = bared(cable)
     v, out = bare(v), bare(out)
@@ -272,16 +299,15 @@ def damping_forces(cable, discrete_force, v, out):
         matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
         add_product(shape, model, matrix, line, -1.0, v, out)
     x, spare = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V1])
-    if drag_across(shape, model) > 0.0:
-        drag_force(shape, model, x, v, 1.0, out)
+    add_damping(gradient, shape, model, x, v, 1.0, out)
     beta = shape[layout.BETA]
     if model[beta] + model[beta + LANES] > 0.0:
         notes = shifted(scratch, shape[layout.NOTES])
         clear(shape, spare)
-        discrete_force(shape, model, state, x, x, v, 1.0, spare, notes)
+        discrete_gradient(gradient, shape, model, state, x, x, v, 1.0, spare, notes)
         add(shape, 1.0, spare, out)
         clear(shape, spare)
-        discrete_force(shape, model, state, x, x, v, 0.0, spare, notes)
+        discrete_gradient(gradient, shape, model, state, x, x, v, 0.0, spare, notes)
         add(shape, -1.0, spare, out)
     if shape[layout.TERMS] & layout.TWISTED:
         scale = -model[beta + 2 * LANES]
@@ -299,7 +325,7 @@ def jump(cable, carry, t):
     move_anchors(shape, model, inputs, state, t)
 
 
-@piece(NOTHING, CABLE, evaluate, forces, REAL)
+@piece(NOTHING, CABLE, evaluate, ANY.forces, REAL)
 def settle(cable, evaluate, forces, t):
     """Book the work up to time t."""
     shape, model, inputs, state, scratch = bared(cable)

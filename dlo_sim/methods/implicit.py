@@ -37,16 +37,14 @@ from dlo_sim.engine.account import (
     RESOLUTION,
     measure,
     notes_of,
+    update_account,
 )
-from dlo_sim.engine.bishop import follow_shape
+from dlo_sim.engine.assembly import ANY, assembly, by_terms, flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
-from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.forces import energies
 from dlo_sim.engine.held import (
     grasps_move,
 )
-from dlo_sim.engine.sampling import begin_sample
-from dlo_sim.engine.tangent import add_tangent
+from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
     CORRECTIONS,
@@ -68,10 +66,9 @@ from dlo_sim.methods.newton import (
     turned_over,
 )
 from dlo_sim.methods.step_begin import begin_step, undo_step
-from dlo_sim.methods.step_close import CLOSING
 from dlo_sim.methods.step_end import finish_step
 from dlo_sim.methods.step_equations import balance, newton_matrix, step_force
-from dlo_sim.methods.twist_step import step_twist
+from dlo_sim.methods.twist_step import NO_TWIST, TWIST, TWIST_IN_FRAME
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
@@ -104,10 +101,9 @@ def allowed_defect(shape, state, tolerance, inertia):
     return max(loose, min(tolerance, TIGHT) * scale)
 
 
-ELASTIC = (discrete_force, add_tangent)
-TWISTING = (step_twist, follow_shape)
-PARTS_OF_STEP = (begin_step, step_force, newton_matrix, finish_step, ELASTIC, TWISTING)
-"""The pieces of one implicit step."""
+PARTS = (begin_step, step_force, newton_matrix, finish_step)
+PARTS_OF_STEP = (PARTS, ANY.gradient, ANY.tangent, ANY.flow, NO_TWIST)
+"""The pieces of one implicit step, by their types."""
 
 
 @piece(
@@ -137,9 +133,9 @@ def implicit_step(
 
     The matrix is factorised at the first guess and kept while corrections shrink fast.
     """
-    _, begin_step, step_force, newton_matrix, finish_step, elastic, twisting = pieces
-    _, discrete_force, add_tangent = elastic
-    _, step_twist, follow_shape = twisting
+    _, parts, gradient, tangent, flows, twisting = pieces
+    _, begin_step, step_force, newton_matrix, finish_step = parts
+    _, step_twist, end_twist = twisting
     ledger = shape[layout.LEDGER]
     # The generalised-alpha method needs an acceleration; its first step is one by the midpoint
     # rule.
@@ -172,7 +168,7 @@ def implicit_step(
     lost = 0.0
     while True:
         lost = step_force(
-            shape, model, inputs, state, scratch, discrete_force, t0, tau, theta, rate, discrete
+            shape, model, inputs, state, scratch, gradient, t0, tau, theta, rate, discrete
         )
         if coupled:
             lost += step_twist(shape, model, inputs, state, scratch, t0, tau, discrete)
@@ -192,7 +188,7 @@ def implicit_step(
                 continue
         if linearize or known == MOST_CORRECTIONS:
             if not newton_matrix(
-                shape, model, inputs, state, scratch, add_tangent, t0, tau, a, theta, rate, discrete
+                shape, model, inputs, state, scratch, tangent, t0, tau, a, theta, rate, discrete
             ):
                 break
             known = np.int64(0)
@@ -229,6 +225,7 @@ def implicit_step(
             inputs,
             state,
             scratch,
+            end_twist,
             constants,
             newmark,
             t0,
@@ -237,8 +234,7 @@ def implicit_step(
             lost,
             dissipates,
         )
-        if coupled:
-            follow_shape(shape, model, inputs, state, scratch)
+        flow(flows, shape, model, inputs, state, scratch)
     else:
         undo_step(shape, state, scratch)
     return converged, iterations
@@ -258,8 +254,18 @@ def absorb_loss(shape, model, state, scratch):
         state[at + layout.DISSIPATED * LANES] += missing
 
 
-ENGINE = Engine(energies, implicit_step, PARTS_OF_STEP, CLOSING)
-"""The pieces that the loop calls."""
+@by_terms
+def engine_of(terms: int) -> Engine:
+    """The pieces that the loop calls, for a scene with these bits."""
+    _, energies, gradient, tangent, flow = assembly(terms)
+    twisting = NO_TWIST
+    if terms & layout.TWISTED:
+        twisting = TWIST_IN_FRAME if terms & layout.BISHOP else TWIST
+    pieces = PARTS, gradient, tangent, flow, twisting
+    return Engine(energies, implicit_step, pieces, update_account, end_sample)
+
+
+ENGINE = engine_of(0)  # of the type of all others
 
 
 @piece(
@@ -284,8 +290,7 @@ def advance_implicit(
     `halvings` (at most MAX_HALVINGS) is how often a step may be halved. The energy account is
     updated every step.
     """
-    _, look, implicit_step, pieces, closing = engine.pieces
-    _, update, end_sample, _ = closing
+    _, look, implicit_step, pieces, update, end_sample = engine.pieces
     parts = len(substeps)
     shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)

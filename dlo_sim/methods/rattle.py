@@ -28,6 +28,7 @@ from dlo_sim.compiling.pieces import (
 )
 from dlo_sim.engine import layout
 from dlo_sim.engine.account import book
+from dlo_sim.engine.assembly import flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move
 from dlo_sim.engine.held_motion import add_velocity_of_held
@@ -48,7 +49,6 @@ from dlo_sim.methods.length_constraints import (
     solve,
 )
 from dlo_sim.methods.splitting import ENGINE, decay_flow, drift
-from dlo_sim.methods.step_close import flow
 
 MOST_PROJECTIONS = 20
 
@@ -147,8 +147,7 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
 
     A step whose constraints cannot be met ends the run.
     """
-    _, forces, look, carry, evaluate, closing = engine.pieces
-    _, update, end_sample, _ = closing
+    _, forces, look, flows, carry, evaluate, update, end_sample = engine.pieces
     shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
     evaluations = 0
@@ -165,7 +164,7 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
             return layout.NOT_CONVERGED, step - first_step, evaluations
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         evaluations += 1
-        if flow(shape, model, inputs, state, scratch, closing):
+        if flow(flows, shape, model, inputs, state, scratch):
             evaluate(shape, model, inputs, state, scratch, forces, (step + 1) * tau)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
             return layout.DIVERGED, step - first_step, evaluations

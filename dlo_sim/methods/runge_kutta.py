@@ -12,6 +12,7 @@ from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.account import book
+from dlo_sim.engine.assembly import all_forces, flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.held_motion import add_velocity_of_held, forget_moved, pulled
@@ -21,7 +22,6 @@ from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import W_BEGIN, W_RATES, X_BEGIN, X_RATES
 from dlo_sim.methods.splitting import ENGINE
-from dlo_sim.methods.step_close import flow
 from dlo_sim.methods.turning import add_turning, face
 
 
@@ -56,7 +56,7 @@ def lose_energy(shape, model, state, dt):
 def accelerate(shape, model, inputs, state, scratch, forces, t):
     """Acceleration of w at the present configuration into FORCE, unknown to the account."""
     x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
-    forces(shape, model, state, x, force)
+    all_forces(forces, shape, model, state, x, force)
     if shape[layout.LOADS]:
         load_force(shape, model, inputs, scratch, x, t, force)
     solve_mass(shape, model, force)
@@ -123,8 +123,7 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
 
     `table`: rows a_ij and, last, b_j, shape (s + 1, s) flattened; `nodes`: c_i, shape (s,).
     """
-    _, forces, look, carry, evaluate, closing = engine.pieces
-    _, update, end_sample, _ = closing
+    _, forces, look, flows, carry, evaluate, update, end_sample = engine.pieces
     stages = len(nodes)
     shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
@@ -155,7 +154,7 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
         evaluate(shape, model, inputs, state, scratch, forces, t1)
         power = keep_rates(shape, model, inputs, state, scratch, t1, 0)
         evaluations += stages
-        fresh = not flow(shape, model, inputs, state, scratch, closing)
+        fresh = not flow(flows, shape, model, inputs, state, scratch)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
             return layout.DIVERGED, step - first_step, evaluations
         if sampling:

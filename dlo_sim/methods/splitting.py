@@ -13,15 +13,14 @@ import numpy as np
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, Engine, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.account import book
+from dlo_sim.engine.account import book, update_account
+from dlo_sim.engine.assembly import assembly, by_terms, flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
-from dlo_sim.engine.forces import energies, forces
 from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.lines import add, form, gathered, mass_of
-from dlo_sim.engine.sampling import begin_sample
+from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.sane_cables import keep_sane
-from dlo_sim.methods.step_close import CLOSING, flow
 from dlo_sim.methods.works import evaluate, foresee_work, has_work
 
 
@@ -45,8 +44,14 @@ def decay_flow(shape, model, state, scratch, dt):
             store(w, at, factor * load(w, at))
 
 
-ENGINE = Engine(forces, energies, carry, evaluate, CLOSING)
-"""The pieces that a loop of an explicit method calls."""
+@by_terms
+def engine_of(terms: int) -> Engine:
+    """The pieces that a loop of an explicit method calls, for a scene with these bits."""
+    forces, energies, _, _, flow = assembly(terms)
+    return Engine(forces, energies, flow, carry, evaluate, update_account, end_sample)
+
+
+ENGINE = engine_of(0)  # of the type of all others
 
 
 @part
@@ -68,8 +73,7 @@ def advance_splitting(
     changes nothing) the energy account is checked; of eight cables side by side also at the end,
     and the loop goes on while one of them is sane.
     """
-    _, forces, look, carry, evaluate, closing = engine.pieces
-    _, update, end_sample, _ = closing
+    _, forces, look, flows, carry, evaluate, update, end_sample = engine.pieces
     shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
     w, force = shifted(state, shape[layout.W]), shifted(scratch, shape[layout.FORCE])
@@ -100,7 +104,7 @@ def advance_splitting(
         if works and not fresh:
             foresee_work(shape, model, inputs, state)
         decay_flow(shape, model, state, scratch, 0.5 * tau)
-        if flow(shape, model, inputs, state, scratch, closing):
+        if flow(flows, shape, model, inputs, state, scratch):
             fresh = False
         if (step + 1) % guard == 0 or (eight and step + 1 == first_step + steps):
             if works and not fresh:

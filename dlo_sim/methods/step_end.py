@@ -24,13 +24,12 @@ from dlo_sim.engine.held import (
     row_value,
     through_inverse,
 )
-from dlo_sim.engine.lines import add_product, clear, copy, mass_of, row_product
+from dlo_sim.engine.lines import clear, copy, row_product
 from dlo_sim.engine.springs import (
     anchor_work,
     book_anchors,
     roll_loss,
 )
-from dlo_sim.engine.tables import line_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
     FORCE_OF_HELD,
@@ -47,15 +46,27 @@ from dlo_sim.methods.implicit_layout import (
     START_V,
     TRAVEL,
 )
-from dlo_sim.methods.twist_step import solve_twist
+from dlo_sim.methods.twist_step import end_twist
 
 
 @piece(
-    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, TRUTH),
+    *(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, end_twist, NUMBERS, TRUTH),
     *(REAL, REAL, REAL, REAL, TRUTH),
 )
 def finish_step(
-    shape, model, inputs, state, scratch, constants, newmark, t0, tau, whole, lost, dissipates
+    shape,
+    model,
+    inputs,
+    state,
+    scratch,
+    end_twist,
+    constants,
+    newmark,
+    t0,
+    tau,
+    whole,
+    lost,
+    dissipates,
 ):
     """Momentum after the step, reactions, and the step's entries in the account."""
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
@@ -63,10 +74,7 @@ def finish_step(
     travel, held = shifted(scratch, shape[TRAVEL]), shape[layout.HELD]
     moves = grasps_move(shape, inputs)
     static = shape[layout.TERMS] & layout.STATIC_TWIST != 0
-    if shape[layout.TERMS] & layout.TWISTED:
-        if not shape[layout.TERMS] & layout.BISHOP:
-            lost += solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau)
-        hold_of_twist(shape, model, scratch, tau)
+    lost += end_twist(shape, model, inputs, state, scratch, t0, tau)
     work = 0.0
     ahead = shifted(scratch, shape[SEEN])
     for at in range(shape[layout.SIZE]):
@@ -167,21 +175,3 @@ def held_energy(shape, model, state, scratch, v, old):
             scratch[shape[layout.SYSTEM] + k * LANES] * scratch[shape[layout.RATES] + k * LANES]
         )
     return energy
-
-
-@part
-def hold_of_twist(shape, model, scratch, tau):
-    """What is missing on held rows of the twist, into FORCE_OF_HELD."""
-    line, dim = shape[layout.DIM], shape[layout.DIM]
-    at = line * shape[layout.LINE]
-    row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
-    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    force = shifted(scratch, shape[layout.FORCE])
-    for k in range(at, at + shape[layout.LINE]):
-        row[k] = 2.0 / tau * (change[k] / tau - speed[k])
-        push[k] = -force[k]
-    add_product(shape, model, mass_of(shape, line), line, 1.0, row, push)
-    for k in range(shape[layout.HELD]):
-        if line_of(shape, k) == dim:
-            f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], push)
-            store(scratch, shape[FORCE_OF_HELD] + k * LANES, f)

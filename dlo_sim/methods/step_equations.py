@@ -17,6 +17,13 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.account import (
     notes_of,
 )
+from dlo_sim.engine.assembly import (
+    ANY,
+    add_damping,
+    add_damping_tangent,
+    all_tangents,
+    discrete_gradient,
+)
 from dlo_sim.engine.band import (
     add_lines,
     add_springs,
@@ -29,8 +36,6 @@ from dlo_sim.engine.band import (
     turn_vector,
 )
 from dlo_sim.engine.border import balance_border, solve_border, stiffen_border
-from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.drag import add_drag_tangent, drag_across, drag_force
 from dlo_sim.engine.forces import add_weight
 from dlo_sim.engine.lines import add, add_product, clear, mass_of, row_product
 from dlo_sim.engine.loads import add_load_stiffness, load_force
@@ -38,7 +43,6 @@ from dlo_sim.engine.springs import (
     spring_force,
 )
 from dlo_sim.engine.tables import line_of
-from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods.implicit_layout import (
     BAND,
     CHANGE,
@@ -64,10 +68,10 @@ def is_viscous(shape, model):
 
 
 @piece(
-    *(REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, discrete_force),
+    *(REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, ANY.gradient),
     *(REAL, REAL, REAL, REAL, TRUTH),
 )
-def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, theta, rate, discrete):
+def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, rate, discrete):
     """All forces of the step between START and the present configuration into FORCE.
 
     CHANGE is what is between the two. Damping sees the velocity at theta; tau times it is SEEN:
@@ -87,10 +91,8 @@ def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, the
         store(middle, at, load(start, at) + theta * moved)
         store(seen, at, rate * moved + load(coast, at))
     viscous = 1.0 / tau if is_viscous(shape, model) else 0.0
-    if discrete:
-        discrete_force(shape, model, state, start, x, seen, viscous, force, notes)
-    else:
-        discrete_force(shape, model, state, middle, middle, seen, viscous, force, notes)
+    begin, end = (start, x) if discrete else (middle, middle)
+    discrete_gradient(gradient, shape, model, state, begin, end, seen, viscous, force, notes)
     lost = notes[0]
     if shape[layout.TERMS] & layout.GRAVITY:
         add_weight(shape, model, force)
@@ -102,8 +104,7 @@ def step_force(shape, model, inputs, state, scratch, discrete_force, t, tau, the
         for line in range(shape[layout.LINES]):
             matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
             add_product(shape, model, matrix, line, -1.0 / tau, seen, damping)
-        if drag_across(shape, model) > 0.0:
-            drag_force(shape, model, middle, seen, 1.0 / tau, damping)
+        add_damping(gradient, shape, model, middle, seen, 1.0 / tau, damping)
         add(shape, 1.0, damping, force)
         lost -= first(row_product(shape, damping, change))
     return lost
@@ -144,12 +145,10 @@ def balance(shape, model, state, scratch, a, b, c):
 
 
 @piece(
-    *(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, add_tangent),
+    *(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, ANY.tangent),
     *(REAL, REAL, REAL, REAL, REAL, TRUTH),
 )
-def newton_matrix(
-    shape, model, inputs, state, scratch, add_tangent, t, tau, a, theta, rate, discrete
-):
+def newton_matrix(shape, model, inputs, state, scratch, tangent, t, tau, a, theta, rate, discrete):
     """Tangent of the momentum balance into BAND, factorised; whether that went well."""
     band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     start, middle = shifted(scratch, shape[START]), shifted(scratch, shape[MIDDLE])
@@ -159,14 +158,11 @@ def newton_matrix(
     viscous = 0.0
     if shape[layout.TERMS] & layout.DAMPED:
         add_lines(shape, model, shape[layout.VISCOUS], rate / tau, band)
-        if drag_across(shape, model) > 0.0:
-            add_drag_tangent(shape, model, middle, rate / tau, factors, band)
+        add_damping_tangent(tangent, shape, model, middle, rate / tau, factors, band)
         if is_viscous(shape, model):
             viscous = rate / (2.0 * theta * tau)
-    if discrete:
-        add_tangent(shape, model, state, start, x, viscous, 2.0 * theta, factors, band)
-    else:
-        add_tangent(shape, model, state, middle, middle, viscous, 2.0 * theta, factors, band)
+    begin, end = (start, x) if discrete else (middle, middle)
+    all_tangents(tangent, shape, model, state, begin, end, viscous, 2.0 * theta, factors, band)
     add_springs(shape, model, theta, band)
     add_load_stiffness(shape, model, inputs, middle, t + theta * tau, theta, band)
     rows = shifted(scratch, shape[MIDDLE_DIRECTION])

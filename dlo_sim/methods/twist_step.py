@@ -7,10 +7,11 @@ every guess of the shape, so that it is eliminated from the iteration.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, first, shifted
+from dlo_sim.compiling.lanes import LANES, first, shifted, store
 from dlo_sim.compiling.pieces import NO, NUMBERS, REAL, TABLE, TRUTH, YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.bishop import couple_twist
+from dlo_sim.engine.held import row_value
 from dlo_sim.engine.lines import (
     add_differences,
     add_product,
@@ -18,6 +19,7 @@ from dlo_sim.engine.lines import (
     difference_form,
     form,
     gathered,
+    mass_of,
 )
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
@@ -26,7 +28,11 @@ from dlo_sim.engine.tables import line_of, own_of, point_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
     DAMPING_FORCE,
+    FORCE_OF_HELD,
+    INERTIA,
     MIDDLE,
+    OLD_DIRECTION,
+    SEEN,
     START,
     START_V,
     TWIST_HELD,
@@ -39,6 +45,8 @@ from dlo_sim.methods.implicit_layout import (
 
 REFINEMENTS = 3  # of the solution for a cable that is free to spin
 MOST_CORRECTIONS = 8  # of the angles, where natural curvature makes them nonlinear
+WITHIN = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH
+END = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL
 TURNED = 1e-13  # of 1 rad and the angle, correction after which they are solved
 
 
@@ -233,7 +241,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     return lost
 
 
-@piece(REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH)
+@piece(*WITHIN)
 def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
     """`solve_twist` in the Bishop frame of the present guess of the shape, and what the twist adds
     to the forces on the centerline in FORCE. Returns the energy lost, likewise.
@@ -249,3 +257,50 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
     if shape[layout.TERMS] & layout.MATERIAL:
         natural_force(shape, model, state, begin, end, NO, YES, force)
     return lost + first(gathered(shape, taken))
+
+
+@part
+def hold_of_twist(shape, model, scratch, tau):
+    """What is missing on held rows of the twist, into FORCE_OF_HELD."""
+    line, dim = shape[layout.DIM], shape[layout.DIM]
+    at = line * shape[layout.LINE]
+    row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
+    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    force = shifted(scratch, shape[layout.FORCE])
+    for k in range(at, at + shape[layout.LINE]):
+        row[k] = 2.0 / tau * (change[k] / tau - speed[k])
+        push[k] = -force[k]
+    add_product(shape, model, mass_of(shape, line), line, 1.0, row, push)
+    for k in range(shape[layout.HELD]):
+        if line_of(shape, k) == dim:
+            f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], push)
+            store(scratch, shape[FORCE_OF_HELD] + k * LANES, f)
+
+
+@piece(*END)
+def end_twist(shape, model, inputs, state, scratch, t0, tau):
+    """The twist line at the end of a step, and what grasps do to it. Returns the energy lost."""
+    lost = 0.0
+    if not shape[layout.TERMS] & layout.BISHOP:
+        x = shifted(state, shape[layout.X])
+        lost = solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau)
+    hold_of_twist(shape, model, scratch, tau)
+    return lost
+
+
+@piece(*WITHIN)
+def no_step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
+    """Nothing."""
+    return 0.0
+
+
+@piece(*END)
+def no_end_twist(shape, model, inputs, state, scratch, t0, tau):
+    """Nothing."""
+    return 0.0
+
+
+NO_TWIST = no_step_twist, no_end_twist
+TWIST = no_step_twist, end_twist
+TWIST_IN_FRAME = step_twist, end_twist
+"""Within a step and at its end: without theta, with it, with it in the Bishop frame."""

@@ -6,7 +6,7 @@ from dlo_sim.compiling.lanes import LANES, load, shifted, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.account import book, write
-from dlo_sim.engine.forces import forces
+from dlo_sim.engine.assembly import ANY, all_forces
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.held_motion import forget_moved, pulled
 from dlo_sim.engine.lines import add, clear, copy, gathered, solve_mass
@@ -29,14 +29,14 @@ def way_times(shape, force, x, before):
     return gathered(shape, sum_)
 
 
-@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, forces, REAL)
+@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, ANY.forces, REAL)
 def evaluate(shape, model, inputs, state, scratch, forces, t):
     """Acceleration of w at the present configuration into FORCE; work into the ledger."""
     x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     loaded, before = shifted(state, shape[layout.LOADED]), shifted(state, shape[layout.BOOKED])
     is_booked = state[shape[layout.LEDGER] + layout.IS_BOOKED * LANES] != 0.0
     works = has_work(shape, inputs)
-    forces(shape, model, state, x, force)
+    all_forces(forces, shape, model, state, x, force)
     if shape[layout.LOADS]:
         new = shifted(scratch, shape[layout.NEW_LOAD])
         clear(shape, new)

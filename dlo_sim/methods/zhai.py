@@ -11,6 +11,7 @@ from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, WHOLE, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.account import write
+from dlo_sim.engine.assembly import flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.lines import add
@@ -19,7 +20,6 @@ from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import MEAN
 from dlo_sim.methods.runge_kutta import add_decay, lose_energy
 from dlo_sim.methods.splitting import ENGINE
-from dlo_sim.methods.step_close import flow
 
 
 @part
@@ -64,8 +64,7 @@ def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
     `advance_splitting` does.
     """
-    _, forces, look, carry, evaluate, closing = engine.pieces
-    _, update, end_sample, _ = closing
+    _, forces, look, flows, carry, evaluate, update, end_sample = engine.pieces
     shape, model, inputs, state, scratch = bared(cable)
     records = bared_records(records)
     evaluations = 0
@@ -81,7 +80,7 @@ def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records
         lose_energy(shape, model, state, 0.5 * tau)
         accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
         evaluations += 1
-        fresh = not flow(shape, model, inputs, state, scratch, closing)
+        fresh = not flow(flows, shape, model, inputs, state, scratch)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
             return layout.DIVERGED, step - first_step, evaluations
         if sampling:

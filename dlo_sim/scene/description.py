@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 from dlo_sim.scene import consistency
@@ -111,7 +111,7 @@ class Scene:
         """Both ends by name."""
         return {"start": self.start, "end": self.end}
 
-    @property
+    @cached_property
     def holders(self) -> dict[str, Holder]:
         """All that can hold the cable by name: both ends, then the grasps."""
         return {**self.ends, **{grasp.name: grasp for grasp in self.grasps}}

@@ -388,6 +388,8 @@ class Drive:
 
     def _told(self, now_ns: int) -> Scene:
         """The scene with grasps as messages up to a time tell them to hold the cable."""
+        if not self.takes:
+            return self.scene
         takes = self.takes.items()
         told = {name: message.taken for name, take in takes for message in take.due(now_ns)}
         return _with_taken(self.scene, told)

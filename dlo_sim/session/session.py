@@ -321,6 +321,8 @@ class Session:
     def _use(self, found: list[Accepted], offset_before: int) -> None:
         """Hand messages to the drive; the offset may have changed by them."""
         offset = self._time.offset_ns
+        if not found and offset == offset_before:
+            return
         verdicts = {accepted.verdict for accepted in found}
         if offset != offset_before:
             self._pacing.listen_anew()

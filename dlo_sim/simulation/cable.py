@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
+from dlo_sim.compiling.pieces import code_of
 from dlo_sim.engine import layout
-from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.forces import energies, forces
+from dlo_sim.engine.assembly import Assembly, assembly
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.natural_curvature import follow_to_present
-from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods import between_steps
 from dlo_sim.methods.implicit_layout import BALANCE, BAND
 from dlo_sim.methods.works import evaluate
@@ -52,14 +52,27 @@ class Cable:
         """shape, model, inputs, state, scratch: the first arguments of the compiled functions."""
         return self.model.shape, self.model.values, self.inputs, self.state, self.scratch
 
-    # -- views ----------------------------------------------------------------------------------
+    @property
+    def terms(self) -> int:
+        """Bits of its terms."""
+        return int(self.model.shape[layout.TERMS])
 
     @property
+    def _assembly(self) -> Assembly:
+        return assembly(self.terms)
+
+    # -- views ----------------------------------------------------------------------------------
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies make views of their own arrays."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
     def x(self) -> Array:
         """Positions, a view of shape (lines, n)."""
         return self.model.view(self.state, layout.X)
 
-    @property
+    @cached_property
     def w(self) -> Array:
         """Momentum variable w = P v (`engine.held`), a view of shape (lines, n)."""
         return self.model.view(self.state, layout.W)
@@ -90,7 +103,7 @@ class Cable:
         count = int(self.model.shape[layout.GRASPS]) * self.model.has(layout.BISHOP)
         return self.model.rows(self.state, layout.FRAME_TURN, count)
 
-    @property
+    @cached_property
     def ledger(self) -> Array:
         """The account, a view of shape (LEDGER_ROWS, LANES); of one cable lane 0 counts."""
         return self.model.rows(self.state, layout.LEDGER, layout.LEDGER_ROWS)
@@ -99,10 +112,12 @@ class Cable:
         """An entry of the account."""
         return float(self.state[self.model.shape[layout.LEDGER] + row * LANES])
 
-    def direction(self, k: int) -> Array:
-        """Direction of held row k in the spatial lines, shape (dim,)."""
-        rows = self.model.rows(self.state, layout.DIRECTION, len(self.model.holding.rows) * 4)
-        return rows[4 * k : 4 * k + len(self.model.axes), 0]
+    @property
+    def directions(self) -> Array:
+        """Directions of the held rows in the spatial lines, a view of shape (held, dim)."""
+        count = len(self.model.holding.rows)
+        rows = self.model.rows(self.state, layout.DIRECTION, count * layout.DIRECTION_ROWS)
+        return rows.reshape(count, layout.DIRECTION_ROWS, LANES)[:, : len(self.model.axes), 0]
 
     def place(self, grasp: int, t: float) -> Array:
         """Attachment point [m] and twist angle [rad] of a grasp at time t, shape (4,)."""
@@ -166,11 +181,11 @@ class Cable:
         cable = scene.cable
         self.ledger[:] = 0.0
         self.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
-        between_steps.open_account(self.arrays, energies.code)
+        between_steps.open_account(self.arrays, between_steps.energies_of(self.terms).code)
 
     def potentials(self) -> Array:
         """Potential energies [J] in the order of `layout.ENERGIES`."""
-        between_steps.measure(self.arrays, energies.code)
+        between_steps.measure(self.arrays, between_steps.energies_of(self.terms).code)
         first = layout.ENERGY
         return self.ledger[first : first + len(layout.ENERGIES), 0].copy()
 
@@ -191,7 +206,7 @@ class Cable:
     def settle(self, t: float) -> None:
         """Book the work up to time t that a step has left for the next one."""
         if self.entry(layout.IS_BOOKED):
-            between_steps.settle(self.arrays, evaluate.code, forces.code, t)
+            between_steps.settle(self.arrays, evaluate.code, code_of(self._assembly.forces), t)
 
     def present_energy(self) -> float:
         """Kinetic energy of w and potential energy [J]."""
@@ -209,10 +224,11 @@ class Cable:
         velocities in lines, those of the damping too.
         """
         out = self._lines()
-        between_steps.all_forces(self.arrays, forces.code, t, out)
+        between_steps.forces_now(self.arrays, code_of(self._assembly.forces), t, out)
         if rates is not None and self.model.has(layout.DAMPED):
             v = self.padded(rates)
-            between_steps.damping_forces(self.arrays, discrete_force.code, v, out)
+            gradient = code_of(self._assembly.gradient)
+            between_steps.damping_forces(self.arrays, gradient, v, out)
         return self.shown(out)
 
     def held_force(self, t: float, force: Array | None = None) -> Array:
@@ -228,7 +244,7 @@ class Cable:
         """Hessian of the potential energy of the spatial lines: the band matrix of scratch, a view
         of shape (n dim, width); entry (r, c) at [r, c - r + 4 dim - 1].
         """
-        between_steps.stiffness(self.arrays, add_tangent.code)
+        between_steps.stiffness(self.arrays, code_of(self._assembly.tangent))
         return self.band
 
     @property

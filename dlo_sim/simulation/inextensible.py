@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine import layout
-from dlo_sim.methods import rattle
+from dlo_sim.methods import rattle, splitting
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 
@@ -46,7 +46,7 @@ def to_equilibrium(cable: Cable, step: float) -> bool:
     peak, still = 0.0, 0
     resting = cable.x.copy()
     for _ in range(MOST_STEPS):
-        engine = rattle.ENGINE.code
+        engine = splitting.engine_of(cable.terms).code
         status, _, _ = rattle.advance_rattle(
             cable.arrays, engine, 0, 1, step, MOST_STEPS, nothing.arrays
         )
@@ -78,7 +78,7 @@ def held_force(cable: Cable, t: float) -> Array:
         if row.line >= 0:
             acceleration[row.line] += shift
         else:
-            acceleration[: len(model.axes)] += np.outer(cable.direction(k), shift)
+            acceleration[: len(model.axes)] += np.outer(cable.directions[k], shift)
     lines = cable.padded(force)
     v = cable.padded(cable.velocities(t))
     rattle.add_constraint_force(cable.arrays, v, cable.padded(acceleration), lines)

@@ -212,9 +212,9 @@ class CableInputs(CableView):
             needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
         )
         if self._model.has(layout.CURVED):
-            before = self._cable.present_energy()
+            before = self._cable.potentials().sum()
             self._turn_natural_shape()
-            self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
+            self._cable.ledger[layout.DRIVE_WORK] += self._cable.potentials().sum() - before
 
     def _turn_natural_shape(self) -> None:
         """The natural shape turns with the start's end effector, unless it follows the cable."""

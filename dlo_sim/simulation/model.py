@@ -234,6 +234,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.BISHOP: needs.bishop,
         layout.CONTACT: needs.contact,
         layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
+        layout.DRAG: needs.damping and scene.damping.drag_across > 0.0,
         layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
     return sum(bit for bit, there in present.items() if there)

@@ -33,15 +33,15 @@ class Loop(Protocol):
 class _Explicit:
     """A loop that looks at the energy every GUARD_STEPS steps."""
 
-    def __init__(self, loop: Any, engine: Any, *own: Any) -> None:
-        self._loop, self._engine, self._own = loop, engine, own
+    def __init__(self, loop: Any, *own: Any) -> None:
+        self._loop, self._own = loop, own
 
     def __call__(
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
         given = (first, steps, tau, GUARD_STEPS, recorder.arrays)
         status, done, evaluations = self._loop.code(
-            cable.arrays, self._engine.code, *self._own, *given
+            cable.arrays, splitting.engine_of(cable.terms).code, *self._own, *given
         )
         return status, done, evaluations
 
@@ -62,8 +62,9 @@ class _Implicit:
     def __call__(
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
+        engine = implicit.engine_of(cable.terms).code
         status, done, iterations = implicit.advance_implicit.code(
-            cable.arrays, implicit.ENGINE.code, *self._own, first, steps, tau, recorder.arrays
+            cable.arrays, engine, *self._own, first, steps, tau, recorder.arrays
         )
         return status, done, iterations
 
@@ -79,7 +80,7 @@ class _Implicit:
         """The same, each step with motions of its own (`methods.implicit_along`)."""
         return advance_along.code(
             implicit.advance_implicit.code,
-            *(cable.arrays, implicit.ENGINE.code),
+            *(cable.arrays, implicit.engine_of(cable.terms).code),
             *(*self._own, first, tau, recorder.arrays),
             *(len(motions), motions[0].size, motions.ravel(), *natural),
         )
@@ -89,15 +90,15 @@ def _loop(method: Method, scene: Scene) -> Loop:
     """The loop of a method."""
     if method.family == SPLITTING:
         weights = np.array(method.drift_weights), np.array(method.kick_weights)
-        return _Explicit(splitting.advance_splitting, splitting.ENGINE, *weights)
+        return _Explicit(splitting.advance_splitting, *weights)
     if method.family == RUNGE_KUTTA:
         table, nodes = _butcher_table(method)
-        return _Explicit(runge_kutta.advance_runge_kutta, runge_kutta.ENGINE, table.ravel(), nodes)
+        return _Explicit(runge_kutta.advance_runge_kutta, table.ravel(), nodes)
     if method.family == ZHAI:
         pair = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-        return _Explicit(zhai.advance_zhai, zhai.ENGINE, *pair)
+        return _Explicit(zhai.advance_zhai, *pair)
     if method.family == CONSTRAINED:
-        return _Explicit(rattle.advance_rattle, rattle.ENGINE)
+        return _Explicit(rattle.advance_rattle)
     return _Implicit(method, scene)
 
 

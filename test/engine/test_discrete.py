@@ -6,12 +6,11 @@ from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, wild
 from differences import assert_limit
 
 from dlo_sim.compiling.lanes import bare, shifted
-from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, WHOLES, piece
+from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, WHOLES, code_of, piece
 from dlo_sim.core import spectrum
 from dlo_sim.engine import layout
+from dlo_sim.engine.assembly import ANY, all_tangents, assembly, discrete_gradient
 from dlo_sim.engine.band import clear_band
-from dlo_sim.engine.discrete import discrete_force
-from dlo_sim.engine.tangent import add_tangent
 from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES
 
 LOOSE = {"end.spring": [0.0, 0.0, 0.0], "end.pose_topic": "", "damping.stiffness": 1.0}
@@ -20,19 +19,20 @@ STRAIGHT_AT_REST = {"cable.rest_curvature": [1e-12]}
 BETA_OVER_TAU = 0.4
 
 
-@piece(NOTHING, WHOLES, *[REALS] * 5, REAL, discrete_force, REALS, REALS)
-def forces_between(shape, model, state, x0, x1, moved, viscous, discrete_force, out, lost):
-    x0, x1, moved = bare(x0), bare(x1), bare(moved)
-    out, lost = bare(out), bare(lost)
-    discrete_force(bare(shape), bare(model), bare(state), x0, x1, moved, viscous, out, lost)
+@piece(NOTHING, WHOLES, *[REALS] * 5, REAL, ANY.gradient, REALS, REALS)
+def forces_between(shape, model, state, x0, x1, moved, viscous, gradient, out, lost):
+    shape, model, state, x0, x1 = bare(shape), bare(model), bare(state), bare(x0), bare(x1)
+    moved, out, lost = bare(moved), bare(out), bare(lost)
+    discrete_gradient(gradient, shape, model, state, x0, x1, moved, viscous, out, lost)
 
 
-@piece(NOTHING, WHOLES, *[REALS] * 4, REAL, add_tangent, REALS)
-def tangent_between(shape, model, state, x0, x1, viscous, add_tangent, scratch):
+@piece(NOTHING, WHOLES, *[REALS] * 4, REAL, ANY.tangent, REALS)
+def tangent_between(shape, model, state, x0, x1, viscous, tangent, scratch):
     shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
     band, factors = shifted(scratch, shape[BAND]), shifted(scratch, shape[FACTORS_OF_SAMPLES])
     clear_band(shape, band)
-    add_tangent(shape, model, state, bare(x0), bare(x1), viscous, 1.0, factors, band)
+    x0, x1 = bare(x0), bare(x1)
+    all_tangents(tangent, shape, model, state, x0, x1, viscous, 1.0, factors, band)
 
 
 class Between(Bench):
@@ -51,7 +51,7 @@ class Between(Bench):
         model = self.model
         forces_between(
             *(model.shape, model.values, self.cable.state, *given, viscous),
-            *(discrete_force.code, out, lost),
+            *(code_of(assembly(self.cable.terms).gradient), out, lost),
         )
         return model.view(out, layout.X)[: len(self.axes)].T.copy(), float(lost[0])
 
@@ -59,7 +59,7 @@ class Between(Bench):
         """d (minus force) / d second, shape (n dim, n dim)."""
         model, cable = self.model, self.cable
         ends = self.padded(first), self.padded(second)
-        code = add_tangent.code
+        code = code_of(assembly(cable.terms).tangent)
         tangent_between(model.shape, model.values, cable.state, *ends, viscous, code, cable.scratch)
         return spectrum.dense(cable.band, 4 * len(self.axes) - 1)
 

@@ -5,7 +5,7 @@ import pytest
 from cables import FLAT, SOFT, Bench, scene_of, simulator, straight, wild
 from differences import assert_limit
 
-from dlo_sim.compiling.lanes import bare, shifted
+from dlo_sim.compiling.lanes import bare
 from dlo_sim.compiling.pieces import NOTHING, REALS, WHOLES, piece
 from dlo_sim.core import bspline, elasticity
 from dlo_sim.core.plasticity import Law, carried
@@ -19,10 +19,10 @@ YIELD = {"plasticity.yield_curvature": 1.5, "plasticity.hardening": 0.2}
 ALONE = SOFT | FLAT | YIELD
 
 
-@piece(NOTHING, WHOLES, REALS, REALS)
-def flow(shape, model, state):
-    shape, state = bare(shape), bare(state)
-    plastic_flow(shape, bare(model), state, shifted(state, shape[layout.X]))
+@piece(NOTHING, WHOLES, REALS, REALS, plastic_flow)
+def flow(shape, model, state, plastic_flow):
+    model, state = bare(model), bare(state)
+    plastic_flow(bare(shape), model, state, state, state)
 
 
 def law_of(scene):
@@ -47,7 +47,7 @@ class Cable(Bench):
 
     def flow(self, points):
         self.put(points)
-        flow(self.model.shape, self.model.values, self.cable.state)
+        flow(self.model.shape, self.model.values, self.cable.state, plastic_flow.code)
 
     def bend(self, points):
         """Stored energy of bending [J]."""

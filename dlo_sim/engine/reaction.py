@@ -1,0 +1,88 @@
+"""What a grasp does to the cable, as a force and a moment."""
+
+from __future__ import annotations
+
+from dlo_sim.compiling.lanes import LANES, first, load, shifted
+from dlo_sim.compiling.pieces import MATRIX, NOTHING, REALS, WHOLE, part, piece
+from dlo_sim.engine import layout
+from dlo_sim.engine.bishop import span_tangent
+from dlo_sim.engine.bundles import CABLE, bared
+from dlo_sim.engine.held import component3
+from dlo_sim.engine.springs import rolls, spring_value, stiffness_of
+from dlo_sim.engine.tables import (
+    first_of_point,
+    grasp_of,
+    line_of,
+    point_of,
+    spring_first,
+    spring_grasp,
+    spring_line,
+)
+
+
+@part
+def add_force(model, weights, points, begin, f, axis, about, out):
+    """out += forces b_k f along a world axis on four control points, and their moments about a
+    place.
+    """
+    following, last = (axis + 1) % 3, (axis + 2) % 3
+    for k in range(4):
+        force = f * model[weights + k * LANES]
+        out[axis] += force
+        out[3 + following] += force * (points[begin + k, last] - about[last])
+        out[3 + last] -= force * (points[begin + k, following] - about[following])
+
+
+@part
+def add_roll(shape, model, k, x, f, out):
+    """out += a moment f about the cable where spring row k holds its roll."""
+    xi = model[shape[layout.SPRING] + (layout.SPRING_ROWS * k + 6) * LANES]
+    t = span_tangent(shape, model, x, spring_first(shape, k), xi)
+    for d in range(shape[layout.DIM]):
+        out[3 + shape[layout.AXES + d]] += f * component3(t, d)
+
+
+@piece(NOTHING, CABLE, WHOLE, REALS, MATRIX, REALS, REALS)
+def add_wrench(cable, grasp, rows, points, about, out):
+    """out += force [N] and moment [N m] of a grasp, world axes, (6).
+
+    A row with the value F along its direction e (`rows`, one a held row) does Q = F e on the
+    quantity sum_k b_k x_k: it is a force (sum_k b_k) Q and a moment (sum_k b_k (x_k - x_e)) x Q
+    about the place x_e (`about`). The row of the twist is a moment about the last tangent.
+    """
+    shape, model, _, state, _ = bared(cable)
+    x = shifted(state, shape[layout.X])
+    for k in range(shape[layout.HELD]):
+        line, point = line_of(shape, k), point_of(shape, k)
+        if grasp_of(shape, k) != grasp:
+            continue
+        weights = shape[layout.HELD_WEIGHTS] + layout.POINT_ROWS * LANES * point
+        begin = first_of_point(shape, point)
+        if line == shape[layout.DIM]:
+            at = 0 if begin == 0 else points.shape[0] - 2
+            t0 = points[at + 1, 0] - points[at, 0]
+            t1 = points[at + 1, 1] - points[at, 1]
+            t2 = points[at + 1, 2] - points[at, 2]
+            along = rows[k] / (t0 * t0 + t1 * t1 + t2 * t2) ** 0.5
+            out[3] += along * t0
+            out[4] += along * t1
+            out[5] += along * t2
+        elif line >= 0:
+            axis = shape[layout.AXES + line]
+            add_force(model, weights, points, begin, rows[k], axis, about, out)
+        else:
+            e = shape[layout.DIRECTION] + layout.DIRECTION_ROWS * LANES * k
+            for d in range(shape[layout.DIM]):
+                axis = shape[layout.AXES + d]
+                f = rows[k] * state[e + d * LANES]
+                add_force(model, weights, points, begin, f, axis, about, out)
+    for k in range(shape[layout.SPRINGS]):
+        if spring_grasp(shape, k) == grasp:
+            apart = load(state, shape[layout.ANCHOR] + k * LANES) - spring_value(shape, model, k, x)
+            f = first(stiffness_of(shape, model, k) * apart)
+            if rolls(shape, k):
+                add_roll(shape, model, k, x, f, out)
+                continue
+            axis = shape[layout.AXES + spring_line(shape, k)]
+            weights = shape[layout.SPRING] + layout.SPRING_ROWS * LANES * k
+            add_force(model, weights, points, spring_first(shape, k), f, axis, about, out)
