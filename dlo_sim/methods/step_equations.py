@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, first, load, shifted, store
 from dlo_sim.compiling.pieces import (
+    NO,
     NUMBERS,
     REAL,
     TABLE,
@@ -94,7 +95,7 @@ def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, ra
     lost = notes[0]
     if shape[layout.TERMS] & layout.GRAVITY:
         add_weight(shape, model, force)
-    spring_force(shape, model, state, middle, theta, force)
+    spring_force(shape, model, state, middle, theta, NO, force)
     if shape[layout.LOADS]:
         load_force(shape, model, inputs, scratch, middle, t + theta * tau, loads)
         add(shape, 1.0, loads, force)
