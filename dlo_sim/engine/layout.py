@@ -182,9 +182,10 @@ PLASTIC_ENERGY, WEIGHT_ENERGY, SPRING_ENERGY, CONTACT_ENERGY = 4, 5, 6, 7
 ENERGY_BEGIN = ENERGY + len(ENERGIES)  # the same at the start
 NOTE_ROWS = len(ENERGIES) + 3
 MATRIX_WEIGHT = ENERGY_BEGIN + len(ENERGIES)  # mass in MATRIX over that of the model [1/s^2], or 0
-MATRIX_ITERATIONS = MATRIX_WEIGHT + 1  # that the step in which it was made needed from there on
-MATRIX_SHRINKING = MATRIX_ITERATIONS + 1  # of corrections, as the last step with two of them saw it
-LEDGER_ROWS = MATRIX_SHRINKING + 1
+MATRIX_SHRINKING = MATRIX_WEIGHT + 1  # of corrections, as the last step with two of them saw it
+MATRIX_WAIT = MATRIX_SHRINKING + 1  # steps that make their own before one is kept again
+MATRIX_SETBACKS = MATRIX_WAIT + 1  # log2 of the next such wait
+LEDGER_ROWS = MATRIX_SETBACKS + 1
 OF_HISTORY = (KNOWN, IS_BOOKED, PENDING, HAS_REACTION, MATRIX_WEIGHT)  # 0 where nothing is known
 
 OK, DIVERGED, NOT_CONVERGED = 0, 1, 2
