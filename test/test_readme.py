@@ -8,7 +8,7 @@ import shlex
 import pytest
 
 from dlo_sim.cli.main import SUBCOMMANDS, _parser
-from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scenes
+from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scenes
 from dlo_sim.scene.parameters import scene_parameters
 from dlo_sim.session.topics import input_topics, output_topics, plan_topics
 
@@ -236,16 +236,6 @@ def test_python_examples_run(examples):
     assert names["force"][2] > 1.0, "the gripper carries the cable"
     assert batch["result"].one_by_one == ("",) * 16
     assert (batch["sag"] < -0.01).all(), "the wires fall"
-
-
-@pytest.mark.parametrize(("key", "value"), [("terms.twist", "quasistatic")])
-def test_what_is_said_to_be_refused_is(methods_page, key, value):
-    from dlo_sim.simulation.simulator import Simulator
-
-    assert f"`{key}: {value}`" in section(methods_page, "What the model leaves out")
-    scene = load_scene(shipped_scenes()["paper_wire"], {key: value})
-    with pytest.raises(SceneError, match=f"{key}: '{value}' is not available in this version"):
-        Simulator(scene)
 
 
 def test_demo_picture_is_small(checkout):

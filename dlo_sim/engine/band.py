@@ -43,13 +43,15 @@ def add_lines(shape, model, matrix, scale, band):
 
 @part
 def add_springs(shape, model, scale, band):
-    """band += scale times the stiffness of the springs."""
+    """band += scale times the stiffness of the springs but those of the twist."""
     dim = shape[layout.DIM]
     half = 4 * dim - 1
     for s in range(shape[layout.SPRINGS]):
         at = shape[layout.SPRING] + layout.SPRING_ROWS * LANES * s
         first = spring_first(shape, s)
         line = spring_line(shape, s)
+        if line == dim:
+            continue
         for k in range(4):
             for other in range(4):
                 value = model[at + k * LANES] * model[at + other * LANES]

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.compiling.lanes import LANES, load, shifted, store, zero
+from dlo_sim.compiling.lanes import LANES, first, load, shifted, store, zero
 from dlo_sim.compiling.pieces import YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
@@ -34,7 +34,15 @@ from dlo_sim.engine.elastic import (
 from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, framed
 from dlo_sim.engine.lines import gathered
 from dlo_sim.engine.natural_curvature import follow_natural, rest_twist_at
-from dlo_sim.engine.tables import grasp_of, line_of, own_of, point_of
+from dlo_sim.engine.springs import rolls, spring_value
+from dlo_sim.engine.tables import (
+    grasp_of,
+    line_of,
+    own_of,
+    point_of,
+    spring_first,
+    spring_grasp,
+)
 from dlo_sim.engine.term import ENERGY, FLOW, FORCE, Term, add_energy
 from dlo_sim.engine.torsion import angle_block
 from dlo_sim.terms import bishop
@@ -217,16 +225,17 @@ def span_tangent(shape, model, x, span, xi):
         at = layout.MARGIN + span + k
         t0 += b * x[at]
         t1 += b * x[at + width]
-        t2 += b * x[at + 2 * width]
+        if shape[layout.DIM] == 3:
+            t2 += b * x[at + 2 * width]
     inverse = 1.0 / np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
     return inverse * t0, inverse * t1, inverse * t2
 
 
 @part
-def turn_of_end(shape, model, reference, x, arcs, guess):
-    """Integral of tau over the cable: the angle by which the frame at its end, carried along in
-    time, gets ahead of the one carried along the cable. Of the values that the tangents between
-    the spans allow, which repeat after two turns, that next to `guess`.
+def turn_by_arcs(shape, model, reference, x, last, end, arcs, guess):
+    """Integral of tau up to a local coordinate `end` of span `last`: the angle by which the frame
+    there, carried along in time, gets ahead of the one carried along the cable. Of the values that
+    the tangents between the spans allow, which repeat after two turns, that next to `guess`.
 
     It is the area between the old and the new curve of tangents on the unit sphere, triangle by
     triangle, for so many arcs a span: whatever shapes follow each other, nothing piles up.
@@ -234,9 +243,11 @@ def turn_of_end(shape, model, reference, x, arcs, guess):
     cosine, sine = 1.0, 0.0
     old = span_tangent(shape, model, reference, 0, -1.0)
     new = span_tangent(shape, model, x, 0, -1.0)
-    for arc in range(arcs * (shape[layout.N] - 3)):
+    for arc in range(arcs * (last + 1)):
         older, newer = old, new
-        span, xi = arc // arcs, 2.0 * (arc % arcs + 1) / arcs - 1.0
+        span = arc // arcs
+        length = end + 1.0 if span == last else 2.0
+        xi = length * (arc % arcs + 1) / arcs - 1.0
         old = span_tangent(shape, model, reference, span, xi)
         new = span_tangent(shape, model, x, span, xi)
         c, s = half_area(older, old, new)
@@ -246,6 +257,42 @@ def turn_of_end(shape, model, reference, x, arcs, guess):
         cosine, sine = scale * (cosine * c - sine * s), scale * (cosine * s + sine * c)
     turned = 2.0 * np.arctan2(sine, cosine)
     return turned + 4.0 * np.pi * np.floor((guess - turned) / (4.0 * np.pi) + 0.5)
+
+
+@part
+def frame_turned(shape, model, reference, x, span, xi, guess):
+    """That integral by Richardson extrapolation: chords miss it by the second order in the arcs."""
+    coarse = turn_by_arcs(shape, model, reference, x, span, xi, 1, guess)
+    return (4.0 * turn_by_arcs(shape, model, reference, x, span, xi, 2, guess) - coarse) / 3.0
+
+
+@part
+def follow_springs(shape, model, inputs, state, psi, x):
+    """Take the angles to which springs turn the cable to the frame that x has now. What psi misses
+    there, and what the way of the tangent adds, is work of the grasp.
+    """
+    reference, ledger = shifted(state, shape[layout.REFERENCE]), shape[layout.LEDGER]
+    for k in range(shape[layout.SPRINGS]):
+        if rolls(shape, k):
+            grasp, span = spring_grasp(shape, k), spring_first(shape, k)
+            m = shape[layout.MOTION] + MOTION_SIZE * grasp
+            d, share = m + DIRECTION, 0.0
+            row = shape[layout.SPRING] + layout.SPRING_ROWS * k * LANES
+            xi = model[row + 6 * LANES]
+            begin = framed(inputs, m, inputs[d], inputs[d + 1], inputs[d + 2])
+            old = span_tangent(shape, model, reference, span, xi)
+            turned = area(begin, old, span_tangent(shape, model, x, span, xi))
+            for q in range(4):
+                share += model[row + q * LANES] * psi[layout.MARGIN + span + q]
+            moved = frame_turned(shape, model, reference, x, span, xi, share) - turned
+            value = first(spring_value(shape, model, k, x))
+            anchor = state[shape[layout.ANCHOR] + k * LANES]
+            before, after = anchor - (value - share), anchor + moved - value
+            work = 0.5 * model[row + 4 * LANES] * (after - before) * (after + before)
+            state[ledger + layout.DRIVE_WORK * LANES] += work
+            state[shape[layout.FRAME_TURN] + grasp * LANES] += moved
+            state[shape[layout.ANCHOR] + k * LANES] += moved
+            state[shape[layout.ANCHOR_BOOKED] + k * LANES] += moved
 
 
 @piece(*FLOW)
@@ -263,9 +310,7 @@ def follow_shape(shape, model, inputs, state, scratch):
     psi[layout.MARGIN] = 0.0
     solve_line(shape, model, shape[layout.FRAME_FACTORS], psi)
     last = psi[layout.MARGIN + n - 1]
-    # Richardson extrapolation: the angle between chords is of second order in the arcs.
-    coarse = turn_of_end(shape, model, reference, x, 1, last)
-    missing = (4.0 * turn_of_end(shape, model, reference, x, 2, last) - coarse) / 3.0 - last
+    missing = frame_turned(shape, model, reference, x, n - 4, 1.0, last) - last
     shares = shape[layout.FRAME_FACTORS] + 7 * shape[layout.LINE]
     for at in range(layout.MARGIN, layout.MARGIN + n):
         psi[at] += model[shares + at] * missing
@@ -284,6 +329,7 @@ def follow_shape(shape, model, inputs, state, scratch):
             turned = area(begin, edge(shape, reference, own), edge(shape, x, own))
             at = shape[layout.FRAME_TURN] + grasp * LANES
             store(state, at, load(state, at) + (psi[layout.MARGIN + own] - turned))
+    follow_springs(shape, model, inputs, state, psi, x)
     for at in range(0, shape[layout.SIZE], LANES):
         store(reference, at, load(x, at))
 

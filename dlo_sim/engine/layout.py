@@ -52,8 +52,8 @@ HELD_WEIGHTS = 28  # 5 rows a held point: basis values and their sum
 HELD_SHIFT = 29  # a line a held point: M^-1 times its basis values
 HELD_PRODUCT = 30  # rows, points x points: basis values of the first . shift of the second
 HELD_BODY = 31  # 4 rows a held row: direction in the frame of its grasp, or of the lines
-SPRING = 32  # 6 rows a spring row: basis values, stiffness [N/m or N m/rad], 1 of a place or 0 of
-# a tangent
+SPRING = 32  # 8 rows a spring row: basis values, stiffness [N/m or N m/rad], 1 of a place or 0 of
+# a tangent, of a roll its local coordinate and damping [steps]
 LOAD_BASIS = 33  # a line a load: its basis values
 LOAD_POINT = 34  # 8 rows a load: basis values, slopes [1/m]
 SCALES = 35  # rows below
@@ -81,6 +81,7 @@ NATURAL = 62  # NATURAL_ROWS a sample of every block (`engine.natural_curvature`
 RATES_BEFORE = 65  # rows, held: rates of the targets that the velocities belong to
 PLASTIC = 64  # 6 rows a sample of every block: plastic curvature and the tangent it belongs to
 REFERENCE = 66  # positions at the end of the last step, SIZE (`engine.bishop`)
+MATRIX = 42  # factors of the last Newton matrix (`methods.implicit`)
 FRAME_TURN = 67  # a row a grasp: by how much the frame of theta is behind its own [rad]
 # -- shape: offsets in scratch ------------------------------------------------------------------
 FORCE = 70
@@ -101,7 +102,7 @@ ROW_TABLE = 81  # a held row: its point, its grasp, its line or -1 if its direct
 SPRING_TABLE = 82  # a spring row: first control point, grasp, line
 LOAD_TABLE = 83  # a load: first control point
 POINT_ENTRIES, ROW_ENTRIES, SPRING_ENTRIES = 3, 3, 3
-POINT_ROWS, DIRECTION_ROWS, SPRING_ROWS, LOAD_ROWS, LOAD_POINT_ROWS = 5, 4, 6, 7, 8
+POINT_ROWS, DIRECTION_ROWS, SPRING_ROWS, LOAD_ROWS, LOAD_POINT_ROWS = 5, 4, 8, 7, 8
 BORDER_FORCES = 84  # 4 dim entries a border row: along what it pushes, of its control points
 BORDER_CONDITIONS = 85  # the same: what it keeps
 BORDER_GRAM = 86  # border x border
@@ -152,6 +153,7 @@ DAMPED = 256  # linear damping and stiffness damping
 BISHOP = 512  # twist against the Bishop frame
 CONTACT = 1024
 DRAG = 4096  # air drag that depends on the direction
+STATIC_TWIST = 8192  # twist without inertia, at rest at the end of each step
 MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
 
 # -- rows of the ledger [J] ---------------------------------------------------------------------
@@ -179,6 +181,11 @@ STRETCHING, BENDING_ENERGY, TWISTING, TORSIONAL = 0, 1, 2, 3
 PLASTIC_ENERGY, WEIGHT_ENERGY, SPRING_ENERGY, CONTACT_ENERGY = 4, 5, 6, 7
 ENERGY_BEGIN = ENERGY + len(ENERGIES)  # the same at the start
 NOTE_ROWS = len(ENERGIES) + 3
-LEDGER_ROWS = ENERGY_BEGIN + len(ENERGIES)
+MATRIX_WEIGHT = ENERGY_BEGIN + len(ENERGIES)  # mass in MATRIX over that of the model [1/s^2], or 0
+MATRIX_SHRINKING = MATRIX_WEIGHT + 1  # of corrections, as the last step with two of them saw it
+MATRIX_WAIT = MATRIX_SHRINKING + 1  # steps that make their own before one is kept again
+MATRIX_SETBACKS = MATRIX_WAIT + 1  # log2 of the next such wait
+LEDGER_ROWS = MATRIX_SETBACKS + 1
+OF_HISTORY = (KNOWN, IS_BOOKED, PENDING, HAS_REACTION, MATRIX_WEIGHT)  # 0 where nothing is known
 
 OK, DIVERGED, NOT_CONVERGED = 0, 1, 2

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, first, load, shifted
 from dlo_sim.compiling.pieces import MATRIX, NOTHING, REALS, WHOLE, part, piece
 from dlo_sim.engine import layout
+from dlo_sim.engine.bishop import span_tangent
 from dlo_sim.engine.bundles import CABLE, bared
-from dlo_sim.engine.springs import spring_value, stiffness_of
+from dlo_sim.engine.held import component3
+from dlo_sim.engine.springs import rolls, spring_value, stiffness_of
 from dlo_sim.engine.tables import (
     first_of_point,
     grasp_of,
@@ -29,6 +31,15 @@ def add_force(model, weights, points, begin, f, axis, about, out):
         out[axis] += force
         out[3 + following] += force * (points[begin + k, last] - about[last])
         out[3 + last] -= force * (points[begin + k, following] - about[following])
+
+
+@part
+def add_roll(shape, model, k, x, f, out):
+    """out += a moment f about the cable where spring row k holds its roll."""
+    xi = model[shape[layout.SPRING] + (layout.SPRING_ROWS * k + 6) * LANES]
+    t = span_tangent(shape, model, x, spring_first(shape, k), xi)
+    for d in range(shape[layout.DIM]):
+        out[3 + shape[layout.AXES + d]] += f * component3(t, d)
 
 
 @piece(NOTHING, CABLE, WHOLE, REALS, MATRIX, REALS, REALS)
@@ -69,6 +80,9 @@ def add_wrench(cable, grasp, rows, points, about, out):
         if spring_grasp(shape, k) == grasp:
             apart = load(state, shape[layout.ANCHOR] + k * LANES) - spring_value(shape, model, k, x)
             f = first(stiffness_of(shape, model, k) * apart)
+            if rolls(shape, k):
+                add_roll(shape, model, k, x, f, out)
+                continue
             axis = shape[layout.AXES + spring_line(shape, k)]
             weights = shape[layout.SPRING] + layout.SPRING_ROWS * LANES * k
             add_force(model, weights, points, spring_first(shape, k), f, axis, about, out)

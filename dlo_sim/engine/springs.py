@@ -2,7 +2,8 @@
 
 The target is where the grasp is; where grasps move, the anchors follow, and what that does is
 booked as their work. A tangent is held likewise, with slopes b'_k and the grasp's direction d as
-target: k/2 |r' - d|^2 is k (1 - cos) of the angle between them, as |r'| is all but 1.
+target: k/2 |r' - d|^2 is k (1 - cos) of the angle between them, as |r'| is all but 1. A roll is
+held on the line of the twist, by the angle that the grasp prescribes.
 """
 
 from __future__ import annotations
@@ -54,18 +55,90 @@ def push(shape, model, k, f, out):
 
 
 @part
-def spring_force(shape, model, state, x, share, out):
+def spring_force(shape, model, state, x, share, rolling, out):
     """out += forces of the springs, with anchors at a share of the way that is still to be booked.
 
-    share 1: where they are.
+    share 1: where they are. `rolling`: those that hold the roll, too.
     """
     for k in range(shape[layout.SPRINGS]):
+        if rolls(shape, k) and not rolling:
+            continue
         now, old = shape[layout.ANCHOR] + k * LANES, shape[layout.ANCHOR_BOOKED] + k * LANES
         anchor = load(state, old) + share * (load(state, now) - load(state, old))
         if share == 1.0:
             anchor = load(state, now)
         f = stiffness_of(shape, model, k) * (anchor - spring_value(shape, model, k, x))
         push(shape, model, k, f, out)
+
+
+@part
+def rolls(shape, k):
+    """Whether spring row k holds the roll."""
+    return spring_line(shape, k) == shape[layout.DIM]
+
+
+@part
+def damping_of(shape, model, k):
+    """Damping of spring row k, which holds the roll, as a share of its stiffness [steps]."""
+    return load(model, shape[layout.SPRING] + (layout.SPRING_ROWS * k + 7) * LANES)
+
+
+@part
+def roll_moved(shape, model, state, k, change):
+    """By how much the roll of spring row k falls behind its anchor within a step, a row."""
+    now, old = shape[layout.ANCHOR] + k * LANES, shape[layout.ANCHOR_BOOKED] + k * LANES
+    return load(state, now) - load(state, old) - spring_value(shape, model, k, change)
+
+
+@part
+def roll_force(shape, model, state, start, change, out):
+    """out += moments of the springs that hold the roll in the middle of a step, and their damping:
+    with half a step of it they are those of its end, and a stiff spring does not ring.
+    """
+    for k in range(shape[layout.SPRINGS]):
+        if rolls(shape, k):
+            moved = roll_moved(shape, model, state, k, change)
+            anchor = load(state, shape[layout.ANCHOR_BOOKED] + k * LANES)
+            apart = anchor - spring_value(shape, model, k, start)
+            f = apart + (0.5 + damping_of(shape, model, k)) * moved
+            push(shape, model, k, stiffness_of(shape, model, k) * f, out)
+
+
+@part
+def roll_loss(shape, model, state, change):
+    """Energy [J] that their damping takes in a step, and what of it moving anchors put in."""
+    lost, driven = 0.0, 0.0
+    for k in range(shape[layout.SPRINGS]):
+        if rolls(shape, k):
+            moved = first(roll_moved(shape, model, state, k, change))
+            moment = first(stiffness_of(shape, model, k) * damping_of(shape, model, k)) * moved
+            lost += moment * moved
+            driven += moment * (moved + first(spring_value(shape, model, k, change)))
+    return lost, driven
+
+
+@part
+def add_roll_stiffness(shape, model, matrix):
+    """matrix += minus the derivative of that moment, as four lower diagonals of n entries."""
+    n = shape[layout.N]
+    for k in range(shape[layout.SPRINGS]):
+        if rolls(shape, k):
+            at = shape[layout.SPRING] + layout.SPRING_ROWS * k * LANES
+            begin = spring_first(shape, k)
+            stiffness = model[at + 4 * LANES] * (0.5 + model[at + 7 * LANES])
+            for p in range(4):
+                for q in range(p + 1):
+                    value = model[at + p * LANES] * model[at + q * LANES]
+                    matrix[(p - q) * n + begin + q] += stiffness * value
+
+
+@part
+def add_roll_change(shape, model, moved, out):
+    """out += what a further change of the twist line does to that moment."""
+    for k in range(shape[layout.SPRINGS]):
+        if rolls(shape, k):
+            stiffness = stiffness_of(shape, model, k) * (0.5 + damping_of(shape, model, k))
+            push(shape, model, k, -stiffness * spring_value(shape, model, k, moved), out)
 
 
 @part
@@ -79,9 +152,16 @@ def spring_energy(shape, model, state, x):
 
 
 @part
-def target_of(shape, model, inputs, k, t):
-    """What spring row k pulls to at time t: a coordinate of its grasp's place, or direction."""
+def target_of(shape, model, inputs, state, k, t):
+    """What spring row k pulls to at time t: its grasp's angle, a coordinate of its place, or of its
+    direction.
+    """
     grasp = shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)
+    if rolls(shape, k):
+        angle = place(inputs, grasp, t)[3]
+        if shape[layout.TERMS] & layout.BISHOP:
+            angle += state[shape[layout.FRAME_TURN] + spring_grasp(shape, k) * LANES]
+        return angle
     axis = shape[layout.AXES + spring_line(shape, k)]
     if model[shape[layout.SPRING] + (layout.SPRING_ROWS * k + 5) * LANES] == 0.0:
         d = grasp + DIRECTION
@@ -95,7 +175,7 @@ def move_anchors(shape, model, inputs, state, t):
     """Let the springs of grasps that move pull to where these are at time t."""
     for k in range(shape[layout.SPRINGS]):
         if inputs[shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)] != 0.0:
-            target = target_of(shape, model, inputs, k, t)
+            target = target_of(shape, model, inputs, state, k, t)
             store(state, shape[layout.ANCHOR] + k * LANES, target)
 
 

@@ -83,6 +83,9 @@ LEAST_BUDGET = 500  # iterations per step
 ROOM = 10.0  # tolerances that the energy account may be off by in the long run
 TIGHT = 1e-10  # tolerance of steps once it is
 SAFETY = 10.0  # on the shrinking of the next correction
+MOST_WITH_KEPT = 3  # iterations with a matrix of an earlier step; with a new one two are usual
+MOST_SETBACKS = 5.0  # that make the wait longer
+FORGETTING = 1.5  # of that shrinking, a step
 SMALLEST_SHRINKING = 1e-3  # of corrections that is believed
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 
@@ -99,6 +102,42 @@ def allowed_defect(shape, state, tolerance, inertia):
     loose = tolerance * exchanged - state[ledger + layout.ENERGY_ERROR * LANES] / ROOM
     scale = max(exchanged, max(state[ledger + layout.FLOOR * LANES], 0.1 * inertia))
     return max(loose, min(tolerance, TIGHT) * scale)
+
+
+@part
+def weights(constants, newmark, tau):
+    """theta, a and c of the balance (b = a tau), and the weights rate and g of the velocity that
+    damping sees: tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0.
+    """
+    if not newmark:
+        return 0.5, 2.0 / (tau * tau), 0.0, 1.0, 0.0
+    theta, beta, gamma = constants[THETA], constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
+    c = constants[INERTIA_WEIGHT] * (0.5 - beta) - constants[MASS_WEIGHT]
+    rate = theta * gamma / beta
+    g = theta * (1.0 - gamma) - rate * (0.5 - beta)
+    return theta, constants[INERTIA_WEIGHT] / (tau * tau), c, rate, g
+
+
+@part
+def judge_matrix(state, ledger, iterations, made):
+    """Note how a step went whose last matrix was made in this iteration (0: in an earlier step).
+
+    If a kept one cost more iterations than a new one would have, the next steps make their own: one
+    after the first setback in a row, two after the second, then four, ...
+    """
+    shrinks = ledger + layout.MATRIX_SHRINKING * LANES
+    wait, setbacks = ledger + layout.MATRIX_WAIT * LANES, ledger + layout.MATRIX_SETBACKS * LANES
+    if made > 0:
+        state[shrinks] = 1.0
+    if made == 1:
+        state[wait] = max(state[wait] - 1.0, 0.0)
+    elif made > 1 or iterations > MOST_WITH_KEPT:
+        state[wait] = 2.0 ** state[setbacks]
+        state[setbacks] = min(state[setbacks] + 1.0, MOST_SETBACKS)
+    else:
+        state[setbacks] = 0.0
+        if iterations == 1:
+            state[shrinks] *= FORGETTING
 
 
 PARTS = (begin_step, step_force, newton_matrix, finish_step)
@@ -131,7 +170,8 @@ def implicit_step(
     It is a part of a step of length `whole`, over which reactions are averaged. `careful`: one that
     turns an edge of the control polygon over does not count as converged.
 
-    The matrix is factorised at the first guess and kept while corrections shrink fast.
+    The matrix is kept, across steps too, while corrections shrink fast (`judge_matrix`). It is part
+    of the state, so that a run that is cut, saved or copied goes on with the same bits.
     """
     _, parts, gradient, tangent, flows, twisting = pieces
     _, begin_step, step_force, newton_matrix, finish_step = parts
@@ -141,13 +181,7 @@ def implicit_step(
     # rule.
     dissipates = constants[THETA] != 0.5
     newmark = dissipates and state[ledger + layout.KNOWN * LANES] > 0.0
-    theta, a, c, rate, g = 0.5, 2.0 / (tau * tau), 0.0, 1.0, 0.0
-    if newmark:
-        beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
-        theta, a = constants[THETA], constants[INERTIA_WEIGHT] / (tau * tau)
-        c = constants[INERTIA_WEIGHT] * (0.5 - beta) - constants[MASS_WEIGHT]
-        rate = theta * gamma / beta
-        g = theta * (1.0 - gamma) - rate * (0.5 - beta)
+    theta, a, c, rate, g = weights(constants, newmark, tau)
     b = a * tau
     size = shape[layout.N] * shape[layout.DIM]
     x, start = shifted(state, shape[layout.X]), shifted(scratch, shape[START])
@@ -159,8 +193,11 @@ def implicit_step(
     converged = False
     iterations = 0
     previous = np.inf
-    # Of the types that they keep: a literal would have numba compile what it is passed to twice.
-    linearize = iterations == 0
+    # What is held between control points is eliminated with what scratch holds of its step.
+    linearize = state[ledger + layout.MATRIX_WEIGHT * LANES] != a or shape[layout.BORDER] > 0
+    linearize = linearize or state[ledger + layout.MATRIX_WAIT * LANES] > 0.0
+    shrinks = ledger + layout.MATRIX_SHRINKING * LANES
+    made = 0  # iteration in which the matrix was made, 0: in an earlier step
     slope = 0.0  # |residual . correction| before the last correction
     share = 1.0  # of the last correction that is in x
     stalls = 0  # corrections in a row that did not get smaller
@@ -191,7 +228,7 @@ def implicit_step(
                 shape, model, inputs, state, scratch, tangent, t0, tau, a, theta, rate, discrete
             ):
                 break
-            known = np.int64(0)
+            known, made = np.int64(0), iterations
         energy, slope, defect, moved = correct(shape, state, scratch, known, x, change)
         known += 1
         if not energy < 1e300:
@@ -201,6 +238,10 @@ def implicit_step(
         shrinking = 1.0
         if share == 1.0 and iterations > 1:
             shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
+            if iterations == 2:
+                state[shrinks] = shrinking
+        elif made == 0:
+            shrinking = state[shrinks]
         share = 1.0
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
         allowed = allowed_defect(shape, state, tolerance, inertia)
@@ -215,6 +256,7 @@ def implicit_step(
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy
+    judge_matrix(state, ledger, iterations, made)
     # Newton's method may find a cable folded through itself, at no cost in energy.
     if converged and careful:
         converged = not turned_over(shape, x, start, change)

@@ -28,6 +28,7 @@ from dlo_sim.engine.lines import clear, copy, row_product
 from dlo_sim.engine.springs import (
     anchor_work,
     book_anchors,
+    roll_loss,
 )
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
@@ -72,6 +73,7 @@ def finish_step(
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
     travel, held = shifted(scratch, shape[TRAVEL]), shape[layout.HELD]
     moves = grasps_move(shape, inputs)
+    static = shape[layout.TERMS] & layout.STATIC_TWIST != 0
     lost += end_twist(shape, model, inputs, state, scratch, t0, tau)
     work = 0.0
     ahead = shifted(scratch, shape[SEEN])
@@ -98,6 +100,8 @@ def finish_step(
             acceleration[at] = a1
         else:
             w[at] = ahead[at]
+            if at >= shape[layout.DIM] * shape[layout.LINE] and static:
+                w[at] = change[at] / tau  # without inertia nothing damps what `ahead` alternates by
             if dissipates:
                 acceleration[at] = (w[at] - w0) / tau
     if moves:
@@ -109,7 +113,8 @@ def finish_step(
     loads, start = shifted(scratch, shape[layout.NEW_LOAD]), shifted(scratch, shape[START])
     if shape[layout.LOADS]:
         book(shape, state, layout.LOAD_WORK, row_product(shape, loads, change))
-    book(shape, state, layout.DRIVE_WORK, work + first(anchor_work(shape, model, state, start, x)))
+    work += first(anchor_work(shape, model, state, start, x))
+    book(shape, state, layout.DRIVE_WORK, work + roll_loss(shape, model, state, change)[1])
     book_anchors(shape, state)
     for k in range(held):
         at = shape[layout.REACTION] + k * LANES

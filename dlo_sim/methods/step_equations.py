@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, first, load, shifted, store
 from dlo_sim.compiling.pieces import (
+    NO,
     NUMBERS,
     REAL,
     TABLE,
@@ -43,7 +44,6 @@ from dlo_sim.engine.springs import (
 )
 from dlo_sim.engine.tables import line_of
 from dlo_sim.methods.implicit_layout import (
-    BAND,
     CHANGE,
     COAST,
     DAMPING_FORCE,
@@ -95,7 +95,7 @@ def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, ra
     lost = notes[0]
     if shape[layout.TERMS] & layout.GRAVITY:
         add_weight(shape, model, force)
-    spring_force(shape, model, state, middle, theta, force)
+    spring_force(shape, model, state, middle, theta, NO, force)
     if shape[layout.LOADS]:
         load_force(shape, model, inputs, scratch, middle, t + theta * tau, loads)
         add(shape, 1.0, loads, force)
@@ -148,8 +148,8 @@ def balance(shape, model, state, scratch, a, b, c):
     *(REAL, REAL, REAL, REAL, REAL, TRUTH),
 )
 def newton_matrix(shape, model, inputs, state, scratch, tangent, t, tau, a, theta, rate, discrete):
-    """Tangent of the momentum balance into BAND, factorised; whether that went well."""
-    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
+    """Tangent of the momentum balance into MATRIX, factorised; whether that went well."""
+    band, x = shifted(state, shape[layout.MATRIX]), shifted(state, shape[layout.X])
     start, middle = shifted(scratch, shape[START]), shifted(scratch, shape[MIDDLE])
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
     clear_band(shape, band)
@@ -167,7 +167,10 @@ def newton_matrix(shape, model, inputs, state, scratch, tangent, t, tau, a, thet
     rows = shifted(scratch, shape[MIDDLE_DIRECTION])
     hold(shape, rows, shifted(state, shape[layout.DIRECTION]), band)
     stiffen_border(shape, scratch, band)
+    weight = shape[layout.LEDGER] + layout.MATRIX_WEIGHT * LANES
+    state[weight] = 0.0
     if not eliminate(band, shape[layout.N] * shape[layout.DIM], shape[layout.DIM]):
         return False
     solve_border(shape, scratch, band)
+    state[weight] = a
     return True

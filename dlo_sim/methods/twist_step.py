@@ -23,6 +23,7 @@ from dlo_sim.engine.lines import (
 )
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
+from dlo_sim.engine.springs import add_roll_change, add_roll_stiffness, roll_force, roll_loss
 from dlo_sim.engine.tables import line_of, own_of, point_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
@@ -47,6 +48,17 @@ MOST_CORRECTIONS = 8  # of the angles, where natural curvature makes them nonlin
 WITHIN = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH
 END = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL
 TURNED = 1e-13  # of 1 rad and the angle, correction after which they are solved
+
+
+@part
+def damping_share(shape, model, tau):
+    """Internal damping of the twist over the step. Half a step of it makes the moment that of the
+    end of the step, so that twist without inertia is at rest there.
+    """
+    share = 0.5 if shape[layout.TERMS] & layout.STATIC_TWIST else 0.0
+    if shape[layout.TERMS] & layout.DAMPED:
+        share += model[shape[layout.BETA] + 2 * LANES] / tau
+    return share
 
 
 @part
@@ -100,7 +112,7 @@ def solve(shape, matrix, x):
 
 @part
 def system(shape, model, tau, beta, matrix):
-    """2 / tau^2 M + (1/2 + beta / tau) K + C / tau as lower diagonals."""
+    """2 / tau^2 M + (1/2 + beta / tau) K + C / tau and springs as lower diagonals."""
     n, width = shape[layout.N], shape[layout.LINE]
     damped = 1.0 / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
     for k in range(4):
@@ -109,6 +121,7 @@ def system(shape, model, tau, beta, matrix):
             value = 2.0 / (tau * tau) * model[shape[layout.MASS] + 7 * width + at]
             value += (0.5 + beta) * model[shape[layout.TWIST] + at]
             matrix[k * n + i] = value + damped * model[shape[layout.VISCOUS] + 7 * width + at]
+    add_roll_stiffness(shape, model, matrix)
 
 
 @part
@@ -131,9 +144,9 @@ def moments_of_middle(shape, model, inputs, scratch, t0, tau):
 def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins):
     """One Newton correction of the twist line of x and CHANGE for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),   d = CHANGE,
-    where f is what FORCE holds: loads, twist of the frame, and damping for the d before. It makes
-    FORCE complete and keeps damping up to date in TWIST_OWN. Returns the largest entry of the
-    correction as a share of 1 rad and the angle.
+    where f is what FORCE holds: loads, twist of the frame, and damping and springs for the d
+    before. It makes FORCE complete and keeps these two up to date in TWIST_OWN. Returns the largest
+    entry of the correction as a share of 1 rad and the angle.
     """
     own = shifted(scratch, shape[TWIST_OWN])
     line, width = shape[layout.DIM], shape[layout.LINE]
@@ -170,6 +183,7 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
             sum_[k] += latest[k]
         add_product(shape, model, mass, line, -a, latest, rest)
         add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, latest, rest)
+        add_roll_change(shape, model, latest, rest)
         if shape[layout.TERMS] & layout.DAMPED:
             add_product(shape, model, viscous, line, -1.0 / tau, latest, rest)
     moved = 0.0
@@ -178,6 +192,8 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
         change[k] += sum_[k]
         moved = max(moved, abs(sum_[k]) / (1.0 + abs(x[k])))
     add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, force)
+    add_roll_change(shape, model, sum_, force)
+    add_roll_change(shape, model, sum_, own)
     if shape[layout.TERMS] & layout.DAMPED:
         add_product(shape, model, viscous, line, -1.0 / tau, sum_, force)
         add_product(shape, model, viscous, line, -1.0 / tau, sum_, own)
@@ -200,11 +216,12 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     own, middle = shifted(scratch, shape[TWIST_OWN]), shifted(scratch, shape[MIDDLE])
     if shape[layout.LOADS]:
         moments_of_middle(shape, model, inputs, scratch, t0, tau)
-    beta = model[shape[layout.BETA] + 2 * LANES] / tau if damped else 0.0
+    beta = damping_share(shape, model, tau)
     spins = not mark_held(shape, shifted(scratch, shape[TWIST_HELD]))
     viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
     if damped:
         lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
+    roll_force(shape, model, state, shifted(scratch, shape[START]), change, force)
     for k in range(at, at + width):
         own[k] = force[k]
     for _ in range(MOST_CORRECTIONS if natural else 1):
@@ -215,12 +232,12 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
             middle[k] = scratch[shape[START] + k] + 0.5 * change[k]
         if moved < TURNED:
             break
+    lost += roll_loss(shape, model, state, change)[0]
     if damped:
         lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau
-        twisted = first(
-            gathered(shape, difference_form(shape, model, shape[layout.TWIST], line, change))
-        )
-        lost += beta * twisted
+    if beta > 0.0:
+        twisted = difference_form(shape, model, shape[layout.TWIST], line, change)
+        lost += beta * first(gathered(shape, twisted))
     return lost
 
 
@@ -233,9 +250,7 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
     begin, end = shifted(scratch, shape[START]), x
     if not discrete:
         begin = end = shifted(scratch, shape[MIDDLE])
-    viscous = (
-        model[shape[layout.BETA] + 2 * LANES] / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
-    )
+    viscous = damping_share(shape, model, tau)
     couple_twist(shape, model, state, begin, end, viscous, YES, NO, force)
     lost = solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau)
     taken = couple_twist(shape, model, state, begin, end, viscous, NO, YES, force)

@@ -200,6 +200,13 @@ class Holder:
         "N m/rad",
         (0.0, 1.0e9),
     )
+    roll_spring: float = parameter(
+        0.0,
+        "Where the roll is not held: stiffness that turns the cable about itself to the roll of "
+        "the end-effector; needs the direction held by `clamped` or `tangent_spring`.",
+        "N m/rad",
+        (0.0, 1.0e9),
+    )
     tangent: Vector = parameter(
         ORIGIN,
         "Direction of the cable (from start towards end) here, in the end-effector's frame; "
@@ -270,6 +277,11 @@ class Holder:
         return self.clamped or self.tangent_spring > 0.0
 
     @property
+    def rolls(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll_spring > 0.0
+
+    @property
     def driven(self) -> bool:
         """Whether poses from a topic or tf2 move the end-effector."""
         return bool(self.pose_topic or self.tf_frame)
@@ -280,6 +292,11 @@ class End(Holder):
     """One end of the cable, `start` (u = 0) or `end` (u = L), and what holds it."""
 
     mass: float = parameter(0.0, "Point mass at this end.", "kg", (0.0, 1.0e4))
+
+    @property
+    def rolls(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.clamped or super().rolls
 
 
 @dataclass(frozen=True)
@@ -306,8 +323,19 @@ class Grasp(Holder):
     )
     clamped: bool = parameter(
         False,
-        "Direction of the cable held by the gripper too, its roll not; needs all three axes fixed.",
+        "Direction of the cable held by the gripper too, its roll with `roll` alone; needs all "
+        "three axes fixed.",
     )
+    roll: bool = parameter(
+        False,
+        "Roll of the cable held too, by a spring so stiff that a turn over the length of the cable "
+        "turns it by less than 0.001 rad; needs the direction held.",
+    )
+
+    @property
+    def rolls(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll or super().rolls
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,12 @@ def check_holder(name: str, end: Holder, length: float) -> None:
     if end.clamped and end.tangent_spring:
         cure = f"remove it, or set {name}.clamped: false"
         raise refused("tangent_spring", f"N m/rad would do nothing beside a clamp; {cure}")
+    if end.rolls and not end.points:
+        key = "roll_spring" if end.roll_spring else "roll"
+        raise refused(key, f"needs the direction held; set {name}.clamped or {name}.tangent_spring")
+    if end.roll_spring and isinstance(end, End) and end.clamped:
+        cure = f"remove it, or take {name}.tangent_spring instead of the clamp"
+        raise refused("roll_spring", f"N m/rad would do nothing beside a clamp; {cure}")
     if end.jaw > length:
         raise refused("jaw", f"m is longer than the cable, {length:g} m; shorten the jaw")
     if end.jaw and not end.clamped:

@@ -126,7 +126,7 @@ def needs_of(scene: Scene) -> Needs:
     return Needs(
         **present,
         frenet=frenet_wanted(scene),
-        bishop=scene.terms.twist == "bishop",
+        bishop=scene.terms.twist in ("bishop", "quasistatic"),
         axes=axes,
         left_out=reasons,
         warnings=tuple(warnings),
@@ -229,7 +229,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     """All three axes, or the two of a plane; and whether anything can leave that plane."""
     switch = scene.terms.out_of_plane
     # Both frames of the twist, and plasticity, exist in space only.
-    framed = scene.terms.twist in ("frenet", "bishop")
+    framed = scene.terms.twist in ("frenet", "bishop", "quasistatic")
     in_space = switch == "on" or framed or plasticity_wanted(scene)
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)
@@ -281,7 +281,7 @@ def _plane(axes: tuple[int, ...]) -> str:
 
 def _may_twist(scene: Scene) -> bool:
     """Something can turn the cable about its own axis: a gripper that clamps it, or a moment."""
-    turned = any(end.clamped and end.driven for end in scene.ends.values())
+    turned = any(one.rolls and one.driven for one in scene.holders.values())
     moments = any(load.type == "wrench" for load in scene.loads)
     return turned or moments
 

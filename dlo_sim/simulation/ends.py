@@ -52,6 +52,10 @@ class EndDrive:
         row[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
         self._geometries[end] = geometry
 
+    def count_from(self, end: str, t: float, angle: float) -> None:
+        """Prescribe this twist angle [rad] at time t, and what the motion adds from there."""
+        self.motion[self._rows[end], TWIST] += angle - self.place_at(end, t)[3]
+
     def live_in(self, motion: Array) -> None:
         """Let `motion`, a view of the inputs, be what is written to from now on."""
         motion[:] = self.motion
@@ -213,9 +217,9 @@ class EndDrive:
         return not any(away) and abs(tangent[normal]) < 1e-15
 
     def twists(self, end: str) -> bool:
-        """Whether a clamped end turns, or has turned, about its own tangent."""
+        """Whether what holds the roll turns, or has turned, about its own tangent."""
         row = self.motion[self._rows[end]]
-        if end not in self._scene.ends or not self._scene.ends[end].clamped:
+        if not self._scene.holders[end].rolls:
             return False
         motion = self._motions[end]
         tangent = rotations.rotate(motion.orientation, self._geometries[end].tangent)

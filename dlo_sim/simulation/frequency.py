@@ -12,6 +12,7 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import STIFFEST
+from dlo_sim.simulation.holding import roll_spring
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -37,7 +38,7 @@ def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) 
         value = _lanczos(cable)
     if model.twist:
         held = model.held_mask()[dim]
-        band, inertia = model.band(layout.TWIST, dim), model.band(layout.MASS, dim)
+        band, inertia = model.twisting_stiffness, model.band(layout.MASS, dim)
         twisting = spectrum.largest_of_line(band, inertia, ~held)
         if model.has(layout.MATERIAL):
             # EI kappa kappa0 per length and angle, for bends down to the cable's diameter
@@ -69,15 +70,16 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
         free = np.ones(model.n, dtype=bool)
         added = spectrum.largest_of_line(bending, model.band(layout.MASS, 0), free)
         frequency = math.hypot(frequency, added)
-    inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, 0)))
-    places = bspline.greville(model.knots)
-    for derivative, stiffnesses in enumerate(
-        ([max(grasp.spring) for grasp in idle], [grasp.tangent_spring for grasp in idle])
-    ):
-        if any(stiffnesses):
+    places, dim = bspline.greville(model.knots), len(model.axes)
+    springs = [(0, 0, max(grasp.spring)) for grasp in idle]
+    springs += [(0, 1, grasp.tangent_spring) for grasp in idle]
+    springs += [(dim, 0, roll_spring(grasp, scene)[0]) for grasp in idle if model.twist]
+    for line, derivative, stiffness in springs:
+        if stiffness:
+            inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, line)))
             basis = bspline.evaluate(np.eye(model.n), model.knots, places, derivative)
             lightest = float(np.einsum("ui,ij,uj->u", basis, inverse, basis).max())
-            frequency = math.hypot(frequency, math.sqrt(max(stiffnesses) * lightest))
+            frequency = math.hypot(frequency, math.sqrt(stiffness * lightest))
     return frequency
 
 

@@ -4,7 +4,7 @@ At an end a fixed axis is a row of its control point; a clamp is the rows across
 neighbour, whose distance along the tangent stays free, and the twist. A grasp between control
 points has rows of the same kind with four basis values: fixed axes hold sum_k b_k x_k, a clamp the
 directions across it of r' = sum_k b'_k x_k. A spring is a row held through a stiffness, of such a
-place or of r'.
+place, of r' or of the twist.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline, rotations
-from dlo_sim.scene.cable import Grasp
+from dlo_sim.scene.cable import Grasp, Holder
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.geometry import Geometries, Geometry
 
 Array = NDArray[np.float64]
+RIGID = 1e4  # times the stiffness of a span, of a roll that is held without a spring
 LEAST_APART = 1e-6  # smallest singular value of the rows of all that is held, each of length 1
 
 
@@ -47,13 +48,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Spring:
-    """A point held along a line through a stiffness [N/m], or (`tangent`) r' there [N m/rad]."""
+    """A point held along a line through a stiffness [N/m], or (`tangent`) r' there [N m/rad], or,
+    on the line of the twist, its angle at the material coordinate u [m], with a damping [steps].
+    """
 
     point: Point
     grasp: int
     line: int
     stiffness: float
     tangent: bool = False
+    u: float = 0.0
+    damping: float = 0.0
 
 
 @dataclass
@@ -108,16 +113,29 @@ def holding_of(
         outer = 0 if grasp == 0 else n - 1
         _add_springs(holding, own_point(outer, n), grasp, stiffness, axes)
     for grasp, (name, holder) in enumerate(scene.holders.items()):
-        if holder.tangent_spring and geometries[name].u is not None:
-            slope = _point_between(knots, geometries[name].u, 1)
-            stiffness = [holder.tangent_spring] * 3
-            _add_springs(holding, slope, grasp, stiffness, axes, tangent=True)
+        u = geometries[name].u
+        if u is not None and holder.points:
+            spot, slope = (_point_between(knots, u, derivative) for derivative in (0, 1))
+            if holder.tangent_spring:
+                stiffness = [holder.tangent_spring] * 3
+                _add_springs(holding, slope, grasp, stiffness, axes, tangent=True)
+            roll, damping = roll_spring(holder, scene)
+            if twist and roll:
+                holding.springs.append(Spring(spot, grasp, len(axes), roll, False, u, damping))
     for grasp, between in enumerate(scene.grasps, start=len(scene.ends)):
         geometry = geometries[between.name]
         if geometry.u is not None:
             _add_grasp(holding, between, grasp, geometry, knots, axes)
             _check_independent(holding, between.name, geometry.u, n)
     return holding
+
+
+def roll_spring(holder: Holder, scene: Scene) -> tuple[float, float]:
+    """Stiffness [N m/rad] and damping [steps] of the spring that holds the roll; 0 without one."""
+    if holder.roll_spring or not (isinstance(holder, Grasp) and holder.roll):
+        return holder.roll_spring, 0.0
+    spans = scene.discretization.control_points - bspline.DEGREE
+    return RIGID * scene.cable.GJ * spans / scene.cable.length, 0.5
 
 
 def _check_independent(holding: Holding, name: str, u: float, n: int) -> None:

@@ -16,7 +16,7 @@ from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry, world_tangent
+from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import build_model
@@ -186,16 +186,23 @@ class CableInputs(CableView):
                 row[:3], row[3:6] = np.array(load.force)[:, None], np.array(load.torque)[:, None]
             row[6] = load.frequency if load.signal == "sine" else 0.0
         self._ends.live_in(cable.motion)
-        for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
-            geometry = list(self._geometries.values())[spring.grasp]
-            target = world_tangent(geometry) if spring.tangent else geometry.attachment
-            anchor[:] = target[model.axes[spring.line]]
-        booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
-        booked[:] = cable.anchors
+        self._pull_to_grasps()
         cable.point_grasps(self.time if self._steps else 0.0)
         if has_natural_shape(self.scene, model):
             self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
         self._turn_natural_shape()
+
+    def _pull_to_grasps(self) -> None:
+        """Let the springs pull to where the grasps are."""
+        cable, model = self._cable, self._model
+        for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
+            name = list(self._geometries)[spring.grasp]
+            target = self._ends.place_at(name, self.time)
+            if spring.tangent:
+                target = self._ends.tangent(name, self.time)
+            anchor[:] = target[model.columns[spring.line]]
+        booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
+        booked[:] = cable.anchors
 
     def _after_end_moved(self, end: str) -> None:
         """Bring in what a moved end needs: the drive itself, the third coordinate, twist."""
@@ -254,8 +261,7 @@ class CableInputs(CableView):
         optional_terms.carry_samples(old, self._cable)
         ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
         self._cable.ledger[:] = ledger
-        anew = [layout.IS_BOOKED, layout.PENDING, layout.KNOWN, layout.HAS_REACTION]
-        self._cable.ledger[anew] = 0.0
+        self._cable.ledger[list(layout.OF_HISTORY)] = 0.0
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
@@ -263,6 +269,10 @@ class CableInputs(CableView):
         self._cable.settle(self.time)
         before = self._cable.present_energy()
         self._ends.hold(grasp, geometry)
+        if geometry.u is not None:
+            columns, values, _ = self._basis(np.array([geometry.u]))
+            angle = float(values[0] @ self.control_points[columns[0], 3])
+            self._ends.count_from(grasp, self.time, angle)
         self._replace(self._needs, geometries)
         self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
 

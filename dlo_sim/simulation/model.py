@@ -120,6 +120,18 @@ class Model:
         return np.stack([seven[3 + k] for k in range(4)])
 
     @property
+    def twisting_stiffness(self) -> Array:
+        """Stiffness of the line of the twist with its springs, lower diagonals, shape (4, n)."""
+        band = self.band(layout.TWIST, len(self.axes))
+        for spring in self.holding.springs:
+            if spring.line == len(self.axes):
+                weights, first = np.array(spring.point.weights), spring.point.first
+                for k in range(4):
+                    products = weights[k:] * weights[: 4 - k]
+                    band[k, first : first + 4 - k] += spring.stiffness * products
+        return band
+
+    @property
     def axial_stiffness(self) -> float:
         """EA [N]."""
         return float(self.values[int(self.shape[layout.MESH]) + layout.AXIAL * LANES])
@@ -185,6 +197,7 @@ def build_model(
     return model
 
 
+STATIC = 1e-9  # of the polar inertia of a cable whose twist is quasistatic
 GRADING = 0.4  # of spans at clamped ends; 0.6 helps at 9 control points and hurts at 17
 SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 
@@ -220,6 +233,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.DAMPED: needs.damping,
         layout.BISHOP: needs.bishop,
         layout.CONTACT: needs.contact,
+        layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
         layout.DRAG: needs.damping and scene.damping.drag_across > 0.0,
         layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
@@ -276,7 +290,10 @@ class _Filling:
         space = scene.cable.mu * gram
         space[0, 0] += scene.start.mass
         space[0, -1] += scene.end.mass
-        bands = [space] * self._dim + [scene.cable.polar_inertia * gram] * model.twist
+        inertia = scene.cable.polar_inertia
+        if model.has(layout.STATIC_TWIST):
+            inertia *= STATIC  # not 0, which could not be inverted
+        bands = [space] * self._dim + [inertia * gram] * model.twist
         self._masses(bands)
         if self._needs.gravity:
             pull = np.asarray(scene.gravity)[list(model.axes)]
@@ -405,6 +422,8 @@ class _Filling:
             rows = springs[k * layout.SPRING_ROWS :]
             rows[:4] = np.array(spring.point.weights)[:, None]
             rows[4], rows[5] = spring.stiffness, not spring.tangent
+            _, xi, _ = bspline.locate(self._model.knots, np.array([spring.u]))
+            rows[6], rows[7] = xi, spring.damping
 
     def _loads(self) -> None:
         model = self._model

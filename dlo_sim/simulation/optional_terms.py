@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.core.methods import CONSTRAINED, RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -63,8 +63,6 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     """
     if needs.contact and not scene.obstacles:
         raise SceneError("terms.contact: 'on' needs obstacles; name one in obstacles.names")
-    if scene.terms.twist == "quasistatic":
-        raise SceneError("terms.twist: 'quasistatic' is not available in this version; use bishop")
     if scene.terms.stretch == "on" and inextensible(scene):
         raise SceneError(
             "terms.stretch: 'on' contradicts integrator.method rattle, whose constraints keep the "
@@ -113,6 +111,11 @@ def check_method(scene: Scene, method: Method) -> None:
         raise SceneError(
             f"measured.type: {scene.measured.type} is not available with integrator.method "
             f"{method.name}, whose constraints a correction breaks; use energy_momentum"
+        )
+    if scene.terms.twist == "quasistatic" and method.family != IMPLICIT:
+        raise SceneError(
+            f"terms.twist: quasistatic is not available with integrator.method {method.name}; use "
+            "energy_momentum, or bishop"
         )
     if method.family in (SPLITTING, RUNGE_KUTTA, ZHAI):
         return

@@ -383,9 +383,10 @@ class Simulator(CableInputs):
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             points, rates = (resampled(values, old, new, u) for values in (points, rates))
         self._ends.take_over(other._ends, other.time, other._cable.frame_turn)
-        if any(self._ends.twists(end) for end in self.scene.ends):
+        if any(self._ends.twists(name) for name in self.scene.holders):
             self._extend(self._needs.with_twist(self.scene))
         taking = self._take_over_grasps(other)
+        self._pull_to_grasps()
         self._ends.put(points, 0.0)
         self._cable.point_grasps(0.0)
         self._cable.put(points, rates, 0.0)
@@ -417,8 +418,8 @@ class Simulator(CableInputs):
         leaves = bool(across) and bool(
             np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self._model.axes)]).max() > 1e-12
         )
-        clamped = end in self.scene.ends and self.scene.ends[end].clamped
-        twists = clamped and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
+        rolls = self.scene.holders[end].rolls
+        twists = rolls and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
         return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:

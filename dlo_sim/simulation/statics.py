@@ -145,15 +145,16 @@ class _Search:
     def relax_twist(self) -> None:
         """One linear solution for the twist line at the shape found.
 
-        Where no end holds the twist there is nothing to solve: the cable keeps the one it has.
+        Where nothing holds the twist there is nothing to solve: the cable keeps the one it has.
         """
         model = self._cable.model
         if not model.twist:
             return
         free = ~model.held_mask()[-1]
-        if free.all():
+        springs = any(spring.line == self._dim for spring in model.holding.springs)
+        if free.all() and not springs:
             return
-        stiffness = mass.dense(model.band(layout.TWIST, model.lines - 1))[np.ix_(free, free)]
+        stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
         self._cable.x[-1][free] += np.linalg.solve(stiffness, self._cable.forces()[-1][free])
 
     def _tangents(self) -> Array:

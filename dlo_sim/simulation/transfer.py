@@ -17,11 +17,11 @@ def carry_inputs(old: Cable, new: Cable) -> None:
     if len(old.loads) and len(new.loads):
         new.loads[:] = old.loads
     places = {
-        (spring.grasp, old.model.axes[spring.line], spring.tangent): k
+        (spring.grasp, old.model.columns[spring.line], spring.tangent): k
         for k, spring in enumerate(old.model.holding.springs)
     }
     for k, spring in enumerate(new.model.holding.springs):
-        known = places.get((spring.grasp, new.model.axes[spring.line], spring.tangent))
+        known = places.get((spring.grasp, new.model.columns[spring.line], spring.tangent))
         if known is not None:
             new.anchors[k] = old.anchors[known]
 

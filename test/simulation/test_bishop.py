@@ -6,6 +6,7 @@ from cables import simulator
 
 from dlo_sim.core import bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.refusal import SceneError
 
 LENGTH = 1.0
 SHAFT = {
@@ -90,6 +91,80 @@ def test_it_buckles_at_greenhills_twist(share, stable):
     cable = sim.scene.cable
     roll(sim, share * 8.9868 * cable.EI / cable.GJ)
     assert (largest(sim, [1, 2], 16.0) < 3e-5) == stable
+
+
+def moment_at_buckling(tension):
+    """m = M L / EI of a shaft clamped at both ends under a tension of t EI / L^2.
+
+    EI y'' - i M y' - T y = a + b s of y = y_1 + i y_2 (Greenhill 1883, Proc. Inst. Mech. Eng. 34)
+    has the solutions 1, s and e^(i k s), k L = m/2 +- d, d^2 = (m/2)^2 - t. With y = y' = 0 at both
+    ends their determinant vanishes where 2 d (cos d - cos m/2) = t sin d; for hinges it is d = pi.
+    """
+    half = np.linspace(np.sqrt(tension) * (1.0 + 1e-6), 20.0, 400001)
+    d = np.sqrt(half**2 - tension)
+    values = 2.0 * d * (np.cos(d) - np.cos(half)) - tension * np.sin(d)
+    return 2.0 * half[np.flatnonzero(values[1:] * values[:-1] < 0.0)[0]]
+
+
+@pytest.mark.parametrize("twist", ["bishop", "quasistatic"])
+@pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.02, False)])
+def test_tension_puts_off_buckling(share, stable, twist):
+    """Under T = 20 EI / L^2 the moment is 11.8 EI / L, 31 % more."""
+    assert moment_at_buckling(1e-3) == pytest.approx(8.9868, abs=1e-3)
+    assert moment_at_buckling(20.0) == pytest.approx(11.800, abs=1e-3)
+    cable = held().scene.cable
+    strain = 20.0 * cable.EI / cable.EA / LENGTH**2
+    sim = held(end__position=[LENGTH * (1.0 + strain), 0.0, 0.0], terms__twist=twist)
+    sim.advance(1.0)
+    assert sim.reaction("end")[0][0] == pytest.approx(20.0 * cable.EI, rel=1e-3)
+    roll(sim, share * moment_at_buckling(20.0) * cable.EI / cable.GJ)
+    assert (largest(sim, [1, 2], 16.0) < 3e-5) == stable
+
+
+def test_quasistatic_twist_is_at_rest_in_every_step():
+    """A roll within the time in which a wave of twist passes three times."""
+    sim = held(terms__twist="quasistatic", gravity=[0.0, 0.0, 0.0], damping__mass=0.0)
+    roll(sim, 3.0, duration=0.05)
+    for k in range(1, 9):
+        sim.advance(0.01)
+        angle = 3.0 * min(k / 5.0, 1.0)
+        np.testing.assert_allclose(sim.control_points[:, 3], angle * sim.greville, atol=1e-9)
+    moment = sim.scene.cable.GJ * 3.0 / LENGTH
+    np.testing.assert_allclose(sim.reaction("end")[1], [moment, 0.0, 0.0], atol=1e-9)
+    assert sim.energy().twist == pytest.approx(1.5 * moment, rel=1e-6)
+    assert sim.energy_error < 1e-9
+
+
+def test_a_moment_twists_at_once_and_does_not_ring():
+    """theta = M u / GJ at the end of the first step, and of every other."""
+    free = {"end__fixed": [False] * 3, "end__clamped": False, "loads__names": ["tip"]}
+    free |= {"damping__mass": 0.0, "damping__stiffness": 0.0, "gravity": [0.0, 0.0, 0.0]}
+    sim = held(**free, terms__twist="quasistatic")
+    sim.set_load("tip", torque=[1e-3, 0.0, 0.0])
+    for _ in range(4):
+        assert sim.advance_steps(1).status.ok
+        angles = 1e-3 * sim.greville / sim.scene.cable.GJ
+        np.testing.assert_allclose(sim.control_points[:, 3], angles, atol=1e-7)
+
+
+def test_a_shape_that_twists_slowly_hardly_knows_inertia():
+    """The hanging cable, its end swung and rolled: quasistatic and dynamic twist agree."""
+    slack = {key.replace(".", "__"): value for key, value in SLACK.items()}
+    shapes = []
+    for twist in ("bishop", "quasistatic"):
+        sim = held(**slack, terms__twist=twist, damping__mass=3.0)
+        turn(sim, "end", [2.0, 0.5, 0.3], 2.0)
+        assert sim.advance(3.0).status.ok
+        assert sim.energy_error < 1e-6
+        shapes.append(sim.control_points)
+    np.testing.assert_allclose(shapes[0][:, :3], shapes[1][:, :3], atol=1e-3)
+    np.testing.assert_allclose(shapes[0][:, 3], shapes[1][:, 3], atol=1e-2)
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "rattle"])
+def test_quasistatic_twist_needs_an_implicit_method(method):
+    with pytest.raises(SceneError, match="^terms.twist: quasistatic .* use energy_momentum"):
+        held(method, 0.0, terms__twist="quasistatic", damping__stiffness=0.0)
 
 
 def ring(n=33):

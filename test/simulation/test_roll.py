@@ -1,0 +1,159 @@
+"""The roll of a cable held at a grasp between its ends, and through springs."""
+
+import numpy as np
+import pytest
+from cables import simulator
+from test_bishop import LENGTH, SHAFT, SLACK, turn
+
+from dlo_sim.core import bspline, rotations
+from dlo_sim.scene.refusal import SceneError
+
+AT = 0.3
+HELD = {
+    "gravity": [0.0, 0.0, 0.0],
+    "grasps.names": ["hand"],
+    "grasps.hand.at": AT,
+    "grasps.hand.position": [AT, 0.0, 0.0],
+    "grasps.hand.clamped": True,
+    "grasps.hand.roll": True,
+    "damping.mass": 5.0,
+}
+EXPLICIT = {  # soft, and damped by what explicit methods know
+    "damping.stiffness": 0.0,
+    "damping.mass": 20.0,
+    "cable.youngs_modulus": 1e6,
+    "grasps.hand.roll": False,
+    "grasps.hand.roll_spring": 1.0,
+}
+HANGING = SLACK | {
+    "grasps.hand.position": [0.2, 0.0, -0.12],
+    "grasps.hand.tangent": [1.0, 0.2, -0.3],
+    "damping.mass": 3.0,
+}
+
+
+def held(method="energy_momentum", **more):
+    changed = {key.replace("__", "."): value for key, value in more.items()}
+    if method == "velocity_verlet":
+        changed |= EXPLICIT
+    step = 0.0 if method == "velocity_verlet" else 0.01
+    return simulator(SHAFT, HELD, changed, method=method, step=step)
+
+
+def hanging(**more):
+    changed = {key.replace("__", "."): value for key, value in more.items()}
+    return simulator(SHAFT, HELD, HANGING, changed, method="energy_momentum", step=0.005)
+
+
+def roll(sim, grasp, angle, duration=2.0):
+    """Turn a gripper about the cable."""
+    turn(sim, grasp, angle * sim._ends.tangent(grasp, sim.time), duration)
+
+
+def slip(sim, rest=rotations.IDENTITY):
+    """Rotation of the cable's material frame against the grasp, beyond `rest`, and the latter."""
+    frame = sim.frames(np.linspace(0.0, LENGTH, 1001))[round(1000 * AT)]
+    own = rotations.multiply(rotations.conjugate(sim.end_pose("hand")[1]), frame)
+    beyond = rotations.multiply(own, rotations.conjugate(rest))
+    return np.linalg.norm(rotations.to_rotation_vector(beyond * np.sign(beyond[3]))), own
+
+
+def angle_at(sim, share):
+    """Angle of the cable at a share of its length [rad]."""
+    return bspline.evaluate(sim.control_points, sim.model.knots, [share * LENGTH])[0, 3]
+
+
+@pytest.mark.parametrize("twist", ["on", "bishop"])
+@pytest.mark.parametrize("method", ["energy_momentum", "generalized_alpha", "velocity_verlet"])
+def test_a_shaft_turned_in_its_middle_holds_against_both_ends(method, twist):
+    """GJ phi / u from one end, GJ phi / (L - u) from the other, and the grasp bears both: 3 % more,
+    as the spline has no kink in its twist."""
+    sim = held(method, terms__twist=twist)
+    roll(sim, "hand", 2.0)
+    assert sim.advance(6.0).status.ok
+    stiffness = sim.scene.cable.GJ
+    left, right = 2.0 * stiffness / AT, 2.0 * stiffness / (LENGTH - AT)
+    found = {name: sim.reaction(name)[1] for name in ("start", "hand", "end")}
+    assert sum(found.values()) == pytest.approx(np.zeros(3), abs=1e-4 * left)
+    assert found["start"] == pytest.approx([-left, 0.0, 0.0], rel=0.035)
+    assert found["end"] == pytest.approx([-right, 0.0, 0.0], rel=0.035)
+    assert sim.energy_error < (1e-5 if method == "velocity_verlet" else 1e-10)
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_a_soft_roll_at_an_end_adds_its_turn_to_the_shaft(end):
+    """phi / (L / GJ + 1 / k)."""
+    soft = {f"{end}.clamped": False, f"{end}.tangent_spring": 1.0, f"{end}.roll_spring": 0.01}
+    level = {"gravity": [0.0, 0.0, 0.0], "damping.mass": 5.0}
+    sim = simulator(SHAFT, soft, level, method="energy_momentum", step=0.01)
+    roll(sim, end, 2.0)
+    assert sim.advance(8.0).status.ok
+    moment = 2.0 / (LENGTH / sim.scene.cable.GJ + 1.0 / 0.01)
+    assert sim.reaction(end)[1] == pytest.approx([moment, 0.0, 0.0], rel=1e-4, abs=1e-9)
+    other = "start" if end == "end" else "end"
+    assert sim.reaction(other)[1] == pytest.approx([-moment, 0.0, 0.0], rel=1e-4, abs=1e-9)
+    assert sim.energy_error < 1e-10
+
+
+@pytest.mark.parametrize("rigid", [True, False], ids=["rigid", "springs"])
+def test_a_full_turn_of_the_middle_keeps_the_material_frame(rigid):
+    """Also while it is swung; twist of opposite signs on both sides stays."""
+    springs = {"grasps.hand.clamped": False, "grasps.hand.roll": False}
+    springs |= {"grasps.hand.tangent_spring": 10.0, "grasps.hand.roll_spring": 10.0}
+    sim = hanging(**({} if rigid else springs))
+    sim.advance(0.5)
+    _, rest = slip(sim)
+    before = sim.control_points[:, 3]
+    for rotation in ([2.0 * np.pi, 0.0, 0.0], [0.0, 0.4, -0.3]):
+        turn(sim, "hand", rotation, 2.0)
+        for _ in range(5):
+            assert sim.advance(0.5).status.ok
+            assert slip(sim, rest)[0] < (0.015 if rigid else 0.03)
+    assert slip(sim, rest)[0] < (3e-3 if rigid else 0.02)  # 0.1 N m on 10 N m/rad
+    turned = sim.control_points[:, 3] - before
+    assert turned[5] > 4.0
+    assert sim.energy_error < 1e-6
+
+
+@pytest.mark.parametrize("twist", ["on", "bishop"])
+def test_a_roll_is_taken_as_it_is_and_released(twist):
+    sim = held(terms__twist=twist)
+    roll(sim, "hand", 2.0)
+    sim.advance(3.0)
+    sim.release("hand")
+    sim.advance(0.02)
+    assert abs(angle_at(sim, AT) - 2.0) > 0.1
+    sim.take("hand", 0.5)
+    taken = angle_at(sim, 0.5)
+    assert abs(taken) > 0.1
+    assert sim.energy().spring == pytest.approx(0.0, abs=1e-15)
+    sim.advance(1.0)
+    assert angle_at(sim, 0.5) == pytest.approx(taken, abs=1e-4)
+    roll(sim, "hand", -1.0)
+    assert sim.advance(3.0).status.ok
+    assert angle_at(sim, 0.5) == pytest.approx(taken - 1.0, abs=1e-4)
+    assert sim.energy_error < 1e-10
+
+
+def test_another_simulator_goes_on_with_the_roll():
+    sim = held()
+    roll(sim, "hand", 2.0)
+    sim.advance(3.0)
+    other = sim.reconfigured(sim.scene.with_values({"damping.mass": 3.0}))
+    before = other.control_points
+    assert other.energy().spring == pytest.approx(sim.energy().spring, abs=1e-8)
+    other.advance(0.5)
+    assert other.control_points == pytest.approx(before, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "values, text",
+    [
+        ({"grasps.hand.clamped": False}, "grasps.hand.roll: .*needs the direction held"),
+        ({"end.roll_spring": 1.0}, "end.roll_spring: .*would do nothing beside a clamp"),
+        ({"end.tangent_spring": 1.0}, "end.tangent_spring: .*would do nothing beside a clamp"),
+    ],
+)
+def test_springs_that_would_do_nothing_are_refused(values, text):
+    with pytest.raises(SceneError, match=text):
+        held(**values)
