@@ -79,7 +79,7 @@ def keep_rates(shape, model, inputs, state, scratch, t, stage):
         add_velocity_of_held(shape, model, inputs, state, scratch, x, t, x_rate)
         power -= pulled(shape, state, scratch, shape[layout.RATES])
     copy(shape, shifted(scratch, shape[layout.FORCE]), w_rate)
-    power += add_turning(shape, model, inputs, state, scratch, x, w, t, w_rate)
+    power += add_turning(shape, model, inputs, state, scratch, w, t, w_rate)
     add_decay(shape, model, state, w_rate)
     return power
 

@@ -22,7 +22,6 @@ from dlo_sim.engine.held import (
     through_inverse,
     turn_to_aim,
 )
-from dlo_sim.engine.held_motion import target_rates
 from dlo_sim.engine.tables import grasp_of, line_of
 
 
@@ -62,10 +61,11 @@ def direction_rates(shape, model, inputs, scratch, t):
 
 
 @part
-def add_turning(shape, model, inputs, state, scratch, x, w, t, out):
+def add_turning(shape, model, inputs, state, scratch, w, t, out):
     """out += P' v, for an acceleration P M^-1 f and the directions of time t.
 
-    Returns the power w^T M P' v = - (B' w) . (S^-1 B v) that the motion w takes from the grasps.
+    `add_velocity_of_held` has left S^-1 B v in the rows SYSTEM. Returns the power w^T M P' v =
+    - (B' w) . (S^-1 B v) that the motion w takes from the grasps.
     """
     power = zero()
     if not grasps_move(shape, inputs):
@@ -73,8 +73,6 @@ def add_turning(shape, model, inputs, state, scratch, x, w, t, out):
     if not direction_rates(shape, model, inputs, scratch, t):
         return power
     held, system, ahead = shape[layout.HELD], shape[layout.SYSTEM], shape[layout.AHEAD]
-    target_rates(shape, model, inputs, state, scratch, x, t)
-    through_inverse(shape, state, shape[layout.INVERSE], scratch, 1.0, scratch, system)
     for k in range(held):
         if turns(shape, k):
             f = load(scratch, system + k * LANES)
