@@ -6,6 +6,7 @@ from cables import FULL, FULLY_DAMPED, SOFT, scene_of, set_state, simulator
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import METHODS
+from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 
@@ -306,3 +307,28 @@ def test_velocities_are_those_that_were_set():
     rates[:2] = 0.0
     set_state(sim, rates=rates)
     assert same(sim.velocities, rates)
+
+
+def test_newtons_method_finds_its_way_back_from_too_far():
+    """Blows that need the search along the correction: 10,600 iterations in all, and 21,000 where
+    it goes further out instead of back.
+    """
+    cable = {"length": 0.5, "diameter": 0.01, "youngs_modulus": 1e6}
+    scene = scene_from_values(
+        {
+            **{f"cable.{key}": value for key, value in cable.items()},
+            "start.clamped": True,
+            "loads.names": ["tip"],
+            "integrator.method": "energy_momentum",
+            "integrator.step": 0.1,
+            "discretization.control_points": 9,
+        }
+    )
+    iterations = 0
+    for push in (1.0, 10.0, 100.0):
+        sim = Simulator(scene)
+        sim.set_load("tip", force=(-push, 0.1 * push, 0.0))
+        report = sim.advance_steps(5)
+        assert report.status.ok
+        iterations += report.force_evaluations
+    assert iterations < 15_000
