@@ -175,6 +175,8 @@ class _Stack:
         for offset, size in narrow.items():
             start, room = int(self._one[offset]), self._at(whole, offset, wide[offset])
             parts = [array[start : start + size] for array in arrays]
+            if not len(room):
+                continue
             if offset in _SHARED:
                 room[:] = parts[0]
             elif offset in _LINES:

@@ -15,6 +15,7 @@ from dlo_sim import __version__
 from dlo_sim.cli import (
     demo,
     doctor,
+    forecast,
     identify,
     methods,
     node,
@@ -35,7 +36,7 @@ _OF_SYSTEM = {errno.ENAMETOOLONG: REFUSED, errno.ENOSPC: FAILED, errno.EDQUOT: F
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
     for module in (
-        *(demo, doctor, simulate, replay, view, identify),
+        *(demo, doctor, simulate, replay, forecast, view, identify),
         *(study, tune, node, methods, parameters),
     )
 }

@@ -64,6 +64,23 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         ) from None
 
 
+def write_arrays(path: Path, arrays: Mapping[str, object]) -> None:
+    """Write those that are not None as a compressed npz under exactly this name.
+
+    Raises:
+        CommandError: as `write_whole`.
+    """
+    import numpy as np
+
+    given: dict[str, Any] = {name: one for name, one in arrays.items() if one is not None}
+
+    def write(partial: Path) -> None:
+        with partial.open("wb") as stream:  # a name without .npz would get one
+            np.savez_compressed(stream, **given)
+
+    write_whole(path, write)
+
+
 def print_json(values: Mapping[str, Any]) -> None:
     """Print one JSON object on one line; numbers that are not finite become null."""
     print(json.dumps(_plain(values), allow_nan=False), flush=True)

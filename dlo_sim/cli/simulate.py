@@ -17,7 +17,7 @@ from dlo_sim.cli.output import (
     print_rows,
     progress_bar,
     tell,
-    write_whole,
+    write_arrays,
 )
 from dlo_sim.process.stopping import exit_status
 from dlo_sim.scene.description import Scene
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar("simulate", keeps=True) as progress:
         recording = record(scene, options.duration, options.every, progress=progress, tell=tell)
     if options.output is not None:
-        _write(options.output, recording)
+        write_arrays(options.output, {name: getattr(recording, name) for name in _ARRAYS})
     if options.json:
         print_json({name: getattr(recording, name) for name in _REPORT})
     else:
@@ -97,18 +97,6 @@ def _check_size(scene: Scene, duration: float, every: float) -> None:
             f"--every {every:g} s for --duration {duration:g} s would record {size / 1e9:.3g} GB; "
             f"give --every {cure:.1e} or more"
         )
-
-
-def _write(path: Path, recording: "Recording") -> None:
-    """Write the samples as a compressed npz under exactly this name."""
-    import numpy as np
-
-    def write(partial: Path) -> None:
-        with partial.open("wb") as stream:  # a name without .npz would get one
-            arrays = {name: getattr(recording, name) for name in _ARRAYS}
-            np.savez_compressed(stream, **{k: v for k, v in arrays.items() if v is not None})
-
-    write_whole(path, write)
 
 
 def _print_report(scene: str, output: Path | None, recording: "Recording") -> None:

@@ -81,6 +81,7 @@ NATURAL = 62  # NATURAL_ROWS a sample of every block (`engine.natural_curvature`
 RATES_BEFORE = 65  # rows, held: rates of the targets that the velocities belong to
 PLASTIC = 64  # 6 rows a sample of every block: plastic curvature and the tangent it belongs to
 REFERENCE = 66  # positions at the end of the last step, SIZE (`engine.bishop`)
+MATRIX = 42  # factors of the last Newton matrix (`methods.implicit`)
 FRAME_TURN = 67  # a row a grasp: by how much the frame of theta is behind its own [rad]
 # -- shape: offsets in scratch ------------------------------------------------------------------
 FORCE = 70
@@ -180,6 +181,10 @@ STRETCHING, BENDING_ENERGY, TWISTING, TORSIONAL = 0, 1, 2, 3
 PLASTIC_ENERGY, WEIGHT_ENERGY, SPRING_ENERGY, CONTACT_ENERGY = 4, 5, 6, 7
 ENERGY_BEGIN = ENERGY + len(ENERGIES)  # the same at the start
 NOTE_ROWS = len(ENERGIES) + 3
-LEDGER_ROWS = ENERGY_BEGIN + len(ENERGIES)
+MATRIX_WEIGHT = ENERGY_BEGIN + len(ENERGIES)  # mass in MATRIX over that of the model [1/s^2], or 0
+MATRIX_ITERATIONS = MATRIX_WEIGHT + 1  # that the step in which it was made needed from there on
+MATRIX_SHRINKING = MATRIX_ITERATIONS + 1  # of corrections, as the last step with two of them saw it
+LEDGER_ROWS = MATRIX_SHRINKING + 1
+OF_HISTORY = (KNOWN, IS_BOOKED, PENDING, HAS_REACTION, MATRIX_WEIGHT)  # 0 where nothing is known
 
 OK, DIVERGED, NOT_CONVERGED = 0, 1, 2

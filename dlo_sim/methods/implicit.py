@@ -83,6 +83,7 @@ LEAST_BUDGET = 500  # iterations per step
 ROOM = 10.0  # tolerances that the energy account may be off by in the long run
 TIGHT = 1e-10  # tolerance of steps once it is
 SAFETY = 10.0  # on the shrinking of the next correction
+FORGETTING = 1.5  # of that shrinking, a step
 SMALLEST_SHRINKING = 1e-3  # of corrections that is believed
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 
@@ -131,7 +132,9 @@ def implicit_step(
     It is a part of a step of length `whole`, over which reactions are averaged. `careful`: one that
     turns an edge of the control polygon over does not count as converged.
 
-    The matrix is factorised at the first guess and kept while corrections shrink fast.
+    The matrix is kept, across steps too, while corrections shrink fast and a step needs at most one
+    iteration more than the one in which it was made. It is part of the state, so that a run that is
+    cut, saved or copied goes on with the same bits.
     """
     _, parts, gradient, tangent, flows, twisting = pieces
     _, begin_step, step_force, newton_matrix, finish_step = parts
@@ -159,8 +162,11 @@ def implicit_step(
     converged = False
     iterations = 0
     previous = np.inf
-    # Of the types that they keep: a literal would have numba compile what it is passed to twice.
-    linearize = iterations == 0
+    # What is held between control points is eliminated with what scratch holds of its step.
+    weight = ledger + layout.MATRIX_WEIGHT * LANES
+    usual, shrinks = weight + LANES, weight + 2 * LANES
+    linearize = state[weight] != a or shape[layout.BORDER] > 0
+    made = 0  # iteration in which the matrix was made, 0: in an earlier step
     slope = 0.0  # |residual . correction| before the last correction
     share = 1.0  # of the last correction that is in x
     stalls = 0  # corrections in a row that did not get smaller
@@ -191,7 +197,7 @@ def implicit_step(
                 shape, model, inputs, state, scratch, tangent, t0, tau, a, theta, rate, discrete
             ):
                 break
-            known = np.int64(0)
+            known, made = np.int64(0), iterations
         energy, slope, defect, moved = correct(shape, state, scratch, known, x, change)
         known += 1
         if not energy < 1e300:
@@ -201,6 +207,10 @@ def implicit_step(
         shrinking = 1.0
         if share == 1.0 and iterations > 1:
             shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
+            if iterations == 2:
+                state[shrinks] = shrinking
+        elif made == 0:
+            shrinking = state[shrinks]
         share = 1.0
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
         allowed = allowed_defect(shape, state, tolerance, inertia)
@@ -215,6 +225,12 @@ def implicit_step(
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy
+    if made > 0:
+        state[usual], state[shrinks] = iterations - made + 1, 1.0
+    if made > 1 or iterations > state[usual] + 1:
+        state[weight] = 0.0
+    elif iterations == 1:
+        state[shrinks] *= FORGETTING
     # Newton's method may find a cable folded through itself, at no cost in energy.
     if converged and careful:
         converged = not turned_over(shape, x, start, change)

@@ -23,7 +23,7 @@ TWIST_LATEST = FIRST_OWN + 8  # lines
 TWIST_REST = FIRST_OWN + 9  # lines
 TWIST_SUM = FIRST_OWN + 10  # lines
 LINES_HERE = 11
-BAND = FIRST_OWN + 11  # matrix over all unknowns
+BAND = FIRST_OWN + 11  # matrix over all unknowns, between steps
 RESIDUAL_ROOM = FIRST_OWN + 12  # all unknowns between zeros (`residual_of`)
 BALANCE = FIRST_OWN + 13  # all unknowns: the residual that a correction was solved for
 STEP = FIRST_OWN + 14  # all unknowns: a correction in world coordinates
@@ -45,13 +45,18 @@ def residual_of(shape, scratch):
     return shifted(scratch, shape[RESIDUAL_ROOM] + PADDING)
 
 
+def band_room(n: int, dim: int) -> int:
+    """Entries of a band matrix over all unknowns, and of what whole vectors read behind it."""
+    return n * dim * 16 * (dim - 1) + 16 * LANES
+
+
 def implicit_rooms(n: int, dim: int, samples: int, held: int, size: int) -> dict[int, int]:
     """Sizes of the scratch by its offset."""
     unknowns = n * dim
     rooms = dict.fromkeys(range(START, START + LINES_HERE), size)
     directions = held * 4 * LANES
     return rooms | {
-        BAND: unknowns * 16 * (dim - 1) + 16 * LANES,
+        BAND: band_room(n, dim),
         RESIDUAL_ROOM: unknowns + 2 * PADDING,
         BALANCE: unknowns,
         STEP: unknowns,

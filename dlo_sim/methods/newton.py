@@ -11,7 +11,7 @@ from dlo_sim.compiling.pieces import NO, YES, part
 from dlo_sim.engine import layout
 from dlo_sim.engine.band import own_point, substitute, turn_vector
 from dlo_sim.engine.border import keep_border
-from dlo_sim.methods.implicit_layout import BALANCE, BAND, CORRECTIONS, STEP, residual_of
+from dlo_sim.methods.implicit_layout import BALANCE, CORRECTIONS, STEP, residual_of
 
 TRUSTED = 0.5  # largest share by which a correction may be repeated
 SMALLEST = 1e-300  # square of a correction
@@ -113,7 +113,7 @@ def correct(shape, state, scratch, known, x, change):
     corrections = shifted(scratch, shape[CORRECTIONS])
     for r in range(size):
         balance[r] = z[r]
-    substitute(shifted(scratch, shape[BAND]), size, dim, z)
+    substitute(shifted(state, shape[layout.MATRIX]), size, dim, z)
     keep_border(shape, scratch, z)
     for j in range(known):
         s = shifted(corrections, j * (size + 1))

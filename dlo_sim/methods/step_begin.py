@@ -160,3 +160,4 @@ def undo_step(shape, state, scratch):
         state[shape[layout.INVERSE] + at] = scratch[shape[OLD_INVERSE] + at]
     restore_anchors(shape, state)
     state[shape[layout.LEDGER] + layout.KNOWN * LANES] = 0.0
+    state[shape[layout.LEDGER] + layout.MATRIX_WEIGHT * LANES] = 0.0

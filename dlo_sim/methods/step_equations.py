@@ -44,7 +44,6 @@ from dlo_sim.engine.springs import (
 )
 from dlo_sim.engine.tables import line_of
 from dlo_sim.methods.implicit_layout import (
-    BAND,
     CHANGE,
     COAST,
     DAMPING_FORCE,
@@ -149,8 +148,8 @@ def balance(shape, model, state, scratch, a, b, c):
     *(REAL, REAL, REAL, REAL, REAL, TRUTH),
 )
 def newton_matrix(shape, model, inputs, state, scratch, tangent, t, tau, a, theta, rate, discrete):
-    """Tangent of the momentum balance into BAND, factorised; whether that went well."""
-    band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
+    """Tangent of the momentum balance into MATRIX, factorised; whether that went well."""
+    band, x = shifted(state, shape[layout.MATRIX]), shifted(state, shape[layout.X])
     start, middle = shifted(scratch, shape[START]), shifted(scratch, shape[MIDDLE])
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
     clear_band(shape, band)
@@ -168,7 +167,10 @@ def newton_matrix(shape, model, inputs, state, scratch, tangent, t, tau, a, thet
     rows = shifted(scratch, shape[MIDDLE_DIRECTION])
     hold(shape, rows, shifted(state, shape[layout.DIRECTION]), band)
     stiffen_border(shape, scratch, band)
+    weight = shape[layout.LEDGER] + layout.MATRIX_WEIGHT * LANES
+    state[weight] = 0.0
     if not eliminate(band, shape[layout.N] * shape[layout.DIM], shape[layout.DIM]):
         return False
     solve_border(shape, scratch, band)
+    state[weight] = a
     return True

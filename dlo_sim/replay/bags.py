@@ -294,6 +294,11 @@ def _is_name(value: object) -> bool:
     return isinstance(value, str) and value.isprintable()
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a path is meant as a bag."""
+    return path.is_dir() or path.suffix in _SUFFIXES
+
+
 def _data_files(path: Path) -> list[Path]:
     """The files of a bag that hold messages, in the order of their numbers."""
     if path.is_file() and path.suffix in _SUFFIXES:

@@ -7,17 +7,19 @@ simulator failed and `integrator.on_failure` is `stop`.
 import gc
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from dlo_sim.process import stopping
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.refusal import one_line
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
     from dlo_sim.ros.cable_node import CableNode
+    from dlo_sim.ros.cables import Makers
 
 DONE, REFUSED, FAILED = 0, 2, 3
 
@@ -71,7 +73,7 @@ def _run(arguments: list[str]) -> int:
         rclpy.try_shutdown()
 
 
-def _run_all(makers: "dict[str, Callable[[], CableNode]]") -> int:
+def _run_all(makers: "dict[str, Makers]") -> int:
     """Run every cable in a thread of its own, so that none waits for another; the worst status."""
     running = list(makers)
     with ThreadPoolExecutor(len(makers)) as pool:
@@ -79,22 +81,23 @@ def _run_all(makers: "dict[str, Callable[[], CableNode]]") -> int:
     return max(end.result() for end in ends)
 
 
-def _run_cable(name: str, make: "Callable[[], CableNode]", running: list[str]) -> int:
-    """Run a cable until a signal or until it gives up, which the others do not notice.
+def _run_cable(name: str, makers: "Makers", running: list[str]) -> int:
+    """Run a cable until a signal or until it gives up, which the others do not notice; why is in
+    /diagnostics as long as they run.
 
     Args:
         name: for messages.
         running: the names of all that run; this one takes itself off.
     """
-    label = f"{name}: " if name else ""
+    status, failure = FAILED, None
     node: CableNode | None = None
     try:
-        node = make()
+        node = makers.cable()
         node.start()
         _spin(node)
         failure = node.failure
     except SceneError as refusal:
-        return _refuse(f"{label}{refusal}")
+        status, failure = REFUSED, one_line(str(refusal))
     except Exception:
         traceback.print_exc()
         failure = "an error of the program, see above"
@@ -107,8 +110,11 @@ def _run_cable(name: str, make: "Callable[[], CableNode]", running: list[str]) -
             node.destroy_node()
     if failure is None:
         return DONE
-    print(f"dlo_sim: {label}{failure}", file=sys.stderr)
-    return FAILED
+    # One piece: several cables may end at once.
+    label = f"{'error: ' if status == REFUSED else ''}{name}{': ' if name else ''}"
+    sys.stderr.write(f"dlo_sim: {label}{failure}\n")
+    makers.keep_saying(failure, running)
+    return status
 
 
 def _spin(node: "CableNode") -> None:
@@ -137,6 +143,5 @@ def new_executor() -> "Executor":
 
 
 def _refuse(reason: str) -> int:
-    # One piece: several cables may be refused at once.
-    sys.stderr.write(f"dlo_sim: error: {' '.join(reason.split())}\n")
+    sys.stderr.write(f"dlo_sim: error: {one_line(reason)}\n")
     return REFUSED

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
 from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr_trajectory import Trajectory, decode_trajectory
@@ -81,13 +82,15 @@ class Plans:
     def _planned(self, trajectory: Trajectory, arrival_ns: int) -> Planned:
         from dlo_sim.simulation.forecast import Plan
 
-        self._check(trajectory)
         session = self._session
+        if not session.started:
+            raise bad_plan("the cable has not been placed yet; plan once every end has a pose")
+        check_plan(session.scene, trajectory)
         stamp_ns = trajectory.stamp_ns or arrival_ns
         ahead = (stamp_ns - session.stamp_ns) * 1e-9
         times = ahead + trajectory.times
         if not 0.0 < times[-1] <= LONGEST:
-            raise _bad(
+            raise bad_plan(
                 f"ends {times[-1]:.3f} s after the present state; stamp it with the time of its "
                 f"begin, or with 0 for now, and plan at most {LONGEST:g} s"
             )
@@ -98,35 +101,9 @@ class Plans:
             self._check_begin(name, rows[0])
             present = np.concatenate(session.simulator.end_pose(name))
             poses[name] = np.vstack([present, rows[later]])
-            self._check_speed(name, grid, poses[name])
+            check_speed(session.scene, name, grid, poses[name], JUMP[0])
         simulator = cast("Simulator", session.simulator)
         return Planned(simulator, Plan(grid, poses), stamp_ns, ahead)
-
-    def _check(self, trajectory: Trajectory) -> None:
-        """Refuse what is no plan for this scene, whatever the state.
-
-        Raises:
-            Refused: saying why.
-        """
-        scene, joints = self._session.scene, trajectory.joints
-        if not self._session.started:
-            raise _bad("the cable has not been placed yet; plan once every end has a pose")
-        if trajectory.frame_id not in ("", scene.frame_id):
-            raise _bad(f"is in frame '{trajectory.frame_id}'; transform it to '{scene.frame_id}'")
-        unknown = [name for name in joints if name not in scene.holders]
-        if unknown or not joints or len(set(joints)) < len(joints):
-            raise _bad(
-                f"has the joints {', '.join(joints) or 'none'}; name each of some of "
-                f"{', '.join(scene.holders)} once"
-            )
-        times = trajectory.times
-        if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
-            shown = ", ".join(f"{time:.6g}" for time in times[:4])
-            raise _bad(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
-        for pose in trajectory.poses.reshape(-1, 7).tolist():
-            if not math.isfinite(sum(pose)):
-                raise Refused("not_finite", f"pose {pose}; repair the planner")
-            check_pose(tuple(pose))
 
     def _check_begin(self, name: str, pose: Array) -> None:
         """Refuse a plan that begins elsewhere than where the end effector was last."""
@@ -138,21 +115,54 @@ class Plans:
         turned = rotations.multiply(pose[3:], rotations.conjugate(orientation))
         turn = float(np.linalg.norm(rotations.to_rotation_vector(turned)))
         if way > JUMP[0] or turn > JUMP[1]:
-            raise _bad(
+            raise bad_plan(
                 f"begins {way:.3g} m and {turn:.3g} rad away from the newest pose of {name}; begin "
                 f"there, within {JUMP[0]:g} m and {JUMP[1]:g} rad"
             )
 
-    def _check_speed(self, name: str, times: Array, poses: Array) -> None:
-        ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
-        ways[0] = max(ways[0] - JUMP[0], 0.0)
-        speed = float((ways / np.diff(times)).max())
-        most = self._session.scene.inputs.max_speed
-        if speed > most:
-            raise _bad(
-                f"moves {name} at {speed:.3g} m/s, inputs.max_speed is {most:g} m/s; plan it slower"
-            )
+
+def check_plan(scene: Scene, trajectory: Trajectory) -> None:
+    """Refuse what is no plan for a scene, whatever the state of its cable.
+
+    Raises:
+        Refused: saying why.
+    """
+    joints, times = trajectory.joints, trajectory.times
+    if trajectory.frame_id not in ("", scene.frame_id):
+        raise bad_plan(f"is in frame '{trajectory.frame_id}'; transform it to '{scene.frame_id}'")
+    known = [name for name, holder in scene.holders.items() if holder.held]
+    if not joints or not set(joints) <= set(known) or len(set(joints)) < len(joints):
+        raise bad_plan(
+            f"has the joints {', '.join(joints) or 'none'}; name what holds the cable, each once: "
+            f"{', '.join(known) or 'nothing does'}"
+        )
+    if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
+        shown = ", ".join(f"{time:.6g}" for time in times[:4])
+        raise bad_plan(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
+    for pose in trajectory.poses.reshape(-1, 7).tolist():
+        if not math.isfinite(sum(pose)):
+            raise Refused("not_finite", f"pose {pose}; repair the planner")
+        check_pose(tuple(pose))
 
 
-def _bad(detail: str) -> Refused:
+def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float = 0.0) -> None:
+    """Refuse poses (T, 7) of an end effector that are further apart than inputs.max_speed allows.
+
+    Args:
+        jump: by which the second may be further from the first [m].
+
+    Raises:
+        Refused: saying how fast they are.
+    """
+    ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+    ways[0] = max(ways[0] - jump, 0.0)
+    speed, most = float((ways / np.diff(times)).max()), scene.inputs.max_speed
+    if speed > most:
+        raise bad_plan(
+            f"moves {name} at {speed:.3g} m/s, inputs.max_speed is {most:g} m/s; plan it slower"
+        )
+
+
+def bad_plan(detail: str) -> Refused:
+    """The refusal of a plan that `detail`."""
     return Refused("bad_plan", f"the plan {detail}")

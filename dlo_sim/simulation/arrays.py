@@ -12,7 +12,7 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.border import border_rooms
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.methods.explicit_layout import CONSTRAINT_ENTRIES, CONSTRAINTS, explicit_rooms
-from dlo_sim.methods.implicit_layout import implicit_rooms
+from dlo_sim.methods.implicit_layout import band_room, implicit_rooms
 
 Array = NDArray[np.float64]
 Table = NDArray[np.int64]
@@ -109,6 +109,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.LEDGER: layout.LEDGER_ROWS * LANES,
             layout.NATURAL: samples * layout.NATURAL_ROWS if c.curved else 0,
             layout.PLASTIC: samples * layout.PLASTIC_ROWS if c.plastic else 0,
+            layout.MATRIX: band_room(c.n, c.dim) if c.stride == 1 else 0,
         },
         "scratch": {
             layout.FORCE: c.size,

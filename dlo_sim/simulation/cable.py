@@ -147,7 +147,7 @@ class Cable:
         at, size = self.model.shape[layout.HISTORY], self.model.shape[layout.SIZE]
         self.state[at : at + 3 * size] = 0.0
         self.model.rows(self.state, layout.RATES_BEFORE, len(self.model.holding.rows))[:] = 0.0
-        self.ledger[[layout.KNOWN, layout.IS_BOOKED, layout.PENDING, layout.HAS_REACTION]] = 0.0
+        self.ledger[list(layout.OF_HISTORY)] = 0.0
         if follow:
             self.follow()
         self.open_frame()

@@ -261,8 +261,7 @@ class CableInputs(CableView):
         optional_terms.carry_samples(old, self._cable)
         ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
         self._cable.ledger[:] = ledger
-        anew = [layout.IS_BOOKED, layout.PENDING, layout.KNOWN, layout.HAS_REACTION]
-        self._cable.ledger[anew] = 0.0
+        self._cable.ledger[list(layout.OF_HISTORY)] = 0.0
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""

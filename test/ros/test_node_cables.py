@@ -141,11 +141,15 @@ def test_one_that_is_refused_and_one_that_fails_do_not_stop_the_other(
     assert peer.get(*names, node="/dlo_sim/a") == [0.4, [0.0, 0.0, -9.5], []]
     peer.until(lambda: "dlo_sim: error: c: 'two_gripers' is not a" in node.output, "a refusal")
     assert not peer.node.count_publishers("/dlo_sim/c/control_points")
+    refusal = "'two_gripers' is not a shipped scene"
+    said = peer.status("/dlo_sim/c: node", lambda _, s: s.message.startswith(refusal), "why")
+    assert said == {"cables running": "a, b"}
 
     publisher, message = push(peer, "/dlo_sim/b", 100.0)
     with peer.repeating(publisher, message):
         peer.until(lambda: "dlo_sim: b: " in node.output, "the failure of b")
     peer.until(lambda: not peer.node.count_services("/dlo_sim/b/reset"), "the end of b")
+    peer.status("/dlo_sim/b: node", lambda _, s: "the energy grew" in s.message, "why b ended")
     count = len(found)
     peer.until(lambda: len(found) > count + 5, "a going on")
     assert node.stop() == FAILED
@@ -159,8 +163,14 @@ def test_one_that_is_refused_and_one_that_fails_do_not_stop_the_other(
         ({"cables": "[start]"}, "cables: 'start' is not a name"),
         ({"cables": "a"}, "cables: 'a'"),
         ({"cables": "[a]", "a.scene": "3"}, "scene: 3"),
-        ({"cables": "[a]", "a.lifecycle": "3"}, "lifecycle: 3"),
-        ({"cables": "[a]", "b.cable.length": "2.0"}, "b.cable.length: 2.0"),
+        ({"cables": "[a]", "rate": "9.0", "a.lifecycle": "3"}, "lifecycle: 3"),
+        ({"cables": "[a]", "b.cable.length": "2.0"}, "b.cable.length: 2.0 is for a cable 'b'"),
+        (
+            {"cables": "[a, b]", "c.scene": "x"},
+            "c.scene: 'x' is for a cable 'c'; cables names a",
+        ),
+        ({"cables": "[a]", "cabel.length": "2.0"}, "cabel.length: 2.0 is for"),
+        ({"cables": "[a]", "use_sim_time": "false"}, "a.scene: is not given; name a shipped scene"),
         ({"lifecycle": "later"}, "lifecycle: 'later'"),
     ],
 )
@@ -170,18 +180,19 @@ def test_bad_names_are_refused(domain: int, values: dict[str, str], named: str) 
         rclpy.init(args=given.for_rcl, domain_id=domain)
         try:
             with pytest.raises(SceneError, match=named):
-                for make in cables_of(given).values():
-                    make().start()
+                for makers in cables_of(given).values():
+                    makers.cable().start()
         finally:
             rclpy.shutdown()
 
 
 def test_remap_rules_are_for_each_cable_and_new_names_for_all_together(domain: int) -> None:
     rules = ["-r", "__ns:=/arm", "-r", "__node:=left", "-r", "b:~/tip/wrench:=/hand"]
-    values = ["-p", "cables:=[a, b]", "-p", "b.rate:=50.0", "-p", "use_sim_time:=true"]
+    values = ["-p", "cables:=[a, b]", "-p", "cable.length:=1.0", "-p", "b.rate:=50.0"]
+    values += ["-p", "use_sim_time:=true"]
     with read_arguments(["--ros-args", *rules, *values]) as given:
         rclpy.init(args=given.for_rcl, domain_id=domain)
-        nodes = [make() for make in cables_of(given).values()]
+        nodes = [makers.cable() for makers in cables_of(given).values()]
         found = [(n.get_fully_qualified_name(), n.resolved("~/tip/wrench")) for n in nodes]
         clocks = [node.get_parameter("use_sim_time").value for node in nodes]
         rates = [node.overrides.get("rate") for node in nodes]

@@ -107,6 +107,40 @@ def test_node_runs_and_ends(
     peer.until(lambda: not peer.node.count_publishers("/dlo_sim/centerline"), "end of the node")
 
 
+LIFECYCLE = """\
+from launch import LaunchDescription
+from launch.actions import EmitEvent, RegisterEventHandler
+from launch.events import matches_action
+from launch_ros.actions import LifecycleNode
+from launch_ros.event_handlers import OnStateTransition
+from launch_ros.events.lifecycle import ChangeState
+
+def generate_launch_description():
+    values = ["{scene}", {{"lifecycle": True}}]
+    names = dict(package="dlo_sim", executable="node", name="dlo_sim", namespace="")
+    node = LifecycleNode(**names, parameters=values)
+    configure, activate = (
+        EmitEvent(event=ChangeState(lifecycle_node_matcher=matches_action(node), transition_id=k))
+        for k in (1, 3)
+    )
+    then = OnStateTransition(target_lifecycle_node=node, goal_state="inactive", entities=[activate])
+    return LaunchDescription([node, RegisterEventHandler(then), configure])
+"""
+
+
+def test_launch_brings_a_lifecycle_node_to_active(
+    ros2: Run, peer: Peer, scene: str, tmp_path: Path
+) -> None:
+    """It configures, waits for the transition, and activates."""
+    (tmp_path / "managed.launch.py").write_text(LIFECYCLE.format(scene=scene), encoding="utf-8")
+    process = ros2("launch", str(tmp_path / "managed.launch.py"))
+    seen(peer, tmp_path / "log.txt")
+    assert peer.node.count_services("/dlo_sim/change_state") == 1
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(SOON) == 0
+    peer.until(lambda: not peer.node.count_publishers("/dlo_sim/centerline"), "end of the node")
+
+
 def test_launch_ends_with_a_node_that_refuses_its_scene(ros2: Run, tmp_path: Path) -> None:
     process = ros2("launch", "dlo_sim", "cable.launch.py", "scene:=two_gripers")
     process.wait(SOON)

@@ -97,8 +97,13 @@ def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
 @pytest.mark.parametrize(
     ("changes", "reason", "text"),
     [
-        ({"joints": ["tcp"]}, "bad_plan", "has the joints tcp; name each of some of start, end"),
+        (
+            {"joints": ["tcp"]},
+            "bad_plan",
+            "tcp; name what holds the cable, each once: start",
+        ),
         ({"joints": []}, "bad_plan", "has the joints none"),
+        ({"joints": ["end"]}, "bad_plan", "has the joints end; name what holds the cable"),
         ({"joints": ["start", "start"]}, "bad_plan", "has the joints start, start"),
         ({"times": [0.0, 0.1, 0.1]}, "bad_plan", "has the times 0, 0.1, 0.1 ... s; give rising"),
         ({"times": []}, "bad_plan", "has the times none"),

@@ -1,0 +1,138 @@
+"""`dlo_sim forecast SCENE --plan FILE`: the future of a cable along a planned motion."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dlo_sim.cli.arguments import (
+    CommandError,
+    Parser,
+    add_scene_options,
+    positive_seconds,
+    read_scene,
+)
+from dlo_sim.cli.output import (
+    check_output_file,
+    print_json,
+    print_rows,
+    progress_bar,
+    write_arrays,
+)
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.forecast import Array, Forecast
+
+FAILED = 3
+_SHOWN = 5  # points of the last shape, for people
+
+HELP = "tell what a planned motion does to a cable"
+
+
+def add_arguments(parser: Parser) -> None:
+    """Say what the subcommand does and takes."""
+    parser.description = (
+        "Let a cable begin at rest where a planned motion begins, and tell its shapes, tension and "
+        "curvature along it. What the plan does not name stays where the scene puts it; loads are "
+        "those of the scene. Exit status 3 when the run failed; the shapes up to then are kept."
+    )
+    parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
+    parser.add_argument(
+        "--plan",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help="bag with a MultiDOFJointTrajectory or with poses on the scene's topics; or times and "
+        "poses of start, end or grasps (x, y, z, quaternion x, y, z, w) as YAML or npz",
+    )
+    parser.add_argument(
+        "--number", metavar="N", type=int, help="which trajectory of a bag with several, from 1"
+    )
+    parser.add_argument(
+        "--every",
+        metavar="S",
+        type=positive_seconds,
+        default=0.02,
+        help="time between shapes [s] (default: 0.02)",
+    )
+    parser.add_argument(
+        "--output",
+        metavar="FILE.npz",
+        type=Path,
+        help="write time, control points, centerline, tension and curvature, for dlo_sim view",
+    )
+    add_scene_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Forecast, write and print; returns the exit status."""
+    scene = read_scene(options.scene, options.assignments)
+    if options.output is not None:
+        check_output_file(options.output)
+
+    import numpy as np
+
+    from dlo_sim.replay.planned import PlanError, read_plan
+    from dlo_sim.simulation.simulator import Simulator
+
+    with progress_bar("forecast"):
+        try:
+            plan = read_plan(options.plan, scene, options.number)
+            first = {name: np.asarray(rows)[0] for name, rows in plan.poses.items()}
+            begin = {name: (pose[:3], pose[3:]) for name, pose in first.items()}
+            found = Simulator(scene, begin).forecast(plan, options.every)
+        except (PlanError, ValueError) as refusal:
+            raise CommandError(str(refusal)) from None
+    if not len(found.times):
+        raise CommandError(f"{options.plan}: {found.report.message}")
+    if options.output is not None:
+        arrays = {name: getattr(found, name) for name in ("control_points", "centerline")}
+        arrays |= {"time": found.times, "centerline_u": found.u}
+        write_arrays(
+            options.output, arrays | {"tension": found.tension, "curvature": found.curvature}
+        )
+    if options.json:
+        print_json(_summary(found, list(plan.poses)))
+    else:
+        _print_report(options, found, ", ".join(plan.poses))
+    return 0 if found.report.status.ok else FAILED
+
+
+def _summary(found: "Forecast", planned: list[str]) -> dict[str, object]:
+    return {
+        "status": found.report.status.name.lower(),
+        "message": found.report.message,
+        "planned": planned,
+        "simulated_s": found.report.simulated,
+        "shapes": len(found.times),
+        "peak_tension": found.peak_tension,
+        "largest_curvature": found.largest_curvature,
+        "end_shape": found.centerline[-1],
+    }
+
+
+def _print_report(options: argparse.Namespace, found: "Forecast", planned: str) -> None:
+    report = found.report
+    print(f"{options.scene}: {report.status.name.lower()}, {report.simulated:g} s along the plan")
+    if report.message:
+        print(f"  {report.message}")
+    tension = "not known from the shape of such a cable"
+    if found.tension is not None:
+        tension = f"{found.peak_tension:.4g} N {_where(found, found.tension)}"
+    curvature = f"{found.largest_curvature:.4g} 1/m {_where(found, found.curvature)}"
+    last = [k * (len(found.u) - 1) // (_SHOWN - 1) for k in range(_SHOWN)]
+    lines = [f"u = {found.u[k]:.3f} m: {found.centerline[-1, k].round(4).tolist()}" for k in last]
+    rows = {
+        "planned": planned,
+        "peak tension": tension,
+        "largest curvature": curvature,
+        f"shape at {found.times[-1]:g} s": "\n".join(lines),
+    }
+    if options.output is not None:
+        rows["output"] = f"{options.output} ({len(found.times)} shapes)"
+    print_rows(rows)
+
+
+def _where(found: "Forecast", values: "Array") -> str:
+    """Time and place of the largest value."""
+    shape, point = divmod(int(values.argmax()), len(found.u))
+    return f"at {found.times[shape]:.3f} s, u = {found.u[point]:.3f} m"
