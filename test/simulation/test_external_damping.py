@@ -137,7 +137,7 @@ def test_drag_by_direction_takes_energy_from_every_motion(planar):
     assert report.status.ok
     assert sim.energy().total < 0.5 * begin
     assert sim.energy_error < 1e-8 * begin
-    assert report.force_evaluations < 3 * 300  # 2.1 a step; without its tangent more
+    assert report.force_evaluations < 5 * 300  # 4 a step; without its tangent more
 
 
 @pytest.mark.parametrize("method", ["velocity_verlet", "rk4", "zhai", "rattle"])
