@@ -198,6 +198,7 @@ class Drive:
             self.observer.clear()
         self.grid = None
         self.estimate = None
+        self._too_slow = False
 
     def advance(self, wanted_ns: int, most_steps: int, silence_ns: int | None = None) -> Advance:
         """Take whole steps up to `wanted_ns`, at most so many, stopping where a pose is missing.

@@ -41,8 +41,6 @@ class Pacing:
     def __init__(self, scene: Scene, step: float, journal: Journal, live: bool) -> None:
         self._journal = journal
         self._live = live
-        self._shed = 0  # of _SHED, the first so many are given up
-        self._calm_ns = round(_CALM * SECOND)
         self.configure(scene, step)
         self.clear()
 
@@ -60,8 +58,10 @@ class Pacing:
         self._most_lag_ns = round(max([MOST_LAG, *timeouts]) * SECOND) + self._catch_up_ns
 
     def clear(self) -> None:
-        """Forget the lag and what was listened to."""
+        """Forget the lag, what was given up for it, and what was listened to."""
         self.lag_ns = 0
+        self._shed = 0  # of _SHED, the first so many are given up
+        self._calm_ns = round(_CALM * SECOND)
         self._kept_up_since_ns: int | None = None
         self.listen_anew()
 

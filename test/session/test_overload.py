@@ -100,3 +100,13 @@ def test_a_gap_in_the_poses_and_one_long_tick_shed_nothing(monkeypatch):
     log, _ = world.run(1.0, 5 * MS)
     world.posed += 2 * SECOND
     assert log + world.run(3.0, 5 * MS)[0] == []
+
+
+def test_a_reset_gives_everything_back(monkeypatch):
+    loaded = Overloaded(monkeypatch)
+    log, _ = loaded.run(3.0, 30 * MS)
+    assert "estimate_spared" in log
+    before = len(loaded.estimates)
+    loaded.bench.session.reset()
+    _, out = loaded.run(0.5, 5 * MS)
+    assert CENTERLINE in out and len(loaded.estimates) == before + 1
