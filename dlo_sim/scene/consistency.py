@@ -13,6 +13,7 @@ from dlo_sim.scene.refusal import SceneError, refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 LEAST_STEP = 1e-9  # [s]; 0 is a step that is chosen
+LEAST_DENSITY = 1e-15  # [kg/m], of the thinnest and lightest cable that can be given
 LEAST_QUATERNION = 1e-3  # norm of an orientation that is surely meant
 _LARGEST_STRETCH = 2.0  # held ends farther apart than this many lengths are surely a mistake
 
@@ -29,8 +30,11 @@ def _norm(vector: Vector) -> float:
 
 
 def check_cable(cable: Cable) -> None:
-    """Refuse an empty natural curvature, and an axis that is no unit vector."""
+    """Refuse an empty natural curvature, an axis that is no unit vector, a mass next to none."""
     axis = cable.rest_curvature_axis
+    if 0.0 < cable.linear_density < LEAST_DENSITY:
+        cure = f"give {LEAST_DENSITY:g} kg/m or more, or 0 for rho pi D^2 / 4"
+        raise refusal("cable.linear_density", cable.linear_density, f"is next to no mass; {cure}")
     for name in ("rest_curvature", "rest_curvature_2", "rest_twist"):
         if not getattr(cable, name):
             raise refusal(f"cable.{name}", (), "is empty; give [0.0] for a straight cable")

@@ -13,7 +13,7 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.studies.report import Column, Report
@@ -93,8 +93,10 @@ class Panel:
             axes.axvline(place * x_axis.scale, color="gray", linestyle=":", label=label)
         for axis in self.log:
             axes.set(**{f"{axis}scale": "log"})
-            # Of the minor ticks two have labels, and only on an axis of less than a decade.
-            getattr(axes, f"{axis}axis").set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+            # Of the minor ticks two have labels, and only on an axis of less than two decades.
+            ticks = getattr(axes, f"{axis}axis")
+            ticks.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+            ticks.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 2.0)))
         axes.set(xlabel=x_axis.header, ylabel=y_axis.header, title=self.title)
         axes.grid(alpha=0.3, which="both")
         labels = axes.get_legend_handles_labels()[1]

@@ -176,6 +176,8 @@ class Report:
     def _write_csv(
         self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]
     ) -> None:
+        if f"{name}.csv" in self.data:
+            raise ValueError(f"{name}.csv: is written already; give table and figure two names")
         self.data.append(f"{name}.csv")
         with (self.folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")

@@ -118,6 +118,10 @@ def test_huge_value_is_shown_shortened():
             "end.tangent: [0.0, 0.0, 0.0] gives no direction",
         ),
         ({**HELD, "end.position": [3, 0, 0]}, "is 3 m from start.position, but the cable is only"),
+        (
+            {"cable.linear_density": 1e-300},
+            "next to no mass; give 1e-15 kg/m or more, or 0",
+        ),
         ({"cable.rest_curvature_axis": [0, 0, 0]}, "is not a unit vector; give [0.0, 1.0, 0.0]"),
         ({"cable.rest_curvature_axis": [0.6, 0, 0]}, "give [1.0, 0.0, 0.0]"),
         ({"discretization.samples": 11}, "discretization.samples: 11 points per knot span"),

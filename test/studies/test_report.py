@@ -138,3 +138,10 @@ def test_step_cost_resets_and_refuses_a_failed_run():
     wild = Simulator(wire.with_values({"integrator.step": 1e-3}), unchecked_step=True)
     with pytest.raises(RuntimeError, match="timing a run that failed"):
         step_cost(wild)
+
+
+def test_nothing_is_written_over(report):
+    report.table("soak", ["a"], [[1]], "A table")
+    figure, _ = plotting.new_figure()
+    with pytest.raises(ValueError, match="soak.csv: is written already"):
+        report.figure("soak", figure, {"x": [1.0]}, "A figure of the same name")

@@ -103,15 +103,16 @@ def describe(report: Report, looks: list[Look]) -> dict[str, str]:
     report.text(
         f"""`two_grippers` with {used.discretization.control_points} control points and a step of
         {used.integrator.step:g} s, both grippers swinging and turning, poses and ticks at {RATE}
-        Hz,
-        every output made once a second, in one process. A hundred looks; the first ten are the
+        Hz, every output made once a second, in one process. A hundred looks; the first ten are the
         warm-up."""
     )
     warm, last = looks[WARM], looks[-1]
     header: Header = ["look", Column("simulated", "s"), "energy error", Column("resident", "KB")]
     header += ["open files", "threads", "Python's blocks", "refused"]
     named = {"first": looks[0], "after the warm-up": warm, "last": last}
-    report.table("soak", header, [(k, *v) for k, v in named.items()], "The run at three looks")
+    report.table(
+        "soak_looks", header, [(k, *v) for k, v in named.items()], "The run at three looks"
+    )
     hours = "simulated time [h]"
     rows = [(x.time / 3600.0, (x.resident - warm.resident) / 1024.0, x.energy_error) for x in looks]
     data = columns((hours, "change [KiB]", "energy error [-]"), rows)

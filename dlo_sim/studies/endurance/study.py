@@ -115,8 +115,8 @@ def latency_cases(seconds: float) -> dict[float, Case]:
 
 
 def overload_case(begin: float, end: float, seconds: float) -> Case:
-    """The process runs for 4 ms in 20 for a while."""
-    return Case(200.0, 50, seconds, stops=[(begin, end, 0.02, 0.8)])
+    """The process runs for 4 ms in 50 for a while: it needs a sixth of a core."""
+    return Case(200.0, 50, seconds, stops=[(begin, end, 0.05, 0.92)])
 
 
 def _live(report: Report, quick: bool, progress: Callable[[float], None]) -> dict[str, str]:
@@ -218,7 +218,7 @@ def describe_overload(report: Report, played: Played) -> dict[str, str]:
             seen = count
     rows.sort(key=lambda row: row[0])  # within a second as they are shed
     header: Header = [Column("time", "s", ".0f"), "counted in /diagnostics", "times so far"]
-    report.table("overload", header, rows, "What was shed and taken up, to a second")
+    report.table("shed", header, rows, "What was shed and taken up, to a second")
     lags = played.said("session", "lag [s]")
     data = {"time [s]": [at for at, _ in lags], "lag [s]": [float(lag) for _, lag in lags]}
     first = {name: next((at for at, what, _ in rows if what == name), None) for name in names}
@@ -237,8 +237,8 @@ def describe_rates(report: Report, played: dict[str, Played]) -> dict[str, str]:
         f"""Poses, a wrench and every output; a third process plays, a fourth reads. Age is arrival
         minus stamp of `~/control_points`, jitter how far the time between two arrivals is from the
         period, late are arrivals more than 2.5 periods apart, late ticks those that the node
-        counted, lost the states of which none arrived. Load when it began:
-        {os.getloadavg()[0]:.1f} of {os.cpu_count()} cores."""
+        counted. Load in the last of these minutes: {os.getloadavg()[0]:.1f} of {os.cpu_count()}
+        cores."""
     )
     header: Header = [
         *("case", Column("age", "ms"), Column("99 %", "ms"), Column("above latency", "ms")),
@@ -274,7 +274,7 @@ def describe_latencies(report: Report, played: dict[float, Played]) -> dict[str,
         rows.append((latency, median, most, median - latency, late))
     names = ("latency", "age, median", "age, 99 %", "median above latency")
     header: Header = [*(Column(name, "ms") for name in names), "late messages"]
-    report.table("latencies", header, rows, "Age of the outputs")
+    report.table("ages", header, rows, "Age of the outputs")
     axis = "inputs.latency [ms]"
     data = columns(("latency [s]", "median [s]", "99 % [s]"), [row[:3] for row in rows])
     panel = Panel("latency [s]", "age [ms]", ["median [s]", "99 % [s]"], x_axis=axis, log="xy")
