@@ -9,7 +9,7 @@ import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import Piece, part
 from dlo_sim.engine import bishop, contact, drag, layout, natural_curvature, plasticity, torsion
 from dlo_sim.engine.discrete import discrete_force
 from dlo_sim.engine.forces import energies, forces
@@ -28,13 +28,14 @@ OPTIONAL = (
 
 
 BITS = functools.reduce(operator.or_, (term.bit for term in OPTIONAL), layout.TWISTED)
-FLOWING = sum(term.bit for term in OPTIONAL if term.flow is not Term(0).flow)
+NO_TERM = Term(0)
+FLOWING = sum(term.bit for term in OPTIONAL if term.flow is not NO_TERM.flow)
 T = TypeVar("T")
 
 
 class Assembly(NamedTuple):
-    """Functions of all terms, for the parts below: what every scene has, then one of each optional
-    term.
+    """Functions of all terms, for the parts below: what every scene has, then that of each optional
+    term that supplies one.
     """
 
     forces: Any
@@ -50,24 +51,23 @@ def by_terms(make: Callable[[int], T]) -> Callable[[int], T]:
     return lambda terms: made(int(terms) & BITS)
 
 
+def _functions(name: str, terms: int) -> tuple[Piece, ...]:
+    """This function of every term that supplies it; of those not in these bits, the empty one."""
+    empty = getattr(NO_TERM, name)
+    having = [term for term in OPTIONAL if getattr(term, name) is not empty]
+    return tuple(getattr(term, name) if terms & term.bit else empty for term in having)
+
+
 @by_terms
 def assembly(terms: int) -> Assembly:
     """The assembly of a scene with these bits."""
-    found = [term if terms & term.bit else Term(term.bit) for term in OPTIONAL]
+    of = functools.partial(_functions, terms=terms)
     return Assembly(
-        forces=(forces, tuple(term.force for term in found)),
-        energies=(energies, tuple(term.energy for term in found)),
-        gradient=(
-            discrete_force,
-            tuple(term.gradient for term in found),
-            tuple(term.damping for term in found),
-        ),
-        tangent=(
-            add_tangent,
-            tuple(term.tangent for term in found),
-            tuple(term.damping_tangent for term in found),
-        ),
-        flow=tuple(term.flow for term in found),
+        forces=(forces, of("force")),
+        energies=(energies, of("energy")),
+        gradient=(discrete_force, of("gradient"), of("damping")),
+        tangent=(add_tangent, of("tangent"), of("damping_tangent")),
+        flow=of("flow"),
     )
 
 

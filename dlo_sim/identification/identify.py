@@ -92,6 +92,8 @@ def identify(
     for failure in failures:
         tell(f"the fitted scene fails in {failure}; its last good shape counts from there on")
     shape = {"initial.shape": asked.get("initial.shape", scene.initial.shape)}
+    if not any(found.scene.cable.rest_curvature_2):
+        shape["cable.rest_curvature_2"] = [0.0]
     return Identified(
         found.scene.with_values(shape),
         found,
@@ -128,9 +130,13 @@ def _check_alone(scene: Scene) -> None:
 def _chosen(
     unknowns: tuple[Unknown, ...], keys: Sequence[str], asked: Mapping[str, object]
 ) -> tuple[Unknown, ...]:
-    """Those of the keys; by default all that nobody has given."""
+    """Those of the keys; by default all but extra ones that nobody has given."""
     known = {one.key for one in unknowns}
     for key in keys:
         if key not in known:
             raise FitError(f"--fit {key} cannot be fitted; give one of {', '.join(sorted(known))}")
-    return tuple(one for one in unknowns if (one.key in keys if keys else one.key not in asked))
+    return tuple(
+        one
+        for one in unknowns
+        if (one.key in keys if keys else not one.extra and one.key not in asked)
+    )

@@ -32,6 +32,7 @@ class Unknown:
         width: how far it is usually off; reach: how far it may go; both of what the fit sees.
         least: what it may not fall below; of a logarithm its start where the scene has less.
         stage: unknowns of a stage join those of the earlier ones once these are fitted.
+        extra: fitted only where its key is asked for.
     """
 
     key: str
@@ -41,6 +42,7 @@ class Unknown:
     log: bool = False
     least: float = -np.inf
     stage: int = 0
+    extra: bool = False
 
     @property
     def label(self) -> str:
@@ -83,6 +85,12 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
             Unknown("cable.rest_curvature", 2.0 / length, 20.0 / length, at=k, stage=1)
             for k in range(POINTS)
         ),
+        *(
+            Unknown(
+                "cable.rest_curvature_2", 2.0 / length, 20.0 / length, at=k, stage=2, extra=True
+            )
+            for k in range(POINTS)
+        ),
         *(Unknown("cable.rest_curvature_axis", 0.5, 1.0, at=k, stage=2) for k in (0, 2)),
         *(Unknown(f"{end}.offset", 0.005, 0.03, at=0, stage=2) for end in ("start", "end")),
     )
@@ -90,16 +98,19 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
 
 def prepared(scene: Scene) -> Scene:
     """The scene with its derived values as numbers and its curvature as a list, to be changed."""
-    cable = scene.cable
-    points = np.linspace(0.0, 1.0, len(cable.rest_curvature))
-    curvature = np.interp(np.linspace(0.0, 1.0, POINTS), points, cable.rest_curvature)
+    cable, share = scene.cable, np.linspace(0.0, 1.0, POINTS)
+    one, other = (
+        np.interp(share, np.linspace(0.0, 1.0, len(values)), values).tolist()
+        for values in (cable.rest_curvature, cable.rest_curvature_2)
+    )
     return scene.with_values(
         {
             "cable.bending_stiffness": cable.EI,
             "cable.torsional_stiffness": cable.GJ,
             "cable.linear_density": cable.mu,
             "cable.axial_stiffness": cable.EA,
-            "cable.rest_curvature": curvature.tolist(),
+            "cable.rest_curvature": one,
+            "cable.rest_curvature_2": other,
         }
     )
 

@@ -272,12 +272,12 @@ class Holder:
         return any(self.fixed) or any(self.spring) or self.tangent_spring > 0.0
 
     @property
-    def points(self) -> bool:
+    def holds_direction(self) -> bool:
         """Whether it holds the direction of the cable, rigidly or by a spring."""
         return self.clamped or self.tangent_spring > 0.0
 
     @property
-    def rolls(self) -> bool:
+    def holds_roll(self) -> bool:
         """Whether it holds the roll of the cable, rigidly or by a spring."""
         return self.roll_spring > 0.0
 
@@ -294,9 +294,9 @@ class End(Holder):
     mass: float = parameter(0.0, "Point mass at this end.", "kg", (0.0, 1.0e4))
 
     @property
-    def rolls(self) -> bool:
+    def holds_roll(self) -> bool:
         """Whether it holds the roll of the cable, rigidly or by a spring."""
-        return self.clamped or super().rolls
+        return self.clamped or super().holds_roll
 
 
 @dataclass(frozen=True)
@@ -333,9 +333,9 @@ class Grasp(Holder):
     )
 
     @property
-    def rolls(self) -> bool:
+    def holds_roll(self) -> bool:
         """Whether it holds the roll of the cable, rigidly or by a spring."""
-        return self.roll or super().rolls
+        return self.roll or super().holds_roll
 
 
 @dataclass(frozen=True)

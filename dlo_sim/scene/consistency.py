@@ -89,7 +89,7 @@ def check_holder(name: str, end: Holder, length: float) -> None:
     if end.clamped and end.tangent_spring:
         cure = f"remove it, or set {name}.clamped: false"
         raise refused("tangent_spring", f"N m/rad would do nothing beside a clamp; {cure}")
-    if end.rolls and not end.points:
+    if end.holds_roll and not end.holds_direction:
         key = "roll_spring" if end.roll_spring else "roll"
         raise refused(key, f"needs the direction held; set {name}.clamped or {name}.tangent_spring")
     if end.roll_spring and isinstance(end, End) and end.clamped:

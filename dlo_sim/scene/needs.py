@@ -257,7 +257,7 @@ def _ends_leave(scene: Scene, normal: int) -> bool:
     apart = [max(places) - min(places)] if places else []
     if not (scene.start.held and scene.end.held):
         apart.append(scene.start.position[normal] - scene.end.position[normal])
-    apart += [one.tangent[normal] for one in holders if one.points]
+    apart += [one.tangent[normal] for one in holders if one.holds_direction]
     return any(apart)
 
 
@@ -281,7 +281,7 @@ def _plane(axes: tuple[int, ...]) -> str:
 
 def _may_twist(scene: Scene) -> bool:
     """Something can turn the cable about its own axis: a gripper that clamps it, or a moment."""
-    turned = any(one.rolls and one.driven for one in scene.holders.values())
+    turned = any(one.holds_roll and one.driven for one in scene.holders.values())
     moments = any(load.type == "wrench" for load in scene.loads)
     return turned or moments
 

@@ -219,7 +219,7 @@ class EndDrive:
     def twists(self, end: str) -> bool:
         """Whether what holds the roll turns, or has turned, about its own tangent."""
         row = self.motion[self._rows[end]]
-        if not self._scene.holders[end].rolls:
+        if not self._scene.holders[end].holds_roll:
             return False
         motion = self._motions[end]
         tangent = rotations.rotate(motion.orientation, self._geometries[end].tangent)

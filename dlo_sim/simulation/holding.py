@@ -9,7 +9,7 @@ place, of r' or of the twist.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,6 +79,17 @@ class Holding:
         """Rows between control points, the last ones."""
         return sum(self.points[row.point].own < 0 for row in self.rows)
 
+    def roll_stiffness(self, n: int) -> Array:
+        """Of the springs on the line of the twist, lower diagonals, shape (4, n)."""
+        band = np.zeros((4, n))
+        for spring in self.springs:
+            if spring.point.twist:
+                weights, first = np.array(spring.point.weights), spring.point.first
+                for k in range(4):
+                    here = slice(first, first + 4 - k)
+                    band[k, here] += spring.stiffness * weights[k:] * weights[: 4 - k]
+        return band
+
 
 def own_point(i: int, n: int, twist: bool = False) -> Point:
     """Control point i alone."""
@@ -114,13 +125,14 @@ def holding_of(
         _add_springs(holding, own_point(outer, n), grasp, stiffness, axes)
     for grasp, (name, holder) in enumerate(scene.holders.items()):
         u = geometries[name].u
-        if u is not None and holder.points:
+        if u is not None and holder.holds_direction:
             spot, slope = (_point_between(knots, u, derivative) for derivative in (0, 1))
             if holder.tangent_spring:
                 stiffness = [holder.tangent_spring] * 3
                 _add_springs(holding, slope, grasp, stiffness, axes, tangent=True)
             roll, damping = roll_spring(holder, scene)
             if twist and roll:
+                spot = replace(spot, twist=True)
                 holding.springs.append(Spring(spot, grasp, len(axes), roll, False, u, damping))
     for grasp, between in enumerate(scene.grasps, start=len(scene.ends)):
         geometry = geometries[between.name]

@@ -122,14 +122,7 @@ class Model:
     @property
     def twisting_stiffness(self) -> Array:
         """Stiffness of the line of the twist with its springs, lower diagonals, shape (4, n)."""
-        band = self.band(layout.TWIST, len(self.axes))
-        for spring in self.holding.springs:
-            if spring.line == len(self.axes):
-                weights, first = np.array(spring.point.weights), spring.point.first
-                for k in range(4):
-                    products = weights[k:] * weights[: 4 - k]
-                    band[k, first : first + 4 - k] += spring.stiffness * products
-        return band
+        return self.band(layout.TWIST, len(self.axes)) + self.holding.roll_stiffness(self.n)
 
     @property
     def axial_stiffness(self) -> float:

@@ -418,7 +418,7 @@ class Simulator(CableInputs):
         leaves = bool(across) and bool(
             np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self._model.axes)]).max() > 1e-12
         )
-        rolls = self.scene.holders[end].rolls
+        rolls = self.scene.holders[end].holds_roll
         twists = rolls and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
         return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
 

@@ -151,8 +151,7 @@ class _Search:
         if not model.twist:
             return
         free = ~model.held_mask()[-1]
-        springs = any(spring.line == self._dim for spring in model.holding.springs)
-        if free.all() and not springs:
+        if free.all() and not any(spring.point.twist for spring in model.holding.springs):
             return
         stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
         self._cable.x[-1][free] += np.linalg.solve(stiffness, self._cable.forces()[-1][free])

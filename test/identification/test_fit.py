@@ -36,6 +36,14 @@ def test_the_truth_is_found_and_lies_in_the_intervals(moving):
     assert found.scene.cable.bending_stiffness == found.fit.numbers[0].value
 
 
+def test_a_second_plane_of_natural_curvature_is_fitted_where_asked_for():
+    truth = {**TRUTH, "cable.rest_curvature_2": [3.0]}
+    piece = recorded(truth, noise=2e-4)
+    found, _ = identified([piece], ("cable.rest_curvature_2",))
+    assert {number.unknown.key for number in found.fit.numbers} == {"cable.rest_curvature_2"}
+    assert found.scene.cable.rest_curvature_2 == pytest.approx([3.0] * 7, abs=0.3)
+
+
 def test_left_out_pieces_are_predicted_as_well(moving):
     found, _ = identified(moving, left_out=0.5)
     assert (found.pieces, found.left_out) == (2, 1)
