@@ -52,8 +52,8 @@ HELD_WEIGHTS = 28  # 5 rows a held point: basis values and their sum
 HELD_SHIFT = 29  # a line a held point: M^-1 times its basis values
 HELD_PRODUCT = 30  # rows, points x points: basis values of the first . shift of the second
 HELD_BODY = 31  # 4 rows a held row: direction in the frame of its grasp, or of the lines
-SPRING = 32  # 8 rows a spring row: basis values, stiffness [N/m or N m/rad], 1 of a place or 0 of
-# a tangent, of a roll its local coordinate and damping [steps]
+SPRING = 32  # 7 rows a spring row: basis values, stiffness [N/m or N m/rad], 1 of a place or 0 of
+# a tangent, of a roll its local coordinate
 LOAD_BASIS = 33  # a line a load: its basis values
 LOAD_POINT = 34  # 8 rows a load: basis values, slopes [1/m]
 SCALES = 35  # rows below
@@ -102,7 +102,7 @@ ROW_TABLE = 81  # a held row: its point, its grasp, its line or -1 if its direct
 SPRING_TABLE = 82  # a spring row: first control point, grasp, line
 LOAD_TABLE = 83  # a load: first control point
 POINT_ENTRIES, ROW_ENTRIES, SPRING_ENTRIES = 3, 3, 3
-POINT_ROWS, DIRECTION_ROWS, SPRING_ROWS, LOAD_ROWS, LOAD_POINT_ROWS = 5, 4, 8, 7, 8
+POINT_ROWS, DIRECTION_ROWS, SPRING_ROWS, LOAD_ROWS, LOAD_POINT_ROWS = 5, 4, 7, 7, 8
 BORDER_FORCES = 84  # 4 dim entries a border row: along what it pushes, of its control points
 BORDER_CONDITIONS = 85  # the same: what it keeps
 BORDER_GRAM = 86  # border x border

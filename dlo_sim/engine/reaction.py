@@ -48,7 +48,8 @@ def add_wrench(cable, grasp, rows, points, about, out):
 
     A row with the value F along its direction e (`rows`, one a held row) does Q = F e on the
     quantity sum_k b_k x_k: it is a force (sum_k b_k) Q and a moment (sum_k b_k (x_k - x_e)) x Q
-    about the place x_e (`about`). The row of the twist is a moment about the last tangent.
+    about the place x_e (`about` [m], (3,); `points` [m], (n, 4)). The row of the twist is a moment
+    about the tangent at its end. Springs count by what they do now.
     """
     shape, model, _, state, _ = bared(cable)
     x = shifted(state, shape[layout.X])
@@ -59,7 +60,7 @@ def add_wrench(cable, grasp, rows, points, about, out):
         weights = shape[layout.HELD_WEIGHTS] + layout.POINT_ROWS * LANES * point
         begin = first_of_point(shape, point)
         if line == shape[layout.DIM]:
-            at = 0 if begin == 0 else points.shape[0] - 2
+            at = 0 if grasp == 0 else points.shape[0] - 2
             t0 = points[at + 1, 0] - points[at, 0]
             t1 = points[at + 1, 1] - points[at, 1]
             t2 = points[at + 1, 2] - points[at, 2]

@@ -15,6 +15,8 @@ from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, place, turned
 from dlo_sim.engine.held import component, component3
 from dlo_sim.engine.tables import spring_first, spring_grasp, spring_line
 
+ROLL_DAMPING = 0.5  # of a step
+
 
 @part
 def spring_place(shape, k):
@@ -37,7 +39,7 @@ def spring_value(shape, model, k, x):
 
 @part
 def stiffness_of(shape, model, k):
-    """Stiffness [N/m], of a tangent [N m/rad]."""
+    """Stiffness [N/m], of a tangent or a roll [N m/rad]."""
     return load(model, shape[layout.SPRING] + (layout.SPRING_ROWS * k + 4) * LANES)
 
 
@@ -78,12 +80,6 @@ def rolls(shape, k):
 
 
 @part
-def damping_of(shape, model, k):
-    """Damping of spring row k, which holds the roll, as a share of its stiffness [steps]."""
-    return load(model, shape[layout.SPRING] + (layout.SPRING_ROWS * k + 7) * LANES)
-
-
-@part
 def roll_moved(shape, model, state, k, change):
     """By how much the roll of spring row k falls behind its anchor within a step, a row."""
     now, old = shape[layout.ANCHOR] + k * LANES, shape[layout.ANCHOR_BOOKED] + k * LANES
@@ -92,16 +88,15 @@ def roll_moved(shape, model, state, k, change):
 
 @part
 def roll_force(shape, model, state, start, change, out):
-    """out += moments of the springs that hold the roll in the middle of a step, and their damping:
-    with half a step of it they are those of its end, and a stiff spring does not ring.
+    """out += moments at the end of a step of the springs that hold the roll: those of its middle,
+    and a damping of ROLL_DAMPING times stiffness and step. So a stiff spring does not ring.
     """
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
             moved = roll_moved(shape, model, state, k, change)
             anchor = load(state, shape[layout.ANCHOR_BOOKED] + k * LANES)
             apart = anchor - spring_value(shape, model, k, start)
-            f = apart + (0.5 + damping_of(shape, model, k)) * moved
-            push(shape, model, k, stiffness_of(shape, model, k) * f, out)
+            push(shape, model, k, stiffness_of(shape, model, k) * (apart + moved), out)
 
 
 @part
@@ -111,7 +106,7 @@ def roll_loss(shape, model, state, change):
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
             moved = first(roll_moved(shape, model, state, k, change))
-            moment = first(stiffness_of(shape, model, k) * damping_of(shape, model, k)) * moved
+            moment = ROLL_DAMPING * first(stiffness_of(shape, model, k)) * moved
             lost += moment * moved
             driven += moment * (moved + first(spring_value(shape, model, k, change)))
     return lost, driven
@@ -125,7 +120,7 @@ def add_roll_stiffness(shape, model, matrix):
         if rolls(shape, k):
             at = shape[layout.SPRING] + layout.SPRING_ROWS * k * LANES
             begin = spring_first(shape, k)
-            stiffness = model[at + 4 * LANES] * (0.5 + model[at + 7 * LANES])
+            stiffness = model[at + 4 * LANES]
             for p in range(4):
                 for q in range(p + 1):
                     value = model[at + p * LANES] * model[at + q * LANES]
@@ -137,7 +132,7 @@ def add_roll_change(shape, model, moved, out):
     """out += what a further change of the twist line does to that moment."""
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
-            stiffness = stiffness_of(shape, model, k) * (0.5 + damping_of(shape, model, k))
+            stiffness = stiffness_of(shape, model, k)
             push(shape, model, k, -stiffness * spring_value(shape, model, k, moved), out)
 
 

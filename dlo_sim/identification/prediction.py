@@ -129,7 +129,7 @@ def _drag_across(scene: Scene, knots: Array, path: Array, rates: Array) -> Array
     tangents = bspline.evaluate(every, knots, u, 1) @ path
     tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
     motion -= tangents * (tangents * motion).sum(axis=-1, keepdims=True)
-    return np.asarray(scene.damping.drag_across * length * motion.mean(axis=1))
+    return np.asarray(scene.drag_across * length * motion.mean(axis=1))
 
 
 def interpolated(times: Array, grid: Array, rows: Array) -> Array:

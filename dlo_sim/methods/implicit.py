@@ -84,9 +84,9 @@ ROOM = 10.0  # tolerances that the energy account may be off by in the long run
 TIGHT = 1e-10  # tolerance of steps once it is
 SAFETY = 10.0  # on the shrinking of the next correction
 MOST_WITH_KEPT = 3  # iterations with a matrix of an earlier step; with a new one two are usual
-MOST_SETBACKS = 5.0  # that make the wait longer
-FORGETTING = 1.5  # of that shrinking, a step
+MOST_SETBACKS = 5.0  # log2 of the longest wait [steps]
 SMALLEST_SHRINKING = 1e-3  # of corrections that is believed
+FORGETTING = 1.5  # growth of the remembered shrinking per step that does not measure it
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 
 
@@ -137,7 +137,7 @@ def judge_matrix(state, ledger, iterations, made):
     else:
         state[setbacks] = 0.0
         if iterations == 1:
-            state[shrinks] *= FORGETTING
+            state[shrinks] = min(FORGETTING * state[shrinks], 1.0)
 
 
 PARTS = (begin_step, step_force, newton_matrix, finish_step)
@@ -299,11 +299,11 @@ def absorb_loss(shape, model, state, scratch):
 @by_terms
 def engine_of(terms: int) -> Engine:
     """The pieces that the loop calls, for a scene with these bits."""
-    _, energies, gradient, tangent, flow = assembly(terms)
+    _, energies, gradient, tangent, flows = assembly(terms)
     twisting = NO_TWIST
     if terms & layout.TWISTED:
         twisting = TWIST_IN_FRAME if terms & layout.BISHOP else TWIST
-    pieces = PARTS, gradient, tangent, flow, twisting
+    pieces = PARTS, gradient, tangent, flows, twisting
     return Engine(energies, implicit_step, pieces, update_account, end_sample)
 
 

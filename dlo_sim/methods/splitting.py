@@ -47,8 +47,8 @@ def decay_flow(shape, model, state, scratch, dt):
 @by_terms
 def engine_of(terms: int) -> Engine:
     """The pieces that a loop of an explicit method calls, for a scene with these bits."""
-    forces, energies, _, _, flow = assembly(terms)
-    return Engine(forces, energies, flow, carry, evaluate, update_account, end_sample)
+    forces, energies, _, _, flows = assembly(terms)
+    return Engine(forces, energies, flows, carry, evaluate, update_account, end_sample)
 
 
 ENGINE = engine_of(0)  # of the type of all others

@@ -69,8 +69,8 @@ class Terms:
     twist: str = parameter(
         "auto",
         "Torsion energy and the twist angle: on = theta' alone; bishop = in a rotation-minimising "
-        "frame, which bends the cable too; quasistatic = so, and at rest in every step; frenet = "
-        "against the torsion of the centerline.",
+        "frame, which bends the cable too; quasistatic = as bishop, without inertia about the "
+        "axis; frenet = against the torsion of the centerline.",
         choices=("auto", "on", "off", "bishop", "frenet", "quasistatic"),
     )
     gravity: str = parameter("auto", "Weight.", choices=SWITCH)

@@ -7,8 +7,9 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from dlo_sim.scene.cable import Cable, End, Grasp, Holder, Load, Obstacle, Vector
+from dlo_sim.scene.cable import Cable, Load, Obstacle, Vector
 from dlo_sim.scene.computation import Discretization, Outputs
+from dlo_sim.scene.holders import End, Grasp, Holder
 from dlo_sim.scene.refusal import SceneError, refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -95,6 +96,9 @@ def check_holder(name: str, end: Holder, length: float) -> None:
     if end.roll_spring and isinstance(end, End) and end.clamped:
         cure = f"remove it, or take {name}.tangent_spring instead of the clamp"
         raise refused("roll_spring", f"N m/rad would do nothing beside a clamp; {cure}")
+    if isinstance(end, Grasp) and end.roll and end.roll_spring:
+        cure = f"remove it, or set {name}.roll: false"
+        raise refused("roll_spring", f"N m/rad would do nothing beside {name}.roll: true; {cure}")
     if end.jaw > length:
         raise refused("jaw", f"m is longer than the cable, {length:g} m; shorten the jaw")
     if end.jaw and not end.clamped:

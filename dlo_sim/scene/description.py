@@ -16,9 +16,6 @@ from dlo_sim.scene.cable import (
     Cable,
     Contact,
     Damping,
-    End,
-    Grasp,
-    Holder,
     Load,
     Obstacle,
     Plasticity,
@@ -38,6 +35,7 @@ from dlo_sim.scene.computation import (
     State,
     Terms,
 )
+from dlo_sim.scene.holders import End, Grasp, Holder
 from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_parameters
 from dlo_sim.scene.refusal import SceneError, brief
 
@@ -99,6 +97,11 @@ class Scene:
         """Floor of the Frenet torsion [1/m]: as given, or 1 % of the curvature of the ring that the
         cable can be bent to, 0.01 * 2 pi / L."""
         return self.torsion.curvature_floor or 0.02 * math.pi / self.cable.length
+
+    @property
+    def drag_across(self) -> float:
+        """What air drag across the cable has more than along it [N s/m^2]; 0 without damping."""
+        return 0.0 if self.terms.damping == "off" else self.damping.drag_across
 
     @property
     def contact_stiffness(self) -> float:

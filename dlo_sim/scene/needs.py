@@ -178,7 +178,7 @@ def _without_constraint(scene: Scene) -> str:
     if scene.terms.damping != "off":
         if any(damping.internal):
             return "is not valid with damping.stiffness, stretch, bend or twist"
-        if damping.drag_across:
+        if scene.drag_across:
             return "is not valid with damping.air_drag_ratio below 1"
         if damping.air_drag and (scene.start.mass or scene.end.mass):
             return "is not valid with damping.air_drag beside a point mass"
@@ -282,6 +282,8 @@ def _plane(axes: tuple[int, ...]) -> str:
 def _may_twist(scene: Scene) -> bool:
     """Something can turn the cable about its own axis: a gripper that clamps it, or a moment."""
     turned = any(one.holds_roll and one.driven for one in scene.holders.values())
+    # Grasps may turn without a topic, and their springs decide on explicit steps.
+    turned = turned or any(grasp.holds_roll for grasp in scene.grasps)
     moments = any(load.type == "wrench" for load in scene.loads)
     return turned or moments
 

@@ -12,7 +12,7 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import STIFFEST
-from dlo_sim.simulation.holding import roll_spring
+from dlo_sim.simulation.holding import stiffness_of_roll
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
     places, dim = bspline.greville(model.knots), len(model.axes)
     springs = [(0, 0, max(grasp.spring)) for grasp in idle]
     springs += [(0, 1, grasp.tangent_spring) for grasp in idle]
-    springs += [(dim, 0, roll_spring(grasp, scene)[0]) for grasp in idle if model.twist]
+    springs += [(dim, 0, stiffness_of_roll(grasp, scene)) for grasp in idle if model.twist]
     for line, derivative, stiffness in springs:
         if stiffness:
             inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, line)))

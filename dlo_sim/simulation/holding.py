@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline, rotations
-from dlo_sim.scene.cable import Grasp, Holder
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.holders import Grasp, Holder
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.geometry import Geometries, Geometry
@@ -49,7 +49,7 @@ class Row:
 @dataclass(frozen=True)
 class Spring:
     """A point held along a line through a stiffness [N/m], or (`tangent`) r' there [N m/rad], or,
-    on the line of the twist, its angle at the material coordinate u [m], with a damping [steps].
+    on the line of the twist, its angle at the material coordinate u [m].
     """
 
     point: Point
@@ -58,7 +58,6 @@ class Spring:
     stiffness: float
     tangent: bool = False
     u: float = 0.0
-    damping: float = 0.0
 
 
 @dataclass
@@ -130,10 +129,10 @@ def holding_of(
             if holder.tangent_spring:
                 stiffness = [holder.tangent_spring] * 3
                 _add_springs(holding, slope, grasp, stiffness, axes, tangent=True)
-            roll, damping = roll_spring(holder, scene)
+            roll = stiffness_of_roll(holder, scene)
             if twist and roll:
                 spot = replace(spot, twist=True)
-                holding.springs.append(Spring(spot, grasp, len(axes), roll, False, u, damping))
+                holding.springs.append(Spring(spot, grasp, len(axes), roll, False, u))
     for grasp, between in enumerate(scene.grasps, start=len(scene.ends)):
         geometry = geometries[between.name]
         if geometry.u is not None:
@@ -142,12 +141,12 @@ def holding_of(
     return holding
 
 
-def roll_spring(holder: Holder, scene: Scene) -> tuple[float, float]:
-    """Stiffness [N m/rad] and damping [steps] of the spring that holds the roll; 0 without one."""
-    if holder.roll_spring or not (isinstance(holder, Grasp) and holder.roll):
-        return holder.roll_spring, 0.0
+def stiffness_of_roll(holder: Holder, scene: Scene) -> float:
+    """Stiffness [N m/rad] of the spring that holds the roll; 0 without one."""
+    if not (isinstance(holder, Grasp) and holder.roll):
+        return holder.roll_spring
     spans = scene.discretization.control_points - bspline.DEGREE
-    return RIGID * scene.cable.GJ * spans / scene.cable.length, 0.5
+    return RIGID * scene.cable.GJ * spans / scene.cable.length
 
 
 def _check_independent(holding: Holding, name: str, u: float, n: int) -> None:

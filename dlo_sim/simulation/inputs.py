@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
-from dlo_sim.scene.cable import Grasp
+from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates

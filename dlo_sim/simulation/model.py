@@ -227,7 +227,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.BISHOP: needs.bishop,
         layout.CONTACT: needs.contact,
         layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
-        layout.DRAG: needs.damping and scene.damping.drag_across > 0.0,
+        layout.DRAG: scene.drag_across > 0.0,
         layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
     return sum(bit for bit, there in present.items() if there)
@@ -416,7 +416,7 @@ class _Filling:
             rows[:4] = np.array(spring.point.weights)[:, None]
             rows[4], rows[5] = spring.stiffness, not spring.tangent
             _, xi, _ = bspline.locate(self._model.knots, np.array([spring.u]))
-            rows[6], rows[7] = xi, spring.damping
+            rows[6] = xi
 
     def _loads(self) -> None:
         model = self._model
@@ -444,7 +444,7 @@ class _Filling:
             layout.ROUND_OFF_AXIAL: cable.EA * cable.length * needs.stretch,
             layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,
             layout.CONTACT_STIFFNESS: self._scene.contact_stiffness,
-            layout.DRAG_ACROSS: scene.damping.drag_across,
+            layout.DRAG_ACROSS: scene.drag_across,
         }
         rows = self._rows(layout.SCALES, layout.SCALE_ROWS)
         for row, value in values.items():

@@ -20,7 +20,8 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
     both on the cable.
 
     After a step of an implicit method it is the mean over that step, otherwise that of the instant.
-    Springs count too, and so do the constraint forces of an inextensible cable (`keeps_length`).
+    Springs count with what they do at its end, and so do the constraint forces of an inextensible
+    cable (`keeps_length`).
     """
     model = cable.model
     if cable.entry(layout.HAS_REACTION):
@@ -37,7 +38,7 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
 
 def _place_of(model: Model, grasp: int, points: Array) -> Array:
     """Where a grasp holds the cable [m], shape (3,); moments are the same about any place if it
-    holds but a direction.
+    holds only a direction.
     """
     held = [model.holding.points[row.point] for row in model.holding.rows if row.grasp == grasp]
     held += [spring.point for spring in model.holding.springs if spring.grasp == grasp]

@@ -14,6 +14,7 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, plasticity_wanted
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.external_damping import external_rates
+from dlo_sim.simulation.holding import stiffness_of_roll
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 # Of any explicit step beside a clamp, whose span stretches and shortens as the cable swings, and
@@ -208,11 +209,12 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
         return "velocity_verlet", "Frenet torsion and plasticity need an explicit method"
     if inextensible(scene):
         return "rattle", "terms.stretch is off: constraints keep the length"
-    if any(scene.damping.internal):
+    damped = scene.terms.damping != "off"
+    if damped and any(scene.damping.internal):
         return "energy_momentum", "stiffness damping needs an implicit method"
-    if scene.damping.drag_across:
+    if scene.drag_across:
         return "energy_momentum", "air drag that depends on the direction needs an implicit method"
-    if scene.damping.air_drag and (scene.start.mass or scene.end.mass):
+    if damped and scene.damping.air_drag and (scene.start.mass or scene.end.mass):
         return "energy_momentum", "air drag beside a point mass needs an implicit method"
     limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
     if limit >= EXPLICIT_ENOUGH:
@@ -228,7 +230,8 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
 def _stiffest(scene: Scene) -> str:
     """What has the fastest waves: frequencies at half a wave per knot span h, that is
     pi / h sqrt(EA / mu) and (pi / h)^2 sqrt(EI / mu), and sqrt(3 k / (mu h + 3 m)) of a spring k at
-    an end of point mass m.
+    an end of point mass m; sqrt(3 k / (mu h^3)) of one that holds the direction, sqrt(3 k / (J h))
+    of one that holds the roll, J = polar inertia per length.
     """
     cable = scene.cable
     number = np.pi * (scene.discretization.control_points - 3) / cable.length  # pi / h
@@ -239,6 +242,12 @@ def _stiffest(scene: Scene) -> str:
     for name, end in scene.ends.items():
         inertia = cable.mu * np.pi / number + 3.0 * end.mass
         waves[f"{name}.spring"] = np.sqrt(3.0 * max(end.spring) / inertia)
+    span = np.pi / number
+    for key, holder in scene.holder_keys():
+        waves[f"{key}.tangent_spring"] = np.sqrt(3.0 * holder.tangent_spring / (cable.mu * span**3))
+        roll = "roll" if holder.roll_spring == 0.0 else "roll_spring"
+        rolling = 3.0 * stiffness_of_roll(holder, scene) / (cable.polar_inertia * span)
+        waves[f"{key}.{roll}"] = np.sqrt(rolling) * (scene.terms.twist != "off")
     return max(waves, key=lambda name: waves[name])
 
 
@@ -265,7 +274,7 @@ def _check_damping(scene: Scene, method: Method) -> None:
             f"integrator.method: {method.name} is not valid with damping.{name} "
             f"{inside[name]:g}; use energy_momentum or implicit_midpoint"
         )
-    if damping.drag_across and method.family != IMPLICIT:
+    if scene.drag_across and method.family != IMPLICIT:
         raise SceneError(
             f"integrator.method: {method.name} is not valid with damping.air_drag_ratio "
             f"{damping.air_drag_ratio:g}; use energy_momentum, or set it to 1.0"

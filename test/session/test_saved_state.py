@@ -10,6 +10,7 @@ from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.session import cdr, saved_state
 from dlo_sim.session.saved_state import load_state, save_state
 from dlo_sim.session.session import Session
+from dlo_sim.simulation.simulator import Simulator
 
 VALUES = {
     "cable.length": 0.4,
@@ -91,6 +92,17 @@ def test_a_cable_that_a_grasp_took_is_held_on(tmp_path):
     again.reset()
     move(again, T0 + 7 * SECOND, T0 + 8 * SECOND)
     assert np.abs(again.simulator.centerline([0.28]) - place).max() > 1e-3, "reset places it anew"
+
+
+def test_a_cable_long_at_rest_can_be_saved(tmp_path):
+    """What an implicit method remembers of its steps stays finite."""
+    scene = SCENE.with_values({"damping.stiffness": 1.0, "damping.mass": 20.0})
+    sim = Simulator(scene)
+    assert sim.advance_steps(4000).status.ok
+    saved = sim.snapshot()
+    assert np.isfinite(saved.state).all()
+    save_state(tmp_path / "state", saved)
+    assert load_state(tmp_path / "state", scene)[0].steps == 4000
 
 
 def test_saved_again_and_after_a_change_of_parameters(ran, path, tmp_path):

@@ -146,3 +146,9 @@ def test_methods_without_drag_by_direction_refuse_it(method):
     with pytest.raises(SceneError, match=r"damping\.air_drag_ratio 0\.5; use energy_momentum"):
         simulator(SLIDING, values, method=method)
     assert simulator(SLIDING, values).method == "energy_momentum"
+
+
+def test_damping_that_is_off_asks_for_no_method():
+    values = DRAGGED | {"damping.air_drag_ratio": 0.5, "terms.damping": "off"}
+    assert simulator(SLIDING, values).method == simulator(SLIDING, {"terms.damping": "off"}).method
+    assert simulator(SLIDING, values).scene.drag_across == 0.0

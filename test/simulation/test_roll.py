@@ -157,3 +157,48 @@ def test_another_simulator_goes_on_with_the_roll():
 def test_springs_that_would_do_nothing_are_refused(values, text):
     with pytest.raises(SceneError, match=text):
         held(**values)
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 100.0])
+def test_a_stiff_spring_of_the_roll_does_not_ring_without_inertia(stiffness):
+    """It prescribes the angle all but rigidly; the moment is that of the shaft, GJ phi / L."""
+    springs = {"end.clamped": False, "end.tangent_spring": 10.0, "end.roll_spring": stiffness}
+    values = {"gravity": [0.0] * 3, "terms.twist": "quasistatic"}
+    sim = simulator(SHAFT, springs | values, method="energy_momentum", step=0.01)
+    roll(sim, "end", 3.0, duration=0.05)
+    seen = []
+    for _ in range(20):
+        assert sim.advance_steps(1).status.ok
+        seen.append(sim.reaction("end")[1][0])
+    series = 1.0 / (LENGTH / sim.scene.cable.GJ + 1.0 / stiffness)
+    assert seen[-10:] == pytest.approx([3.0 * series] * 10, rel=1e-5)
+
+
+def test_the_moment_at_the_end_is_about_the_tangent_there():
+    """Four control points: all of them are the last four, and the first."""
+    values = {"discretization.control_points": 4, "discretization.stretch": "sample"}
+    values |= {"end.tangent": [0.6, 0.0, -0.8], "terms.twist": "on", "gravity": [0.0] * 3}
+    sim = simulator(SHAFT, SLACK, values, method="energy_momentum", step=0.01)
+    before = sim.reaction("end")[1]
+    points, rates = sim.control_points, np.zeros((4, 4))
+    points[:, 3] = np.linspace(0.0, 2.0, 4)
+    with pytest.warns(UserWarning, match="were moved back"):
+        sim.start_from(points, rates)
+    added = sim.reaction("end")[1] - before
+    assert np.linalg.norm(added) > 1e-6
+    tangent = points[-1, :3] - points[-2, :3]
+    assert abs(added @ tangent) == pytest.approx(
+        np.linalg.norm(added) * np.linalg.norm(tangent), rel=1e-6
+    )
+
+
+def test_explicit_steps_are_right_for_a_roll_that_begins_later():
+    sim = held("velocity_verlet", terms__twist="auto")
+    assert "twist" in sim.active_terms
+    roll(sim, "hand", 1.0, duration=0.1)
+    assert sim.advance(0.1).status.ok
+
+
+def test_a_rigid_roll_beside_its_spring_is_refused():
+    with pytest.raises(SceneError, match=r"roll_spring: .*grasps\.hand\.roll: false"):
+        held(grasps__hand__roll_spring=1e-3)

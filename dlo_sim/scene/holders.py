@@ -1,0 +1,176 @@
+"""What can hold the cable: its ends and grasps. Groups of parameters in SI units."""
+
+from dataclasses import dataclass
+
+from dlo_sim.scene.cable import ORIGIN, Vector
+from dlo_sim.scene.parameter import parameter
+
+Switches = tuple[bool, bool, bool]
+
+
+@dataclass(frozen=True)
+class Holder:
+    """What holds the cable at one place."""
+
+    position: Vector = parameter(
+        ORIGIN,
+        "End-effector position before any pose is received; for a free end only the direction "
+        "of the initial straight line.",
+        "m",
+        (-1.0e6, 1.0e6),
+    )
+    fixed: Switches = parameter(
+        (True, True, True), "Per world axis: held at the position of the end-effector."
+    )
+    spring: Vector = parameter(
+        ORIGIN,
+        "Per world axis that is not fixed: spring to the position of the end-effector.",
+        "N/m",
+        (0.0, 1.0e12),
+    )
+    clamped: bool = parameter(
+        False, "Tangent and twist held by the end-effector; needs all three axes fixed."
+    )
+    tangent_spring: float = parameter(
+        0.0,
+        "Where it is not clamped: stiffness that turns the cable towards `tangent`, by a moment of "
+        "this times the sine of the angle between them.",
+        "N m/rad",
+        (0.0, 1.0e9),
+    )
+    roll_spring: float = parameter(
+        0.0,
+        "Where the roll is not held: stiffness that turns the cable about itself to the roll of "
+        "the end-effector; needs the direction held by `clamped` or `tangent_spring`.",
+        "N m/rad",
+        (0.0, 1.0e9),
+    )
+    tangent: Vector = parameter(
+        ORIGIN,
+        "Direction of the cable (from start towards end) here, in the end-effector's frame; "
+        "zeros = from start.position to end.position, for two_points the x axis.",
+        "",
+        (-1.0e6, 1.0e6),
+    )
+    offset: Vector = parameter(
+        ORIGIN,
+        "Point where the cable is attached, in the end-effector's frame.",
+        "m",
+        (-1.0e3, 1.0e3),
+    )
+    jaw: float = parameter(
+        0.0,
+        "Length of cable that a clamp holds straight: from an end inwards, on both sides of a "
+        "grasp in equal parts.",
+        "m",
+        (0.0, 1.0e3),
+    )
+    frame: str = parameter(
+        "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
+    )
+    pose_topic: str = parameter(
+        "", "Topic of the end-effector's pose; empty = it stands still.", read_only=True
+    )
+    tf_frame: str = parameter(
+        "",
+        "Frame of the end-effector in tf2, from which the node takes its pose instead of a topic.",
+        read_only=True,
+    )
+    pose_type: str = parameter(
+        "pose",
+        "What the topic carries: PoseStamped, or PoseArray of two points on the line of the cable, "
+        "the first nearer to the start. The end-effector is midway between them, its x axis points "
+        "from the first to the second and is the tangent.",
+        choices=("pose", "two_points"),
+        read_only=True,
+    )
+    pose_spacing: float = parameter(
+        0.0,
+        "Distance between two_points; messages in which it is 10 % off are refused, 0 = any.",
+        "m",
+        (0.0, 1.0e3),
+    )
+    pose_timeout: float = parameter(
+        1.0,
+        "Time without a pose after which the last one is held, with a warning.",
+        "s",
+        (0.01, 3600.0),
+    )
+    pose_smoothing: float = parameter(
+        0.0,
+        "Half the window over which poses are smoothed by local parabolas, for noisy tracking; "
+        "delays the prediction (raise inputs.latency by as much), 0 = off.",
+        "s",
+        (0.0, 1.0),
+    )
+
+    @property
+    def held(self) -> bool:
+        """Whether anything (a fixed axis or a spring) ties the cable to the end-effector."""
+        return any(self.fixed) or any(self.spring) or self.tangent_spring > 0.0
+
+    @property
+    def holds_direction(self) -> bool:
+        """Whether it holds the direction of the cable, rigidly or by a spring."""
+        return self.clamped or self.tangent_spring > 0.0
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll_spring > 0.0
+
+    @property
+    def driven(self) -> bool:
+        """Whether poses from a topic or tf2 move the end-effector."""
+        return bool(self.pose_topic or self.tf_frame)
+
+
+@dataclass(frozen=True)
+class End(Holder):
+    """One end of the cable, `start` (u = 0) or `end` (u = L), and what holds it."""
+
+    mass: float = parameter(0.0, "Point mass at this end.", "kg", (0.0, 1.0e4))
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.clamped or super().holds_roll
+
+
+@dataclass(frozen=True)
+class Grasp(Holder):
+    """A gripper that holds the cable between its ends, and can take and release it."""
+
+    name: str = ""
+    at: float = parameter(
+        0.5,
+        "Where on the cable it holds: 0 at start, 1 at end; negative = the point nearest to the "
+        "gripper when it takes the cable.",
+        "",
+        (-1.0, 1.0),
+    )
+    taken: bool = parameter(
+        True,
+        "Whether it holds the cable; what is taken while the simulation runs is held where it is.",
+    )
+    taken_topic: str = parameter(
+        "",
+        "Topic (Bool) that lets it take (true) or release the cable when a message arrives; "
+        "`taken` follows. Empty = parameter and services alone.",
+        read_only=True,
+    )
+    clamped: bool = parameter(
+        False,
+        "Direction of the cable held by the gripper too, its roll with `roll` alone; needs all "
+        "three axes fixed.",
+    )
+    roll: bool = parameter(
+        False,
+        "Roll of the cable held too, by a spring so stiff that a turn over the length of the cable "
+        "turns it by less than 0.001 rad; needs the direction held.",
+    )
+
+    @property
+    def holds_roll(self) -> bool:
+        """Whether it holds the roll of the cable, rigidly or by a spring."""
+        return self.roll or super().holds_roll
