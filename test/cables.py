@@ -9,11 +9,11 @@ from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.by_sample import put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
-from dlo_sim.simulation.model import build_model
 from dlo_sim.simulation.natural_shape import natural_rows, turned_rows
 from dlo_sim.simulation.simulator import Simulator
 

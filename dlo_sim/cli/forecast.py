@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     """Forecast, write and print; returns the exit status."""
     scene = read_scene(options.scene, options.assignments)
     if options.output is not None:
-        check_output_file(options.output)
+        check_output_file(options.output, options.scene, options.plan)
 
     import numpy as np
 

@@ -83,7 +83,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Fit, write and print; returns the exit status."""
     scene = read_scene(options.scene, options.assignments)
-    check_output_file(options.output)
+    check_output_file(options.output, options.scene, options.data)
     if options.plots is not None:
         with needing_plots("--plots needs matplotlib; install dlo_sim with the extra 'plots'"):
             from dlo_sim.cli.residuals import draw_residuals

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -20,14 +21,16 @@ _BAR = "{desc} {percentage:3.0f} % |{bar:40}| {elapsed}, {remaining} left"
 _REFRESH = 0.5  # [s]
 
 
-def check_output_file(path: Path) -> None:
-    """Refuse, before any work, a file that could not be written afterwards.
+def check_output_file(path: Path, *inputs: str | Path) -> None:
+    """Refuse, before any work, a file that could not be written afterwards, or that is read.
 
     Raises:
         CommandError: naming the path, what is wrong and the cure.
     """
     if path.exists() and not path.is_file():
         raise CommandError(f"--output {path} is not a regular file; give the name of a file")
+    if path.exists() and any(os.path.exists(one) and path.samefile(one) for one in inputs):
+        raise CommandError(f"--output {path} would replace what is read; give another name")
     folder = path.resolve().parent
     if not folder.is_dir():
         raise CommandError(f"--output {path}: the folder {folder} does not exist; create it first")

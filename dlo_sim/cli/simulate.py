@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     scene = read_scene(options.scene, options.assignments)
     _check_size(scene, options.duration, options.every)
     if options.output is not None:
-        check_output_file(options.output)
+        check_output_file(options.output, options.scene)
 
     from dlo_sim.simulation.recording import record
 

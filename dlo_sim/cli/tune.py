@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import os
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,10 +60,8 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Search, write and print; returns the exit status."""
     scene = read_scene(options.scene, options.assignments)
-    check_output_file(options.output)
     source = find_scene(options.scene)
-    if options.output.exists() and os.path.samefile(options.output, source):
-        raise CommandError(f"--output {options.output} is the scene itself; give another name")
+    check_output_file(options.output, source)
     if options.tolerance >= scene.cable.length:
         raise CommandError(
             f"--tolerance {options.tolerance:g} m is not below the cable's length "

@@ -23,6 +23,18 @@ def width_of(dim):
 
 
 @part
+def add_to_spans(shape, b, first, other, i, j, factor, numbers, at, band):
+    """Add a number a span of a block, times a factor, between line i of control point `first` of
+    the span and line j of `other`.
+    """
+    dim = shape[layout.DIM]
+    half, width = 4 * dim - 1, width_of(dim)
+    to = ((LANES * b + first) * dim + i) * width + (other - first) * dim + j - i + half
+    for span in range(min(LANES, shape[layout.N] - 3 - LANES * b)):
+        band[to + dim * width * span] += factor * numbers[at + span]
+
+
+@part
 def clear_band(shape, band):
     """band = 0."""
     for at in range(shape[layout.N] * shape[layout.DIM] * width_of(shape[layout.DIM])):

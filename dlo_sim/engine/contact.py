@@ -10,6 +10,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, size, store, total, zero
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
+from dlo_sim.engine.band import add_to_spans
 from dlo_sim.engine.elastic import (
     add_cubic,
     basis_at,
@@ -134,15 +135,10 @@ def tangent(shape, model, state, x0, x1, scale, scratch, band):
 @part
 def add_block(shape, model, b, plane, first, other, numbers, at, band):
     """Add n n^T times a number a span between two control points of every span of a block."""
-    dim = shape[layout.DIM]
-    half, width = 4 * dim - 1, 16 * (dim - 1)
-    spans = min(LANES, shape[layout.N] - 3 - LANES * b)
-    for i in range(dim):
-        for j in range(dim):
+    for i in range(shape[layout.DIM]):
+        for j in range(shape[layout.DIM]):
             product = model[plane + i * LANES] * model[plane + j * LANES]
-            to = ((LANES * b + first) * dim + i) * width + (other - first) * dim + j - i + half
-            for span in range(spans):
-                band[to + dim * width * span] += product * numbers[at + span]
+            add_to_spans(shape, b, first, other, i, j, product, numbers, at, band)
 
 
 TERM = Term(layout.CONTACT, force=force, gradient=force, energy=energy, tangent=tangent)

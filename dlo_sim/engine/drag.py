@@ -10,6 +10,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, root, store, zero
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
+from dlo_sim.engine.band import add_to_spans
 from dlo_sim.engine.elastic import (
     add_cubic,
     basis_at,
@@ -98,8 +99,7 @@ def drag_tangent(shape, model, x, scale, scratch, band):
 def add_pair(shape, b, first, other, scratch, band):
     """Add the sum of shares times 1 - t t^T, for two control points of every span of a block."""
     dim, samples = shape[layout.DIM], shape[layout.SAMPLES]
-    half, width = 4 * dim - 1, 16 * (dim - 1)
-    spans, spare = min(LANES, shape[layout.N] - 3 - LANES * b), 4 * samples * LANES
+    spare = 4 * samples * LANES
     for i in range(dim):
         for j in range(dim):
             f, unit = zero(), 1.0 if i == j else 0.0
@@ -108,9 +108,7 @@ def add_pair(shape, b, first, other, scratch, band):
                 t_j = load(scratch, (3 * k + j) * LANES)
                 f += load(scratch, (3 * samples + k) * LANES) * (unit - t_i * t_j)
             store(scratch, spare, f)
-            to = ((LANES * b + first) * dim + i) * width + (other - first) * dim + j - i + half
-            for span in range(spans):
-                band[to + dim * width * span] += scratch[spare + span]
+            add_to_spans(shape, b, first, other, i, j, 1.0, scratch, spare, band)
 
 
 TERM = Term(layout.DRAG, damping=drag_force, damping_tangent=drag_tangent)

@@ -119,6 +119,16 @@ def weights(constants, newmark, tau):
 
 
 @part
+def may_keep(shape, state, ledger, a):
+    """Whether a step may begin with the matrix of an earlier one: it has this mass weight, and no
+    setback says otherwise. What is held between control points is eliminated with what scratch
+    holds of its own step.
+    """
+    made = state[ledger + layout.MATRIX_WEIGHT * LANES] == a
+    return made and state[ledger + layout.MATRIX_WAIT * LANES] == 0.0 and not shape[layout.BORDER]
+
+
+@part
 def judge_matrix(state, ledger, iterations, made):
     """Note how a step went whose last matrix was made in this iteration (0: in an earlier step).
 
@@ -193,9 +203,7 @@ def implicit_step(
     converged = False
     iterations = 0
     previous = np.inf
-    # What is held between control points is eliminated with what scratch holds of its step.
-    linearize = state[ledger + layout.MATRIX_WEIGHT * LANES] != a or shape[layout.BORDER] > 0
-    linearize = linearize or state[ledger + layout.MATRIX_WAIT * LANES] > 0.0
+    linearize = not may_keep(shape, state, ledger, a)
     shrinks = ledger + layout.MATRIX_SHRINKING * LANES
     made = 0  # iteration in which the matrix was made, 0: in an earlier step
     slope = 0.0  # |residual . correction| before the last correction

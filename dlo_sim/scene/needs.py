@@ -289,8 +289,12 @@ def _may_twist(scene: Scene) -> bool:
 
 
 def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
-    """A moment turns the cable from the beginning; across a plane it bends it."""
-    return len(axes) == 3 and any(any(load.torque) for load in scene.loads)
+    """A moment turns the cable from the beginning (across a plane it bends it), or its roll is held
+    on purpose.
+    """
+    rolled = any(holder.roll_spring for holder in scene.holders.values())
+    rolled = rolled or any(grasp.roll for grasp in scene.grasps)
+    return rolled or (len(axes) == 3 and any(any(load.torque) for load in scene.loads))
 
 
 def _sprung(scene: Scene) -> bool:

@@ -104,8 +104,8 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     Raises:
         ValueError, TypeError, KeyError: its numbers do not fit together.
     """
+    from dlo_sim.simulation.build_model import build_model
     from dlo_sim.simulation.geometry import Geometry  # these bring the compiler along
-    from dlo_sim.simulation.model import build_model
     from dlo_sim.simulation.simulator import Snapshot
 
     needs = Needs(**{key: _plain(value) for key, value in head["needs"].items()})

@@ -68,6 +68,14 @@ class EndDrive:
         between_steps.grasp_place(motion, 0, t, out)
         return out
 
+    def state_of(self, end: str) -> tuple[Array, EndMotion]:
+        """Where an end effector is and how it moves, for `set_state`."""
+        return self.motion[self._rows[known_holder(self._scene, end)]].copy(), self._motions[end]
+
+    def set_state(self, end: str, state: tuple[Array, EndMotion]) -> None:
+        """Let it be where it was, and move as it did."""
+        self.motion[self._rows[end]], self._motions[end] = state
+
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
         """Position [m] and quaternion of an end effector at time t."""
         motion = self._motions[known_holder(self._scene, end)]

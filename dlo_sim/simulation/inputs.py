@@ -14,12 +14,12 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.holding import holding_of
-from dlo_sim.simulation.model import build_model
 from dlo_sim.simulation.natural_shape import (
     has_natural_shape,
     natural_rows,
@@ -76,7 +76,13 @@ class CableInputs(CableView):
         Raises:
             TypeError, ValueError: no end, or not a pose.
         """
+        before = self._ends.state_of(end)
         self._ends.place(end, self.time, position, orientation, tangent)
+        # What the jump brings in begins where the end was: its springs do work on the way.
+        needs, after = self._needs_moved(end), self._ends.state_of(end)
+        self._ends.set_state(end, before)
+        self._extend(needs)
+        self._ends.set_state(end, after)
         self._after_end_moved(end)
         self._stepper.jump(self._cable, self._ends, self.time)
 
@@ -204,13 +210,15 @@ class CableInputs(CableView):
         booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
         booked[:] = cable.anchors
 
-    def _after_end_moved(self, end: str) -> None:
-        """Bring in what a moved end needs: the drive itself, the third coordinate, twist."""
+    def _needs_moved(self, end: str) -> Needs:
+        """What a moved end needs: the drive itself, the third coordinate, twist."""
         leaves_plane = not self._ends.stays_in_plane(end, self._model.axes)
         twists = not self._needs.twist and self._ends.twists(end)
-        self._extend(
-            needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
-        )
+        return needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
+
+    def _after_end_moved(self, end: str) -> None:
+        """Bring in what a moved end needs, and turn the natural shape with it."""
+        self._extend(self._needs_moved(end))
         if self._model.has(layout.CURVED):
             before = self._cable.potentials().sum()
             self._turn_natural_shape()
@@ -270,8 +278,7 @@ class CableInputs(CableView):
         before = self._cable.present_energy()
         self._ends.hold(grasp, geometry)
         if geometry.u is not None:
-            columns, values, _ = self._basis(np.array([geometry.u]))
-            angle = float(values[0] @ self.control_points[columns[0], 3])
+            angle = self._angle_at(geometry.u, self.control_points)
             self._ends.count_from(grasp, self.time, angle)
         self._replace(self._needs, geometries)
         self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
@@ -286,6 +293,11 @@ class CableInputs(CableView):
         model = self._model
         holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
         return geometries
+
+    def _angle_at(self, u: float, points: Array) -> float:
+        """Twist angle [rad] of control points (n, 4) at u [m]."""
+        columns, values, _ = self._basis(np.array([u]))
+        return float(values[0] @ points[columns[0], 3])
 
     def _known_grasp(self, name: str) -> Grasp:
         known = [grasp.name for grasp in self.scene.grasps]

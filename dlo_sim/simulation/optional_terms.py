@@ -87,6 +87,13 @@ def check_terms(scene: Scene, needs: Needs) -> None:
         raise SceneError(
             "terms.plasticity: bends nothing, since terms.bend is off; set one of them"
         )
+    if scene.terms.twist == "quasistatic" and (needs.plasticity or inextensible(scene)):
+        other = "terms.plasticity" if needs.plasticity else "constraints that keep the length"
+        cure = "it to off" if needs.plasticity else "terms.stretch and integrator.method to auto"
+        raise SceneError(
+            f"terms.twist: quasistatic is not available together with {other}; set {cure}, or "
+            "terms.twist to bishop"
+        )
     if any(scene.cable.rest_twist) and not needs.bishop:
         raise SceneError(
             f"cable.rest_twist: {list(scene.cable.rest_twist)} needs the twist that acts on the "

@@ -15,12 +15,13 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
 from dlo_sim.simulation import inextensible as length
 from dlo_sim.simulation import statics
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.by_sample import by_sample, put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
-from dlo_sim.simulation.model import Model, build_model
+from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at

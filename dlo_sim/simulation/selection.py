@@ -274,6 +274,11 @@ def _check_damping(scene: Scene, method: Method) -> None:
             f"integrator.method: {method.name} is not valid with damping.{name} "
             f"{inside[name]:g}; use energy_momentum or implicit_midpoint"
         )
+    if scene.drag_across and (frenet_wanted(scene) or plasticity_wanted(scene)):
+        raise SceneError(
+            f"damping.air_drag_ratio: {damping.air_drag_ratio:g} needs an implicit method, Frenet "
+            "torsion and plasticity an explicit one; set it to 1.0"
+        )
     if scene.drag_across and method.family != IMPLICIT:
         raise SceneError(
             f"integrator.method: {method.name} is not valid with damping.air_drag_ratio "

@@ -19,6 +19,7 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible, needs_of, needs_of_end
 from dlo_sim.simulation import optional_terms
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.following import (
@@ -33,7 +34,6 @@ from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.inputs import CableInputs
-from dlo_sim.simulation.model import build_model
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
@@ -386,6 +386,10 @@ class Simulator(CableInputs):
         if any(self._ends.twists(name) for name in self.scene.holders):
             self._extend(self._needs.with_twist(self.scene))
         taking = self._take_over_grasps(other)
+        for name, holder in self.scene.holders.items():
+            at = self._geometries[name].u
+            if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
+                self._ends.count_from(name, 0.0, self._angle_at(at, points))
         self._pull_to_grasps()
         self._ends.put(points, 0.0)
         self._cable.point_grasps(0.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import needs_of
-from dlo_sim.simulation.model import grading
+from dlo_sim.simulation.build_model import grading
 
 FEW = 7  # control points, of a cable with long spans
 

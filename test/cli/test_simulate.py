@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.cli.main import main
+from dlo_sim.scene.loading import shipped_scene
 
 JSON_KEYS = {
     *("status", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
@@ -195,6 +196,15 @@ def test_unwritable_output_is_refused_before_the_run(recorder, capsys, tmp_path)
         message = refused(capsys, "paper_wire", "--duration", "1", "--output", str(output))
         assert complaint in message and str(output) in message
     assert recorder.calls == []
+
+
+def test_output_never_replaces_the_scene(recorder, capsys, tmp_path):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(shipped_scene("paper_wire").read_text())
+    before = scene.read_text()
+    message = refused(capsys, str(scene), "--duration", "1", "--output", str(scene))
+    assert "would replace what is read; give another name" in message
+    assert recorder.calls == [] and scene.read_text() == before
 
 
 def test_disk_that_fills_up_keeps_the_old_file(recorder, capsys, tmp_path, monkeypatch):

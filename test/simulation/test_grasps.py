@@ -339,3 +339,21 @@ def test_a_spring_takes_the_direction_that_it_finds_and_releases_it(method):
     assert sim.energy().spring < 2e-3 * before  # the cable is stretched a little there
     assert sim.advance(0.05).status.ok
     assert sim.energy_error < (1e-9 if method == "energy_momentum" else 5e-3)
+
+
+@pytest.mark.parametrize("method", ["velocity_verlet", "energy_momentum"])
+def test_a_jump_that_brings_in_a_coordinate_books_the_work_of_springs(method):
+    """Flat until the end effector leaves the plane; in space from the start it is the same."""
+    sprung = {"end.spring": [20.0] * 3, "end.fixed": [False] * 3, "grasps.names": []}
+    values = {key: value for key, value in CABLE.items() if not key.startswith("grasps.")} | sprung
+    runs = []
+    for plane in ("auto", "on"):
+        flat = {"terms.out_of_plane": plane}
+        sim = simulator(values, flat, method=method, step=METHODS[method])
+        assert sim.advance(0.05).status.ok
+        place = sim.end_pose("end")[0] + np.array([0.0, 0.03, 0.0])
+        sim.set_end("end", position=place)
+        assert sim.advance(0.1).status.ok
+        assert sim.energy_error < (2e-3 if method == "velocity_verlet" else 1e-5)
+        runs.append(sim.control_points)
+    assert runs[0] == pytest.approx(runs[1], abs=1e-6)

@@ -202,3 +202,26 @@ def test_explicit_steps_are_right_for_a_roll_that_begins_later():
 def test_a_rigid_roll_beside_its_spring_is_refused():
     with pytest.raises(SceneError, match=r"roll_spring: .*grasps\.hand\.roll: false"):
         held(grasps__hand__roll_spring=1e-3)
+
+
+@pytest.mark.parametrize(
+    "key", ["grasps.hand.roll", "grasps.hand.roll_spring", "end.tangent_spring"]
+)
+def test_a_roll_that_is_held_from_now_on_is_held_where_it_is(key):
+    values = {"grasps.hand.roll": False, "end.clamped": False, "terms.twist": "bishop"}
+    values |= {"damping.twist": 0.05, "end.tangent_spring": 0.0}
+    sim = simulator(SHAFT, HELD, values, method="energy_momentum", step=0.01)
+    roll(sim, "start", 2.5)
+    assert sim.advance(4.0).status.ok
+    before = angle_at(sim, AT / LENGTH), sim.energy().total
+    changed = {key: True if key == "grasps.hand.roll" else 1.0}
+    if key == "end.tangent_spring":
+        changed["end.roll_spring"] = 1.0
+    other = sim.reconfigured(sim.scene.with_values(changed))
+    assert other.advance(0.05).status.ok
+    assert angle_at(other, AT / LENGTH) == pytest.approx(before[0], abs=1e-3)
+    assert other.energy().total == pytest.approx(before[1], abs=1e-6)
+
+
+def test_a_roll_that_is_switched_off_is_missed():
+    assert any(line.startswith("terms.twist: off") for line in held(terms__twist="off").warnings)

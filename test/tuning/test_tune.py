@@ -179,7 +179,7 @@ def test_the_scene_itself_is_not_overwritten(tmp_path, capsys):
     scene.write_bytes(shipped_scene("paper_wire").read_bytes())
     arguments = ["tune", str(scene), *ARGUMENTS[2:]]
     assert main([*arguments, "--output", str(scene)]) == 2
-    assert "is the scene itself" in capsys.readouterr().err
+    assert "would replace what is read" in capsys.readouterr().err
     assert scene.read_bytes() == shipped_scene("paper_wire").read_bytes()
 
 
