@@ -24,7 +24,7 @@ FARTHEST = 1e4  # [m] of a marker from the origin
 # Direction of the cable in the frame of a gripper that is known by two markers, and how that frame
 # stands where the cable leaves the start straight down and comes up to the end: the y axis is the
 # world's. The roll of such a gripper is not measured; its frame turns by the least rotation.
-TANGENT = (1.0, 0.0, 0.0)
+TANGENT = (-1.0, 0.0, 0.0)
 _HANGING = {
     "start": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
     "end": ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),

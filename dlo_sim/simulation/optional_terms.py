@@ -87,9 +87,10 @@ def check_terms(scene: Scene, needs: Needs) -> None:
         raise SceneError(
             "terms.plasticity: bends nothing, since terms.bend is off; set one of them"
         )
-    if scene.terms.twist == "quasistatic" and (needs.plasticity or inextensible(scene)):
-        other = "terms.plasticity" if needs.plasticity else "constraints that keep the length"
-        cure = "it to off" if needs.plasticity else "terms.stretch and integrator.method to auto"
+    constrained = inextensible(scene) and scene.integrator.method == "auto"
+    if scene.terms.twist == "quasistatic" and (needs.plasticity or constrained):
+        other = "terms.plasticity" if needs.plasticity else "terms.stretch off"
+        cure = "it to off" if needs.plasticity else "it to auto"
         raise SceneError(
             f"terms.twist: quasistatic is not available together with {other}; set {cure}, or "
             "terms.twist to bishop"

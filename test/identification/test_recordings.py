@@ -222,6 +222,20 @@ def test_files_that_hold_no_recording_are_refused(tmp_path, name, arrays, words)
         read_recordings(path)
 
 
+@pytest.mark.parametrize("way", [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.3, -0.5, 0.8]])
+def test_the_cable_leaves_a_gripper_towards_the_next_marker(tmp_path, way):
+    """And comes to the last one from the markers before: tangents point from start to end."""
+    from dlo_sim.core import rotations
+
+    way = np.array(way) / np.linalg.norm(way)
+    line = LINE[..., :1] * way
+    np.savez(tmp_path / "line.npz", **(GIVEN | {"pos_um": line}))
+    (recording,) = read_recordings(tmp_path / "line.npz")
+    for end in ("start", "end"):
+        tangent = np.array(recording.known[f"{end}.tangent"])
+        assert rotations.rotate(recording.poses[end][0, 3:], tangent) == pytest.approx(way)
+
+
 def test_two_markers_turn_a_gripper_without_roll():
     angle = np.linspace(0.0, 1.0, 50)
     away = np.stack([np.sin(angle), 0.0 * angle, -np.cos(angle)], axis=-1)
