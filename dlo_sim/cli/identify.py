@@ -95,6 +95,11 @@ def run(options: argparse.Namespace) -> int:
     from dlo_sim.identification.readers import read_recordings
 
     asked = dict(parse_assignment(text) for text in options.assignments)
+    both = next((key for key in options.fit if key in asked), "")
+    if both:
+        raise CommandError(
+            f"--fit {both}: --set gives it, so it is not fitted; leave one of them out"
+        )
     try:
         recordings = read_recordings(options.data, _topics(options.topic))
         with open_workers() as workers, progress_bar("identify") as progress:
