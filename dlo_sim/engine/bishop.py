@@ -190,7 +190,9 @@ def edge(shape, x, own):
     """Unit vector along the cable at the end where control point `own` is."""
     width, at = shape[layout.LINE], layout.MARGIN + max(own, 1)
     v0, v1 = x[at] - x[at - 1], x[at + width] - x[at + width - 1]
-    v2 = x[at + 2 * width] - x[at + 2 * width - 1]
+    v2 = 0.0
+    if shape[layout.DIM] == 3:
+        v2 = x[at + 2 * width] - x[at + 2 * width - 1]
     inverse = 1.0 / np.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
     return inverse * v0, inverse * v1, inverse * v2
 

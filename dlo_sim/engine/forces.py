@@ -5,7 +5,7 @@ bending, twist by itself, weight, springs. `engine.assembly` adds the others.
 from __future__ import annotations
 
 from dlo_sim.compiling.lanes import LANES, load, size, store, zero
-from dlo_sim.compiling.pieces import NOTHING, NUMBERS, TABLE, YES, part, piece
+from dlo_sim.compiling.pieces import NO, NOTHING, NUMBERS, TABLE, YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import elastic_energy, elastic_force
 from dlo_sim.engine.lines import add_differences, clear, difference_form, gathered
@@ -22,7 +22,9 @@ def forces(shape, model, state, x, out):
         add_differences(shape, model, shape[layout.TWIST], shape[layout.DIM], -1.0, x, out)
     if terms & layout.GRAVITY:
         add_weight(shape, model, out)
-    spring_force(shape, model, state, x, 1.0, YES, out)
+    spring_force(shape, model, state, x, 1.0, NO, out)
+    if terms & layout.TWISTED:
+        spring_force(shape, model, state, x, 1.0, YES, out)
 
 
 @part

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, first, load, shifted
 from dlo_sim.compiling.pieces import MATRIX, NOTHING, REALS, WHOLE, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.bishop import span_tangent
+from dlo_sim.engine.bishop import edge, span_tangent
 from dlo_sim.engine.bundles import CABLE, bared
 from dlo_sim.engine.held import component3
 from dlo_sim.engine.springs import rolls, spring_value, stiffness_of
@@ -13,6 +13,7 @@ from dlo_sim.engine.tables import (
     first_of_point,
     grasp_of,
     line_of,
+    own_of,
     point_of,
     spring_first,
     spring_grasp,
@@ -34,10 +35,8 @@ def add_force(model, weights, points, begin, f, axis, about, out):
 
 
 @part
-def add_roll(shape, model, k, x, f, out):
-    """out += a moment f about the cable where spring row k holds its roll."""
-    xi = model[shape[layout.SPRING] + (layout.SPRING_ROWS * k + 6) * LANES]
-    t = span_tangent(shape, model, x, spring_first(shape, k), xi)
+def add_moment(shape, f, t, out):
+    """out += a moment f about a unit vector on the lines."""
     for d in range(shape[layout.DIM]):
         out[3 + shape[layout.AXES + d]] += f * component3(t, d)
 
@@ -60,14 +59,7 @@ def add_wrench(cable, grasp, rows, points, about, out):
         weights = shape[layout.HELD_WEIGHTS] + layout.POINT_ROWS * LANES * point
         begin = first_of_point(shape, point)
         if line == shape[layout.DIM]:
-            at = 0 if grasp == 0 else points.shape[0] - 2
-            t0 = points[at + 1, 0] - points[at, 0]
-            t1 = points[at + 1, 1] - points[at, 1]
-            t2 = points[at + 1, 2] - points[at, 2]
-            along = rows[k] / (t0 * t0 + t1 * t1 + t2 * t2) ** 0.5
-            out[3] += along * t0
-            out[4] += along * t1
-            out[5] += along * t2
+            add_moment(shape, rows[k], edge(shape, x, own_of(shape, point)), out)
         elif line >= 0:
             axis = shape[layout.AXES + line]
             add_force(model, weights, points, begin, rows[k], axis, about, out)
@@ -82,7 +74,9 @@ def add_wrench(cable, grasp, rows, points, about, out):
             apart = load(state, shape[layout.ANCHOR] + k * LANES) - spring_value(shape, model, k, x)
             f = first(stiffness_of(shape, model, k) * apart)
             if rolls(shape, k):
-                add_roll(shape, model, k, x, f, out)
+                xi = model[shape[layout.SPRING] + (layout.SPRING_ROWS * k + 6) * LANES]
+                t = span_tangent(shape, model, x, spring_first(shape, k), xi)
+                add_moment(shape, f, t, out)
                 continue
             axis = shape[layout.AXES + spring_line(shape, k)]
             weights = shape[layout.SPRING] + layout.SPRING_ROWS * LANES * k

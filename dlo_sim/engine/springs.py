@@ -60,10 +60,12 @@ def push(shape, model, k, f, out):
 def spring_force(shape, model, state, x, share, rolling, out):
     """out += forces of the springs, with anchors at a share of the way that is still to be booked.
 
-    share 1: where they are. `rolling`: those that hold the roll, too.
+    share 1: where they are. `rolling`: those that hold the roll, else all others. Implicit steps
+    take these at the end of the step, where a damping makes the moment of its middle that of its
+    end (`roll_loss`): so a stiff one does not ring.
     """
     for k in range(shape[layout.SPRINGS]):
-        if rolls(shape, k) and not rolling:
+        if rolls(shape, k) != rolling:
             continue
         now, old = shape[layout.ANCHOR] + k * LANES, shape[layout.ANCHOR_BOOKED] + k * LANES
         anchor = load(state, old) + share * (load(state, now) - load(state, old))
@@ -80,41 +82,25 @@ def rolls(shape, k):
 
 
 @part
-def roll_moved(shape, model, state, k, change):
-    """By how much the roll of spring row k falls behind its anchor within a step, a row."""
-    now, old = shape[layout.ANCHOR] + k * LANES, shape[layout.ANCHOR_BOOKED] + k * LANES
-    return load(state, now) - load(state, old) - spring_value(shape, model, k, change)
-
-
-@part
-def roll_force(shape, model, state, start, change, out):
-    """out += moments at the end of a step of the springs that hold the roll: those of its middle,
-    and a damping of ROLL_DAMPING times stiffness and step. So a stiff spring does not ring.
-    """
-    for k in range(shape[layout.SPRINGS]):
-        if rolls(shape, k):
-            moved = roll_moved(shape, model, state, k, change)
-            anchor = load(state, shape[layout.ANCHOR_BOOKED] + k * LANES)
-            apart = anchor - spring_value(shape, model, k, start)
-            push(shape, model, k, stiffness_of(shape, model, k) * (apart + moved), out)
-
-
-@part
 def roll_loss(shape, model, state, change):
-    """Energy [J] that their damping takes in a step, and what of it moving anchors put in."""
+    """Energy [J] that the damping of the springs that hold the roll takes in a step, ROLL_DAMPING
+    times stiffness and step, and what of it moving anchors put in.
+    """
     lost, driven = 0.0, 0.0
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
-            moved = first(roll_moved(shape, model, state, k, change))
-            moment = ROLL_DAMPING * first(stiffness_of(shape, model, k)) * moved
-            lost += moment * moved
-            driven += moment * (moved + first(spring_value(shape, model, k, change)))
+            now, old = shape[layout.ANCHOR] + k * LANES, shape[layout.ANCHOR_BOOKED] + k * LANES
+            moved = state[now] - state[old]
+            behind = moved - first(spring_value(shape, model, k, change))
+            moment = ROLL_DAMPING * first(stiffness_of(shape, model, k)) * behind
+            lost += moment * behind
+            driven += moment * moved
     return lost, driven
 
 
 @part
 def add_roll_stiffness(shape, model, matrix):
-    """matrix += minus the derivative of that moment, as four lower diagonals of n entries."""
+    """matrix += stiffness of springs that hold the roll, as four lower diagonals of n entries."""
     n = shape[layout.N]
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
@@ -129,7 +115,7 @@ def add_roll_stiffness(shape, model, matrix):
 
 @part
 def add_roll_change(shape, model, moved, out):
-    """out += what a further change of the twist line does to that moment."""
+    """out += what a further change of the twist line does to their moments."""
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
             stiffness = stiffness_of(shape, model, k)

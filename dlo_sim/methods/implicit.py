@@ -270,20 +270,9 @@ def implicit_step(
         converged = not turned_over(shape, x, start, change)
     if converged:
         finish_step(
-            shape,
-            model,
-            inputs,
-            state,
-            scratch,
-            end_twist,
-            constants,
-            newmark,
-            t0,
-            tau,
-            whole,
-            lost,
-            dissipates,
-        )
+            shape, model, inputs, state, scratch, end_twist, constants, newmark,
+            t0, tau, whole, lost, dissipates,
+        )  # fmt: skip
         flow(flows, shape, model, inputs, state, scratch)
     else:
         undo_step(shape, state, scratch)

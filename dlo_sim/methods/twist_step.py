@@ -23,7 +23,7 @@ from dlo_sim.engine.lines import (
 )
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
-from dlo_sim.engine.springs import add_roll_change, add_roll_stiffness, roll_force, roll_loss
+from dlo_sim.engine.springs import add_roll_change, add_roll_stiffness, roll_loss, spring_force
 from dlo_sim.engine.tables import line_of, own_of, point_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
@@ -221,7 +221,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
     if damped:
         lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
-    roll_force(shape, model, state, shifted(scratch, shape[START]), change, force)
+    spring_force(shape, model, state, x, 1.0, YES, force)
     for k in range(at, at + width):
         own[k] = force[k]
     for _ in range(MOST_CORRECTIONS if natural else 1):

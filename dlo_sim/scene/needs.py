@@ -281,20 +281,24 @@ def _plane(axes: tuple[int, ...]) -> str:
 
 def _may_twist(scene: Scene) -> bool:
     """Something can turn the cable about its own axis: a gripper that clamps it, or a moment."""
-    turned = any(one.holds_roll and one.driven for one in scene.holders.values())
-    # Grasps may turn without a topic, and their springs decide on explicit steps.
-    turned = turned or any(grasp.holds_roll for grasp in scene.grasps)
+    turned = any(end.clamped and end.driven for end in scene.ends.values())
     moments = any(load.type == "wrench" for load in scene.loads)
-    return turned or moments
+    return turned or moments or _rolled(scene)
+
+
+def _rolled(scene: Scene) -> bool:
+    """Something but a clamp holds the roll: on purpose, and by a spring that decides on explicit
+    steps.
+    """
+    springs = any(holder.roll_spring for holder in scene.holders.values())
+    return springs or any(grasp.roll for grasp in scene.grasps)
 
 
 def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
     """A moment turns the cable from the beginning (across a plane it bends it), or its roll is held
     on purpose.
     """
-    rolled = any(holder.roll_spring for holder in scene.holders.values())
-    rolled = rolled or any(grasp.roll for grasp in scene.grasps)
-    return rolled or (len(axes) == 3 and any(any(load.torque) for load in scene.loads))
+    return _rolled(scene) or (len(axes) == 3 and any(any(load.torque) for load in scene.loads))
 
 
 def _sprung(scene: Scene) -> bool:

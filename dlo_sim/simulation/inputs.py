@@ -83,7 +83,7 @@ class CableInputs(CableView):
         self._ends.set_state(end, before)
         self._extend(needs)
         self._ends.set_state(end, after)
-        self._after_end_moved(end)
+        self._natural_shape_moves()
         self._stepper.jump(self._cable, self._ends, self.time)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
@@ -97,7 +97,8 @@ class CableInputs(CableView):
         """
         self._ends.check_motion(end, self.time, motion, self.step)
         self._ends.follow(end, self.time, motion)
-        self._after_end_moved(end)
+        self._extend(self._needs_moved(end))
+        self._natural_shape_moves()
 
     def correct(self, shift: ArrayLike, speed: ArrayLike) -> float:
         """Add to the positions [m] and velocities [m/s] of the control points, shapes (n_u, 3).
@@ -216,9 +217,8 @@ class CableInputs(CableView):
         twists = not self._needs.twist and self._ends.twists(end)
         return needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
 
-    def _after_end_moved(self, end: str) -> None:
-        """Bring in what a moved end needs, and turn the natural shape with it."""
-        self._extend(self._needs_moved(end))
+    def _natural_shape_moves(self) -> None:
+        """Turn the natural shape with the start's end effector, which does the work."""
         if self._model.has(layout.CURVED):
             before = self._cable.potentials().sum()
             self._turn_natural_shape()
