@@ -98,8 +98,13 @@ def work():
 END = "\nsys.exit(stopping.supervised(work))"
 
 
+def terminal() -> None:
+    """SIGHUP ends a process, also where the tests run under nohup."""
+    signal.signal(SIGHUP, signal.SIG_DFL)
+
+
 def run(
-    code: str, *arguments: object, prepare: Callable[[], object] | None = None
+    code: str, *arguments: object, prepare: Callable[[], object] = terminal
 ) -> tuple[int, str, str]:
     """Exit status, stdout and stderr of a supervised process that does `work`."""
     done = subprocess.run(
