@@ -88,6 +88,7 @@ class LiveCable:
         check_qos_overrides(node, map(wire, inputs), map(wire, possible_outputs(scene)))
         self._keeper = StateKeeper(scene, node.get_logger())
         saved = self._keeper.found(scene)
+        opened.callback(self._keeper.release)
         if saved is not None:
             scene = saved.scene
             self._scene_parameters.take_over(scene)

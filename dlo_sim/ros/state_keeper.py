@@ -12,6 +12,8 @@ from dlo_sim.session.saved_state import load_state, save_state
 from dlo_sim.session.session import Session
 from dlo_sim.session.simulator_protocol import State
 
+_taken: set[Path] = set()  # files of the cables of this process
+
 
 class StateKeeper:
     """Writes state.save_to, and reads it at the start; without that parameter it does nothing."""
@@ -23,10 +25,11 @@ class StateKeeper:
         self._writing: Future[None] | None = None
 
     def found(self, scene: Scene) -> State | None:
-        """The state to go on from, if there is one.
+        """The state to go on from, if there is one. The file is this cable's until `release`.
 
         Raises:
-            SceneError: nothing can be written there, or the file is not of this scene.
+            SceneError: nothing can be written there, another cable of this process writes there, or
+                the file is not of this scene.
         """
         if self._path is None:
             return None
@@ -39,7 +42,12 @@ class StateKeeper:
             raise SceneError(
                 f"state.save_to: nothing can be written in {folder}; give another folder"
             )
+        if self._path in _taken:
+            raise SceneError(
+                f"state.save_to: {self._path} is the file of another cable; give each its own"
+            )
         found = load_state(self._path, scene)
+        _taken.add(self._path)
         if found is None:
             return None
         saved, age = found
@@ -70,3 +78,8 @@ class StateKeeper:
             self._writing.exception()
         self.keep(session)
         self._writer.shutdown()
+
+    def release(self) -> None:
+        """Leave the file that `found` took to whoever comes next."""
+        if self._path is not None:
+            _taken.discard(self._path)

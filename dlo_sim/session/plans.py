@@ -139,10 +139,15 @@ def check_plan(scene: Scene, trajectory: Trajectory) -> None:
     if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
         shown = ", ".join(f"{time:.6g}" for time in times[:4])
         raise bad_plan(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
-    for pose in trajectory.poses.reshape(-1, 7).tolist():
-        if not math.isfinite(sum(pose)):
-            raise Refused("not_finite", f"pose {pose}; repair the planner")
-        check_pose(tuple(pose))
+    for row, poses in enumerate(trajectory.poses.tolist()):
+        for name, pose in zip(joints, poses, strict=True):
+            where = f"the plan's pose {row} of {name}"
+            if not math.isfinite(sum(pose)):
+                raise Refused("not_finite", f"{where} is {pose}; repair the planner")
+            try:
+                check_pose(tuple(pose))
+            except Refused as refused:
+                raise Refused(refused.reason, f"{where}: {refused.detail}") from None
 
 
 def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float = 0.0) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -106,10 +107,13 @@ def test_configure_compiles_activate_ticks_deactivate_keeps_the_state(
     assert "Traceback" not in node.node.output
 
 
-def test_a_refused_configure_can_be_mended(managed: Callable[..., Managed], peer: Peer) -> None:
+def test_a_refused_configure_can_be_mended(
+    managed: Callable[..., Managed], peer: Peer, tmp_path: Path
+) -> None:
     bad = {"cable.length": "long", "state.save_to": "/no/where", "integrator.method": "forest_ruth"}
     bad["cable.lenght"] = 2.0
-    mended = {"cable.length": 0.6, "state.save_to": "", "integrator.method": "auto"}
+    mended = {"cable.length": 0.6, "state.save_to": str(tmp_path / "state")}
+    mended["integrator.method"] = "auto"
     mended["cable.lenght"] = None  # delete it
     node = managed(**bad)
     left = dict(bad)
@@ -124,4 +128,6 @@ def test_a_refused_configure_can_be_mended(managed: Callable[..., Managed], peer
     assert node.change("activate") == "active"
     node.moves()
     assert peer.get(*mended) == list(mended.values())
+    assert (node.change("deactivate"), node.change("cleanup")) == ("inactive", "unconfigured")
+    assert node.change("configure") == "inactive"  # the file is free again
     assert node.node.stop() == 0

@@ -87,3 +87,14 @@ def test_a_place_for_no_file_is_refused(
     scene = scene_from_values({"state.save_to": str(tmp_path / place)})
     with pytest.raises(SceneError, match=f"^state.save_to: .*{text}$"):
         state_keeper.StateKeeper(scene, None).found(scene)
+
+
+def test_two_cables_do_not_share_a_file(tmp_path: Path) -> None:
+    scene = scene_from_values({"state.save_to": str(tmp_path / "state")})
+    one, other = (state_keeper.StateKeeper(scene, None) for _ in range(2))
+    assert one.found(scene) is None
+    with pytest.raises(SceneError, match="state is the file of another cable; give each its own"):
+        other.found(scene)
+    one.release()
+    assert other.found(scene) is None
+    other.release()
