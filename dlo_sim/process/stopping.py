@@ -31,6 +31,7 @@ _AFTERWARDS = 0.2  # [s] for the work to end itself after all, when some cleanup
 _requested = 0
 _forced_exit_disabled = False
 _cleanups: dict[object, Callable[[], object]] = {}
+_said = threading.Lock()  # held once it has been said that the process is interrupted
 
 
 def request(number: int) -> None:
@@ -142,6 +143,8 @@ def _next_signal(reading: int) -> int:
 
 
 def _say_interrupted() -> None:
+    if not _said.acquire(blocking=False):
+        return  # work that breaks off while it is ended from outside: both threads say so
     wipe = "\r\033[K" if sys.stderr.isatty() else ""  # what may be left of a progress bar
     with contextlib.suppress(OSError):  # a terminal that is gone
         os.write(2, f"{wipe}dlo_sim: interrupted\n".encode())

@@ -95,6 +95,23 @@ def work():
     subprocess.run([sys.executable, "-c", LOOK])
     return 0
 """
+BREAKS_OFF_LATE = """
+stopping.GRACE = 0.1
+broken = threading.Event()
+
+def work():
+    os.kill(os.getpid(), int(sys.argv[1]))
+    with stopping.cleanup(broken.set):
+        broken.wait()
+    raise RuntimeError
+
+def status():
+    broken.wait()
+    threading.Event().wait(2.0)  # the other thread ends the process meanwhile
+    return stopping.exit_status()
+
+sys.exit(stopping.supervised(work, status))
+"""
 END = "\nsys.exit(stopping.supervised(work))"
 
 
@@ -151,6 +168,10 @@ def test_what_fails_because_of_the_signal_is_no_defect():
 def test_children_are_not_interrupted_by_the_terminal_but_can_be_ended():
     status, blocked, _ = run(HAS_A_CHILD)
     assert (status, blocked.split()) == (0, ["1", "2"])
+
+
+def test_work_that_breaks_off_while_it_is_ended_says_so_once():
+    assert run(BREAKS_OFF_LATE, int(SIGTERM)) == (143, "", "dlo_sim: interrupted\n")
 
 
 def test_what_nohup_ignores_stays_ignored():
