@@ -81,6 +81,7 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
     return (
         *material,
         Unknown("cable.length", 0.02 * length, 0.1 * length),
+        Unknown("damping.saturation_rate", 1.0, 5.0, log=True, least=50.0, stage=1),
         *(
             Unknown("cable.rest_curvature", 2.0 / length, 20.0 / length, at=k, stage=1)
             for k in range(POINTS)
