@@ -112,11 +112,11 @@ class Damping:
         0.0, "Added to damping.stiffness for stretching alone.", "s", (0.0, 1.0e3)
     )
     bend: float = parameter(0.0, "Added to damping.stiffness for bending alone.", "s", (0.0, 1.0e3))
-    saturation_rate: float = parameter(
+    thinning: float = parameter(
         0.0,
-        "Rate of the curvature beyond which the moment that damps bending hardly grows, as "
-        "friction between strands; 0 = it always grows.",
-        "1/(m s)",
+        "Damping of bending falls with the rate k' of the curvature, by 1 / sqrt(1 + (thinning "
+        "k')^2), as with friction between strands.",
+        "m s",
         (0.0, 1.0e6),
     )
     twist: float = parameter(

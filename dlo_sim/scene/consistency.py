@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from dlo_sim.scene.cable import Cable, Damping, Load, Obstacle, Vector
+from dlo_sim.scene.cable import Cable, Load, Obstacle, Vector
 from dlo_sim.scene.computation import Discretization, Outputs
 from dlo_sim.scene.holders import End, Grasp, Holder
 from dlo_sim.scene.refusal import SceneError, refusal, shown
@@ -43,15 +43,6 @@ def check_cable(cable: Cable) -> None:
         size = _norm(axis)
         unit = shown(tuple(round(a / size, 9) for a in axis)) if size > 0.0 else "[0.0, 1.0, 0.0]"
         raise refusal("cable.rest_curvature_axis", axis, f"is not a unit vector; give {unit}")
-
-
-def check_damping(damping: Damping) -> None:
-    """Refuse a saturation of no damping."""
-    if damping.saturation_rate and not damping.stiffness + damping.bend:
-        cure = "give damping.bend or damping.stiffness, or remove it"
-        raise refusal(
-            "damping.saturation_rate", damping.saturation_rate, f"saturates nothing; {cure}"
-        )
 
 
 def check_discretization(discretization: Discretization) -> None:

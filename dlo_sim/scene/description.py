@@ -104,12 +104,6 @@ class Scene:
         return 0.0 if self.terms.damping == "off" else self.damping.drag_across
 
     @property
-    def saturation(self) -> float:
-        """1 / r^2 [(m s)^2] of damping of bending that saturates at the rate r, else 0."""
-        rate = self.damping.saturation_rate
-        return 1.0 / rate**2 if rate else 0.0
-
-    @property
     def contact_stiffness(self) -> float:
         """Force per length of cable and depth in an obstacle [N/m^2]: as given, or so that the
         weight on earth presses the cable in by DEPTH."""
@@ -184,7 +178,6 @@ class Scene:
             SceneError: naming the key, the value and the cure of the first conflict.
         """
         consistency.check_cable(self.cable)
-        consistency.check_damping(self.damping)
         consistency.check_discretization(self.discretization)
         for key, holder in self.holder_keys():
             consistency.check_holder(key, holder, self.cable.length)

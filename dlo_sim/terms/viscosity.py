@@ -1,6 +1,6 @@
-"""Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt). The damping moment
-of bending may saturate, as friction between strands does: beta EI kappa' / sqrt(1 + (kappa'/r)^2),
-at most beta EI r.
+"""Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt). That of bending
+may fall with its rate, beta EI kappa' / sqrt(1 + (lambda kappa')^2), as friction between strands:
+Carreau's viscosity of exponent zero.
 
 The rate of the curvature vector is the corotational one, so a rigid motion costs nothing and every
 other dissipates. With P the projector normal to t = r', the curvature vector n = P k / c and
@@ -43,28 +43,28 @@ def corotational(q, n, inverse, t, moved_t, moved_k):
 
 
 @part
-def bending(stiffness, saturation, t, k, moved_t, moved_k):
+def bending(stiffness, thinning, t, k, moved_t, moved_k):
     """Stress on r' and on r'' of beta EI / tau times rho, and the energy that it takes;
-    `saturation` is 1 / (r tau)^2, or 0.
+    `thinning` is (lambda / tau)^2.
     """
     q, n, inverse = curvature_of(t, k)
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
     square = dot(rho, rho)
-    stiffness = stiffness / root(saturation * square + 1.0)
+    stiffness = stiffness / root(thinning * square + 1.0)
     g = stiffness * inverse
     return combined(-2.0 * g * dot(n, rho), t, -g * q, rho), g, rho, stiffness * square
 
 
 @part
-def saturated(stiffness, saturation, t, k, moved_t, moved_k):
+def thinned(stiffness, thinning, t, k, moved_t, moved_k):
     """beta EI / tau as a motion sees it, and the stresses (on r' and on r'') whose dyad the
     derivative of the stress by the motion has less than that at this stiffness.
     """
     q, n, inverse = curvature_of(t, k)
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
-    share = 1.0 / root(saturation * dot(rho, rho) + 1.0)
+    share = 1.0 / root(thinning * dot(rho, rho) + 1.0)
     stiffness = stiffness * share
-    f = root(stiffness * saturation) * share * inverse
+    f = root(stiffness * thinning) * share * inverse
     return stiffness, combined(-2.0 * f * dot(n, rho), t, -f * q, rho), combined(f, rho, 0.0, rho)
 
 

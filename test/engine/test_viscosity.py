@@ -105,11 +105,11 @@ def test_viscosity_is_linear_in_the_rates_and_in_beta():
 
 @pytest.mark.parametrize("rate", [0.01, 2.0, 500.0])
 @pytest.mark.parametrize("dim", ["off", "on"])
-def test_damping_of_bending_saturates_with_its_rate(dim, rate):
+def test_damping_of_bending_thins_with_its_rate(dim, rate):
     """A straight cable of which every point bends at the rate a: the loss is EI beta L a^2 /
-    sqrt(1 + (a / r)^2), nearly EI beta L r a in fast motion."""
+    sqrt(1 + (lambda a)^2), nearly EI beta L a / lambda in fast motion."""
     values = SOFT | FREE | FLAT | {"loads.names": [], "terms.out_of_plane": dim}
-    damping = {"damping.bend": 0.01, "damping.saturation_rate": 2.0}
+    damping = {"damping.bend": 0.01, "damping.thinning": 0.5}
     bench = Bench(values | damping, n=9)
     motion = np.zeros((9, 4))
     a, b, c = (bench.model.knots[k : k + 9] for k in (1, 2, 3))
