@@ -61,6 +61,7 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
     The viscous stress is that of the motion `moved` times `viscous` = 1 / tau; 0 leaves it out.
     """
     terms = shape[layout.TERMS]
+    thinning = viscous * viscous * load(model, shape[layout.SCALES] + layout.THINNING * LANES)
     taken = zero()
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
@@ -119,7 +120,7 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
                 taken += pull * along
                 if terms & layout.BEND:
                     f = viscous * w * bending * load(model, shape[layout.BETA] + LANES)
-                    more_t, g, rho, energy = viscosity.bending(f, t, k, dt, dk)
+                    more_t, g, rho, energy = viscosity.bending(f, thinning, t, k, dt, dk)
                     on_t = combined(1.0, on_t, 1.0, more_t)
                     on_k = combined(1.0, on_k, g, rho)
                     taken += energy

@@ -10,7 +10,7 @@ share in it goes.
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,8 @@ EVALUATIONS, FEW = 9, 6  # steps of a stage, at most, and of a fit that goes on 
 GAIN = 1e-3  # share of the cost that ends a stage
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
+THINNED = ("damping.thinning", "damping.stiffness")
+THINNINGS = ((0.0, 0.0), (0.025, 0.1), (0.12, 0.4))
 DELAYS = tuple(np.linspace(-0.1, 0.1, 11).tolist())  # [s] to start from
 WIDE = "its 95 % interval is wider than the range that was searched"
 KEPT = 40  # points whose errors are kept: a fit comes back to them
@@ -98,6 +100,9 @@ def fit(
         left, stages = dict(before.left), stages[active][:1]
     for stage in np.unique(stages):
         if before is None:
+            joining = {one.key for one in problem.unknowns if one.stage == stage}
+            if THINNED[0] in joining:
+                seen = run.best(seen, THINNED, THINNINGS)
             active, reasons = run.distinct(seen, active, stages == stage)
             seen = np.where((stages == stage) & ~active, problem.start(), seen)
             left |= reasons
@@ -132,17 +137,15 @@ class _Run:
 
     def best_start(self) -> Array:
         """The best of a grid in the first two numbers, about the scene's own."""
-        own = self.problem.start()
-        names = [one.label for one in self.problem.unknowns]
-        places = [names.index(name) for name in STARTED if name in names]
-        grid = []
-        for shifts in STARTS:
-            point = own.copy()
-            point[places] += shifts[: len(places)]
-            grid.append(point)
-        errors = self._all(grid)
-        costs = [_cost(error) for error in errors]
-        return self._with_best_delays(grid[int(np.argmin(costs))])
+        return self._with_best_delays(self.best(self.problem.start(), STARTED, STARTS))
+
+    def best(
+        self, seen: Array, names: tuple[str, str], shifts: Sequence[tuple[float, float]]
+    ) -> Array:
+        """The best of several points that are a vector with two unknowns shifted."""
+        labels = np.array([one.label for one in self.problem.unknowns])
+        points = [seen + (labels == names[0]) * a + (labels == names[1]) * b for a, b in shifts]
+        return points[int(np.argmin([_cost(error) for error in self._all(points)]))]
 
     def _with_best_delays(self, seen: Array) -> Array:
         """With the delay of each force from a grid that leaves least of it but a constant."""

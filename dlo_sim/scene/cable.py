@@ -112,6 +112,13 @@ class Damping:
         0.0, "Added to damping.stiffness for stretching alone.", "s", (0.0, 1.0e3)
     )
     bend: float = parameter(0.0, "Added to damping.stiffness for bending alone.", "s", (0.0, 1.0e3))
+    thinning: float = parameter(
+        0.0,
+        "Damping of bending falls with the rate k' of the curvature, by 1 / sqrt(1 + (thinning "
+        "k')^2), as with friction between strands.",
+        "m s",
+        (0.0, 1.0e6),
+    )
     twist: float = parameter(
         0.0, "Added to damping.stiffness for twisting alone.", "s", (0.0, 1.0e3)
     )

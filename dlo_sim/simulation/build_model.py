@@ -102,6 +102,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.CONTACT: needs.contact,
         layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
         layout.DRAG: scene.drag_across > 0.0,
+        layout.THINNED: scene.damping.thinning > 0.0,
         layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
     return sum(bit for bit, there in present.items() if there)
@@ -319,6 +320,7 @@ class _Filling:
             layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,
             layout.CONTACT_STIFFNESS: self._scene.contact_stiffness,
             layout.DRAG_ACROSS: scene.drag_across,
+            layout.THINNING: scene.damping.thinning**2,
         }
         rows = self._rows(layout.SCALES, layout.SCALE_ROWS)
         for row, value in values.items():

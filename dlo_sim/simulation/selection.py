@@ -274,6 +274,11 @@ def _check_damping(scene: Scene, method: Method) -> None:
             f"integrator.method: {method.name} is not valid with damping.{name} "
             f"{inside[name]:g}; use energy_momentum or implicit_midpoint"
         )
+    if name and damping.thinning and method.name != "energy_momentum":
+        raise SceneError(
+            f"integrator.method: {method.name} is not valid with damping.thinning "
+            f"{damping.thinning:g}; use energy_momentum, or set it to 0.0"
+        )
     if scene.drag_across and (frenet_wanted(scene) or plasticity_wanted(scene)):
         raise SceneError(
             f"damping.air_drag_ratio: {damping.air_drag_ratio:g} needs an implicit method, Frenet "

@@ -1,4 +1,6 @@
-"""Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt).
+"""Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt). That of bending
+may fall with its rate, beta EI kappa' / sqrt(1 + (lambda kappa')^2), as friction between strands:
+Carreau's viscosity of exponent zero.
 
 The rate of the curvature vector is the corotational one, so a rigid motion costs nothing and every
 other dissipates. With P the projector normal to t = r', the curvature vector n = P k / c and
@@ -8,6 +10,7 @@ rho = (P (dk - q dt) - 2 n (t.dt)) / c.
 
 from __future__ import annotations
 
+from dlo_sim.compiling.lanes import root
 from dlo_sim.compiling.pieces import part
 
 
@@ -32,15 +35,37 @@ def curvature_of(t, k):
 
 
 @part
-def bending(stiffness, t, k, moved_t, moved_k):
-    """Stress on r' and on r'' of beta EI / tau times rho, and the energy that it takes."""
-    q, n, inverse = curvature_of(t, k)
+def corotational(q, n, inverse, t, moved_t, moved_k):
+    """rho of a motion."""
     a = combined(1.0, moved_k, -q, moved_t)
-    along = dot(t, moved_t)
     rho = combined(1.0, a, -dot(t, a) * inverse, t)
-    rho = combined(inverse, rho, -2.0 * along * inverse, n)
+    return combined(inverse, rho, -2.0 * dot(t, moved_t) * inverse, n)
+
+
+@part
+def bending(stiffness, thinning, t, k, moved_t, moved_k):
+    """Stress on r' and on r'' of beta EI / tau times rho, and the energy that it takes;
+    `thinning` is (lambda / tau)^2.
+    """
+    q, n, inverse = curvature_of(t, k)
+    rho = corotational(q, n, inverse, t, moved_t, moved_k)
+    square = dot(rho, rho)
+    stiffness = stiffness / root(thinning * square + 1.0)
     g = stiffness * inverse
-    return combined(-2.0 * g * dot(n, rho), t, -g * q, rho), g, rho, stiffness * dot(rho, rho)
+    return combined(-2.0 * g * dot(n, rho), t, -g * q, rho), g, rho, stiffness * square
+
+
+@part
+def thinned(stiffness, thinning, t, k, moved_t, moved_k):
+    """beta EI / tau as a motion sees it, and the stresses (on r' and on r'') whose dyad the
+    derivative of the stress by the motion has less than that at this stiffness.
+    """
+    q, n, inverse = curvature_of(t, k)
+    rho = corotational(q, n, inverse, t, moved_t, moved_k)
+    share = 1.0 / root(thinning * dot(rho, rho) + 1.0)
+    stiffness = stiffness * share
+    f = root(stiffness * thinning) * share * inverse
+    return stiffness, combined(-2.0 * f * dot(n, rho), t, -f * q, rho), combined(f, rho, 0.0, rho)
 
 
 @part

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, wild
-from differences import assert_limit
+from differences import assert_limit, central
 
 from dlo_sim.compiling.lanes import bare, shifted
 from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, WHOLES, code_of, piece
@@ -185,6 +185,31 @@ def test_its_tangent_with_viscosity_where_nothing_moves(bench):
     assert np.abs(exact - plain).max() > 0.3 * np.abs(plain).max()
     shape = len(exact), bench.n, len(axes)
     assert_limit(exact.reshape(shape), force, points[:, axes].copy(), bound=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_tangent_of_damping_that_thins(kind):
+    """For a motion fast enough, so small that the geometry stays."""
+    values, more = KINDS[kind]
+    damping = {"damping.stiffness": 0.0, "damping.bend": 1.0, "damping.thinning": 3e3}
+    bench = Between(values, damping, n=12, **more)
+    points, other = pair(bench)
+    axes = list(bench.axes)
+    way = 1e-4 * (other - points)[:, axes]
+
+    def viscous(way):
+        second = points.copy()
+        second[:, axes] += way
+        both = (bench.between(points, second, f)[0] for f in (BETA_OVER_TAU, 0.0))
+        return np.subtract(*both).ravel()
+
+    second = points.copy()
+    second[:, axes] += way
+    exact = bench.tangent(points, second) - bench.tangent(points, second, BETA_OVER_TAU)
+    linear = bench.tangent(points, points) - bench.tangent(points, points, BETA_OVER_TAU)
+    assert 0.05 < np.linalg.norm(exact) / np.linalg.norm(linear) < 0.8
+    found = central(viscous, way, 1e-8).reshape(exact.shape)
+    assert np.abs(found - exact).max() < 1e-3 * np.abs(exact).max()
 
 
 def test_with_both_configurations_the_same_the_tangent_is_half_the_stiffness(bench):

@@ -103,6 +103,23 @@ def test_viscosity_is_linear_in_the_rates_and_in_beta():
     assert np.allclose(viscous(single, points, -3 * rates), -3 * once, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("rate", [0.01, 2.0, 500.0])
+@pytest.mark.parametrize("dim", ["off", "on"])
+def test_damping_of_bending_thins_with_its_rate(dim, rate):
+    """A straight cable of which every point bends at the rate a: the loss is EI beta L a^2 /
+    sqrt(1 + (lambda a)^2), nearly EI beta L a / lambda in fast motion."""
+    values = SOFT | FREE | FLAT | {"loads.names": [], "terms.out_of_plane": dim}
+    damping = {"damping.bend": 0.01, "damping.thinning": 0.5}
+    bench = Bench(values | damping, n=9)
+    motion = np.zeros((9, 4))
+    a, b, c = (bench.model.knots[k : k + 9] for k in (1, 2, 3))
+    motion[:, 2] = 0.5 * rate * (a * b + b * c + c * a) / 3.0  # the control points of rate u^2 / 2
+    lost = -np.sum(viscous(bench, straight(bench), motion) * motion)
+    cable = bench.scene.cable
+    expected = 0.01 * cable.EI * cable.length * rate**2 / np.hypot(1.0, rate / 2.0)
+    assert lost == pytest.approx(expected, rel=1e-9)
+
+
 def test_external_damping_slows_rigid_motion_too():
     """alpha on the momentum (twist included), drag on the velocity along the cable."""
     values = {"damping.mass": 0.8, "damping.air_drag": 0.05, "end.mass": 0.4}

@@ -44,6 +44,15 @@ def test_a_second_plane_of_natural_curvature_is_fitted_where_asked_for():
     assert found.scene.cable.rest_curvature_2 == pytest.approx([3.0] * 7, abs=0.3)
 
 
+@pytest.mark.parametrize("thinning", [0.1, 0.0])
+def test_thinning_is_told_from_damping(thinning):
+    truth = {**TRUTH, "damping.stiffness": 0.12, "damping.thinning": thinning}
+    pieces = [recorded(truth, seed, amount, noise=2e-4) for seed, amount in enumerate((0.4, 1.0))]
+    found, _ = identified(pieces, ("damping.stiffness", "damping.thinning"))
+    assert found.scene.damping.stiffness == pytest.approx(0.12, rel=0.05)
+    assert found.scene.damping.thinning == pytest.approx(thinning, rel=0.2, abs=3e-3)
+
+
 def test_left_out_pieces_are_predicted_as_well(moving):
     found, _ = identified(moving, left_out=0.5)
     assert (found.pieces, found.left_out) == (2, 1)

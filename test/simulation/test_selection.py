@@ -114,6 +114,15 @@ def test_stiffness_damping_against_what_needs_an_explicit_method(method, term):
     assert chosen(term, {"damping.mass": 0.1}).method == "velocity_verlet"
 
 
+@pytest.mark.parametrize("method", ["implicit_midpoint", "generalized_alpha"])
+def test_damping_that_thins_has_one_method(method):
+    values = {"damping.bend": 0.01, "damping.thinning": 3.0}
+    assert chosen(values).method == "energy_momentum"
+    with pytest.raises(SceneError, match=f"{method} is not valid with damping.thinning 3; "):
+        chosen(values, method=method, step=1e-3)
+    assert chosen({"damping.thinning": 3.0}, method=method, step=1e-3).method == method
+
+
 def test_what_would_take_far_less_work_is_known():
     wire = load_scene(shipped_scene("paper_wire"))
     slow = wire.with_values({"integrator.method": "forest_ruth", "integrator.step": 1e-8})
