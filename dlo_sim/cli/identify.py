@@ -173,6 +173,7 @@ def _write(options: argparse.Namespace, found: "Identified") -> None:
 
     words = ["dlo_sim", "identify", options.data.name, "--scene", options.scene]
     words += [word for text in options.assignments for word in ("--set", text)]
+    words += [word for key in options.fit for word in ("--fit", key)]
     comments = [
         f"Fitted by {shlex.join(words)}: what differs from the defaults.",
         "",
