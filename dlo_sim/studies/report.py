@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from dlo_sim.studies import machine
 from dlo_sim.studies.catalogue import Outcome
 
 Cell = str | int | float | None
-Header = list["str | Column"]
 SCALES = {"%": 1e2, "ppm": 1e6, "cm": 1e2, "mm": 1e3, "ms": 1e3, "us": 1e6, "ns": 1e9, "KB": 1e-3}
 
 
@@ -27,41 +26,29 @@ class Column:
     """A column of a table, or an axis of a figure: values in SI, shown in a unit.
 
     Attributes:
-        name, unit: the header is `name [unit]`. Values are multiplied by the scale of the unit up
-            to the first slash (`us/step` is that of `us`), which is 1 for units not in `SCALES`.
-        form: format specification in the report of what is not a whole number, e.g. ".0f"; by
-            default see `shown`. The CSV has all digits.
+        header: `name [unit]`, as it stands above the column.
+        scale: by which values are multiplied, that of the unit up to the first slash (`us/step` is
+            that of `us`); 1 for units not in `SCALES`.
+        form: format specification in the report of what is not a whole number; by default see
+            `shown`. The CSV has all digits.
     """
 
-    name: str
-    unit: str = ""
+    header: str
+    scale: float = 1.0
     form: str = ""
 
     @classmethod
-    def of(cls, header: str | Column, form: str = "") -> Column:
-        """The column that has a header such as `step [us]`."""
-        if isinstance(header, Column):
-            return header
-        name, _, unit = header.removesuffix("]").rpartition(" [")
-        return cls(name, unit, form) if header.endswith("]") else cls(header, form=form)
-
-    @property
-    def header(self) -> str:
-        """What stands above the column."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
-
-    @property
-    def scale(self) -> float:
-        """Shown value / SI value."""
-        return SCALES.get(self.unit.partition("/")[0], 1.0)
+    def of(cls, words: str, form: str = "") -> Column:
+        """The column written `step [us]`, or `spread [%] {:.0f}` with a form of its own."""
+        header, _, own = words.removesuffix("}").partition(" {:")
+        unit = header.removesuffix("]").rpartition(" [")[2] if header.endswith("]") else ""
+        return cls(header, SCALES.get(unit.partition("/")[0], 1.0), own or form)
 
     def scaled(self, cell: Cell) -> Cell:
         """A cell in the unit; text and what is not there stay as they are."""
-        return (
-            cell
-            if self.scale == 1.0 or cell is None or isinstance(cell, str)
-            else (cell * self.scale)
-        )
+        if self.scale == 1.0 or cell is None or isinstance(cell, str):
+            return cell
+        return cell * self.scale
 
     def shown(self, cell: Cell) -> str:
         """A scaled cell for people."""
@@ -70,7 +57,7 @@ class Column:
 
 
 class Report:
-    """Collects text, tables and figures in a folder; `write` puts report.md beside them.
+    """Collects text, tables and figures in a folder; `outcome` puts report.md beside them.
 
     Attributes:
         folder: where everything goes; created if it is not there.
@@ -107,7 +94,7 @@ class Report:
     def table(
         self,
         name: str,
-        header: str | Sequence[str | Column],
+        header: str | Sequence[str],
         rows: Iterable[Sequence[Cell]],
         caption: str,
         form: str = "",
@@ -115,21 +102,20 @@ class Report:
         """A table with its caption above, also as `<name>.csv` with all digits.
 
         Args:
-            header: as it will read, `method | step [us]`, or columns and parts of such a text.
+            header: columns as of `Column.of`, `method | step [us]`, or a list of them.
             rows: one cell per column, in SI; None is shown as a dash.
             form: of columns without one of their own.
         """
-        columns = [Column.of(one, form) for part in _parts(header) for one in part]
+        words = header if isinstance(header, str) else " | ".join(header)
+        columns = [Column.of(one, form) for one in words.split(" | ")]
         cells = [[c.scaled(x) for c, x in zip(columns, row, strict=True)] for row in rows]
-        lines = [f"**{caption}** (`{name}.csv`)", ""]
-        lines.append("| " + " | ".join(column.header for column in columns) + " |")
-        lines.append("|" + "---|" * len(columns))
-        for row in cells:
-            words = (column.shown(cell) for column, cell in zip(columns, row, strict=True))
-            lines.append("| " + " | ".join(words) + " |")
-        self._body.append("\n".join(lines))
+        headers = [column.header for column in columns]
+        for_people = [[c.shown(x) for c, x in zip(columns, row, strict=True)] for row in cells]
+        lines = [f"| {' | '.join(row)} |" for row in (headers, *for_people)]
+        lines.insert(1, "|" + "---|" * len(columns))
+        self._body.append("\n".join([f"**{caption}** (`{name}.csv`)", "", *lines]))
         self.tables[name] = len(cells)
-        self._write_csv(name, [column.header for column in columns], cells)
+        self._write_csv(name, headers, cells)
 
     def figure(
         self, name: str, figure: Figure, columns: Mapping[str, ArrayLike], caption: str
@@ -153,25 +139,16 @@ class Report:
         self._write_csv(name, list(columns), zip(*values, strict=True))
         self._body.append(f"![{caption}]({file})\n\n*{caption}* (data: `{name}.csv`)")
 
-    def write(self, summary: Sequence[str]) -> Path:
-        """Write report.md: title, summary, provenance, then the body; returns its path."""
-        took = time.perf_counter() - self._began
-        provenance = [*self._provenance.items(), ("the study took", f"{took:.0f} s")]
-        facts = "| | |\n|---|---|" + "".join(f"\n| {key} | {value} |" for key, value in provenance)
-        lines = [f"# {self._title}", *summary, "## Made with", facts, *self._body]
-        path = self.folder / "report.md"
-        path.write_text("\n\n".join(lines) + "\n", encoding="utf-8")
-        return path
-
     def outcome(self, verdicts: Mapping[str, str], summary: Sequence[str] = ()) -> Outcome:
-        """Write the report; what the study returns.
-
-        Args:
-            summary: as of `write`; a line for each verdict by default.
-        """
-        lines = "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
-        path = str(self.write(summary or [lines]))
-        return Outcome(path, self.figures, self.data, self.tables, dict(verdicts))
+        """Write report.md: title, summary (default: a line for each verdict), provenance, body."""
+        items = "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
+        took = f"{time.perf_counter() - self._began:.0f} s"
+        facts = {**self._provenance, "the study took": took}.items()
+        made_with = ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts)]
+        head = [f"# {self._title}", *(summary or [items]), "## Made with", "\n".join(made_with)]
+        path = self.folder / "report.md"
+        path.write_text("\n\n".join([*head, *self._body]) + "\n", encoding="utf-8")
+        return Outcome(str(path), self.figures, self.data, self.tables, dict(verdicts))
 
     def _write_csv(
         self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]
@@ -200,11 +177,6 @@ def shown(cell: Cell) -> str:
     if 1e-2 <= size < 1e4 or value == 0.0:
         return f"{value:.4g}"
     return f"{value:.0f}" if 1e4 <= size < 1e6 else f"{value:.2e}"
-
-
-def _parts(header: str | Sequence[str | Column]) -> Iterator[Sequence[str | Column]]:
-    for part in [header] if isinstance(header, str) else header:
-        yield part.split(" | ") if isinstance(part, str) else [part]
 
 
 def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from dlo_sim.studies.stability import extremes, scenes
-from dlo_sim.studies.stability.cables import ALUMINIUM, wire
 from dlo_sim.studies.stability.extremes import RAN, REFUSED, STOPPED, Extreme, examine
+from dlo_sim.studies.stability.scenes import ALUMINIUM, wire
 
 BY_NAME = {extreme.name: extreme for extreme in scenes.EXTREMES}
 NOTHING = 1e-30  # of damping

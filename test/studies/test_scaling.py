@@ -9,8 +9,9 @@ import pytest
 from dlo_sim.batch.workers import Here
 from dlo_sim.core.methods import METHODS
 from dlo_sim.studies.catalogue import STUDIES, Request
-from dlo_sim.studies.scaling import memory, steps
-from dlo_sim.studies.scaling.steps import moving
+from dlo_sim.studies.scaling import memory
+from dlo_sim.studies.scaling import study as steps
+from dlo_sim.studies.scaling.memory import moving
 
 SIZES = (9, 13, 100, 400)
 

@@ -79,7 +79,6 @@ def test_damping_with_negative_steps_is_refused():
     found = maps.examine(point("forest_ruth", "damped"))
     assert math.isnan(found.predicted) and math.isnan(found.observed)
     assert set(found.outcomes) == {REFUSED}
-    assert "negative sub-steps" in found.reason
 
 
 def test_energy_momentum_has_no_limit():

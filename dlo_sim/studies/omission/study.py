@@ -12,7 +12,7 @@ from dlo_sim.scene.loading import load_scene, shipped_scenes
 from dlo_sim.studies import plotting
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.omission.variants import TERMS, Variant, job, variants
-from dlo_sim.studies.report import Column, Report, columns
+from dlo_sim.studies.report import Cell, Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.tuning.search import present_setting
 from dlo_sim.tuning.trial import Trial, attempt, farthest, timed_again
@@ -56,11 +56,11 @@ def run_study(request: Request) -> Outcome:
     asked = [p for some in found.values() for v in some for p in pieces(v, DURATION[quick])]
     motions = each(request.workers, motion, asked)
     rows: list[Row] = []
-    for name, some in found.items():
+    for k, (name, some) in enumerate(found.items()):
         for variant in some:
             timed = _side_by_side(pieces(variant, DURATION[quick]), motions, BUDGET[quick])
             rows.append(row_of(name, variant, *timed))
-        request.progress(0.5 + 0.5 * len({row.scene for row in rows}) / len(scenes))
+        request.progress(0.5 + 0.5 * (k + 1) / len(scenes))
     _describe(report, rows)
     verdicts = verdicts_of(rows)
     return report.outcome(verdicts)
@@ -111,19 +111,22 @@ def _side_by_side(
 
 def row_of(name: str, variant: Variant, full: Trial | None, bare: Trial | None) -> Row:
     """The row of a term from its two trials."""
-    notes = [variant.note] if variant.note else []
+    notes, off = [variant.note] if variant.note else [], np.nan
+    times = {"with it": np.nan, "without it": np.nan}
     sides = (("with it", variant.full, full), ("without it", variant.bare, bare))
     for which, scene, trial in sides:
-        if trial is not None and not trial.ok:
+        if trial is None or scene is None:
+            continue
+        if not trial.ok:
             notes.append(f"{which}: {trial.message}")
-        elif trial is not None and scene is not None and trial.setting != present_setting(scene):
+            continue
+        times[which] = trial.wall * trial.step
+        if trial.setting != present_setting(scene):
             notes.append(f"{which}: fails at its own step, so at {SMALLER:g} of it")
-    off = float("nan")
     if full is not None and bare is not None and full.ok and bare.ok:
         off = farthest(bare.points, full.points)
-    times = [t.wall * t.step if t is not None and t.ok else float("nan") for t in (full, bare)]
-    note = "; ".join(notes)
-    return Row(name, variant.term, variant.automatic, times[0], times[1], off, note)
+    full_s, bare_s = times.values()
+    return Row(name, variant.term, variant.automatic, full_s, bare_s, off, "; ".join(notes))
 
 
 def _describe(report: Report, rows: list[Row]) -> None:
@@ -140,47 +143,39 @@ def _describe(report: Report, rows: list[Row]) -> None:
         that does not turn with the curve. *Drive* left out leaves grippers where they are. *Air
         drag* is a part of damping. *Out of plane* left out takes loads across the plane along."""
     )
+    cells: list[list[Cell]] = []
+    for row in rows:
+        numbers = (row.full, row.bare, 1.0 - row.bare / row.full, row.error)
+        shown = [number if np.isfinite(number) else None for number in numbers]
+        automatic = "yes" if row.automatic else "left out"
+        cells.append([row.scene, row.term, automatic, *shown, row.note.replace("|", "/")])
     report.table(
         "omission",
-        [
-            "scene | term | in its step | with [us/step] | without [us/step]",
-            *(Column("saved", "%", ".0f"), "error without it [mm] | note"),
-        ],
-        [
-            [
-                *(row.scene, row.term, "yes" if row.automatic else "left out"),
-                *(
-                    value if np.isfinite(value) else None
-                    for value in (row.full, row.bare, 1.0 - row.bare / row.full, row.error)
-                ),
-                row.note.replace("|", "/"),
-            ]
-            for row in rows
-        ],
+        "scene | term | in its step | with [us/step] | without [us/step] | saved [%] {:.0f} | "
+        "error without it [mm] | note",
+        cells,
         "Time per step with and without each term, and the error made by leaving it out",
     )
     _figure(report, [row for row in rows if np.isfinite(row.full + row.bare)])
 
 
 def _figure(report: Report, rows: list[Row]) -> None:
+    header = ("scene", "term", "with [s/step]", "without [s/step]", "error [m]")
+    data = columns(header, [(r.scene, r.term, r.full, r.bare, r.error) for r in rows])
+    full, bare, error = (np.array(data[name]) for name in header[2:])
     figure, (left, right) = plotting.new_figure(1, 2, 12.0, 1.4 + 0.32 * len(rows))
     place = np.arange(len(rows))[::-1].astype(float)
-    left.barh(place + 0.2, [1e6 * r.full for r in rows], 0.38, label="with", color="tab:orange")
-    left.barh(place - 0.2, [1e6 * r.bare for r in rows], 0.38, label="without", color="tab:blue")
+    left.barh(place + 0.2, 1e6 * full, 0.38, label="with", color="tab:orange")
+    left.barh(place - 0.2, 1e6 * bare, 0.38, label="without", color="tab:blue")
     marks = [f"{r.scene}: {r.term}{'' if r.automatic else ' (left out)'}" for r in rows]
     left.set_yticks(place, marks)
     left.set_xlabel("time per step [us]")
     left.legend(fontsize="small")
     floor = 1e-10  # [mm]: exact agreement on a logarithmic axis
-    right.barh(place, [max(1e3 * r.error, floor) for r in rows], 0.6, color="gray", left=floor)
+    right.barh(place, np.maximum(1e3 * error, floor), 0.6, color="gray", left=floor)
     right.set(xscale="log", xlim=(floor, None), yticks=place, yticklabels=[])
     right.set_xlabel(f"error made by leaving it out [mm]; {floor:g} stands for none")
     for axes in (left, right):
         axes.grid(alpha=0.3, axis="x")
-    header = ("scene", "term", "with [s/step]", "without [s/step]", "error [m]")
-    report.figure(
-        "omission_bars",
-        figure,
-        columns(header, [(r.scene, r.term, r.full, r.bare, r.error) for r in rows]),
-        "Time per step with and without each term, and the error without it",
-    )
+    caption = "Time per step with and without each term, and the error without it"
+    report.figure("omission_bars", figure, data, caption)

@@ -8,11 +8,10 @@ from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper.wires import COMPARED, Array, Paper, scenario, softened
+from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell
-from dlo_sim.studies.runs import at_method, distance, each, run
-from dlo_sim.studies.stopwatch import step_cost
+from dlo_sim.studies.report import Cell, columns
+from dlo_sim.studies.runs import Array, at_method, distance, each, run, step_cost
 
 # A soft strip, clamped, with a swinging force and moment at its free end: large bending.
 STRIP = {
@@ -38,20 +37,14 @@ REAL, SOFT = ((1, 2, 4), 2e-5), ((1, 2, 4, 8), 4e-3)
 TIME, ERROR = "run time [s]", "error [m]"
 
 
-def add(paper: Paper) -> None:
-    """Order table, work-precision of the real and of the softened wire."""
-    _orders(paper)
-    _work_precision(paper)
-    _equal_step(paper)
-
-
 def _strip_end(method: str, steps: int) -> Array:
     simulator = Simulator(at_method(scene_from_values(STRIP), method, DURATION / steps))
     simulator.advance_steps(steps)
     return simulator.control_points[:, :3]
 
 
-def _orders(paper: Paper) -> None:
+def add(paper: Paper) -> None:
+    """Order table, work-precision of the real and of the softened wire."""
     wanted = [("forest_ruth", FINE), ("rk4", FINE)]
     wanted += [(method, n) for method in COMPARED for n in STEPS]
     ends = each(paper.workers, _strip_end, wanted)
@@ -68,6 +61,8 @@ def _orders(paper: Paper) -> None:
         f"Order on a nonlinear scene: a soft strip swung by a force and a moment for "
         f"{DURATION:g} s, against the other fourth-order method with {FINE} steps",
     )
+    _work_precision(paper)
+    _equal_step(paper)
 
 
 def _work_precision(paper: Paper) -> None:
@@ -75,8 +70,7 @@ def _work_precision(paper: Paper) -> None:
     real, changed = scenario(1), f"EA and springs CHANGED: / {paper.factor:.0f}"
     wires = {"real wire": (real, *REAL), changed: (softened(real, paper.factor), *SOFT)}
     rows = [row for name, wire in wires.items() for row in _curves(paper, name, *wire)]
-    names = ("wire", "method", "step [s]", TIME, ERROR)
-    data = dict(zip(names, zip(*rows, strict=True), strict=True))
+    data = columns(("wire", "method", "step [s]", TIME, ERROR), rows)
     looks = {m: {"marker": mark} for m, mark in zip(COMPARED, "osx^", strict=True)}
     x, y = f"run time of {SPAN[paper.quick]:g} s [s]", "largest position error [m]"
     panels = [

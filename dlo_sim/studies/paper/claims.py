@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from dlo_sim.studies.paper import energy, limits, motion, resolution, sweep, timing
 from dlo_sim.studies.paper.limits import PLAIN, TORSION
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE
 from dlo_sim.studies.paper.wires import COMPARED
-from dlo_sim.studies.report import Report, shown
+from dlo_sim.studies.report import Cell, Report, shown
 
 Found = Mapping[str, float]
 INTEGRATOR, RESULTS, CONCLUSIONS = "Symplectic Integrator", "Simulation Results", "Conclusions"
@@ -38,14 +39,22 @@ class Claim:
     measured: dict[str, float]
     shown: tuple[str, ...]
 
+    @property
+    def evidence(self) -> str:
+        """What was measured, in words."""
+        return "; ".join(f"{name}: {shown(value)}" for name, value in self.measured.items())
 
-@dataclass(frozen=True)
-class Question:
-    """A claim to be judged by what was found.
+    @property
+    def row(self) -> list[Cell]:
+        """The row of the table."""
+        where = ", ".join(f"`{name}`" for name in self.shown)
+        words, verdict = f'"{self.words}"', f"**{self.verdict}**"
+        return [self.name, self.section, words, verdict, self.evidence, where]
 
-    Attributes:
-        holds: the condition under which it holds; partly: in part, if it does not.
-        measured: names of findings; the rest as in `Claim`.
+
+class Question(NamedTuple):
+    """A claim to be judged by what was found: the conditions under which it holds, or holds in
+    part, and names of findings; the rest as in `Claim`.
     """
 
     name: str
@@ -58,44 +67,24 @@ class Question:
 
     def judged(self, found: Found) -> Claim:
         """The claim with its verdict."""
-        verdict = "does not hold"
-        if self.holds(found):
-            verdict = "holds"
-        elif self.partly(found):
-            verdict = "holds in part"
+        partly = "holds in part" if self.partly(found) else "does not hold"
         measured = {name: float(found[name]) for name in self.measured}
+        verdict = "holds" if self.holds(found) else partly
         return Claim(self.name, self.section, self.words, verdict, measured, self.shown)
 
 
-def add(report: Report, claims: list[Claim]) -> None:
-    """The table of claims."""
-    report.table(
-        "claims",
-        ["claim", "section", "in the paper's words", "verdict", "measured", "shown in"],
-        [
-            [
-                *(c.name, c.section, f'"{c.words}"', f"**{c.verdict}**", _evidence(c)),
-                ", ".join(f"`{name}`" for name in c.shown),
-            ]
-            for c in claims
-        ],
-        "What the paper claims, in which section, and what this run measured",
-    )
-
-
-def summary(claims: list[Claim]) -> str:
-    """A line of markdown for every claim: verdict and evidence."""
-    return "\n".join(f"- {c.name}: **{c.verdict}**. {_evidence(c)}." for c in claims)
-
-
-def _evidence(claim: Claim) -> str:
-    return "; ".join(f"{name}: {shown(value)}" for name, value in claim.measured.items())
+def add(report: Report, claims: list[Claim]) -> str:
+    """The table of claims; and a line of markdown for each, verdict and evidence."""
+    header = "claim | section | in the paper's words | verdict | measured | shown in"
+    caption = "What the paper claims, in which section, and what this run measured"
+    report.table("claims", header, [claim.row for claim in claims], caption)
+    return "\n".join(f"- {c.name}: **{c.verdict}**. {c.evidence}." for c in claims)
 
 
 def _stuck(found: Found) -> int:
     """How many methods are stopped in scenario 2 where Forest-Ruth is not."""
-    fine = not found[limits.STOPPED(PLAIN, "forest_ruth")]
-    return sum(fine and bool(found[limits.STOPPED(PLAIN, method)]) for method in ("rk4", "zhai"))
+    forest_ruth, *others = (found[limits.STOPPED(PLAIN, m)] for m in ("forest_ruth", "rk4", "zhai"))
+    return 0 if forest_ruth else sum(map(bool, others))
 
 
 def _gains(found: Found) -> int:
@@ -121,7 +110,7 @@ QUESTIONS = (
         (
             "2 ms / largest stable step of Forest-Ruth",
             limits.LIMIT("forest_ruth", 1),
-            "stopped at 2 ms, forest_ruth, scenario 1, at step (0: never)",
+            limits.STOPPED_PLAIN,
             "2 ms needs axial stiffness and springs divided by",
             "energy_momentum at 2 ms from a fine run [mm]",
         ),

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from dlo_sim.core import bspline
-from dlo_sim.studies import plotting
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE, SAMPLES
-from dlo_sim.studies.paper.wires import Array, Paper, scenario
-from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.paper.wires import Paper, scenario
+from dlo_sim.studies.plotting import Panel, chart, heat_map, new_figure
 from dlo_sim.studies.report import Cell
-from dlo_sim.studies.runs import at_method, each, run
+from dlo_sim.studies.runs import Array, at_method, each, run
 
 METHOD = "velocity_verlet"
 POINTS, INSTANTS = 10, 20
@@ -33,16 +34,15 @@ def add(paper: Paper) -> None:
         256, its tables end at 251); smaller errors than its own are not known."""
     )
     duration = paper.comparison
-    grid = [(n, samples) for n in CONTROL_POINTS for samples in SAMPLES]
+    grid = list(product(CONTROL_POINTS, SAMPLES))
     tracks = each(paper.workers, track, [(*size, duration) for size in [*grid, FINER]])
     reference = tracks[(*REFERENCE, duration)]
-    errors = np.array([_gap(tracks[(*size, duration)], reference) for size in grid])
-    errors = errors.reshape(len(CONTROL_POINTS), len(SAMPLES), INSTANTS, POINTS)
-    own = _rms(_gap(reference, tracks[(*FINER, duration)]))
-    _table(paper, errors, own)
+    *gaps, own = (np.linalg.norm(one - reference, axis=2) for one in tracks.values())
+    errors = np.reshape(gaps, (len(CONTROL_POINTS), len(SAMPLES), INSTANTS, POINTS))
+    _table(paper, errors, _rms(own))
     _figures(paper, errors, np.linspace(0.0, duration, INSTANTS + 1)[1:])
     _findings(paper, errors)
-    paper.found["rms error of the reference itself [mm]"] = 1e3 * own
+    paper.found["rms error of the reference itself [mm]"] = 1e3 * float(_rms(own))
 
 
 def track(n: int, samples: int, duration: float) -> Array:
@@ -53,20 +53,15 @@ def track(n: int, samples: int, duration: float) -> Array:
     return np.asarray(basis @ recording.control_points[1 : INSTANTS + 1, :, :3])
 
 
-def _gap(one: Array, other: Array) -> Array:
-    return np.asarray(np.linalg.norm(one - other, axis=2))
+def _rms(errors: Array, axis: int | tuple[int, ...] | None = None) -> Array:
+    return np.asarray(np.sqrt((errors**2).mean(axis=axis)))
 
 
-def _rms(errors: Array) -> float:
-    return float(np.sqrt((errors**2).mean()))
-
-
-def _table(paper: Paper, errors: Array, own: float) -> None:
-    rms = np.sqrt((errors**2).mean(axis=(2, 3)))
-    rows: list[list[Cell]] = [[n, *rms[i]] for i, n in enumerate(CONTROL_POINTS)]
-    rows.append(["reference itself", *([None] * (len(SAMPLES) - 1)), own])
+def _table(paper: Paper, errors: Array, own: Array) -> None:
     # The caption has the unit, so that the headers are the sample counts; values in mm therefore.
-    rows = [[row[0], *(None if c is None else 1e3 * float(c) for c in row[1:])] for row in rows]
+    rms = 1e3 * _rms(errors, (2, 3))
+    rows: list[list[Cell]] = [[n, *row] for n, row in zip(CONTROL_POINTS, rms, strict=True)]
+    rows.append(["reference itself", *([None] * (len(SAMPLES) - 1)), 1e3 * float(own)])
     paper.report.table(
         "error_by_size",
         ["n_u \\ n_s", *map(str, SAMPLES)],
@@ -78,35 +73,30 @@ def _table(paper: Paper, errors: Array, own: float) -> None:
 
 def _figures(paper: Paper, errors: Array, time: Array) -> None:
     report, shown = paper.report, errors[NINE, COLUMN]
-    figure, (axes,) = plotting.new_figure(width=8.0, height=4.5)
+    figure, (axes,) = new_figure(width=8.0, height=4.5)
     image = axes.pcolormesh(U, time, 1e3 * shown, shading="nearest", cmap="magma")
     figure.colorbar(image, ax=axes, label="error [mm]")
     axes.set(xlabel="material coordinate u [m]", ylabel="time [s]", title="n_u = 9, n_s = 101")
     grid = {"time [s]": np.repeat(time, POINTS), "u [m]": np.tile(U, INSTANTS)}
     data = grid | {"error [m]": shown.ravel()}
     report.figure("error_over_time_and_length", figure, data, "Error over time and length")
-    rms = np.sqrt((errors**2).mean(axis=(2, 3)))
-    figure, (axes,) = plotting.new_figure(width=8.0, height=4.5)
-    names = [*map(str, SAMPLES)], [*map(str, CONTROL_POINTS)]
-    plotting.heat_map(axes, 1e3 * rms, *names, "rms error [mm]", colormap="magma")
-    axes.set(xlabel="samples n_s", ylabel="control points n_u")
-    sizes = {
-        "n_u": np.repeat(CONTROL_POINTS, len(SAMPLES)),
-        "n_s": np.tile(SAMPLES, len(CONTROL_POINTS)),
-    }
-    data = sizes | {"rms error [m]": rms.ravel()}
-    report.figure("error_over_samples_and_points", figure, data, "Error over n_s and n_u")
-    for what, over, x, axis in (("time", "length", time, 2), ("length", "time", U, 1)):
-        values = np.sqrt((errors[:, COLUMN] ** 2).mean(axis=axis))
-        lines = {f"n_u = {n}": values[i] for i, n in enumerate(CONTROL_POINTS)}
-        name = "time [s]" if what == "time" else "material coordinate u [m]"
+    n_u, n_s = np.array(list(product(CONTROL_POINTS, SAMPLES))).T
+    data = {"n_u": n_u, "n_s": n_s, "rms error [m]": _rms(errors, (2, 3)).ravel()}
+    name, caption = "error_over_samples_and_points", "Error over n_s and n_u"
+    heat_map(report, name, data, "rms error [mm]", caption, ".3g")
+    for what, over, name, x, axis in (
+        ("time", "length", "time [s]", time, 2),
+        ("length", "time", "material coordinate u [m]", U, 1),
+    ):
+        values = _rms(errors[:, COLUMN], axis)
+        lines = {f"n_u = {n}": row for n, row in zip(CONTROL_POINTS, values, strict=True)}
         panel = Panel(name, f"error, rms over {over} [mm]", list(lines), log="y")
         caption = f"Error over {what} for each n_u, n_s = 101"
         chart(report, f"error_over_{what}", {name: x} | lines, [panel], caption)
 
 
 def _findings(paper: Paper, errors: Array) -> None:
-    found, rms = paper.found, np.sqrt((errors**2).mean(axis=(2, 3)))
+    found, rms = paper.found, _rms(errors, (2, 3))
     profiles = errors[:, COLUMN].mean(axis=1)
     middle = profiles[:, POINTS // 2 - 1 : POINTS // 2 + 1].mean(axis=1)
     shares = middle / profiles.max(axis=1)
@@ -115,5 +105,5 @@ def _findings(paper: Paper, errors: Array) -> None:
         for first, part in ((51, row), (81, row[1:])):
             found[CHANGE(first, n)] = float(100 * np.ptp(part) / part.min())
     quarter = INSTANTS // 4
-    found[EARLY] = 1e3 * _rms(errors[NINE, COLUMN, :quarter])
-    found[LATE] = 1e3 * _rms(errors[NINE, COLUMN, -quarter:])
+    found[EARLY] = 1e3 * float(_rms(errors[NINE, COLUMN, :quarter]))
+    found[LATE] = 1e3 * float(_rms(errors[NINE, COLUMN, -quarter:]))

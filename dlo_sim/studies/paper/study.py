@@ -72,11 +72,9 @@ def run_study(request: Request) -> PaperOutcome:
     found["MATLAB / C++ time of the paper"] = matlab / cpp
     judged = [question.judged(found) for question in claims.QUESTIONS]
     report.section("Claims")
-    claims.add(report, judged)
+    lines = claims.add(report, judged)
     report.table("measured", ["what", "value"], found.items(), "Everything measured by its name")
     opening = [" ".join(text.split()) for text in (OPENING, QUICK)[: 1 + request.quick]]
-    outcome = report.outcome(
-        {claim.name: claim.verdict for claim in judged},
-        [*opening, "## Verdicts", claims.summary(judged)],
-    )
+    verdicts = {claim.name: claim.verdict for claim in judged}
+    outcome = report.outcome(verdicts, [*opening, "## Verdicts", lines])
     return PaperOutcome(**vars(outcome), claims=judged)

@@ -5,23 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper import published, timing
+from dlo_sim.studies.paper import published, timing, wires
 from dlo_sim.studies.paper.published import CONTROL_POINTS, SAMPLES
 from dlo_sim.studies.paper.timing import interpreted_step
-from dlo_sim.studies.paper.wires import (
-    SCENARIOS,
-    Array,
-    Paper,
-    bending_alone,
-    scenario,
-    softened,
-    softening,
-    step_limit,
-)
+from dlo_sim.studies.paper.wires import SCENARIOS, Paper, scenario
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column
-from dlo_sim.studies.runs import at_method
-from dlo_sim.studies.stopwatch import step_cost
+from dlo_sim.studies.report import Cell
+from dlo_sim.studies.runs import Array, at_method, step_cost
 
 METHOD = "forest_ruth"
 STEPS = published.DURATION / published.SWEEP_STEP
@@ -33,6 +23,7 @@ SIZES = ["n_u \\ n_s", *map(str, SAMPLES)]
 PRINTED = {5: published.SWEEP_MATLAB_1, 6: published.SWEEP_MATLAB_2}
 PRINTED |= {7: published.SWEEP_CPP_1, 8: published.SWEEP_CPP_2}
 COMPILED, LOOP, ARRAYS, STEP = range(4)  # of a cell
+THREE = "{:.3g}".format
 
 
 def add(paper: Paper) -> None:
@@ -48,24 +39,19 @@ def add(paper: Paper) -> None:
     grids = {number: _grid(number, paper.quick) for number in SCENARIOS}
     for table, printed in PRINTED.items():
         number = 2 - table % 2
-        kinds = (LOOP, ARRAYS) if table < 7 else (COMPILED,)
-        what = "MATLAB / numpy sample by sample / numpy whole arrays"
-        what = what if table < 7 else "C++ / compiled"
-        times = [STEPS * grids[number][:, :, kind] for kind in kinds]
-        rows: list[list[Cell]] = [
-            [n, *(_beside(printed[i, j], [t[i, j] for t in times]) for j in range(SHAPE[1]))]
-            for i, n in enumerate(CONTROL_POINTS)
-        ]
+        kinds, what = [LOOP, ARRAYS], "MATLAB / numpy sample by sample / numpy whole arrays"
+        if table > 6:
+            kinds, what = [COMPILED], "C++ / compiled"
+        times = STEPS * grids[number][:, :, kinds]
+        rows: list[list[Cell]] = []
+        for n, paper_row, our_row in zip(CONTROL_POINTS, printed, times, strict=True):
+            cells = zip(paper_row, our_row, strict=True)
+            rows.append([n, *(" / ".join([f"{p:.0f}", *map(THREE, own)]) for p, own in cells)])
         caption = f"Table {table}. {what}, run time [s] of 12500 steps, {SCENARIOS[number]}"
         report.table(f"table_{table}", SIZES, rows, caption)
     _stable_table(paper, grids[1])
     _paper_step_table(paper)
     _figure(paper, grids[1][:, :, COMPILED])
-    _findings(paper, grids[1][:, :, COMPILED])
-
-
-def _beside(printed: float, ours: list[float]) -> str:
-    return " / ".join([f"{printed:.0f}", *(f"{value:.3g}" for value in ours)])
 
 
 def _grid(number: int, quick: bool) -> Array:
@@ -94,7 +80,7 @@ def _stable_table(paper: Paper, grid: Array) -> None:
     rows = [[n, grid[i, 0, STEP], *times[i]] for i, n in enumerate(CONTROL_POINTS)]
     paper.report.table(
         "stable_sweep",
-        [SIZES[0], Column("step", "us", ".4g"), *SIZES[1:]],
+        [SIZES[0], "step [us] {:.4g}", *SIZES[1:]],
         rows,
         "Run time [s] of 10 s of the real wire at 0.9 of the stability limit, compiled, scenario 1 "
         "(steps times cost of a step)",
@@ -109,15 +95,15 @@ def _paper_step_table(paper: Paper) -> None:
     rows: list[list[Cell]] = []
     for n in CONTROL_POINTS:
         scene = scenario(1, discretization__control_points=n)
-        limit, factor = step_limit(scene), softening(scene, published.SWEEP_STEP)
+        limit, factor = wires.step_limit(scene), wires.softening(scene, published.SWEEP_STEP)
         change, outcome = "nothing helps: bending alone forbids it", "-"
         if np.isfinite(factor):
             change = f"**EA and springs / {factor:.0f}**"
-            soft = at_method(softened(scene, factor), METHOD, published.SWEEP_STEP)
+            soft = at_method(wires.softened(scene, factor), METHOD, published.SWEEP_STEP)
             simulator = Simulator(soft, unchecked_step=True)
             fine = simulator.advance(published.DURATION).status.ok
             outcome = f"{STEPS * step_cost(simulator).best:.3g} s" if fine else "stopped"
-        bending = step_limit(bending_alone(scene))
+        bending = wires.step_limit(wires.bending_alone(scene))
         rows.append([n, limit, published.SWEEP_STEP / limit, bending, change, outcome])
     paper.report.table(
         "paper_sweep_step",
@@ -137,16 +123,12 @@ def _figure(paper: Paper, compiled: Array) -> None:
         ours: compiled.ravel(),
         printed: (published.SWEEP_CPP_1 / STEPS).ravel(),
     }
-    y = "cost of a Forest-Ruth step"
     panels = [
-        Panel("n_s", f"{y} [ms]", [printed], "the paper's C++", by="n_u"),
-        Panel("n_s", f"{y} [us]", [ours], "compiled, this machine", by="n_u"),
+        Panel("n_s", "cost of a Forest-Ruth step [ms]", [printed], "the paper's C++", by="n_u"),
+        Panel("n_s", "cost of a Forest-Ruth step [us]", [ours], "compiled, this machine", by="n_u"),
     ]
     caption = "Cost of a step over n_s and n_u, scenario 1"
     chart(paper.report, "cost_over_size", data, panels, caption, (12.0, 4.4))
-
-
-def _findings(paper: Paper, compiled: Array) -> None:
     for n, cost in zip(CONTROL_POINTS, compiled[:, SAMPLES.index(101)], strict=True):
         paper.found[SIZE_COST(n)] = 1e6 * float(cost)
     paper.found[SAMPLES_COST] = float((compiled[:, -1] / compiled[:, 0]).min())

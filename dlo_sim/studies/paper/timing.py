@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +11,10 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published
 from dlo_sim.studies.paper.interpreted import Wire
-from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Array, Paper, scenario, softened
+from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario, softened
 from dlo_sim.studies.plotting import COLORS, Panel, chart
-from dlo_sim.studies.report import Cell, Column, Header
-from dlo_sim.studies.runs import at_method
-from dlo_sim.studies.stopwatch import Cost, least, step_cost
+from dlo_sim.studies.report import Cell
+from dlo_sim.studies.runs import Array, Cost, advance, at_method, least, step_cost
 
 LOOP, ARRAYS = "sample by sample", "whole arrays"
 PAPER_NAMES = {"forest_ruth": "symplectic", "rk4": "Runge-Kutta", "zhai": "Zhai"}
@@ -35,20 +33,19 @@ class Timing:
 
     Attributes:
         step: [s], 0.9 of the stability limit. cost: of one compiled step.
-        wall: compiled run time [s] at `published.TIMES`.
-        soft: compiled run time [s] of 10 s at the paper's 2 ms of the softened wire.
+        wall: compiled run time [s] at `published.TIMES`, then that of 10 s at the paper's 2 ms of
+            the softened wire.
         numpy: way of writing the force -> least time of one interpreted step [s].
     """
 
     step: float
     cost: Cost
     wall: Array
-    soft: float
     numpy: dict[str, float]
 
-    def interpreted(self, way: str) -> list[float]:
-        """Run times [s] at `published.TIMES`, and of 10 s at 2 ms."""
-        return [*(self.numpy[way] * published.TIMES / self.step), self.numpy[way] * STEPS]
+    def interpreted(self, way: str) -> Array:
+        """Run times [s] as in `wall`."""
+        return self.numpy[way] * np.append(published.TIMES / self.step, STEPS)
 
 
 def add(paper: Paper) -> None:
@@ -72,19 +69,17 @@ def add(paper: Paper) -> None:
     if paper.quick:
         paper.report.text(f"Quick study: compiled rows beyond {QUICK_MARK:g} s are extrapolated.")
     for number in SCENARIOS:
-        own = {method: timings[number, method] for method in COMPARED}
-        _tables(paper, own, number)
+        _tables(paper, {method: timings[number, method] for method in COMPARED}, number)
     _cost_table(paper, timings)
-    _figure(paper, {method: timings[1, method] for method in COMPARED})
-    found = paper.found
-    for method in COMPARED:
-        one = timings[1, method]
-        found[TIME(method)] = float(one.wall[-1])
-        found[COST(method)] = 1e6 * one.cost.best
-    symplectic = timings[1, "forest_ruth"]
+    first = {method: timings[1, method] for method in COMPARED}
+    _figure(paper, first)
+    for method, one in first.items():
+        paper.found[TIME(method)] = float(one.wall[-2])
+        paper.found[COST(method)] = 1e6 * one.cost.best
+    symplectic = first["forest_ruth"]
     for way, name in RATIOS.items():
-        found[name] = symplectic.numpy[way] / symplectic.cost.best
-    found["interpreted from compiled run after 20 steps [m]"] = max(
+        paper.found[name] = symplectic.numpy[way] / symplectic.cost.best
+    paper.found["interpreted from compiled run after 20 steps [m]"] = max(
         _deviation(scenario(number)) for number in SCENARIOS
     )
 
@@ -92,27 +87,27 @@ def add(paper: Paper) -> None:
 def _measure(wire: Scene, method: str, paper: Paper) -> Timing:
     scene = at_method(wire, method)
     simulator = Simulator(scene)
-    cost = step_cost(simulator)
-    wall, total = [], 0.0
-    last = QUICK_MARK if paper.quick else published.TIMES[-1]
-    for mark in published.TIMES[published.TIMES <= last]:
-        began = time.perf_counter()
-        report = simulator.advance(float(mark) - simulator.time)
-        total += time.perf_counter() - began
-        if not report.status.ok:
-            raise RuntimeError(f"a timed run failed: {report.message}")
-        wall.append(total)
-    rest = published.TIMES[len(wall) :] * (wall[-1] / published.TIMES[len(wall) - 1])
+    cost, step = step_cost(simulator), simulator.step
+    marks = published.TIMES[published.TIMES <= (QUICK_MARK if paper.quick else published.DURATION)]
+    walls = np.cumsum([advance(simulator, round(t / step) - simulator.steps) for t in marks])
+    rest = published.TIMES[len(marks) :] * walls[-1] / marks[-1]
+    soft = at_method(softened(wire, paper.factor), method, published.STEP)
+    wall = np.array([*walls, *rest, _at_paper_step(soft, 3 if paper.quick else 20)])
     repeats = {LOOP: 2 if paper.quick else 10, ARRAYS: 100}
     numpy = {way: interpreted_step(scene, way, count) for way, count in repeats.items()}
-    soft = at_method(softened(wire, paper.factor), method, published.STEP)
-    return Timing(
-        simulator.step,
-        cost,
-        np.concatenate((wall, rest)),
-        _at_paper_step(soft, 3 if paper.quick else 20),
-        numpy,
-    )
+    return Timing(step, cost, wall, numpy)
+
+
+def _at_paper_step(soft: Scene, repeats: int) -> float:
+    """Least run time [s] of 10 s of a scene; infinite if it is stopped."""
+    simulator = Simulator(soft, unchecked_step=True)
+
+    def whole() -> None:
+        simulator.reset()
+        simulator.advance(published.DURATION)
+
+    best = least(whole, repeats)
+    return best if simulator.time >= 0.999 * published.DURATION else float("inf")
 
 
 def interpreted_step(scene: Scene, way: str, repeats: int) -> float:
@@ -120,7 +115,7 @@ def interpreted_step(scene: Scene, way: str, repeats: int) -> float:
     wire = Wire(scene, way == LOOP)
     x = wire.start()
     evaluations = METHODS[scene.integrator.method].force_evaluations
-    return evaluations * least(lambda: wire.acceleration(x, 0.0), repeats).best
+    return evaluations * least(lambda: wire.acceleration(x, 0.0), repeats)
 
 
 def _deviation(scene: Scene, steps: int = 20) -> float:
@@ -134,18 +129,6 @@ def _deviation(scene: Scene, steps: int = 20) -> float:
     return float(np.abs(x - simulator.control_points[:, :3]).max())
 
 
-def _at_paper_step(soft: Scene, repeats: int) -> float:
-    """Least run time [s] of 10 s of a scene; infinite if it is stopped."""
-    simulator = Simulator(soft, unchecked_step=True)
-
-    def whole() -> None:
-        simulator.reset()
-        simulator.advance(published.DURATION)
-
-    best = least(whole, repeats).best
-    return best if simulator.time >= 0.999 * published.DURATION else float("inf")
-
-
 def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
     """Interpreted and compiled run times of a scenario, the last row at 2 ms."""
     changed = f"**10, at 2 ms; EA and springs CHANGED: / {paper.factor:.0f}**"
@@ -153,58 +136,53 @@ def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
         {method: np.append(times, times[-1]) for method, times in printed[number].items()}
         for printed in (MATLAB, CPP)
     )
-    ours = {method: np.append(one.wall, one.soft) for method, one in own.items()}
-    columns: dict[str, list[Cell]] = {"simulated [s]": [*map(float, published.TIMES), changed]}
-    interpreted, compiled = dict(columns), dict(columns)
-    for method, name in PAPER_NAMES.items():
-        interpreted[f"paper, MATLAB: {name}"] = [*matlab.get(method, ["Unstable"] * 20)]
+    unstable = np.full(len(published.TIMES) + 1, "Unstable")
+    interpreted = {
+        f"paper, MATLAB: {name}": matlab.get(m, unstable) for m, name in PAPER_NAMES.items()
+    }
     for way in (LOOP, ARRAYS):
         for method in PAPER_NAMES:
-            interpreted[f"numpy {way}: {method}"] = [*own[method].interpreted(way)]
-    compiled |= {f"paper, C++: {PAPER_NAMES[m]}": [*times] for m, times in cpp.items()}
-    compiled["paper RK / symplectic"] = [*(cpp["rk4"] / cpp["forest_ruth"])]
-    compiled |= {f"compiled: {m}": [*times] for m, times in ours.items()}
-    compiled["ours RK4 / Forest-Ruth"] = [*(ours["rk4"] / ours["forest_ruth"])]
+            interpreted[f"numpy {way}: {method}"] = own[method].interpreted(way)
+    compiled = {f"paper, C++: {PAPER_NAMES[method]}": times for method, times in cpp.items()}
+    compiled["paper RK / symplectic"] = cpp["rk4"] / cpp["forest_ruth"]
+    compiled |= {f"compiled: {method}": one.wall for method, one in own.items()}
+    compiled["ours RK4 / Forest-Ruth"] = own["rk4"].wall / own["forest_ruth"].wall
     for table, what, shown in (
         (number, "Interpreted", interpreted),
         (number + 2, "Compiled", compiled),
     ):
+        columns = {"simulated [s]": [*published.TIMES, changed], **shown}
         caption = f"Table {table}. {what} run time [s], {SCENARIOS[number]}"
-        rows = zip(*shown.values(), strict=True)
-        paper.report.table(f"table_{table}", list(shown), rows, caption)
+        rows = zip(*columns.values(), strict=True)
+        paper.report.table(f"table_{table}", list(columns), rows, caption)
 
 
 def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
-    def printed(times: dict[str, Array], method: str) -> float | None:
-        return float(times[method][-1]) / STEPS if method in times else None
-
-    header: Header = [
+    rows: list[list[Cell]] = []
+    for (number, method), one in timings.items():
+        row: list[Cell] = [number, method, METHODS[method].force_evaluations, one.step]
+        for printed in (MATLAB[number], CPP[number]):
+            row.append(float(printed[method][-1]) / STEPS if method in printed else None)
+        row += [one.numpy[LOOP], one.numpy[ARRAYS], one.cost.best, one.cost.spread]
+        row += [one.numpy[way] / one.cost.best for way in (LOOP, ARRAYS)]
+        rows.append([*row, float(one.wall[-2]) / published.DURATION])
+    paper.report.table(
+        "cost_per_step",
         "scenario | method | forces/step | our step [us] | paper MATLAB [ms/step] | "
-        "paper C++ [ms/step]",
-        *(f"numpy {way} [ms/step]" for way in (LOOP, ARRAYS)),
-        *("compiled [us/step]", Column("spread", "%", ".0f")),
-        f"{LOOP} / compiled | {ARRAYS} / compiled | compiled, s per simulated s",
-    ]
-    rows: list[list[Cell]] = [
-        [
-            *(number, method, METHODS[method].force_evaluations, one.step),
-            *(printed(MATLAB[number], method), printed(CPP[number], method)),
-            *(one.numpy[LOOP], one.numpy[ARRAYS], one.cost.best, one.cost.spread),
-            *(one.numpy[LOOP] / one.cost.best, one.numpy[ARRAYS] / one.cost.best),
-            float(one.wall[-1]) / published.DURATION,
-        ]
-        for (number, method), one in timings.items()
-    ]
-    caption = "Cost of a step: the least of 40 short pieces, and how far the median lies above it"
-    paper.report.table("cost_per_step", header, rows, caption)
+        f"paper C++ [ms/step] | numpy {LOOP} [ms/step] | numpy {ARRAYS} [ms/step] | "
+        f"compiled [us/step] | spread [%] {{:.0f}} | {LOOP} / compiled | {ARRAYS} / compiled | "
+        "compiled, s per simulated s",
+        rows,
+        "Cost of a step: the least of 40 short pieces, and how far the median lies above it",
+    )
 
 
 def _figure(paper: Paper, own: dict[str, Timing]) -> None:
     data: dict[str, Array] = {"simulated time [s]": published.TIMES}
     looks: dict[str, dict[str, object]] = {}
     for method, one in own.items():
-        curves = {f"compiled, {method} [s]": (one.wall, "-")}
-        curves[f"numpy {ARRAYS}, {method} [s]"] = (np.array(one.interpreted(ARRAYS)[:-1]), "--")
+        curves = {f"compiled, {method} [s]": (one.wall[:-1], "-")}
+        curves[f"numpy {ARRAYS}, {method} [s]"] = (one.interpreted(ARRAYS)[:-1], "--")
         if method in published.CPP_1:
             curves[f"paper C++ at 2 ms, {PAPER_NAMES[method]} [s]"] = (published.CPP_1[method], ":")
         for name, (times, style) in curves.items():

@@ -5,16 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dlo_sim.batch.workers import Workers
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import at_method, bisected, shipped
-
-Array = NDArray[np.float64]
 
 SCENES = {1: "paper_wire", 2: "paper_wire_force"}
 SCENARIOS = {1: "scenario 1 (gravity)", 2: "scenario 2 (gravity and a force)"}
@@ -38,11 +33,6 @@ class Paper:
     found: dict[str, float] = field(default_factory=dict)
 
     @property
-    def duration(self) -> float:
-        """Simulated time of the runs whose motion is shown [s]."""
-        return 2.0 if self.quick else 10.0
-
-    @property
     def comparison(self) -> float:
         """Simulated time of runs that are compared with finer ones [s]."""
         return 1.0 if self.quick else 10.0
@@ -56,11 +46,13 @@ def scenario(number: int, **values: object) -> Scene:
 
 def softened(scene: Scene, factor: float) -> Scene:
     """The scene with axial stiffness and end springs divided by a factor: constants CHANGED."""
-    springs = {
-        f"{name}.spring": [value / factor for value in end.spring]
-        for name, end in scene.ends.items()
-    }
-    return scene.with_values({"cable.axial_stiffness": scene.cable.EA / factor, **springs})
+    axial = {"cable.axial_stiffness": scene.cable.EA / factor}
+    return scene.with_values({**axial, **springs_over(scene, factor)})
+
+
+def springs_over(scene: Scene, factor: float) -> dict[str, object]:
+    """Values of the end springs divided by a factor."""
+    return {f"{k}.spring": [x / factor for x in end.spring] for k, end in scene.ends.items()}
 
 
 def bending_alone(scene: Scene) -> Scene:

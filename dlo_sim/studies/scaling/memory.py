@@ -6,17 +6,22 @@ import gc
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
-from dlo_sim.studies.scaling.steps import moving
+from dlo_sim.studies.runs import advance, shipped
 
+SCENE = "paper_wire"
+SAMPLES_PER_SPAN = 3
+IMPLICIT_STEP = 2e-3  # [s], the paper's
+SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
 SIZE = 9  # control points
 STEPS = {
     True: {"forest_ruth": 1_000_000, "energy_momentum": 100_000},
@@ -26,31 +31,34 @@ LOOKS = 100
 WARM = 10  # of the looks
 CALLS = 2000
 ROUNDS, WARM_ROUNDS = 7, 5
+Counts = NDArray[np.int64]
+Grown = tuple[str, Counts, Counts, int]  # method, steps and bytes [B] of the looks, blocks left
 
 
-@dataclass(frozen=True)
-class Growth:
-    """Memory of one run.
+def moving(control_points: int, method: str) -> Simulator:
+    """The straight wire, released with half a sine wave of downward velocity.
 
-    Attributes:
-        steps: at every look; resident: bytes [B] at every look.
-        blocks: Python's allocated blocks that `CALLS` calls of one step left behind.
+    Every method can start so, an inextensible one too, and each size has the same motion: a wire
+    that starts at rest hardly moves in the short steps of a fine one, whose iterations would then
+    have nothing to do. Explicit methods take the step chosen for them.
+
+    Raises:
+        SceneError: the method cannot hold the wire at this size.
     """
-
-    method: str
-    steps: NDArray[np.int64]
-    resident: NDArray[np.int64]
-    blocks: int
-
-    @property
-    def after_warm_up(self) -> int:
-        """Resident bytes at the end beyond those after the first `WARM` looks."""
-        return int(self.resident[-1] - self.resident[WARM])
-
-    @property
-    def largest(self) -> int:
-        """Most resident bytes after the warm-up beyond those at its end."""
-        return int(self.resident[WARM:].max() - self.resident[WARM])
+    wire = shipped(
+        SCENE,
+        discretization__control_points=control_points,
+        discretization__quadrature="gauss",
+        discretization__samples=SAMPLES_PER_SPAN,
+        integrator__method=method,
+        integrator__step=IMPLICIT_STEP if METHODS[method].family == IMPLICIT else 0.0,
+    )
+    simulator = Simulator(wire)
+    rates = np.zeros((control_points, 4))
+    phase = np.pi * simulator.greville / simulator.scene.cable.length
+    rates[1:-1, 2] = -SPEED * np.sin(phase[1:-1])
+    simulator.start_from(simulator.control_points, rates)
+    return simulator
 
 
 def resident_bytes() -> int:
@@ -63,9 +71,7 @@ def resident_bytes() -> int:
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-def watched(
-    simulator: Simulator, steps: int, looks: int = LOOKS
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def watched(simulator: Simulator, steps: int, looks: int = LOOKS) -> tuple[Counts, Counts]:
     """Resident memory [B] before the first step and at `looks` moments of a run: (steps, bytes).
 
     Raises:
@@ -77,7 +83,7 @@ def watched(
         resident_bytes()
     resident[0] = resident_bytes()
     for look in range(1, looks + 1):
-        _advance(simulator, steps // looks)
+        advance(simulator, steps // looks)
         done[look] = look * (steps // looks)
         resident[look] = resident_bytes()
     return done, resident
@@ -93,30 +99,24 @@ def blocks_left(simulator: Simulator, calls: int, steps: int = 1) -> int:
     counts = np.zeros(WARM_ROUNDS + ROUNDS, dtype=np.int64)  # holds no Python objects
     for k in range(len(counts)):
         for _ in range(calls):
-            _advance(simulator, steps)
+            advance(simulator, steps)
         gc.collect()
         counts[k] = sys.getallocatedblocks()
     return int(np.median(np.diff(counts[WARM_ROUNDS - 1 :])))
 
 
-def _advance(simulator: Simulator, steps: int) -> None:
-    report = simulator.advance_steps(steps)
-    if not report.status.ok:
-        raise RuntimeError(f"watching a run that failed: {report.message}")
-
-
-def measured(quick: bool, progress: Callable[[float], None]) -> list[Growth]:
+def measured(quick: bool, progress: Callable[[float], None]) -> list[Grown]:
     """One run of each method."""
     found = []
     for k, (method, steps) in enumerate(STEPS[quick].items()):
         simulator = moving(SIZE, method)
-        done, resident = watched(simulator, steps)
-        found.append(Growth(method, done, resident, blocks_left(simulator, CALLS)))
+        seen = watched(simulator, steps)
+        found.append((method, *seen, blocks_left(simulator, CALLS)))
         progress((k + 1) / len(STEPS[quick]))
     return found
 
 
-def describe(report: Report, found: list[Growth]) -> dict[str, str]:
+def describe(report: Report, found: list[Grown]) -> dict[str, str]:
     """Section, table and figure; returns the verdicts."""
     report.section("Memory over many steps")
     report.text(
@@ -126,46 +126,31 @@ def describe(report: Report, found: list[Growth]) -> dict[str, str]:
         step each leave behind. A call makes its report and one test for finite numbers, which are
         released."""
     )
+    rows, curves, verdicts, looks = [], [], {}, {}
+    for k, (method, steps, resident, blocks) in enumerate(found):
+        beyond, last = (resident - resident[WARM]).tolist(), int(steps[-1])
+        grown = beyond[-1]
+        rows.append([method, last, int(resident[WARM]), grown, max(beyond[WARM:]), blocks])
+        curves += [
+            (method, done / last, more / 1024.0) for done, more in zip(steps, beyond, strict=True)
+        ]
+        looks[method] = {"linewidth": 4.0 / (k + 1)}  # equal lines stay visible below each other
+        verdicts[f"memory, {method}"] = (
+            f"{grown} bytes more after {last:.3g} steps than after {steps[WARM]:.3g}; {CALLS} "
+            f"calls leave {blocks} blocks"
+        )
     report.table(
         "memory",
         "method | steps | resident after warm-up [KB] | growth after it [B] | most above it [B] | "
         "blocks left by calls",
-        [
-            [
-                *(one.method, int(one.steps[-1]), int(one.resident[WARM]), one.after_warm_up),
-                *(one.largest, one.blocks),
-            ]
-            for one in found
-        ],
+        rows,
         "Memory: growth over a run, and what calls leave behind",
     )
-    rows = [
-        (one.method, step / one.steps[-1], (bytes_now - one.resident[WARM]) / 1024.0)
-        for one in found
-        for step, bytes_now in zip(one.steps, one.resident, strict=True)
-    ]
-    looks = {one.method: {"linewidth": 4.0 / (k + 1)} for k, one in enumerate(found)}
-    panel = Panel(
-        "share of the run's steps",
-        "resident memory, change [KiB]",
-        ["change [KiB]"],
-        by="method",
-        looks=looks,  # equal lines stay visible below each other
-        levels={"one page": os.sysconf("SC_PAGE_SIZE") / 1024.0},
-        uprights={"end of warm-up": WARM / LOOKS},
-    )
-    chart(
-        report,
-        "resident_memory",
-        columns(("method", "share of the run's steps", "change [KiB]"), rows),
-        [panel],
-        "Resident memory against that after the warm-up",
-        (8.5, 3.8),
-    )
-    return {
-        f"memory, {one.method}": (
-            f"{one.after_warm_up} bytes more after {one.steps[-1]:.3g} steps than after "
-            f"{one.steps[WARM]:.3g}; {CALLS} calls leave {one.blocks} blocks"
-        )
-        for one in found
-    }
+    share, change = "share of the run's steps", "change [KiB]"
+    panel = Panel(share, f"resident memory, {change}", [change], by="method", looks=looks)
+    page, warm = {"one page": os.sysconf("SC_PAGE_SIZE") / 1024.0}, {"end of warm-up": WARM / LOOKS}
+    panel = replace(panel, levels=page, uprights=warm)
+    data = columns(("method", share, change), curves)
+    caption = "Resident memory against that after the warm-up"
+    chart(report, "resident_memory", data, [panel], caption, (8.5, 3.8))
+    return verdicts

@@ -6,23 +6,25 @@ impulse), and the balance of energy everywhere.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.report import Cell
-from dlo_sim.studies.stability.cables import TIGHT, Values
+from dlo_sim.studies.runs import Array, timed
 
-Array = NDArray[np.float64]
+Values = dict[str, Any]
 Action = Callable[[Simulator], Simulator | None]
 
 RAN, REFUSED, STOPPED = "ran", "refused", "stopped"
+# What is looked at is the method, not how far its equations are solved.
+TIGHT: Values = {"integrator.tolerance": 1e-10}
 PIECES = 50  # calls of the stepping loop per run, so that a budget of time can end it
 
 
@@ -43,6 +45,11 @@ class Run:
     iterations: int = 0
     wall: float = 0.0
     message: str = ""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the present simulator."""
+        return self.simulator.scene
 
     @property
     def cells(self) -> list[Cell]:
@@ -122,9 +129,8 @@ def _advance_to(run: Run, until: float, budget: float) -> bool:
     target = round(until / simulator.step)
     piece = max((target - simulator.steps) // PIECES, 1)
     while simulator.steps < target:
-        began = time.perf_counter()
-        report = simulator.advance_steps(min(piece, target - simulator.steps))
-        run.wall += time.perf_counter() - began
+        took, report = timed(simulator, min(piece, target - simulator.steps))
+        run.wall += took
         run.steps += report.steps
         run.iterations += report.force_evaluations
         run.energy_error = max(run.energy_error, simulator.energy_error)

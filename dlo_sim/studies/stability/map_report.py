@@ -12,24 +12,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 
 from dlo_sim.studies import plotting
-from dlo_sim.studies.report import Cell, Report
-from dlo_sim.studies.report import columns as data_columns
-from dlo_sim.studies.stability.maps import (
-    DAMPING,
-    FINISHED,
-    GRAVITY,
-    KEYS,
-    REFUSED,
-    SLOW,
-    STOPPED,
-    Extent,
-    Limits,
-    Point,
-)
+from dlo_sim.studies.report import Cell, Report, columns
+from dlo_sim.studies.stability import maps
+from dlo_sim.studies.stability.maps import DAMPING, GRAVITY, Extent, Limits, Point
 
 UNITS = {"n_u": "-", "E": "Pa", "diameter": "m"}
 SCALE = LogNorm(1e-14, 1.0)  # of the energy errors shown
-SIGNS = {STOPPED: "x", SLOW: "?"}
+SIGNS = {maps.STOPPED: "x", maps.SLOW: "?"}
 Results = Mapping[Point, Limits]
 
 
@@ -46,39 +35,35 @@ def add(report: Report, extent: Extent, results: Results) -> None:
         end. Energy errors are relative to the largest energy exchanged; generalized_alpha books
         what it dissipates as dissipated, so only energy that it adds counts."""
     )
-    for axis, damping in product(KEYS, DAMPING):
+    for axis, damping in product(maps.KEYS, DAMPING):
         _figure(report, extent, results, axis, damping)
     _tables(report, extent, results)
 
 
 def _figure(report: Report, extent: Extent, results: Results, axis: str, damping: str) -> None:
     mine = {p: r for p, r in results.items() if (p.axis, p.damping) == (axis, damping)}
-    columns = len(extent.methods)
-    figure, axes = plotting.new_figure(len(GRAVITY), columns, 2.0 + 2.2 * columns, 7.4)
+    count, label = len(extent.methods), f"{axis} [{UNITS[axis]}]"
+    figure, axes = plotting.new_figure(len(GRAVITY), count, 2.0 + 2.2 * count, 7.4)
     for panel, (motion, method) in zip(axes, product(GRAVITY, extent.methods), strict=True):
         own = {p.value: r for p, r in mine.items() if (p.motion, p.method) == (motion, method)}
         _panel(panel, extent, dict(sorted(own.items())))
+        panel.set(xlabel=label, ylabel="step [s]")
         panel.set_title(f"{method}\n{motion}", fontsize="medium")
         panel.label_outer()
-    for panel in axes[-columns:]:
-        panel.set_xlabel(f"{axis} [{UNITS[axis]}]")
-    for panel in axes[::columns]:
-        panel.set_ylabel("step [s]")
-    figure.colorbar(
-        ScalarMappable(SCALE, "viridis"), ax=axes, label="energy error, relative [-]", shrink=0.8
-    )
+    colors = ScalarMappable(SCALE, "viridis")
+    figure.colorbar(colors, ax=axes, label="energy error, relative [-]", shrink=0.8)
     figure.suptitle(damping)
     rows = [
         (p.method, p.motion, p.value, r.predicted, r.observed, r.below, *run)
         for p, r in mine.items()
         for run in zip(extent.steps, r.outcomes, r.errors, strict=True)
     ]
-    header = ["method", "motion", f"{axis} [{UNITS[axis]}]", "predicted limit [s]"]
-    header += ["observed limit [s]", "observed below [s]", "step [s]", "outcome", "energy error"]
+    header = f"method | motion | {label} | predicted limit [s] | observed limit [s] | "
+    header += "observed below [s] | step [s] | outcome | energy error"
     report.figure(
         f"map_{axis}_{damping}",
         figure,
-        data_columns(header, rows),
+        columns(header.split(" | "), rows),
         f"Limits and energy errors over {axis} and the step, {damping}. Black line: predicted; "
         "red circle: observed, triangle: below that; x: stopped, ?: over its budget of time, grey: "
         "not run or refused",
@@ -93,7 +78,7 @@ def _panel(axes: Axes, extent: Extent, column: dict[float, Limits]) -> None:
     axes.set_xticks(range(len(column)), [f"{value:g}" for value in column], rotation=45)
     axes.set_yticks(range(len(steps)), [f"{step:.0e}" for step in steps])
     axes.set_ylim(-1.5, len(steps) - 0.5)
-    if all(what == REFUSED for one in found for what in one.outcomes):
+    if all(what == maps.REFUSED for one in found for what in one.outcomes):
         axes.text(0.5, 0.5, "refused", ha="center", va="center", transform=axes.transAxes)
     for x, one in enumerate(found):
         for y, what in enumerate(one.outcomes):
@@ -149,13 +134,8 @@ def _summary(found: list[Limits]) -> list[Cell]:
     ratios = [ratio for ratio in ratios if not math.isnan(ratio)]
     below = [one.below for one in found if math.isfinite(one.below)]
     outcomes = [outcome for one in found for outcome in one.outcomes]
+    counts = [outcomes.count(what) for what in (maps.FINISHED, maps.STOPPED, maps.SLOW)]
     errors = [error for one in found for error in one.errors if math.isfinite(error)]
-    return [
-        len(found),
-        min(ratios, default=None),
-        max(ratios, default=None),
-        len(below),
-        max(below, default=None),
-        *(outcomes.count(what) for what in (FINISHED, STOPPED, SLOW)),
-        max(errors, default=None),
-    ]
+    limits = [min(ratios, default=None), max(ratios, default=None)]
+    below_all = [len(below), max(below, default=None)]
+    return [len(found), *limits, *below_all, *counts, max(errors, default=None)]

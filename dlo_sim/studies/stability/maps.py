@@ -20,7 +20,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.runs import bisected
-from dlo_sim.studies.stability.cables import ALUMINIUM, CANTILEVER
+from dlo_sim.studies.stability.scenes import ALUMINIUM, CANTILEVER
 
 KEYS = {
     "n_u": "discretization.control_points",
@@ -126,7 +126,6 @@ class Limits:
     predicted: float = np.nan
     observed: float = np.nan
     below: float = np.nan
-    reason: str = ""
 
 
 def scene_of(point: Point, step: float = 0.0) -> Scene:
@@ -152,9 +151,9 @@ def examine(point: Point) -> Limits:
     steps = point.extent.steps
     try:
         predicted = Simulator(scene_of(point)).choice.limit
-    except SceneError as refusal:
+    except SceneError:
         nothing = (np.nan,) * len(steps)
-        return Limits((REFUSED,) * len(steps), nothing, reason=str(refusal))
+        return Limits((REFUSED,) * len(steps), nothing)
     outcomes, errors = zip(*(_energy_run(point, step) for step in steps), strict=True)
     if METHODS[point.method].family == IMPLICIT:
         observed, below = _reached(steps, outcomes)

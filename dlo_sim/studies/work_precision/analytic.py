@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
@@ -15,8 +14,8 @@ from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.stability.truths import catenary
 from dlo_sim.studies.work_precision import elastica
 from dlo_sim.studies.work_precision.cases import CLOSED, cantilever, rod_of, soft_cable, wire
+from dlo_sim.studies.work_precision.elastica import Array
 
-Array = NDArray[np.float64]
 RESOLUTIONS = {True: (7, 13), False: (7, 9, 13, 19, 27, 39)}
 Known = tuple[Scene, float, Array, float]  # scene, u / L, its x and z there [m], scale [m]
 
@@ -44,8 +43,7 @@ def add(report: Report, quick: bool) -> None:
         "Errors of equilibria",
     )
     data = columns(("what", "n_u", "error"), rows)
-    looks = {name: {"marker": "o"} for name in shapes}
-    panel = Panel("n_u", "error [%]", ["error"], by="what", log="y", looks=looks)
+    panel = Panel("n_u", "error [%]", ["error"], by="what", log="y", marker="o")
     chart(report, "analytic_errors", data, [panel], "Equilibria against analytic results")
 
 
@@ -68,8 +66,9 @@ def known() -> dict[str, Known]:
     cord, thin, gap = cantilever().scene, wire(1).scene, 1.0 - CLOSED
     soft = soft_cable().scene.with_values({"end.position": [gap, 0.0, 0.0]})
     tip = elastica.cantilever_tip(rod_of(cord, True), cord.cable.length)
-    sag = elastica.wire_sag(rod_of(thin, True), thin.cable.length, thin.start.spring[0])
-    low = elastica.clamped_sag(rod_of(soft, True), soft.cable.length, gap)
+    length = thin.cable.length
+    sag = elastica.sag(rod_of(thin, True), length, length, thin.start.spring[0])
+    low = elastica.sag(rod_of(soft, True), soft.cable.length, gap)
     limp = scene_from_values(
         {
             "cable.linear_density": 0.1,

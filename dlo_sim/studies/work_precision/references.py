@@ -16,7 +16,7 @@ from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.tuning.setting import Setting
-from dlo_sim.tuning.trial import Job, Trial, at_share, attempt, error
+from dlo_sim.tuning.trial import Job, Trial, at_share, attempt
 
 Array = NDArray[np.float64]
 METHOD = "velocity_verlet"  # valid with mass damping; its time error at such steps is negligible
@@ -61,18 +61,14 @@ def references(cases: list[Case], workers: Workers) -> dict[str, Reference]:
     trials = each(workers, run, [one for some in runs.values() for one in some])
     found = {}
     for case in cases:
-        coarse, fine, half, other = (trials[one] for one in runs[case.name])
-        for trial in (coarse, fine, half, other):
+        coarse, fine, half, other = own = [trials[one] for one in runs[case.name]]
+        for trial in own:
             if not trial.ok:
                 raise RuntimeError(f"a reference run of {case.name} failed: {trial.message}")
-
-        def apart(one: Trial, truth: Trial, case: Case = case) -> float:
-            return error(one.points, truth.points, case.components) / case.scale
-
-        space, time, check = apart(coarse, fine), apart(half, coarse), apart(other, half)
-        found[case.name] = Reference(
-            fine.points, fine.setting, fine.step, space, time, other.setting, check
-        )
+        pairs = ((coarse, fine), (half, coarse), (other, half))
+        space, time, check = (case.error(one.points, truth.points) for one, truth in pairs)
+        made_with = (fine.points, fine.setting, fine.step)
+        found[case.name] = Reference(*made_with, space, time, other.setting, check)
     return found
 
 
@@ -105,29 +101,21 @@ def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None
         mesh too; its distance from velocity_verlet at half the step holds the time errors of
         both."""
     )
-    report.table(
-        "cases",
-        "case | duration [s] | axes | at [L] | scale | length of the scale [mm]",
-        [
-            [
-                *(case.name, case.job.duration, "".join("xyz"[axis] for axis in case.components)),
-                *(", ".join(f"{u:g}" for u in case.job.u), case.scale_words, case.scale),
-            ]
-            for case in cases
-        ],
-        "What is compared",
-    )
+    compared, sure = [], []
+    for case in cases:
+        truth = truths[case.name]
+        axes = "".join("xyz"[axis] for axis in case.components)
+        at = ", ".join(f"{u:g}" for u in case.job.u)
+        compared.append((case.name, case.job.duration, axes, at, case.scale_words, case.scale))
+        own = (truth.setting.control_points, truth.step, truth.space, truth.time)
+        check = (truth.check.method, truth.check.control_points, truth.check.step)
+        sure.append((case.name, *own, *check, truth.disagreement))
+    header = "case | duration [s] | axes | at [L] | scale | length of the scale [mm]"
+    report.table("cases", header, compared, "What is compared")
     report.table(
         "references",
         "case | n_u | step [us] | own error in space [%] | own error in time [%] | checked by | "
         "at n_u | with step [us] | distance [%]",
-        [
-            [
-                *(name, truth.setting.control_points, truth.step, truth.space, truth.time),
-                *(truth.check.method, truth.check.control_points, truth.check.step),
-                truth.disagreement,
-            ]
-            for name, truth in truths.items()
-        ],
+        sure,
         "References, their own errors, and their distance from another method",
     )

@@ -48,12 +48,8 @@ def run_study(request: Request) -> Outcome:
     report.section("The fastest settings")
     report.table("fastest", sweep.FASTEST, levels, "The fastest setting for each error")
     if request.peers:
-        report.table(
-            "peers",
-            sweep.BESIDE,
-            beside_us,
-            "Other simulators, and the fastest setting here whose error is no larger",
-        )
+        caption = "Other simulators, and the fastest setting here whose error is no larger"
+        report.table("peers", sweep.BESIDE, beside_us, caption)
         report.text(
             """The chain and MuJoCo 4 observe the same material point. MuJoCo's cables are
             inextensible; on the wire their end springs take over the stretch."""

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.work_precision.cases import CLOSED, CLOSING, Case, Run
-from dlo_sim.tuning.trial import error
 
 Array = NDArray[np.float64]
 Reply = dict[str, Any]  # JSON: a job given, or what a simulator sent back
@@ -34,12 +33,13 @@ class Peer:
 
     Attributes:
         variable: environment variable that names its Python; empty = the one that runs us.
-        script: beside this file. settings: by case. without: case -> why it is not measured there.
+        module: beside this file, see `serve`. settings: by case. without: case -> why it is not
+            measured there.
     """
 
     name: str
     variable: str
-    script: str
+    module: str
     settings: dict[str, Settings]
     without: dict[str, str] = field(default_factory=dict)
 
@@ -51,7 +51,7 @@ PEERS = (
     Peer(
         "naive chain",
         "",
-        "chain_peer.py",
+        "chain_peer",
         {
             "scenario_1": ((20, 0.0), (34, 0.0), (60, 0.0), (128, 0.0)),
             "scenario_2": ((20, 0.0), (34, 0.0), (60, 0.0)),
@@ -64,7 +64,7 @@ PEERS = (
     Peer(
         "MuJoCo 3 cable",
         "DLO_SIM_MUJOCO3_PYTHON",
-        "mujoco_peer.py",
+        "mujoco_peer",
         {
             "scenario_1": ((10, 1e-3), (20, 5e-4), (22, 5e-4), (40, 2e-4)),
             "scenario_2": ((20, 5e-4), (22, 2e-4), (40, 2e-4)),
@@ -77,7 +77,7 @@ PEERS = (
     Peer(
         "MuJoCo 4 rod",
         "DLO_SIM_MUJOCO4_PYTHON",
-        "mujoco_peer.py",
+        "mujoco_peer",
         {
             "scenario_1": ((20, 2e-4), (40, 1e-4)),
             "scenario_2": ((20, 2e-4), (40, 1e-4)),
@@ -90,7 +90,7 @@ PEERS = (
     Peer(
         "PyElastica",
         "DLO_SIM_PYELASTICA_PYTHON",
-        "elastica_peer.py",
+        "elastica_peer",
         {
             "scenario_1": ((20, 3e-7),),
             "cantilever": ((10, 1e-5), (20, 1e-5), (40, 5e-6)),
@@ -143,12 +143,12 @@ class Peers:
         return found
 
     def _replies(self, peer: Peer, case: Case, jobs: list[Reply]) -> list[Reply]:
-        script = Path(__file__).with_name(peer.script)
+        serve = str(Path(__file__).with_name("serve.py"))
         try:
             # MuJoCo leaves a log where it runs.
             with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
                 done = subprocess.run(
-                    [self._pythons[peer.name], str(script)],
+                    [self._pythons[peer.name], serve, peer.module],
                     input=json.dumps(jobs),
                     capture_output=True,
                     text=True,
@@ -174,14 +174,14 @@ def _judged(peer: Peer, case: Case, truth: Array, job: Reply, reply: Reply) -> R
     if status == "ok":  # a run that failed on its way has no time per simulated second
         walls = np.array(reply["walls"]) / job["duration"]
         wall, spread = float(walls.min()), float(np.median(walls) / walls.min() - 1.0)
-    if status == "ok" and len(points):
+        if not len(points):
+            status = "too slow to run to its end"
+    if len(points):
         index = np.round(np.array(reply["times"]) / case.job.every).astype(int)
         wanted = index < len(truth)
-        off = error(points[wanted], truth[index[wanted]], case.components) / case.scale
-    elif status == "ok":
-        status = "too slow to run to its end"
-    who, step = f"{peer.name} {reply['version']}".strip(), reply.get("step") or job["step"]
-    return Run(who, "", job["n"], step, status, "", off, wall, spread)
+        off = case.error(points[wanted], truth[index[wanted]])
+    who = f"{peer.name} {reply['version']}".strip()
+    return Run(who, "", job["n"], reply["step"], status, "", off, wall, spread)
 
 
 def _job(case: Case, n: int, step: float) -> Reply:
