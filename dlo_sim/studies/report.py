@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import csv
+import importlib.metadata
 import math
+import os
+import platform
+import subprocess
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +18,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from dlo_sim.studies import machine
+from dlo_sim import __version__
 from dlo_sim.studies.catalogue import Outcome
 
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("numpy", "numba", "llvmlite", "matplotlib")
 Cell = str | int | float | None
 SCALES = {"%": 1e2, "ppm": 1e6, "cm": 1e2, "mm": 1e3, "ms": 1e3, "us": 1e6, "ns": 1e9, "KB": 1e-3}
 
@@ -73,7 +79,7 @@ class Report:
         self._began = time.perf_counter()
         self._title = title
         self._provenance = {
-            **machine.facts(),
+            **facts(),
             **{f"scene {name}": _portable(path) for name, path in scenes.items()},
             "command": f"`{command}`",
         }
@@ -195,6 +201,48 @@ def _plain(cell: object) -> object:
 def _portable(path: Path) -> str:
     """A shipped scene by its place in the checkout, anything else by its name."""
     try:
-        return f"`{path.resolve().relative_to(machine.ROOT)}`"
+        return f"`{path.resolve().relative_to(ROOT)}`"
     except ValueError:
         return f"`{path.name}`"
+
+
+def facts() -> dict[str, str]:
+    """Machine, versions and commit, as lines of a table."""
+    return {
+        "processor": f"{processor()}, {os.cpu_count()} logical cores",
+        "system": platform.platform(),
+        "Python": f"{platform.python_version()} ({platform.python_implementation()})",
+        **{name: importlib.metadata.version(name) for name in PACKAGES},
+        "dlo_sim": __version__,
+        "commit": commit(),
+    }
+
+
+def processor() -> str:
+    """Name of the processor as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def commit() -> str:
+    """Commit of the checkout that runs; says so if there is none or files were changed."""
+    if not (ROOT / ".git").exists():
+        return "not run from a checkout"
+    try:
+        name = _git("rev-parse", "--short=12", "HEAD")
+        changed = _git("status", "--porcelain", "--untracked-files=no")
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown (git did not answer)"
+    if name.returncode:
+        return "unknown (git does not know this checkout)"
+    return name.stdout.strip() + (" with uncommitted changes" if changed.stdout.strip() else "")
+
+
+def _git(*words: str) -> subprocess.CompletedProcess[str]:
+    command = ["git", "-C", str(ROOT), *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=10)

@@ -8,7 +8,8 @@ import pytest
 
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import machine, plotting
+from dlo_sim.studies import plotting
+from dlo_sim.studies import report as report_module
 from dlo_sim.studies.plotting import Panel
 from dlo_sim.studies.report import Report, shown
 from dlo_sim.studies.runs import bisected, step_cost
@@ -81,13 +82,13 @@ def test_animation_is_a_gif_of_its_frames(tmp_path):
 
 
 def test_machine_facts_name_versions_and_commit(monkeypatch, tmp_path):
-    facts = machine.facts()
+    facts = report_module.facts()
     assert facts["numpy"] == np.__version__
     assert facts["commit"]
-    monkeypatch.setattr(machine, "ROOT", tmp_path)
-    assert machine.commit() == "not run from a checkout"
+    monkeypatch.setattr(report_module, "ROOT", tmp_path)
+    assert report_module.commit() == "not run from a checkout"
     (tmp_path / ".git").mkdir()
-    assert "unknown" in machine.commit()
+    assert "unknown" in report_module.commit()
 
 
 def test_values_in_si_are_shown_in_the_unit_of_their_column(report):

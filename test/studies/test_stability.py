@@ -9,7 +9,7 @@ import pytest
 from dlo_sim.batch.workers import Here
 from dlo_sim.studies import plotting
 from dlo_sim.studies.catalogue import STUDIES, Request
-from dlo_sim.studies.stability import map_report, maps, stiff, study
+from dlo_sim.studies.stability import maps, stiff, study
 from dlo_sim.studies.stability.maps import FINISHED, REFUSED, SKIPPED, STOPPED, Point
 from dlo_sim.studies.stability.scenes import EXTREMES
 
@@ -69,9 +69,9 @@ def test_an_implicit_method_without_a_limit_says_below_what():
 
 def test_a_limit_that_is_not_found_is_shown():
     found = maps.Limits((STOPPED,) * 3, (math.nan,) * 3, predicted=1e-3, below=9e-6)
-    assert map_report._summary([found])[:5] == [1, None, None, 1, 9e-6]
+    assert maps._summary([found])[:5] == [1, None, None, 1, 9e-6]
     _, (axes,) = plotting.new_figure()
-    map_report._mark(axes, 0, found, SMALL.steps)
+    maps._mark(axes, 0, found, SMALL.steps)
     assert [line.get_marker() for line in axes.get_lines()] == ["v"]
 
 

@@ -17,7 +17,7 @@ from dlo_sim.session.time_base import SECOND
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import shipped
-from dlo_sim.studies.scaling.memory import resident_bytes
+from dlo_sim.studies.scaling.study import resident_bytes
 
 DURATION = {True: 600.0, False: 86_400.0}  # [s]
 RATE = 10  # [Hz] of ticks and poses

@@ -133,15 +133,14 @@ def _describe(report: Report, rows: list[Row]) -> None:
     report.section("Every term of every shipped scene")
     report.text(
         """Time per step with the term and without it, compiled and warm, the least of the repeats,
-        the two in turn on this machine; the error is the largest distance anywhere on the cable
-        between the two motions. Each run takes its own stable step; where a term needs something
-        else, as a method that knows it, both have it and the note says so. Grippers that are driven
-        move sideways and turn about the cable, ever faster. What a scene leaves out by itself has a
-        reason; its error should be zero, or round-off. Terms that a scene lacks are put in such
-        that they do nothing that can be seen. *Stretch* left out is the inextensible cable (rattle,
-        another method). *Frenet* is twist against the Frenet torsion; without it, against a frame
-        that does not turn with the curve. *Drive* left out leaves grippers where they are. *Air
-        drag* is a part of damping. *Out of plane* left out takes loads across the plane along."""
+        in turn on this machine; the error is the largest distance between the two motions. Each run
+        takes its own stable step; what a term needs besides, as a method that knows it, both have,
+        see the note. Driven grippers move sideways and turn about the cable, ever faster. What a
+        scene leaves out by itself has a reason and an error of zero, or round-off; terms that it
+        lacks are put in such that they do nothing that can be seen. Left out, *stretch* is the
+        inextensible cable (rattle, another method), *frenet* twist against a frame that does not
+        turn with the curve, *drive* leaves grippers where they are, and *out of plane* takes loads
+        across the plane along. *Air drag* is a part of damping."""
     )
     cells: list[list[Cell]] = []
     for row in rows:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from dlo_sim.studies.paper import energy, limits, motion, resolution, sweep, timing
+from dlo_sim.studies.paper import energy, limits, motion, resolution, timing
 from dlo_sim.studies.paper.limits import PLAIN, TORSION
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE
 from dlo_sim.studies.paper.wires import COMPARED
@@ -225,14 +225,14 @@ QUESTIONS = (
         "fewer control points or samples take less time",
         RESULTS,
         "reducing n_u and/or n_s will require less execution time",
-        lambda f: f[sweep.SAMPLES_COST] > 1.0 and f[sweep.POINTS_COST] > 1.0 - NOTICEABLE / 100.0,
+        lambda f: f[timing.SAMPLES_COST] > 1.0 and f[timing.POINTS_COST] > 1.0 - NOTICEABLE / 100.0,
         (
-            *(sweep.POINTS_COST, sweep.SAMPLES_COST),
-            *map(sweep.SIZE_COST, CONTROL_POINTS),
-            *(sweep.RUN(n) for n in (5, 19)),
+            *(timing.POINTS_COST, timing.SAMPLES_COST),
+            *map(timing.SIZE_COST, CONTROL_POINTS),
+            *(timing.RUN(n) for n in (5, 19)),
         ),
         ("table_7", "stable_sweep", "cost_over_size"),
-        partly=lambda f: f[sweep.SAMPLES_COST] > 1.0,
+        partly=lambda f: f[timing.SAMPLES_COST] > 1.0,
     ),
     Question(
         "the error is largest at the centre",

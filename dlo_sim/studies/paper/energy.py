@@ -64,11 +64,11 @@ def add(paper: Paper) -> None:
     paper.report.text(
         """Momenta are p = M v with the consistent mass matrix, as the Lagrangian asks; the paper's
         p = J v (its eqs. 12-13) is the momentum per length of the continuous cable and not
-        conjugate to a control point. On the real wire stability, not accuracy, sets the step, and
-        its coupled modes drive neighbouring runs apart: exponents of its position errors do not
-        sort the symplectic methods from the others. A wire that moves regularly is needed to see
-        what the textbooks say: four control points, softened until 2 ms is stable. Positions of
-        `zhai` are those of `velocity_verlet`."""
+        conjugate to a control point. On the real wire stability sets the step, and coupled modes
+        drive neighbouring runs apart: exponents of position errors do not sort the symplectic
+        methods from the others. What the textbooks say shows on a wire that moves regularly: four
+        control points, softened until 2 ms is stable. Positions of `zhai` are those of
+        `velocity_verlet`."""
     )
     paper.found["largest |H(q, p) - (K + U)| / K along scenario 2"] = _legendre()
     _real(paper)

@@ -42,15 +42,14 @@ STRIP = {
 def add(paper: Paper) -> None:
     """Breakdown of the Frenet torsion; plastic bending against its closed form."""
     paper.report.text(
-        """gamma = C.r'''/|C|^2 is 0/0 on a straight cable, which is how the paper's wire starts;
-        here it is C.r'''/(|C|^2 + delta^2) with a curvature floor delta, by default 1 % of the
-        curvature of the ring that the cable can be bent to. Samples below the floor are counted,
-        and a run never yields a NaN. A lower floor shortens the stable step in proportion, and the
-        force per torque grows as 1 / delta^2: far down even the bound of the linearised wire is
-        not enough. Twist is therefore measured against a rotation-minimising frame unless a scene
-        asks for this.""",
-        """The plastic strain eps0 of the paper has no evolution law there. Here every quadrature
-        point has a plastic curvature vector with a yield curvature and linear kinematic hardening,
+        """gamma = C.r'''/|C|^2 is 0/0 on a straight cable, as the paper's wire is at first; here it
+        is C.r'''/(|C|^2 + delta^2) with a curvature floor delta, by default 1 % of the curvature of
+        the ring that the cable can be bent to. Samples below the floor are counted, and a run never
+        yields a NaN. The stable step is proportional to the floor, the force per torque to 1 /
+        delta^2: far down even the bound of the linearised wire is not enough. Unless a scene asks
+        for this, twist is measured against a rotation-minimising frame.""",
+        """The paper has no evolution law for its plastic strain eps0. Here every quadrature point
+        has a plastic curvature vector with a yield curvature and linear kinematic hardening,
         updated once per step by return mapping.""",
     )
     _frenet(paper)

@@ -15,7 +15,6 @@ from dlo_sim.studies.paper import (
     published,
     resolution,
     strains,
-    sweep,
     timing,
 )
 from dlo_sim.studies.paper.wires import SCENES, Paper, scenario, softening
@@ -24,7 +23,7 @@ from dlo_sim.studies.report import Report
 # What is timed comes first, while nothing else keeps the machine warm.
 SECTIONS = (
     ("Run time against simulated time (Tables 1 to 4)", timing.add),
-    ("Cost over n_u and n_s (Tables 5 to 8)", sweep.add),
+    ("Cost over n_u and n_s (Tables 5 to 8)", timing.add_sizes),
     ("The largest stable step, and what 2 ms would need", limits.add),
     ("The motion", motion.add),
     ("Energy, its drift, and the growth of position errors", energy.add),

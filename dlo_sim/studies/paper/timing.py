@@ -1,4 +1,6 @@
-"""Tables 1 to 4: run time against simulated time, interpreted and compiled, beside the paper's."""
+"""Tables 1 to 8: run time against simulated time, and over n_u and n_s, interpreted and compiled,
+beside the paper's.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,10 @@ import numpy as np
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper import published
+from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.interpreted import Wire
-from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario, softened
+from dlo_sim.studies.paper.published import CONTROL_POINTS, SAMPLES
+from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario
 from dlo_sim.studies.plotting import COLORS, Panel, chart
 from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import Array, Cost, advance, at_method, least, step_cost
@@ -25,6 +28,21 @@ COST = "cost of a compiled step, {} [us]".format
 RATIOS = {way: f"interpreted / compiled time of a step, {way}" for way in (LOOP, ARRAYS)}
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
 QUICK_MARK = 0.5  # [s] up to which a quick study measures; later rows are extrapolated
+SIZED = "forest_ruth"  # the method of Tables 5 to 8
+SWEEP_STEPS = published.DURATION / published.SWEEP_STEP
+SIZE_COST = "cost of a compiled step, n_u = {} [us]".format
+RUN = "run time of 10 s at the stable step, n_u = {} [s]".format
+SAMPLES_COST, POINTS_COST = "least cost of 251 samples / 51", "least cost of the next n_u / one"
+SHAPE = (len(CONTROL_POINTS), len(SAMPLES))
+SIZES = ["n_u \\ n_s", *map(str, SAMPLES)]
+INTERPRETED = ("MATLAB / numpy sample by sample / numpy whole arrays", [1, 2])
+COMPILED = ("C++ / compiled", [0])  # and which numbers of a cell it shows, see `_cell`
+SWEEPS = {  # table -> scenario, the paper's numbers, what they are
+    5: (1, published.SWEEP_MATLAB_1, *INTERPRETED),
+    6: (2, published.SWEEP_MATLAB_2, *INTERPRETED),
+    7: (1, published.SWEEP_CPP_1, *COMPILED),
+    8: (2, published.SWEEP_CPP_2, *COMPILED),
+}
 
 
 @dataclass(frozen=True)
@@ -56,15 +74,14 @@ def add(paper: Paper) -> None:
         for method in COMPARED
     }
     paper.report.text(
-        """Every method runs at 0.9 of its own stability limit for the real wire, because the
-        paper's 2 ms is not stable for any of them (next section). Interpreted numpy stands for
-        MATLAB, written in two ways: *sample by sample*, a loop over the quadrature points with a
-        linear solve per force evaluation as the paper describes it, and *whole arrays*, one numpy
-        call per operation; its run times are the measured cost of a step times the number of steps.
-        Compiled functions stand for C++. The paper's columns are for its step of 2 ms, more than a
-        hundred times as long as ours: compare them by the cost of a step, in the table after the
-        four, or by the last row of each table, which is at 2 ms with axial stiffness and end
-        springs divided by a factor so that 2 ms is stable."""
+        """Methods run at 0.9 of their stability limits for the real wire: the paper's 2 ms is not
+        stable for any of them (next section). Interpreted numpy stands for MATLAB: *sample by
+        sample*, a loop over the quadrature points with a linear solve per force evaluation as the
+        paper describes it, and *whole arrays*, one numpy call per operation; run times are the
+        measured cost of a step times the number of steps. Compiled functions stand for C++. The
+        paper's step is more than a hundred times as long as ours: compare the cost of a step, in
+        the table after the four, or the last row of each table, at 2 ms with axial stiffness and
+        end springs divided by a factor so that it is stable."""
     )
     if paper.quick:
         paper.report.text(f"Quick study: compiled rows beyond {QUICK_MARK:g} s are extrapolated.")
@@ -91,7 +108,7 @@ def _measure(wire: Scene, method: str, paper: Paper) -> Timing:
     marks = published.TIMES[published.TIMES <= (QUICK_MARK if paper.quick else published.DURATION)]
     walls = np.cumsum([advance(simulator, round(t / step) - simulator.steps) for t in marks])
     rest = published.TIMES[len(marks) :] * walls[-1] / marks[-1]
-    soft = at_method(softened(wire, paper.factor), method, published.STEP)
+    soft = at_method(wires.softened(wire, paper.factor), method, published.STEP)
     wall = np.array([*walls, *rest, _at_paper_step(soft, 3 if paper.quick else 20)])
     repeats = {LOOP: 2 if paper.quick else 10, ARRAYS: 100}
     numpy = {way: interpreted_step(scene, way, count) for way, count in repeats.items()}
@@ -193,3 +210,109 @@ def _figure(paper: Paper, own: dict[str, Timing]) -> None:
     panel = Panel("simulated time [s]", "run time [s]", lines, log="xy", looks=looks)
     caption = "Run time over simulated time, scenario 1; below the black line: faster than real"
     chart(paper.report, "run_time", data, [panel], caption, (9.0, 5.0))
+
+
+def add_sizes(paper: Paper) -> None:
+    """Measure every cell; Tables 5 to 8, run times at the stable step."""
+    report = paper.report
+    report.text(
+        """The paper runs 10 s at 0.8 ms in every cell. The cost of a step does not depend on its
+        length: each cell shows *paper / ours* for the same 12500 steps of Forest-Ruth, ours from
+        the measured cost of one. At 0.8 ms the real wire is unstable in every cell; the run time of
+        10 s at a stable step and what 0.8 ms would need follow."""
+    )
+    grids = {number: _grid(number, paper.quick) for number in SCENARIOS}
+    for table, (number, printed, what, kinds) in SWEEPS.items():
+        times = SWEEP_STEPS * grids[number][:, :, kinds]
+        rows: list[list[Cell]] = []
+        for n, paper_row, our_row in zip(CONTROL_POINTS, printed, times, strict=True):
+            cells = zip(paper_row, our_row, strict=True)
+            rows.append(
+                [n, *(" / ".join([f"{p:.0f}", *map("{:.3g}".format, own)]) for p, own in cells)]
+            )
+        caption = f"Table {table}. {what}, run time [s] of 12500 steps, {SCENARIOS[number]}"
+        report.table(f"table_{table}", SIZES, rows, caption)
+    _stable_table(paper, grids[1])
+    _paper_step_table(paper)
+    _size_figure(paper, grids[1][:, :, 0])
+
+
+def _grid(number: int, quick: bool) -> Array:
+    """Every cell, shape (n_u, n_s, 4); the least of rounds over the whole grid, so that a busy
+    moment of the machine does not stay in a few cells."""
+    grid: Array = np.full((*SHAPE, 4), np.inf)
+    for _ in range(1 if quick else 3):
+        for i, n in enumerate(CONTROL_POINTS):
+            for j, samples in enumerate(SAMPLES):
+                grid[i, j] = np.minimum(grid[i, j], _cell(number, n, samples, quick))
+    return grid
+
+
+def _cell(number: int, n: int, samples: int, quick: bool) -> tuple[float, ...]:
+    """Cost of a step compiled, in numpy sample by sample, by whole arrays [s]; stable step [s]."""
+    size = {"discretization__control_points": n, "discretization__samples": samples}
+    scene = at_method(scenario(number, **size), SIZED)
+    simulator = Simulator(scene)
+    cost = step_cost(simulator, *((0.0005, 20) if quick else (0.003, 40))).best
+    loop = interpreted_step(scene, LOOP, 1 if quick else 5)
+    return cost, loop, interpreted_step(scene, ARRAYS, 10), simulator.step
+
+
+def _stable_table(paper: Paper, grid: Array) -> None:
+    times = published.DURATION / grid[:, :, -1] * grid[:, :, 0]
+    rows = [[n, grid[i, 0, -1], *times[i]] for i, n in enumerate(CONTROL_POINTS)]
+    paper.report.table(
+        "stable_sweep",
+        [SIZES[0], "step [us] {:.4g}", *SIZES[1:]],
+        rows,
+        "Run time [s] of 10 s of the real wire at 0.9 of the stability limit, compiled, scenario 1 "
+        "(steps times cost of a step)",
+        form=".3g",
+    )
+    for n, time in zip(CONTROL_POINTS, times[:, SAMPLES.index(101)], strict=True):
+        paper.found[RUN(n)] = float(time)
+
+
+def _paper_step_table(paper: Paper) -> None:
+    """Rows at 0.8 ms: limits, what would have to change, a run with that changed."""
+    rows: list[list[Cell]] = []
+    for n in CONTROL_POINTS:
+        scene = scenario(1, discretization__control_points=n)
+        limit, factor = wires.step_limit(scene), wires.softening(scene, published.SWEEP_STEP)
+        change, outcome = "nothing helps: bending alone forbids it", "-"
+        if np.isfinite(factor):
+            change = f"**EA and springs / {factor:.0f}**"
+            soft = at_method(wires.softened(scene, factor), SIZED, published.SWEEP_STEP)
+            simulator = Simulator(soft, unchecked_step=True)
+            fine = simulator.advance(published.DURATION).status.ok
+            outcome = f"{SWEEP_STEPS * step_cost(simulator).best:.3g} s" if fine else "stopped"
+        bending = wires.step_limit(wires.bending_alone(scene))
+        rows.append([n, limit, published.SWEEP_STEP / limit, bending, change, outcome])
+    paper.report.table(
+        "paper_sweep_step",
+        "n_u | limit of the real wire [us] | 0.8 ms / limit | limit of bending alone [us] | "
+        "0.8 ms would need | run time of 10 s so changed",
+        rows,
+        "Rows AT THE PAPER'S STEP of 0.8 ms, Forest-Ruth, scenario 1, n_s = 101; bold: constants "
+        "that were CHANGED. Where bending alone is too stiff, no softening of the axial term helps",
+    )
+
+
+def _size_figure(paper: Paper, compiled: Array) -> None:
+    printed, ours = "paper C++ cost of a step [s]", "compiled cost of a step [s]"
+    data = {
+        "n_u": np.repeat([f"n_u = {n}" for n in CONTROL_POINTS], SHAPE[1]),
+        "n_s": np.tile(SAMPLES, SHAPE[0]),
+        ours: compiled.ravel(),
+        printed: (published.SWEEP_CPP_1 / SWEEP_STEPS).ravel(),
+    }
+    panels = [
+        Panel("n_s", "cost of a Forest-Ruth step [ms]", [printed], "the paper's C++", by="n_u"),
+        Panel("n_s", "cost of a Forest-Ruth step [us]", [ours], "compiled, this machine", by="n_u"),
+    ]
+    caption = "Cost of a step over n_s and n_u, scenario 1"
+    chart(paper.report, "cost_over_size", data, panels, caption, (12.0, 4.4))
+    for n, cost in zip(CONTROL_POINTS, compiled[:, SAMPLES.index(101)], strict=True):
+        paper.found[SIZE_COST(n)] = 1e6 * float(cost)
+    paper.found[SAMPLES_COST] = float((compiled[:, -1] / compiled[:, 0]).min())
+    paper.found[POINTS_COST] = float((compiled[1:] / compiled[:-1]).min())

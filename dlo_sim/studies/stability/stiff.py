@@ -118,13 +118,12 @@ def describe(report: Report, rows: list[list[Any]]) -> dict[str, str]:
     """Section and tables; returns the verdicts."""
     report.section("The paper's wire at milliseconds")
     report.text(
-        """`paper_wire.yaml` with nothing changed but n_u, method, step and quadrature (Gauss points
-        per span, or the shipped 101 samples), beside forest_ruth at its own step and with the same
-        quadrature, timed in turns. Errors are largest distances over the first 2 s from a fine
-        mesh; the converged step is that step on the same mesh. energy_momentum is of second order:
-        its error in time does not depend on the mesh. energy_momentum_4 does five sub-steps a step,
-        one of them back in time; its iterations are those of all five. A step that takes several
-        times the usual iterations failed at first and was done in pieces."""
+        """`paper_wire.yaml` with other n_u, methods, steps and quadrature (Gauss points per span,
+        or the shipped 101 samples), beside forest_ruth at its own step with the same quadrature,
+        timed in turns. Errors are largest distances over the first 2 s from a fine mesh; the
+        converged step is on the same mesh. energy_momentum_4 does five sub-steps a step, one of
+        them back in time, with the iterations of all five. A step that takes several times the
+        usual iterations failed at first and was done in pieces."""
     )
     caption = "Methods that keep the energy, at milliseconds, beside Forest-Ruth"
     report.table("stiff", HEADER, rows, caption)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.stability import map_report, maps, stiff
+from dlo_sim.studies.stability import maps, stiff
 from dlo_sim.studies.stability.extremes import Finding, examine
 from dlo_sim.studies.stability.scenes import EXTREMES
 
@@ -32,7 +32,7 @@ def run_study(request: Request) -> Outcome:
     for point, limits in zip(extent.points, found, strict=True):
         results[point] = limits
         request.progress(0.5 + 0.5 * len(results) / len(extent.points))
-    map_report.add(report, extent, results)
+    maps.add(report, extent, results)
     return report.outcome(verdicts)
 
 

@@ -6,12 +6,14 @@ another family, whose forces and time stepping are other code.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
+from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
@@ -29,21 +31,23 @@ class Reference:
     """A converged motion.
 
     Attributes:
-        points: positions at the job's times and coordinates, shape (T, m, 3).
-        setting: what it was made with. step: [s].
+        run: the motion and what it was made with.
         space: difference between the two finest resolutions, as a share of the case's scale.
         time: difference made by half the step at the coarser of the two, likewise.
         check: the setting of another method on the coarser mesh, with its step.
         disagreement: its distance from the run with half the step on the same mesh, likewise.
     """
 
-    points: Array
-    setting: Setting
-    step: float
+    run: Trial
     space: float
     time: float
     check: Setting
     disagreement: float
+
+    @property
+    def points(self) -> Array:
+        """Positions [m] at the job's times and coordinates, shape (T, m, 3)."""
+        return self.run.points
 
     @property
     def own_error(self) -> float:
@@ -67,14 +71,17 @@ def references(cases: list[Case], workers: Workers) -> dict[str, Reference]:
                 raise RuntimeError(f"a reference run of {case.name} failed: {trial.message}")
         pairs = ((coarse, fine), (half, coarse), (other, half))
         space, time, check = (case.error(one.points, truth.points) for one, truth in pairs)
-        made_with = (fine.points, fine.setting, fine.step)
-        found[case.name] = Reference(*made_with, space, time, other.setting, check)
+        found[case.name] = Reference(fine, space, time, other.setting, check)
     return found
 
 
 def run(job: Job, setting: Setting, share: float) -> Trial:
-    """An untimed run at a share of the setting's own step; 0 = at the setting's; for workers."""
-    return attempt(job, at_share(job, setting, share) if share else setting, timed=False)
+    """An untimed run at a share of the setting's own step; 0 = at the setting's; for workers. What
+    the scene refuses gives a trial with the message.
+    """
+    with contextlib.suppress(SceneError):  # the attempt is refused for the same reason
+        setting = at_share(job, setting, share) if share else setting
+    return attempt(job, setting, timed=False)
 
 
 def _runs(case: Case) -> list[tuple[Job, Setting, float]]:
@@ -94,12 +101,11 @@ def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None
     """The cases and their references: own errors, and how far another method is from them."""
     report.section("Cases and references")
     report.text(
-        """Error: rms over the time of the worst of the axes at the material coordinates, in % of
-        the case's scale. The reference of a case is velocity_verlet on the finer of two meshes. Own
-        error in space: its distance from the coarser mesh; in time: what half the step changes
-        there. As the method is among those compared, one of another family is run on the coarser
-        mesh too; its distance from velocity_verlet at half the step holds the time errors of
-        both."""
+        """Error: rms over time of the worst axis at the material coordinates, in % of the case's
+        scale. Reference: velocity_verlet on the finer of two meshes. Own error in space: its
+        distance from the coarser mesh; in time: what half the step changes there. As the method is
+        among those compared, one of another family is run on the coarser mesh too; its distance
+        from velocity_verlet at half the step holds the time errors of both."""
     )
     compared, sure = [], []
     for case in cases:
@@ -107,7 +113,7 @@ def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None
         axes = "".join("xyz"[axis] for axis in case.components)
         at = ", ".join(f"{u:g}" for u in case.job.u)
         compared.append((case.name, case.job.duration, axes, at, case.scale_words, case.scale))
-        own = (truth.setting.control_points, truth.step, truth.space, truth.time)
+        own = (truth.run.setting.control_points, truth.run.step, truth.space, truth.time)
         check = (truth.check.method, truth.check.control_points, truth.check.step)
         sure.append((case.name, *own, *check, truth.disagreement))
     header = "case | duration [s] | axes | at [L] | scale | length of the scale [mm]"

@@ -8,7 +8,6 @@ from itertools import product
 import numpy as np
 
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
@@ -48,7 +47,7 @@ def _space(
         (case, cable, n): (case.job, replace(CABLES[cable], control_points=n), 0.5)
         for case, cable, n in product(cases, CABLES, RESOLUTIONS[request.quick])
     }
-    trials = each(request.workers, _run, pieces.values())
+    trials = each(request.workers, run, pieces.values())
     rows = [
         (case.name, cable, n, _off(case, trials[piece], truths[case.name].points))
         for (case, cable, n), piece in pieces.items()
@@ -76,7 +75,7 @@ def _panels(panel: Panel, cases: list[Case]) -> list[Panel]:
 def _time(report: Report, request: Request, cases: list[Case]) -> None:
     kinds = product(cases, (QUICK if request.quick else FULL).methods)
     pieces = {kind: _steps(*kind, request.quick) for kind in kinds}
-    trials = each(request.workers, _run, [one for some in pieces.values() for one in some])
+    trials = each(request.workers, run, [one for some in pieces.values() for one in some])
     rows: list[OrderRow] = []
     for (case, method), some in pieces.items():
         *tried, truth = (trials[one] for one in some)
@@ -122,11 +121,3 @@ def _off(case: Case, trial: Trial, truth: np.ndarray) -> float:
     """Error as a share of the case's scale; nan of a failed run, or against one."""
     off = case.error(trial.points, truth)
     return off if trial.ok and np.isfinite(off) else float("nan")
-
-
-def _run(job: Job, setting: Setting, share: float) -> Trial:
-    """As `run`; a setting that the scene refuses gives a trial with the message."""
-    try:
-        return run(job, setting, share)
-    except SceneError:
-        return run(job, setting, 0.0)

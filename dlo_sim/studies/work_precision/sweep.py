@@ -99,20 +99,19 @@ def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
 
 
 def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
-    if METHODS[method].family == IMPLICIT:
+    family, first = METHODS[method].family, Setting(method, n_u)
+    if family == IMPLICIT:
         ways = ways_to_resolve(case.scene, method)
         return [
             Setting(method, n_u, step, stretch=stretch, knots=knots)
             for stretch, knots in (ways if method in BY_SPAN else ways[:1])
             for step in grid.steps
         ]
-    first = Setting(method, n_u)
+    shares = (*grid.shares, 0.25) if family == CONSTRAINED else grid.shares
     try:
-        found = [at_share(case.job, first, share) for share in grid.shares]
+        found = [at_share(case.job, first, share) for share in shares]
     except SceneError:
         return [first]  # the attempt is refused for the same reason
-    if METHODS[method].family == CONSTRAINED:
-        found.append(at_share(case.job, first, 0.25))
     if method == "velocity_verlet" and n_u == grid.control_points[0]:
         found.append(Setting(method, n_u, PAPER_STEP))
     return found

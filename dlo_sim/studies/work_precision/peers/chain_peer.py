@@ -6,7 +6,7 @@ What one writes first. Needs numpy and numba alone.
 import numba
 import numpy as np
 
-VERSION = ""  # ours
+PACKAGE = ""  # ours
 
 
 @numba.njit(cache=True)

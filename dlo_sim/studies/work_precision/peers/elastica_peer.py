@@ -5,10 +5,14 @@ cables. Where the whole motion would take too many of them, the cost of a simula
 from a short piece, without an error.
 """
 
-import elastica
+import contextlib
+
 import numpy as np
 
-VERSION = getattr(elastica, "__version__", "")
+with contextlib.suppress(ModuleNotFoundError):  # this file is imported where there is none
+    import elastica
+
+PACKAGE = "elastica"
 MOST_STEPS = 400_000  # of a run to its end
 
 

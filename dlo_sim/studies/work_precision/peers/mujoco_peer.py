@@ -5,12 +5,15 @@ MuJoCo 4: the one-dimensional flex, a discrete elastic rod whose edges are kept 
 Both are inextensible; the wire's end springs take over the stretch of the wire.
 """
 
+import contextlib
 import xml.etree.ElementTree as ElementTree
 
-import mujoco
 import numpy as np
 
-VERSION = mujoco.__version__
+with contextlib.suppress(ModuleNotFoundError):  # this file is imported where there is none
+    import mujoco
+
+PACKAGE = "mujoco"
 SOFT_TWIST = 1e6  # [Pa]
 LIGHT = 1e-3  # [kg] of MuJoCo 3's sliders; lighter ones make the connection too soft
 

@@ -1,7 +1,8 @@
 """Jobs for a simulator as JSON on stdin, its motions on stdout, one line each: `serve.py PEER`.
 
 Run by the Python that has the simulator, and nothing of dlo_sim is imported: that environment need
-not have it. A peer is a module beside this one, with a `VERSION` and a class `Cable` of a job:
+not have it. A peer is a module beside this one, with the name of its `PACKAGE` and a class `Cable`
+of a job:
     step: time step [s]. look(): observed points [m], shape (m, 3).
     advance(first, steps): so many steps from step number `first`; raises if that failed.
 A peer that is slow may say in `MOST_STEPS` up to how many steps it runs to the end.
@@ -41,10 +42,12 @@ def run(peer: Any, job: dict[str, Any]) -> tuple[dict[str, Any], float]:
 
 def main() -> None:
     """Repeat every job within its budget of time; the reply says why there is no motion."""
+    peer = importlib.import_module(sys.argv[1])
     try:
-        peer = importlib.import_module(sys.argv[1])
+        package = importlib.import_module(peer.PACKAGE) if peer.PACKAGE else None
     except ModuleNotFoundError as absent:
         sys.exit(f"{sys.executable} has no {absent.name}")
+    version = getattr(package, "__version__", "")
     for job in json.load(sys.stdin):
         found: dict[str, Any] = {"times": [], "points": [], "step": job["step"]}
         walls: list[float] = []
@@ -55,7 +58,7 @@ def main() -> None:
                 walls.append(wall)
         except Exception as refusal:  # whatever the simulator raises
             message = str(refusal).split("\n")[0]
-        reply = {"version": peer.VERSION, **found, "walls": walls, "message": message}
+        reply = {"version": version, **found, "walls": walls, "message": message}
         print(json.dumps(reply), flush=True)
 
 
