@@ -12,12 +12,8 @@ from dlo_sim.batch.workers import Workers
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a study leaves behind.
-
-    Attributes:
-        report: path of report.md. figures, data: names of the files beside it.
-        tables: name -> number of rows.
-        verdicts: what was asked -> the answer in a few words.
+    """What a study leaves behind: the path of report.md, names of the files beside it, tables with
+    their numbers of rows, and verdicts, what was asked -> the answer in a few words.
     """
 
     report: str

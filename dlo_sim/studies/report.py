@@ -93,10 +93,6 @@ class Report:
         """Paragraphs of markdown."""
         self._body += [" ".join(paragraph.split()) for paragraph in paragraphs]
 
-    def items(self, lines: Iterable[str]) -> None:
-        """A list."""
-        self._body.append("\n".join(f"- {' '.join(line.split())}" for line in lines))
-
     def table(
         self,
         name: str,

@@ -38,7 +38,7 @@ def test_tables_and_figures_are_there(study):
     folder, outcome = study
     methods = len(scaling.METHODS_TIMED[True])
     assert outcome.tables == {"steps": 4 * methods, "exponents": methods, "memory": 2}
-    assert outcome.figures == ["time_of_a_step.png", "resident_scaling.png"]
+    assert outcome.figures == ["time_of_a_step.png", "resident_memory.png"]
     for name in outcome.figures:
         assert (folder / name).stat().st_size > 10_000
     assert len(outcome.verdicts) == methods + 2

@@ -31,9 +31,9 @@ class Row:
 
     Attributes:
         scene, term: which. automatic: whether the scene's own step contains it.
-        full, bare: time per step [s] with it and without it; nan if there is no such run.
+        full, bare: time per step [s] with it and without it; nan if the run failed.
         error: largest distance [m] between the two motions; nan likewise.
-        note: why it was left out, or why there is no other run.
+        note: why it was left out, or why a run failed.
     """
 
     scene: str
@@ -81,9 +81,8 @@ def verdicts_of(rows: list[Row]) -> dict[str, str]:
 
 
 def pieces(variant: Variant, duration: float) -> list[Piece]:
-    """With the term, and without; none where that does not exist."""
-    scenes = (variant.full, variant.bare)
-    return [(scene, variant.still, duration) for scene in scenes if scene is not None]
+    """With the term, and without."""
+    return [(scene, variant.still, duration) for scene in (variant.full, variant.bare)]
 
 
 def motion(scene: Scene, still: bool, duration: float) -> Trial:
@@ -96,9 +95,7 @@ def motion(scene: Scene, still: bool, duration: float) -> Trial:
     return smaller if smaller.ok else trial
 
 
-def _side_by_side(
-    both: list[Piece], motions: Mapping[Piece, Trial], budget: float
-) -> list[Trial | None]:
+def _side_by_side(both: list[Piece], motions: Mapping[Piece, Trial], budget: float) -> list[Trial]:
     """Both timed here in turn, so that the machine is the same for the two."""
     timed = [replace(motions[piece], wall=float("inf"), repeats=0) for piece in both]
     for _ in range(TURNS):
@@ -106,24 +103,22 @@ def _side_by_side(
             if timed[k].ok:
                 whole = job(scene, duration, still)
                 timed[k] = timed_again(timed[k], whole, budget=budget / TURNS)
-    return [*timed] or [None, None]
+    return timed
 
 
-def row_of(name: str, variant: Variant, full: Trial | None, bare: Trial | None) -> Row:
+def row_of(name: str, variant: Variant, full: Trial, bare: Trial) -> Row:
     """The row of a term from its two trials."""
     notes, off = [variant.note] if variant.note else [], np.nan
     times = {"with it": np.nan, "without it": np.nan}
     sides = (("with it", variant.full, full), ("without it", variant.bare, bare))
     for which, scene, trial in sides:
-        if trial is None or scene is None:
-            continue
         if not trial.ok:
             notes.append(f"{which}: {trial.message}")
             continue
         times[which] = trial.wall * trial.step
         if trial.setting != present_setting(scene):
             notes.append(f"{which}: fails at its own step, so at {SMALLER:g} of it")
-    if full is not None and bare is not None and full.ok and bare.ok:
+    if full.ok and bare.ok:
         off = farthest(bare.points, full.points)
     full_s, bare_s = times.values()
     return Row(name, variant.term, variant.automatic, full_s, bare_s, off, "; ".join(notes))

@@ -59,7 +59,7 @@ class Variant:
     Attributes:
         term: its name. automatic: whether the scene's own step contains it.
         reason: why it was left out, or empty. shared: what both scenes have and the scene has not.
-        full, bare: the scene with it and without it; None where that does not exist.
+        full, bare: the scene with it and without it.
         still: whether driven ends stay where they are in both runs.
     """
 
@@ -67,8 +67,8 @@ class Variant:
     automatic: bool
     reason: str
     shared: Values
-    full: Scene | None
-    bare: Scene | None
+    full: Scene
+    bare: Scene
     still: bool = False
 
     @property
@@ -91,18 +91,18 @@ def has(scene: Scene, term: str) -> bool:
 
 
 def variants(scene: Scene, terms: Iterable[str] = ()) -> list[Variant]:
-    """Terms of a scene (default: all) with and without, in the order of `TERMS`."""
+    """Terms of a scene (default: all) with and without, in the order of `TERMS`.
+
+    Raises:
+        RuntimeError: no two scenes differ in one of them alone.
+    """
     needs = needs_of(scene)
     found = []
     for name in terms or TERMS:
         automatic = has(scene, name)
         reason = "" if automatic else needs.left_out.get(name, TERMS[name].reason)
-        pair = _pair(scene, name, TERMS[name])
-        if pair is None:
-            reason = "; ".join(filter(None, (reason, "no scene differs in it alone")))
         still = name == "drive" and not automatic
-        shared, full, bare = pair or ({}, None, None)
-        found.append(Variant(name, automatic, reason, shared, full, bare, still))
+        found.append(Variant(name, automatic, reason, *_pair(scene, name, TERMS[name]), still))
     return found
 
 
@@ -121,41 +121,36 @@ def job(scene: Scene, duration: float, still: bool = False) -> Job:
     return Job(scene, duration, tuple(np.linspace(0.0, 1.0, 21)), 2e-3, tuple(motions))
 
 
-def _pair(scene: Scene, name: str, term: Term) -> tuple[Values, Scene, Scene] | None:
+def _pair(scene: Scene, name: str, term: Term) -> tuple[Values, Scene, Scene]:
     """The first way to have the scene with and without a term: what both share, with, without."""
     for method, alone in product(METHODS, term.alone):
         shared = {**_values(alone, scene), **method}
-        base = _changed(scene, shared)
-        if base is None:
+        try:
+            base = _changed(scene, shared)
+            present = has(base, name)
+            other = _changed(base, _values(term.take_out if present else term.put_in, base))
+        except SceneError:
             continue
-        present = has(base, name)
-        other = _changed(base, _values(term.take_out if present else term.put_in, base))
         full, bare = (base, other) if present else (other, base)
-        if full and bare and has(full, name) and not has(bare, name):
-            return _common(scene, shared, full, bare), full, bare
-    return None
+        if has(full, name) and not has(bare, name):
+            # What was changed for both and is the same in both, unlike in the scene.
+            own, ours, theirs = map(scene_values, (scene, full, bare))
+            common = {k: v for k, v in shared.items() if own[k] != ours[k] == theirs[k]}
+            return common, full, bare
+    raise RuntimeError(f"omission: no two scenes differ in the term {name} alone")
 
 
 def _values(change: Change, scene: Scene) -> Values:
     return change(scene) if callable(change) else change
 
 
-def _common(scene: Scene, shared: Values, full: Scene, bare: Scene) -> Values:
-    """What was changed for both and is the same in both, unlike in the scene."""
-    own, ours, theirs = scene_values(scene), scene_values(full), scene_values(bare)
-    return {key: v for key, v in shared.items() if own[key] != ours[key] == theirs[key]}
-
-
-def _changed(scene: Scene, values: Values) -> Scene | None:
-    """The scene with these values; None if it is refused or no method of its own suits it."""
+def _changed(scene: Scene, values: Values) -> Scene:
+    """The scene with these values; refused like by a simulator if no method of its own suits it."""
     if not values:
         return scene
-    try:
-        changed = scene.with_values(values)
-        optional_terms.check_terms(changed, needs_of(changed))
-        selection.choose(changed, 0.0)
-    except SceneError:
-        return None
+    changed = scene.with_values(values)
+    optional_terms.check_terms(changed, needs_of(changed))
+    selection.choose(changed, 0.0)
     return changed
 
 

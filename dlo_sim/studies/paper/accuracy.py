@@ -34,6 +34,11 @@ FINE = 6400
 SPAN = {True: 0.25, False: 10.0}  # [s], of runs whose error is compared with their run time
 # Shares of the largest step, and a time [s] that every step divides: samples are at ends of steps.
 REAL, SOFT = ((1, 2, 4), 2e-5), ((1, 2, 4, 8), 4e-3)
+BESIDE_RK4 = (
+    "cost of a step, Forest-Ruth / RK4",
+    "position error at the same step, Forest-Ruth / RK4",
+    "run time for the same error, RK4 / Forest-Ruth",
+)
 TIME, ERROR = "run time [s]", "error [m]"
 
 
@@ -87,7 +92,7 @@ def _work_precision(paper: Paper) -> None:
         "Run time for the same position error (the geometric middle of what both fourth-order "
         "methods reach), softened wire; none: not so near at any step tried",
     )
-    paper.found["run time for the same error, RK4 / Forest-Ruth"] = ratios["rk4"]
+    paper.found[BESIDE_RK4[2]] = ratios["rk4"]
 
 
 def _curves(
@@ -131,5 +136,4 @@ def _equal_step(paper: Paper) -> None:
     fine, *recordings = each(paper.workers, run, runs).values()
     costs = [step_cost(Simulator(at)).best for at in both]
     errors = [float(distance(recording, fine).max()) for recording in recordings]
-    paper.found["cost of a step, Forest-Ruth / RK4"] = costs[0] / costs[1]
-    paper.found["position error at the same step, Forest-Ruth / RK4"] = errors[0] / errors[1]
+    paper.found |= {BESIDE_RK4[0]: costs[0] / costs[1], BESIDE_RK4[1]: errors[0] / errors[1]}

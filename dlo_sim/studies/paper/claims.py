@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from dlo_sim.studies.paper import energy, limits, motion, resolution, timing
+from dlo_sim.studies.paper import accuracy, energy, limits, motion, resolution, timing
 from dlo_sim.studies.paper.limits import PLAIN, TORSION
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE
 from dlo_sim.studies.paper.wires import COMPARED
@@ -89,11 +89,8 @@ def _stuck(found: Found) -> int:
 
 def _gains(found: Found) -> int:
     """In how many ways of comparing Forest-Ruth takes clearly less time than RK4."""
-    shares = (
-        found["cost of a step, Forest-Ruth / RK4"],
-        1.0 / found["run time for the same error, RK4 / Forest-Ruth"],
-        found[timing.TIME("forest_ruth")] / found[timing.TIME("rk4")],
-    )
+    cost, _, slower = (found[name] for name in accuracy.BESIDE_RK4)
+    shares = (cost, 1.0 / slower, found[timing.TIME("forest_ruth")] / found[timing.TIME("rk4")])
     return sum(share < FASTER for share in shares)
 
 
@@ -106,14 +103,8 @@ QUESTIONS = (
         "2 ms is the largest stable step",
         RESULTS,
         "This time step-size is the largest value that preserves the stability",
-        lambda f: 0.9 < f["2 ms / largest stable step of Forest-Ruth"] < 1.1,
-        (
-            "2 ms / largest stable step of Forest-Ruth",
-            limits.LIMIT("forest_ruth", 1),
-            limits.STOPPED_PLAIN,
-            "2 ms needs axial stiffness and springs divided by",
-            "energy_momentum at 2 ms from a fine run [mm]",
-        ),
+        lambda f: 0.9 < f[limits.RATIO] < 1.1,
+        (limits.RATIO, limits.LIMIT("forest_ruth", 1), *limits.AT_2_MS),
         ("stable_steps", "limit_by_term", "paper_step"),
     ),
     Question(
@@ -121,13 +112,7 @@ QUESTIONS = (
         INTEGRATOR,
         "the CPU time can be decreased by approximately 25 percent",
         lambda f: _gains(f) == 3,
-        (
-            "cost of a step, Forest-Ruth / RK4",
-            "position error at the same step, Forest-Ruth / RK4",
-            "run time for the same error, RK4 / Forest-Ruth",
-            timing.TIME("forest_ruth"),
-            timing.TIME("rk4"),
-        ),
+        (*accuracy.BESIDE_RK4, timing.TIME("forest_ruth"), timing.TIME("rk4")),
         ("cost_per_step", "time_at_equal_error", "table_3"),
         partly=lambda f: _gains(f) > 0,
     ),
@@ -192,9 +177,7 @@ QUESTIONS = (
         lambda f: f[energy.EXPONENT("forest_ruth")] < 1.3 and f[energy.EXPONENT("rk4")] > 1.7,
         (
             *(name(m) for name in (energy.EXPONENT, energy.LAST) for m in ("forest_ruth", "rk4")),
-            "RK4 less accurate than Forest-Ruth at the same step from [s]",
-            "least exponent of position errors, real wire",
-            "largest exponent of position errors, real wire",
+            *(energy.BEHIND, *energy.REAL_EXPONENTS),
         ),
         ("energy_regular", "error_growth", "energy_real"),
         partly=lambda f: f[energy.EXPONENT("forest_ruth")] < 1.3,

@@ -23,6 +23,8 @@ ADDED = "energy added by the slope, regular wire, {}".format
 SWING = "swing of the energy, regular wire, {}".format
 LAST = "position error at the end, regular wire, {} [m]".format
 LARGEST = "largest energy error, real wire, {}".format
+BEHIND = "RK4 less accurate than Forest-Ruth at the same step from [s]"
+REAL_EXPONENTS = tuple(f"{k} exponent of position errors, real wire" for k in ("least", "largest"))
 HEADER = (
     "method | step [us] | largest energy error | slope [1/s] | swing | drifts? | "
     "position error [m] | exponent of its growth | run time [s]"
@@ -123,8 +125,8 @@ def _real(paper: Paper) -> None:
     shown = {method: found[method, 1.0] for method in COMPARED}
     _energy_figure(paper, "energy_real_chart", "the real wire", shown)
     exponents = [one.exponent for one in found.values()]
-    paper.found["least exponent of position errors, real wire"] = min(exponents)
-    paper.found["largest exponent of position errors, real wire"] = max(exponents)
+    least, largest = REAL_EXPONENTS
+    paper.found |= {least: min(exponents), largest: max(exponents)}
     for method in ("forest_ruth", "rk4"):
         paper.found[LARGEST(method)] = found[method, 1.0].error
 
@@ -155,7 +157,7 @@ def _regular(paper: Paper) -> None:
     chart(paper.report, "error_growth", data, [panel], caption)
     behind = np.flatnonzero(gaps["rk4"][1:] > gaps["forest_ruth"][1:])
     since = float(fine.time[1 + behind[0]]) if behind.size else float("inf")
-    paper.found["RK4 less accurate than Forest-Ruth at the same step from [s]"] = since
+    paper.found[BEHIND] = since
     for method in ("forest_ruth", "rk4"):
         one = found[method]
         paper.found |= {ADDED(method): one.added, SWING(method): one.swing}

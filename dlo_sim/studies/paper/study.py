@@ -64,9 +64,7 @@ def run_study(request: Request) -> PaperOutcome:
         add(paper)
         request.progress((k + 1) / len(SECTIONS))
     found = paper.found
-    limit = 1e-6 * found["largest stable step, forest_ruth, scenario 1 [us]"]
-    found["2 ms / largest stable step of Forest-Ruth"] = published.STEP / limit
-    found["2 ms needs axial stiffness and springs divided by"] = factor
+    found[limits.AT_2_MS[1]] = factor
     matlab, cpp = (t["forest_ruth"][-1] for t in (published.MATLAB_1, published.CPP_1))
     found["MATLAB / C++ time of the paper"] = matlab / cpp
     judged = [question.judged(found) for question in claims.QUESTIONS]

@@ -226,10 +226,9 @@ def add_sizes(paper: Paper) -> None:
         times = SWEEP_STEPS * grids[number][:, :, kinds]
         rows: list[list[Cell]] = []
         for n, paper_row, our_row in zip(CONTROL_POINTS, printed, times, strict=True):
-            cells = zip(paper_row, our_row, strict=True)
-            rows.append(
-                [n, *(" / ".join([f"{p:.0f}", *map("{:.3g}".format, own)]) for p, own in cells)]
-            )
+            pairs = zip(paper_row, our_row, strict=True)
+            cells = [[f"{theirs:.0f}", *(f"{time:.3g}" for time in ours)] for theirs, ours in pairs]
+            rows.append([n, *map(" / ".join, cells)])
         caption = f"Table {table}. {what}, run time [s] of 12500 steps, {SCENARIOS[number]}"
         report.table(f"table_{table}", SIZES, rows, caption)
     _stable_table(paper, grids[1])

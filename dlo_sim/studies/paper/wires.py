@@ -19,11 +19,8 @@ NEGLIGIBLE = 1e-12  # a stiffness times this is as good as absent
 
 @dataclass
 class Paper:
-    """One run of the study.
-
-    Attributes:
-        factor: by which axial stiffness and springs must fall for Forest-Ruth to bear 2 ms.
-        found: what was measured, by its name with the unit; the claims are judged by it.
+    """One run of the study: the factor by which axial stiffness and springs must fall for
+    Forest-Ruth to bear 2 ms, and what was found by its name with the unit, which claims rest on.
     """
 
     report: Report

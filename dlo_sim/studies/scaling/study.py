@@ -180,8 +180,7 @@ def describe(report: Report, found: list[Run], failed: list[str]) -> dict[str, s
     caption = "Time of a step, of a step per control point, and of an evaluation per control point"
     chart(report, "time_of_a_step", columns(header, data), panels, caption, (16.0, 4.8))
     if failed:
-        report.text("Runs that failed are neither in the tables nor in the fits:")
-        report.items(failed)
+        report.text("Runs that failed are neither in the tables nor in the fits:", *failed)
     return verdicts
 
 
@@ -231,9 +230,8 @@ Grown = tuple[str, Counts, Counts, int]  # method, steps and bytes [B] of the lo
 def moving(control_points: int, method: str) -> Simulator:
     """The straight wire, released with half a sine wave of downward velocity.
 
-    Every method can start so, an inextensible one too, and each size has the same motion: a wire
-    that starts at rest hardly moves in the short steps of a fine one, whose iterations would then
-    have nothing to do. Explicit methods take the step chosen for them.
+    Every method can start so, an inextensible one too, and iterations have something to do in the
+    short steps of a fine wire. Explicit methods take the step chosen for them.
 
     Raises:
         SceneError: the method cannot hold the wire at this size.
@@ -265,28 +263,19 @@ def resident_bytes() -> int:
 
 
 def watched(simulator: Simulator, steps: int, looks: int = LOOKS) -> tuple[Counts, Counts]:
-    """Resident memory [B] before the first step and at `looks` moments of a run: (steps, bytes).
-
-    Raises:
-        RuntimeError: a step failed.
-    """
-    done = np.zeros(looks + 1, dtype=np.int64)
-    resident = np.zeros(looks + 1, dtype=np.int64)
+    """Resident memory [B] before the first step and at `looks` moments of a run: (steps, bytes)."""
+    piece, resident = steps // looks, np.zeros(looks + 1, dtype=np.int64)
     for _ in range(500):  # the first hundred readings take a few pages themselves
-        resident_bytes()
-    resident[0] = resident_bytes()
+        resident[0] = resident_bytes()
     for look in range(1, looks + 1):
-        advance(simulator, steps // looks)
-        done[look] = look * (steps // looks)
+        advance(simulator, piece)
         resident[look] = resident_bytes()
-    return done, resident
+    return piece * np.arange(looks + 1), resident
 
 
 def blocks_left(simulator: Simulator, calls: int, steps: int = 1) -> int:
-    """Python's allocated blocks that so many calls of `advance_steps` leave behind.
-
-    The median of a few rounds: what a call leaves behind it leaves in every round, while other
-    parts of the program (a progress bar, a late release) add or take something in a few. The first
+    """Python's allocated blocks that so many calls of `advance_steps` leave behind: the median of a
+    few rounds, as a progress bar or a late release adds or takes something in some. The first
     rounds, in which the interpreter fills its own stores, do not count.
     """
     counts = np.zeros(WARM_ROUNDS + ROUNDS, dtype=np.int64)  # holds no Python objects

@@ -30,12 +30,9 @@ PIECES = 50  # calls of the stepping loop per run, so that a budget of time can 
 
 @dataclass
 class Run:
-    """A run in progress and what it left behind.
-
-    Attributes:
-        simulator: the present one; first: control points at the start, shape (n, 4).
-        energy_error: largest so far, over all simulators of the run.
-        steps, iterations: done in all. wall: time of stepping [s]. message: why it ended early.
+    """A run in progress: its present simulator, the control points at its start (n, 4), and over
+    all simulators of the run the largest energy error, steps and iterations done, time of stepping
+    [s], and why it ended early.
     """
 
     simulator: Simulator

@@ -122,10 +122,9 @@ class Limits:
     Attributes:
         outcomes, errors: per step of the map: what became of the run, and its largest energy error
             as a share of the energy exchanged (nan unless it finished).
-        predicted, observed: largest stable step [s]; nan where the method was refused. An implicit
-            method has the predicted limit inf; observed is then the largest step of the map up to
-            which every run reached its end. Both are nan where no step was stable.
-        below: then the smallest step [s] that was tried, which the limit is below; else nan.
+        predicted, observed: largest stable step [s], nan of a refused method; of an implicit one
+            inf, and the largest step of the map up to which every run reached its end.
+        below: where observed is nan as no step was stable, the smallest step [s] tried; else nan.
     """
 
     outcomes: tuple[str, ...]
@@ -196,10 +195,8 @@ def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> tuple[float
 
 
 def _observed(point: Point, predicted: float) -> tuple[float, float]:
-    """Largest step [s] at which a trial is not stopped, by bisection; inf if it is out of reach.
-
-    It is looked for down to the smallest step of the map; if there is none: nan, and the last
-    tried.
+    """Largest step [s] at which a trial is not stopped, by bisection; inf if it is out of reach; if
+    there is none down to the smallest step of the map: nan, and the last tried.
     """
     low = min(predicted / BELOW, MOST_STEP / GROWTH)
     if _survives(point, low):

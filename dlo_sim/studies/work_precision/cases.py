@@ -59,8 +59,8 @@ class Run(NamedTuple):
         who: method, or simulator. stretch: where stretching counts; empty of other simulators.
         n_u: control points, or elements. step: [s]. status: `ok`, or why there is no result.
         words: the setting for people. error: as a share of the case's scale; nan without a result.
-        wall: least run time of the repeats [s per simulated s]; of one that was too slow to run to
-            its end an estimate; nan if it failed. spread: (median - least) / least.
+        wall: least run time of the repeats [s per simulated s], estimated of a run that was too
+            slow, nan of a failed one. spread: (median - least) / least.
         evaluations: of the force, or Newton iterations, per simulated second.
     """
 
@@ -119,14 +119,12 @@ def closing() -> tuple[tuple[str, EndMotion], ...]:
     """The gripper's way of the soft cable: two parabolas, at rest before and after."""
     half = 0.5 * CLOSING
     push = 0.5 * CLOSED / half**2
-    first = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-push, 0.0, 0.0]])
-    second = first.copy()
+    first, second = np.zeros((2, 3, 3))
+    first[:, 0] = 1.0, 0.0, -push
     second[:, 0] = 1.0 - 0.5 * CLOSED, -2.0 * push * half, push
     still = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
-    return (
-        ("end", EndMotion(0.0, half, first, *still)),
-        ("end", EndMotion(half, half, second, *still)),
-    )
+    parts = ((0.0, first), (half, second))
+    return tuple(("end", EndMotion(start, half, path, *still)) for start, path in parts)
 
 
 def cantilever() -> Case:

@@ -1,7 +1,5 @@
-"""Converged references, with their own error by refinement in space and in time.
-
-They are made with a method that is itself among those compared, so each is checked by a method of
-another family, whose forces and time stepping are other code.
+"""Converged references, with their own error by refinement in space and in time, each checked by a
+method of another family, whose forces and time stepping are other code.
 """
 
 from __future__ import annotations

@@ -54,8 +54,7 @@ def run_study(request: Request) -> Outcome:
             """The chain and MuJoCo 4 observe the same material point. MuJoCo's cables are
             inextensible; on the wire their end springs take over the stretch."""
         )
-    if others.absent:
-        report.items(f"Not measured: {line}" for line in others.absent)
+    report.text(*(f"Not measured: {line}" for line in others.absent))
     separate.add(report, request, cases, truths)
     request.progress(0.95)
     analytic.add(report, request.quick)

@@ -120,7 +120,7 @@ class Cable:
         self.rest = (self.step, link, constants, mass, free, push, closing)
         self.observed = [round(u * job["n"]) for u in job["observed"]]
 
-    def look(self):
+    def look(self, first, steps):
         """Observed points."""
         return self.x[self.observed]
 

@@ -57,7 +57,7 @@ class Cable:
         self.step = job["step"]
         self.observed = [round(u * job["n"]) for u in job["observed"]]
 
-    def look(self):
+    def look(self, first, steps):
         """Observed points."""
         return self.rod.position_collection[:, self.observed].T
 

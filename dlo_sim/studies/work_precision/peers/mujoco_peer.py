@@ -143,14 +143,10 @@ class Cable:
         mujoco.mj_forward(self.model, self.data)
         self.spots = [(self.model.body(name).id, np.array(place)) for name, place in observed]
 
-    def look(self):
-        """Observed points."""
-        frames = [(self.data.xpos[k], self.data.xmat[k].reshape(3, 3)) for k, _ in self.spots]
-        places = (place for _, place in self.spots)
-        return np.array([x + turn @ place for (x, turn), place in zip(frames, places, strict=True)])
-
-    def advance(self, first, steps):
-        """Steps, under the force in the middle of their time."""
+    def look(self, first, steps):
+        """Observed points; the force is that in the middle of the steps."""
+        if any(warning.number for warning in self.data.warning):
+            raise RuntimeError(f"MuJoCo warned and reset itself at {first * self.step:g} s")
         middle = (first + 0.5 * steps) * self.step
         push = np.array(self.job["force"]) * np.sin(2.0 * np.pi * self.job["frequency"] * middle)
         if push.any():
@@ -158,6 +154,10 @@ class Cable:
             spot = self.data.xpos[body].copy()
             applied[:] = 0.0
             mujoco.mj_applyFT(self.model, self.data, push, np.zeros(3), spot, body, applied)
+        frames = [(self.data.xpos[k], self.data.xmat[k].reshape(3, 3)) for k, _ in self.spots]
+        places = (place for _, place in self.spots)
+        return np.array([x + turn @ place for (x, turn), place in zip(frames, places, strict=True)])
+
+    def advance(self, first, steps):
+        """Steps."""
         mujoco.mj_step(self.model, self.data, nstep=steps)
-        if any(warning.number for warning in self.data.warning):
-            raise RuntimeError(f"MuJoCo warned and reset itself at {middle:g} s")

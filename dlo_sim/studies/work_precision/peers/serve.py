@@ -3,8 +3,10 @@
 Run by the Python that has the simulator, and nothing of dlo_sim is imported: that environment need
 not have it. A peer is a module beside this one, with the name of its `PACKAGE` and a class `Cable`
 of a job:
-    step: time step [s]. look(): observed points [m], shape (m, 3).
-    advance(first, steps): so many steps from step number `first`; raises if that failed.
+    step: time step [s].
+    look(first, steps): observed points [m], shape (m, 3), before so many steps from step number
+        `first`, which may be prepared here; raises if the steps before failed.
+    advance(first, steps): these steps, and nothing else, as they are timed.
 A peer that is slow may say in `MOST_STEPS` up to how many steps it runs to the end.
 """
 
@@ -30,7 +32,7 @@ def run(peer: Any, job: dict[str, Any]) -> tuple[dict[str, Any], float]:
     times, points, walls = [], [], []
     for k in range((pieces if whole else PIECES) + 1):
         times.append(k * chunk * cable.step)
-        points.append(cable.look().tolist())
+        points.append(cable.look(k * chunk, chunk).tolist())
         if not np.abs(points[-1]).max() < 10 * job["length"]:
             raise RuntimeError(f"left the room at {times[-1]:g} s")
         began = time.perf_counter()
