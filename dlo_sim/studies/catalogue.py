@@ -29,9 +29,8 @@ class Request:
 
     Attributes:
         folder: where the results go. quick: shorter runs, with every table and figure.
-        command: what the user typed, for the report. workers: for what is not timed.
-        peers: measure other simulators beside, where the study can.
-        data: folder of recordings, for the study that needs it.
+        command: what the user typed. workers: for what is not timed.
+        peers: measure other simulators too. data: folder of recordings, for validation.
         progress: called with the fraction done.
     """
 

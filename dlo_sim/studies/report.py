@@ -229,16 +229,12 @@ def commit() -> str:
     """Commit of the checkout that runs; says so if there is none or files were changed."""
     if not (ROOT / ".git").exists():
         return "not run from a checkout"
+    git, words = ["git", "-C", str(ROOT)], ["status", "--porcelain", "--untracked-files=no"]
     try:
-        name = _git("rev-parse", "--short=12", "HEAD")
-        changed = _git("status", "--porcelain", "--untracked-files=no")
-    except (OSError, subprocess.TimeoutExpired):
-        return "unknown (git did not answer)"
-    if name.returncode:
-        return "unknown (git does not know this checkout)"
+        name, changed = (
+            subprocess.run([*git, *more], capture_output=True, check=True, text=True, timeout=10)
+            for more in (["rev-parse", "--short=12", "HEAD"], words)
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown (git did not answer, or does not know this checkout)"
     return name.stdout.strip() + (" with uncommitted changes" if changed.stdout.strip() else "")
-
-
-def _git(*words: str) -> subprocess.CompletedProcess[str]:
-    command = ["git", "-C", str(ROOT), *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=10)

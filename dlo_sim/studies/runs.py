@@ -70,11 +70,6 @@ def distance(one: Recording, other: Recording) -> Array:
     return np.asarray(np.linalg.norm(gap, axis=2).max(axis=1))
 
 
-def survives(scene: Scene, duration: float) -> bool:
-    """Whether a run [s] at the scene's step, stable or not, reaches its end."""
-    return Simulator(scene, unchecked_step=True).advance(duration).status.ok
-
-
 def bisected(fine: Callable[[float], bool], low: float, high: float, tolerance: float) -> float:
     """Largest value for which `fine` holds, between two positive ones, within a relative error.
 

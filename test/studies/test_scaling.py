@@ -1,4 +1,4 @@
-"""`dlo_sim study scaling --quick` with small sizes, run once; what it measures with; scaling."""
+"""`dlo_sim study scaling --quick` with small sizes, run once; what it measures with; memory."""
 
 import csv
 import tracemalloc

@@ -65,11 +65,12 @@ def test_failed_runs_are_rows_that_say_so(study):
     assert len(with_gaps) < len(rows) - 8
 
 
-def test_a_method_that_the_scene_refuses_is_a_row():
+def test_a_method_that_the_scene_refuses_is_a_row(monkeypatch):
     """Negative sub-steps with damping: no own step is known, and the attempt says why."""
     case = cases.soft_cable().shortened(0.1, (7, 9))
-    grid = dataclasses.replace(sweep.QUICK, methods=("forest_ruth",), control_points=(7,))
-    (run,) = sweep.swept(case, None, grid, lambda share: None)
+    monkeypatch.setattr(sweep, "METHODS_TRIED", {True: ("forest_ruth",)})
+    monkeypatch.setattr(sweep, "CONTROL_POINTS", {True: (7,)})
+    (run,) = sweep.swept(case, None, True, lambda share: None)
     assert (run.status, run.who, run.n_u, run.ok) == ("refused", "forest_ruth", 7, False)
     assert np.isnan(run.error)
 

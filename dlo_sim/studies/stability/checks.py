@@ -6,6 +6,7 @@ Lengths are shares of the cable's length L, other errors are relative.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.runs import Array
@@ -97,13 +98,13 @@ def keeps_momentum(run: Run) -> float:
     impulse = PULSE * np.sum(list(PULSES.values()), axis=0)
     run.simulator.advance(1.0)
     _, later = truths.momenta(run.simulator)
-    return max(_apart(momentum, impulse), _apart(later, angular))
+    return max(_off(momentum, impulse), _off(later, angular))
 
 
 def carries_impulse(run: Run) -> float:
     """momentum, relative to the impulse"""
     momentum, _ = truths.momenta(run.simulator)
-    return _apart(momentum, np.array([0.0, 0.0, BIG_PULSE[0] * BIG_PULSE[1]]))
+    return _off(momentum, np.array([0.0, 0.0, BIG_PULSE[0] * BIG_PULSE[1]]))
 
 
 def turns_as_rod(run: Run) -> float:
@@ -190,11 +191,7 @@ def _off_axis(run: Run) -> float:
     return float(np.abs(points[:, 1:3]).max() / run.scene.cable.length)
 
 
-def _off(found: float, expected: float) -> float:
-    """Difference of two numbers, relative."""
-    return float(abs(found / expected - 1.0))
-
-
-def _apart(one: Array, truth: Array) -> float:
-    """Difference of two vectors, relative."""
-    return float(np.linalg.norm(one - truth) / np.linalg.norm(truth))
+def _off(found: ArrayLike, expected: ArrayLike) -> float:
+    """Difference of two numbers or vectors, relative."""
+    gap = np.linalg.norm(np.subtract(found, expected))
+    return float(gap / np.linalg.norm(np.asarray(expected)))

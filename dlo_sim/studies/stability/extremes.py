@@ -56,6 +56,9 @@ class Run:
         return [self.energy_error, simulator.method, simulator.step, *counts]
 
 
+Check = Callable[[Run], float]
+
+
 @dataclass(frozen=True)
 class Extreme:
     """One extreme scene.
@@ -71,7 +74,7 @@ class Extreme:
     what: str
     values: Values
     duration: float
-    check: Callable[[Run], float]
+    check: Check
     bound: float
     events: tuple[tuple[float, Action], ...] = ()
     budget: float = 30.0

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -44,64 +44,25 @@ FARTHEST = 16.0  # an observed limit is looked for so far from the predicted one
 LEAST_IMPLICIT_STEP = 9e-5  # [s]; implicit methods are not meant for smaller ones
 
 FINISHED, STOPPED, SLOW, SKIPPED, REFUSED = "finished", "stopped", "slow", "not run", "refused"
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How much is computed.
-
-    Attributes:
-        methods: compared. values: of each axis. steps: tau [s].
-        duration, budget: of the energy runs: simulated time [s], most time of stepping [s].
-        trial, least_trial: time [s] and steps that a step has to survive to count as stable.
-        tolerance: of observed limits.
-    """
-
-    methods: tuple[str, ...]
-    values: dict[str, tuple[float, ...]] = field(hash=False)
-    steps: tuple[float, ...]
-    duration: float
-    trial: float
-    least_trial: int
-    tolerance: float
-    budget: float
-
-    @property
-    def points(self) -> list[Point]:
-        """All points of all maps, the most expensive first (more control points)."""
-        return [
-            Point(axis, value, method, damping, motion, self)
-            for axis, values in self.values.items()
-            for value, method, damping, motion in product(
-                reversed(values), self.methods, DAMPING, GRAVITY
-            )
-        ]
-
-
-FULL = Extent(
-    tuple(METHODS),
-    {
+QUICK_METHODS = ("forest_ruth", "velocity_verlet", "energy_momentum")
+METHODS_COMPARED = {True: QUICK_METHODS, False: tuple(METHODS)}
+VALUES: dict[bool, dict[str, tuple[float, ...]]] = {  # of each axis
+    True: {"n_u": (5, 13, 40), "E": (1e6, 1e9, 1e12), "diameter": (1e-4, 2e-3, 5e-2)},
+    False: {
         "n_u": (5, 9, 13, 19, 40),
         "E": (1e4, 1e6, 1e8, 1e10, 1e12),
         "diameter": (1e-4, 5e-4, 2e-3, 1e-2, 5e-2),
     },
-    tuple(float(f"{10.0**e:.2g}") for e in np.arange(-5.0, -0.9, 0.5)),
-    duration=10.0,
-    trial=1.0,
-    least_trial=4000,
-    tolerance=0.01,
-    budget=20.0,
-)
-QUICK = Extent(
-    ("forest_ruth", "velocity_verlet", "energy_momentum"),
-    {"n_u": (5, 13, 40), "E": (1e6, 1e9, 1e12), "diameter": (1e-4, 2e-3, 5e-2)},
-    (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
-    duration=1.0,
-    trial=0.3,
-    least_trial=3000,
-    tolerance=0.02,
-    budget=3.0,
-)
+}
+STEPS = {  # tau [s]
+    True: (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
+    False: tuple(float(f"{10.0**e:.2g}") for e in np.arange(-5.0, -0.9, 0.5)),
+}
+DURATION = {True: 1.0, False: 10.0}  # [s], simulated, of the energy runs
+BUDGET = {True: 3.0, False: 20.0}  # [s], most time of stepping of each
+TRIAL = {True: 0.3, False: 1.0}  # [s] that a step has to survive to count as stable,
+LEAST_TRIAL = {True: 3000, False: 4000}  # and how many of them
+TOLERANCE = {True: 0.02, False: 0.01}  # of observed limits
 
 
 class Point(NamedTuple):
@@ -112,7 +73,18 @@ class Point(NamedTuple):
     method: str
     damping: str
     motion: str
-    extent: Extent
+    quick: bool
+
+
+def points(quick: bool) -> list[Point]:
+    """All points of all maps, the most expensive first (more control points)."""
+    return [
+        Point(axis, value, method, damping, motion, quick)
+        for axis, values in VALUES[quick].items()
+        for value, method, damping, motion in product(
+            reversed(values), METHODS_COMPARED[quick], DAMPING, GRAVITY
+        )
+    ]
 
 
 @dataclass(frozen=True)
@@ -154,7 +126,7 @@ def scene_of(point: Point, step: float = 0.0) -> Scene:
 
 def examine(point: Point) -> Limits:
     """Limits and energy errors of one point; a function for workers."""
-    steps = point.extent.steps
+    steps = STEPS[point.quick]
     try:
         predicted = Simulator(scene_of(point)).choice.limit
     except SceneError:
@@ -173,9 +145,9 @@ def _energy_run(point: Point, step: float) -> tuple[str, float]:
     if METHODS[point.method].family == IMPLICIT and step < LEAST_IMPLICIT_STEP:
         return SKIPPED, np.nan
     simulator = Simulator(scene_of(point, step), unchecked_step=True)
-    steps = max(round(point.extent.duration / step), FEWEST_STEPS)
+    steps = max(round(DURATION[point.quick] / step), FEWEST_STEPS)
     piece = max(steps // 100, 1)
-    until = time.perf_counter() + point.extent.budget
+    until = time.perf_counter() + BUDGET[point.quick]
     while simulator.steps < steps:
         if not simulator.advance_steps(min(piece, steps - simulator.steps)).status.ok:
             return STOPPED, np.nan
@@ -206,18 +178,18 @@ def _observed(point: Point, predicted: float) -> tuple[float, float]:
             if high > min(FARTHEST * predicted, MOST_STEP):
                 return np.inf, np.nan
     else:
-        least = min(predicted / FARTHEST, point.extent.steps[0])
+        least = min(predicted / FARTHEST, STEPS[point.quick][0])
         low, high = low / GROWTH, low
         while not _survives(point, low):
             if low < least:
                 return np.nan, low
             low, high = low / GROWTH, low
-    tolerance = point.extent.tolerance
+    tolerance = TOLERANCE[point.quick]
     return bisected(lambda step: _survives(point, step), low, high, tolerance), np.nan
 
 
 def _survives(point: Point, step: float) -> bool:
-    steps = max(round(point.extent.trial / step), point.extent.least_trial)
+    steps = max(round(TRIAL[point.quick] / step), LEAST_TRIAL[point.quick])
     simulator = Simulator(scene_of(point, step), unchecked_step=True)
     return simulator.advance_steps(steps).status.ok
 
@@ -228,7 +200,7 @@ SIGNS = {STOPPED: "x", SLOW: "?"}
 Results = Mapping[Point, Limits]
 
 
-def add(report: Report, extent: Extent, results: Results) -> None:
+def add(report: Report, quick: bool, results: Results) -> None:
     """Six figures and two tables."""
     report.section("Stability limits and energy errors")
     report.text(
@@ -241,17 +213,20 @@ def add(report: Report, extent: Extent, results: Results) -> None:
         exchanged; what generalized_alpha dissipates counts as dissipated."""
     )
     for axis, damping in product(KEYS, DAMPING):
-        _figure(report, extent, results, axis, damping)
-    _tables(report, extent, results)
+        _figure(report, quick, results, axis, damping)
+    _tables(report, quick, results)
 
 
-def _figure(report: Report, extent: Extent, results: Results, axis: str, damping: str) -> None:
+def _figure(report: Report, quick: bool, results: Results, axis: str, damping: str) -> None:
     mine = {p: r for p, r in results.items() if (p.axis, p.damping) == (axis, damping)}
-    count, label = len(extent.methods), f"{axis} [{UNITS[axis]}]"
+    methods, label = METHODS_COMPARED[quick], f"{axis} [{UNITS[axis]}]"
+    count = len(methods)
     figure, axes = plotting.new_figure(len(GRAVITY), count, 2.0 + 2.2 * count, 7.4)
-    for panel, (motion, method) in zip(axes, product(GRAVITY, extent.methods), strict=True):
+    for panel, (motion, method) in zip(
+        axes, product(GRAVITY, METHODS_COMPARED[quick]), strict=True
+    ):
         own = {p.value: r for p, r in mine.items() if (p.motion, p.method) == (motion, method)}
-        _panel(panel, extent, dict(sorted(own.items())))
+        _panel(panel, STEPS[quick], dict(sorted(own.items())))
         panel.set(xlabel=label, ylabel="step [s]")
         panel.set_title(f"{method}\n{motion}", fontsize="medium")
         panel.label_outer()
@@ -261,7 +236,7 @@ def _figure(report: Report, extent: Extent, results: Results, axis: str, damping
     rows = [
         (p.method, p.motion, p.value, r.predicted, r.observed, r.below, *run)
         for p, r in mine.items()
-        for run in zip(extent.steps, r.outcomes, r.errors, strict=True)
+        for run in zip(STEPS[quick], r.outcomes, r.errors, strict=True)
     ]
     header = f"method | motion | {label} | predicted limit [s] | observed limit [s] | "
     header += "observed below [s] | step [s] | outcome | energy error"
@@ -275,8 +250,8 @@ def _figure(report: Report, extent: Extent, results: Results, axis: str, damping
     )
 
 
-def _panel(axes: Axes, extent: Extent, column: dict[float, Limits]) -> None:
-    steps, found = extent.steps, list(column.values())
+def _panel(axes: Axes, steps: tuple[float, ...], column: dict[float, Limits]) -> None:
+    found = list(column.values())
     axes.set_facecolor("lightgray")
     errors = np.array([one.errors for one in found]).T
     axes.imshow(errors, origin="lower", aspect="auto", cmap="viridis", norm=SCALE)
@@ -304,10 +279,10 @@ def _mark(axes: Axes, x: int, found: Limits, steps: tuple[float, ...]) -> None:
             axes.plot(x, place(limit), marker, color="red", markersize=6, mfc="none")
 
 
-def _tables(report: Report, extent: Extent, results: Results) -> None:
+def _tables(report: Report, quick: bool, results: Results) -> None:
     """Over all maps: how far the limits are apart, and the runs that were wrong unnoticed."""
     rows = []
-    for method, damping, motion in product(extent.methods, DAMPING, GRAVITY):
+    for method, damping, motion in product(METHODS_COMPARED[quick], DAMPING, GRAVITY):
         key = (method, damping, motion)
         mine = [r for p, r in results.items() if (p.method, p.damping, p.motion) == key]
         rows.append([*key, *_summary(mine)])
@@ -318,7 +293,7 @@ def _tables(report: Report, extent: Extent, results: Results) -> None:
         "largest energy error of the finished",
         rows,
         "All maps: observed against predicted limits (trials of "
-        f"{extent.trial:g} s), and what became of the energy runs of {extent.duration:g} s",
+        f"{TRIAL[quick]:g} s), and what became of the energy runs of {DURATION[quick]:g} s",
     )
     report.table(
         "finished_and_wrong",
@@ -326,7 +301,7 @@ def _tables(report: Report, extent: Extent, results: Results) -> None:
         [
             [p.method, p.damping, p.motion, p.axis, p.value, step, error]
             for p, r in results.items()
-            for step, error in zip(extent.steps, r.errors, strict=True)
+            for step, error in zip(STEPS[quick], r.errors, strict=True)
             if error > 0.5
         ],
         "Runs that reached their end although the energy is off by more than half of what was "

@@ -26,13 +26,13 @@ def run_study(request: Request) -> Outcome:
         findings.append(examine(extreme))
         request.progress(0.3 + 0.2 * len(findings) / len(EXTREMES))
     verdicts |= _describe(report, findings)
-    extent = maps.QUICK if request.quick else maps.FULL
+    points = maps.points(request.quick)
     results = {}
-    found = request.workers.map(maps.examine, extent.points)
-    for point, limits in zip(extent.points, found, strict=True):
+    found = request.workers.map(maps.examine, points)
+    for point, limits in zip(points, found, strict=True):
         results[point] = limits
-        request.progress(0.5 + 0.5 * len(results) / len(extent.points))
-    maps.add(report, extent, results)
+        request.progress(0.5 + 0.5 * len(results) / len(points))
+    maps.add(report, request.quick, results)
     return report.outcome(verdicts)
 
 

@@ -11,6 +11,7 @@ from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
+from dlo_sim.studies.stability.scenes import ends
 from dlo_sim.studies.stability.truths import catenary
 from dlo_sim.studies.work_precision import elastica
 from dlo_sim.studies.work_precision.cases import CLOSED, cantilever, rod_of, soft_cable, wire
@@ -69,15 +70,8 @@ def known() -> dict[str, Known]:
     length = thin.cable.length
     sag = elastica.sag(rod_of(thin, True), length, length, thin.start.spring[0])
     low = elastica.sag(rod_of(soft, True), soft.cable.length, gap)
-    limp = scene_from_values(
-        {
-            "cable.linear_density": 0.1,
-            "cable.axial_stiffness": 1.0e4,
-            "terms.bend": "off",
-            "end.position": [gap, 0.0, 0.0],
-            "end.fixed": [True] * 3,
-        }
-    )
+    cable = {"cable.linear_density": 0.1, "cable.axial_stiffness": 1.0e4, "terms.bend": "off"}
+    limp = scene_from_values({**cable, **ends(0.0, gap)})
     length = limp.cable.length
     (x,), (z,) = catenary(np.array([0.5 * length]), length, gap, 0.1 * 9.81, 1.0e4)
     return {

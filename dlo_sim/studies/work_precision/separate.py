@@ -14,7 +14,7 @@ from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.studies.work_precision.references import METHOD, Reference, run
-from dlo_sim.studies.work_precision.sweep import FULL, QUICK
+from dlo_sim.studies.work_precision.sweep import METHODS_TRIED
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, Trial
 
@@ -73,7 +73,7 @@ def _panels(panel: Panel, cases: list[Case]) -> list[Panel]:
 
 
 def _time(report: Report, request: Request, cases: list[Case]) -> None:
-    kinds = product(cases, (QUICK if request.quick else FULL).methods)
+    kinds = product(cases, METHODS_TRIED[request.quick])
     pieces = {kind: _steps(*kind, request.quick) for kind in kinds}
     trials = each(request.workers, run, [one for some in pieces.values() for one in some])
     rows: list[OrderRow] = []

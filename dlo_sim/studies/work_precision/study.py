@@ -16,7 +16,7 @@ def run_study(request: Request) -> Outcome:
     """Run the study into a folder."""
     files = {name: shipped_scene(name) for name in ("paper_wire", "paper_wire_force")}
     report = Report(request.folder, "Error against run time", request.command, files)
-    cases, grid = all_cases(request.quick), sweep.QUICK if request.quick else sweep.FULL
+    cases = all_cases(request.quick)
     others = beside.Peers(request)
     truths = references.references(cases, request.workers)
     request.progress(0.2)
@@ -32,7 +32,7 @@ def run_study(request: Request) -> Outcome:
     verdicts: dict[str, str] = {}
     for k, case in enumerate(cases):
         truth, low = truths[case.name], 0.2 + 0.6 * k / len(cases)
-        runs = sweep.swept(case, truth, grid, request.part(low, low + 0.6 / len(cases)))
+        runs = sweep.swept(case, truth, request.quick, request.part(low, low + 0.6 / len(cases)))
         peers = others.runs(case, truth.points)
         sweep.diagram(report, case, truth, runs, peers)
         levels += sweep.level_rows(case, truth, runs)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import groupby, product
 from operator import attrgetter
 
@@ -37,49 +36,30 @@ COSTS = {
     "wall": "run time [s per simulated s]",
     "evaluations": "force evaluations (implicit: iterations) per simulated s",
 }
+METHODS_TRIED = {
+    True: ("velocity_verlet", "energy_momentum"),
+    False: (
+        *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
+        *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
+    ),
+}
+CONTROL_POINTS = {True: (7, 11), False: (7, 8, 9, 11, 13, 17, 23)}
+STEPS = {True: (5e-3, 2e-3), False: (4e-2, 2e-2, 1e-2, 4e-3, 2e-3, 1e-3, 5e-4)}  # [s], implicit
+SHARES = {True: (1.0,), False: (1.0, 0.5)}  # of the own steps of the others
+BUDGET = {True: 0.02, False: 0.1}  # [s] of repeats
 # Tried with stretching by span and with graded knots as well.
 BY_SPAN = ("energy_momentum", "energy_momentum_4", "generalized_alpha")
 PAPER_STEP = 2e-3  # [s], which no explicit method bears on the wire
 
 
-@dataclass(frozen=True)
-class Grid:
-    """What is tried: methods, resolutions, steps of implicit methods [s], shares of the own steps
-    of the others, and how long repeats take [s].
-    """
-
-    methods: tuple[str, ...]
-    control_points: tuple[int, ...]
-    steps: tuple[float, ...]
-    shares: tuple[float, ...]
-    budget: float
-
-
-FULL = Grid(
-    methods=(
-        *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
-        *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
-    ),
-    control_points=(7, 8, 9, 11, 13, 17, 23),
-    steps=(4e-2, 2e-2, 1e-2, 4e-3, 2e-3, 1e-3, 5e-4),
-    shares=(1.0, 0.5),
-    budget=0.1,
-)
-QUICK = Grid(
-    methods=("velocity_verlet", "energy_momentum"),
-    control_points=(7, 11),
-    steps=(5e-3, 2e-3),
-    shares=(1.0,),
-    budget=0.02,
-)
-
-
-def swept(case: Case, truth: Reference, grid: Grid, progress: Callable[[float], None]) -> list[Run]:
-    """All settings of a grid on a case."""
+def swept(
+    case: Case, truth: Reference, quick: bool, progress: Callable[[float], None]
+) -> list[Run]:
+    """All settings on a case."""
     runs = []
-    kinds = list(product(grid.methods, grid.control_points))
+    kinds = list(product(METHODS_TRIED[quick], CONTROL_POINTS[quick]))
     for k, kind in enumerate(kinds):
-        runs += [tried(case, truth, one, grid.budget) for one in _settings(case, grid, *kind)]
+        runs += [tried(case, truth, one, BUDGET[quick]) for one in _settings(case, quick, *kind)]
         progress((k + 1) / len(kinds))
     return runs
 
@@ -98,21 +78,21 @@ def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
     return Run(*what, case.error(trial.points, truth.points), *times, trial.energy_error)
 
 
-def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
+def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
     family, first = METHODS[method].family, Setting(method, n_u)
     if family == IMPLICIT:
         ways = ways_to_resolve(case.scene, method)
         return [
             Setting(method, n_u, step, stretch=stretch, knots=knots)
             for stretch, knots in (ways if method in BY_SPAN else ways[:1])
-            for step in grid.steps
+            for step in STEPS[quick]
         ]
-    shares = (*grid.shares, 0.25) if family == CONSTRAINED else grid.shares
+    shares = (*SHARES[quick], 0.25) if family == CONSTRAINED else SHARES[quick]
     try:
         found = [at_share(case.job, first, share) for share in shares]
     except SceneError:
         return [first]  # the attempt is refused for the same reason
-    if method == "velocity_verlet" and n_u == grid.control_points[0]:
+    if method == "velocity_verlet" and n_u == CONTROL_POINTS[quick][0]:
         found.append(Setting(method, n_u, PAPER_STEP))
     return found
 
