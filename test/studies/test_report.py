@@ -1,4 +1,4 @@
-"""The report writer, charts, the machine's facts and the stopwatch."""
+"""The report writer, charts, the facts of a machine, and the timing of steps."""
 
 import csv
 from pathlib import Path

@@ -11,12 +11,10 @@ or sine forces; no twist, damping or moved ends.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, elasticity, mass, quadrature
 from dlo_sim.scene.description import Scene
-
-Array = NDArray[np.float64]
+from dlo_sim.studies.runs import Array
 
 
 class Wire:

@@ -36,13 +36,11 @@ OPENING = """A. Khalifa and G. Palli model a deformable linear object (an alumin
     control points and n_s quadrature samples, and compare three time integrators: a fourth-order
     symplectic one (Forest-Ruth/Neri), classical Runge-Kutta and Zhai's two-step method, in MATLAB
     and C++, in two scenarios: gravity alone, and gravity with a sinusoidal force at the centre.
-    This report repeats all of it with the constants that the paper prints, shows its tables beside
-    ours, and judges what it claims. The one thing that cannot be repeated is its step of 2 ms: for
-    those constants the explicit methods are stable up to some 20 us, so ours run at their own
-    stable steps, and whatever is shown at 2 ms is marked."""
-QUICK = """**Quick study:** shorter runs than the full one; rows that were extrapolated say so. What
-    is said of growth over time and of errors against the reference rests on 1 s instead of 10 s and
-    can differ from the full study's verdict."""
+    This report repeats all of it with the constants that the paper prints, its tables beside ours,
+    and judges what it claims. Its step of 2 ms cannot be repeated: explicit methods are stable up
+    to some 20 us, so ours run at their own steps, and whatever is shown at 2 ms is marked."""
+QUICK = """**Quick study:** rows that were extrapolated say so. Growth over time and errors against
+    the reference rest on 1 s instead of 10 s; verdicts can differ from the full study's."""
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,21 @@ from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Cell, Report, columns
 from dlo_sim.studies.runs import Cost, advance, shipped, timed
 
+SCENE = "paper_wire"
+SAMPLES_PER_SPAN = 3
+IMPLICIT_STEP = 2e-3  # [s], the paper's
+SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
+SIZE = 9  # control points
+WATCHED = {
+    True: {"forest_ruth": 1_000_000, "energy_momentum": 100_000},
+    False: {"forest_ruth": 10_000_000, "energy_momentum": 2_000_000},
+}
+LOOKS = 100
+WARM = 10  # of the looks
+CALLS = 2000
+ROUNDS, WARM_ROUNDS = 7, 5
+Counts = NDArray[np.int64]
+Grown = tuple[str, Counts, Counts, int]  # method, steps and bytes [B] of the looks, blocks left
 METHODS_TIMED = {
     True: ("forest_ruth", "rattle", "energy_momentum"),
     False: (
@@ -61,11 +77,6 @@ class Run:
         """Time per step [s], mean of the pieces, each the least and the median of the runs."""
         times = np.array(self.times)
         return Cost(float(times.min(axis=0).mean()), float(np.median(times, axis=0).mean()))
-
-    @property
-    def per_evaluation(self) -> float:
-        """Time [s] per force evaluation or iteration."""
-        return self.cost.best / self.evaluations
 
     def go(self) -> None:
         """Run and time every piece from the start; note a failure and the evaluations."""
@@ -133,7 +144,7 @@ def _prepared(method: str, size: int) -> Run:
     return run
 
 
-def slope(sizes: list[int], values: list[float], least: int = 0) -> float:
+def slope(sizes: Sequence[int], values: Sequence[float], least: int = 0) -> float:
     """Least-squares slope of log value over log size, sizes from `least` on; nan below two."""
     pairs = zip(sizes, values, strict=True)
     kept = [(size, value) for size, value in pairs if size >= least and np.isfinite(value)]
@@ -156,7 +167,8 @@ def describe(report: Report, found: list[Run], failed: list[str]) -> dict[str, s
     )
     rows, data = [], []
     for run in found:
-        cost, each = run.cost, run.per_evaluation
+        cost = run.cost
+        each = cost.best / run.evaluations
         names = (run.method, run.size)
         per_sample = each / (SAMPLES_PER_SPAN * (run.size - 3))
         times = (run.simulator.step, cost.best, cost.spread)
@@ -169,7 +181,7 @@ def describe(report: Report, found: list[Run], failed: list[str]) -> dict[str, s
         rows,
         "Time of a step",
     )
-    verdicts = _exponents(report, found)
+    verdicts = _exponents(report, rows)
     whole, step = "time of a step", "time of a step per control point"
     evaluation = "time of an evaluation per control point"
     panels = [
@@ -184,19 +196,15 @@ def describe(report: Report, found: list[Run], failed: list[str]) -> dict[str, s
     return verdicts
 
 
-def _exponents(report: Report, found: list[Run]) -> dict[str, str]:
+def _exponents(report: Report, timed_rows: list[tuple[Any, ...]]) -> dict[str, str]:
     """The fitted exponents of every method, over the sizes at which it ran."""
     rows: list[list[Cell]] = []
     verdicts = {}
-    for method in dict.fromkeys(run.method for run in found):
-        own = [run for run in found if run.method == method]
-        sizes = [run.size for run in own]
-        fits = [
-            slope(sizes, values, least)
-            for values in ([run.cost.best for run in own], [run.per_evaluation for run in own])
-            for least in (0, FINE)
-        ]
-        rows.append([method, max(sizes, default=0), *fits])
+    for method in dict.fromkeys(row[0] for row in timed_rows):
+        own = [row for row in timed_rows if row[0] == method]
+        _, sizes, _, steps, _, _, evaluations, _ = zip(*own, strict=True)
+        fits = [slope(sizes, y, least) for y in (steps, evaluations) for least in (0, FINE)]
+        rows.append([method, max(sizes), *fits])
         verdicts[f"time of a step, {method}"] = (
             f"exponent {fits[0]:.2f}, from {FINE} control points on {fits[1]:.2f}"
         )
@@ -208,23 +216,6 @@ def _exponents(report: Report, found: list[Run]) -> dict[str, str]:
         "Exponent p of time ~ n_u^p, least squares in the logarithms (1 is linear)",
     )
     return verdicts
-
-
-SCENE = "paper_wire"
-SAMPLES_PER_SPAN = 3
-IMPLICIT_STEP = 2e-3  # [s], the paper's
-SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
-SIZE = 9  # control points
-WATCHED = {
-    True: {"forest_ruth": 1_000_000, "energy_momentum": 100_000},
-    False: {"forest_ruth": 10_000_000, "energy_momentum": 2_000_000},
-}
-LOOKS = 100
-WARM = 10  # of the looks
-CALLS = 2000
-ROUNDS, WARM_ROUNDS = 7, 5
-Counts = NDArray[np.int64]
-Grown = tuple[str, Counts, Counts, int]  # method, steps and bytes [B] of the looks, blocks left
 
 
 def moving(control_points: int, method: str) -> Simulator:

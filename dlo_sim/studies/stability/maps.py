@@ -44,6 +44,9 @@ FARTHEST = 16.0  # an observed limit is looked for so far from the predicted one
 LEAST_IMPLICIT_STEP = 9e-5  # [s]; implicit methods are not meant for smaller ones
 
 FINISHED, STOPPED, SLOW, SKIPPED, REFUSED = "finished", "stopped", "slow", "not run", "refused"
+UNITS = {"n_u": "-", "E": "Pa", "diameter": "m"}
+SCALE = LogNorm(1e-14, 1.0)  # of the energy errors shown
+SIGNS = {STOPPED: "x", SLOW: "?"}
 QUICK_METHODS = ("forest_ruth", "velocity_verlet", "energy_momentum")
 METHODS_COMPARED = {True: QUICK_METHODS, False: tuple(METHODS)}
 VALUES: dict[bool, dict[str, tuple[float, ...]]] = {  # of each axis
@@ -61,7 +64,7 @@ STEPS = {  # tau [s]
 DURATION = {True: 1.0, False: 10.0}  # [s], simulated, of the energy runs
 BUDGET = {True: 3.0, False: 20.0}  # [s], most time of stepping of each
 TRIAL = {True: 0.3, False: 1.0}  # [s] that a step has to survive to count as stable,
-LEAST_TRIAL = {True: 3000, False: 4000}  # and how many of them
+LEAST_TRIAL = {True: 3000, False: 4000}  # and so many steps at least
 TOLERANCE = {True: 0.02, False: 0.01}  # of observed limits
 
 
@@ -194,13 +197,7 @@ def _survives(point: Point, step: float) -> bool:
     return simulator.advance_steps(steps).status.ok
 
 
-UNITS = {"n_u": "-", "E": "Pa", "diameter": "m"}
-SCALE = LogNorm(1e-14, 1.0)  # of the energy errors shown
-SIGNS = {STOPPED: "x", SLOW: "?"}
-Results = Mapping[Point, Limits]
-
-
-def add(report: Report, quick: bool, results: Results) -> None:
+def add(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:
     """Six figures and two tables."""
     report.section("Stability limits and energy errors")
     report.text(
@@ -217,7 +214,9 @@ def add(report: Report, quick: bool, results: Results) -> None:
     _tables(report, quick, results)
 
 
-def _figure(report: Report, quick: bool, results: Results, axis: str, damping: str) -> None:
+def _figure(
+    report: Report, quick: bool, results: Mapping[Point, Limits], axis: str, damping: str
+) -> None:
     mine = {p: r for p, r in results.items() if (p.axis, p.damping) == (axis, damping)}
     methods, label = METHODS_COMPARED[quick], f"{axis} [{UNITS[axis]}]"
     count = len(methods)
@@ -279,7 +278,7 @@ def _mark(axes: Axes, x: int, found: Limits, steps: tuple[float, ...]) -> None:
             axes.plot(x, place(limit), marker, color="red", markersize=6, mfc="none")
 
 
-def _tables(report: Report, quick: bool, results: Results) -> None:
+def _tables(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:
     """Over all maps: how far the limits are apart, and the runs that were wrong unnoticed."""
     rows = []
     for method, damping, motion in product(METHODS_COMPARED[quick], DAMPING, GRAVITY):

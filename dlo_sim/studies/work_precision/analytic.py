@@ -11,11 +11,11 @@ from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.stability.scenes import ends
 from dlo_sim.studies.stability.truths import catenary
 from dlo_sim.studies.work_precision import elastica
 from dlo_sim.studies.work_precision.cases import CLOSED, cantilever, rod_of, soft_cable, wire
-from dlo_sim.studies.work_precision.elastica import Array
 
 RESOLUTIONS = {True: (7, 13), False: (7, 9, 13, 19, 27, 39)}
 Known = tuple[Scene, float, Array, float]  # scene, u / L, its x and z there [m], scale [m]
@@ -25,12 +25,11 @@ def add(report: Report, quick: bool) -> None:
     """Static shapes against n_u: a table and a figure."""
     report.section("Against analytic results")
     report.text(
-        """All elastica with the simulator's curvature, per deformed length; per rest length the
-        cantilever's tip would be 0.02 % of its length away. Cantilever: the tip of the rubber cord
-        under its weight, against the heavy elastica by shooting. Clamped: the middle of the soft
-        cable with its grippers 0.8 m apart, likewise. Wire: its sag on its springs, likewise.
-        Catenary: the middle of a cable without bending stiffness between two points, closed
-        form. Errors are shares of the length, of the wire of its sag."""
+        """Against the heavy elastica by shooting, with the simulator's curvature, per deformed
+        length (per rest length the cantilever's tip would be 0.02 % of its length away):
+        cantilever, the tip of the rubber cord; clamped, the middle of the soft cable with its
+        grippers 0.8 m apart; wire, its sag on its springs. Catenary: the middle of a cable without
+        bending stiffness, closed form. Errors are shares of the length, of the wire of its sag."""
     )
     shapes = known()
     rows = []

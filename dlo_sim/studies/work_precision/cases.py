@@ -10,8 +10,8 @@ import numpy as np
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.work_precision import elastica
-from dlo_sim.studies.work_precision.elastica import Array
 from dlo_sim.tuning.trial import Job, error
 
 CLOSED = 0.2  # [m] by which the gripper of the soft cable closes

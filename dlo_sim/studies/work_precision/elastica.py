@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
-Array = NDArray[np.float64]
+from dlo_sim.studies.runs import Array
+
 # Of x, z, th, M at one end and at the other, and of the pull H: what has to be zero.
 Ends = Callable[[Array, Array, Array], list[float]]
 TOLERANCE, MOST_NODES = 1e-10, 20_000

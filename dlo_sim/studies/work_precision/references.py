@@ -7,18 +7,14 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dlo_sim.batch.workers import Workers
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.runs import each
+from dlo_sim.studies.runs import Array, each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, Trial, at_share, attempt
 
-Array = NDArray[np.float64]
 METHOD = "velocity_verlet"  # valid with mass damping; its time error at such steps is negligible
 CHECK, CHECK_STEP = "energy_momentum_4", 2.5e-4  # [s]
 CHECK_DAMPED = "rk4"  # at its own step: compositions with negative sub-steps let damping grow

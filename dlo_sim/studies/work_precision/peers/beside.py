@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.studies.catalogue import Request
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.work_precision.cases import CLOSED, CLOSING, Case, Run
 
-Array = NDArray[np.float64]
 Reply = dict[str, Any]  # JSON: a job given, or what a simulator sent back
 TIMEOUT = 900.0  # [s] for all runs of a simulator on a case
 
