@@ -25,13 +25,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Request:
-    """What a study is asked to do.
-
-    Attributes:
-        folder: where the results go. quick: shorter runs, with every table and figure.
-        command: what the user typed. workers: for what is not timed.
-        peers: measure other simulators too. data: folder of recordings, for validation.
-        progress: called with the fraction done.
+    """What a study is asked to do: where the results go, whether runs are shorter (with every table
+    and figure), what the user typed, workers for what is not timed, whether other simulators are
+    measured too, the folder of recordings for validation, and what is told the fraction done.
     """
 
     folder: Path

@@ -32,11 +32,9 @@ class Column:
     """A column of a table, or an axis of a figure: values in SI, shown in a unit.
 
     Attributes:
-        header: `name [unit]`, as it stands above the column.
-        scale: by which values are multiplied, that of the unit up to the first slash (`us/step` is
-            that of `us`); 1 for units not in `SCALES`.
-        form: format specification in the report of what is not a whole number; by default see
-            `shown`. The CSV has all digits.
+        header: `name [unit]`. scale: by which values are multiplied, that of the unit up to the
+            first slash (`us/step` is that of `us`); 1 for units not in `SCALES`.
+        form: of what is not a whole number, in the report; by default see `shown`.
     """
 
     header: str
@@ -63,11 +61,8 @@ class Column:
 
 
 class Report:
-    """Collects text, tables and figures in a folder; `outcome` puts report.md beside them.
-
-    Attributes:
-        folder: where everything goes; created if it is not there.
-        figures, data, tables: names of the files written so far; of tables the number of rows.
+    """Collects text, tables and figures in a folder, made if it is not there; `outcome` puts
+    report.md beside them. `figures`, `data` and `tables` are what was written so far.
     """
 
     def __init__(self, folder: Path, title: str, command: str, scenes: Mapping[str, Path]) -> None:
@@ -122,11 +117,7 @@ class Report:
     def figure(
         self, name: str, figure: Figure, columns: Mapping[str, ArrayLike], caption: str
     ) -> None:
-        """A picture `<name>.png`, its data `<name>.csv` and a caption.
-
-        Args:
-            columns: what is drawn, column name with unit -> values; all of one length.
-        """
+        """A picture `<name>.png`, its data `<name>.csv`, column with unit -> values, a caption."""
         figure.savefig(self.folder / f"{name}.png", dpi=110)
         self.attach(f"{name}.png", columns, caption)
 

@@ -38,10 +38,8 @@ def at_method(scene: Scene, method: str, step: float = 0.0) -> Scene:
 def each(
     workers: Workers, function: Callable[..., Result], cases: Iterable[Case]
 ) -> dict[Case, Result]:
-    """Case -> what a function of a module gives for it, done by workers; not for what is timed.
-
-    Args:
-        cases: the arguments of every call, hashable, such as `product(methods, steps)`.
+    """Case -> what a function of a module gives for it, done by workers; not for what is timed. A
+    case is the arguments of a call, hashable, as those of `product(methods, steps)`.
     """
     asked = list(dict.fromkeys(cases))
     return dict(zip(asked, workers.map(partial(_called, function), asked), strict=True))
@@ -71,10 +69,8 @@ def distance(one: Recording, other: Recording) -> Array:
 
 
 def bisected(fine: Callable[[float], bool], low: float, high: float, tolerance: float) -> float:
-    """Largest value for which `fine` holds, between two positive ones, within a relative error.
-
-    Args:
-        low: for which it holds. high: for which it does not.
+    """Largest value for which `fine` holds, within a relative error, between a positive one for
+    which it does and one for which it does not.
     """
     while high / low > 1.0 + tolerance:
         middle = float(np.sqrt(low * high))
@@ -110,10 +106,8 @@ def least(work: Callable[[], object], repeats: int) -> float:
 
 
 def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
-    """Cost of a step of a simulator from its start, in pieces of about `seconds` [s].
-
-    Short pieces: on a busy machine some of many short ones run undisturbed, of few long ones none.
-    The simulator is reset before and after.
+    """Cost of a step of a simulator, which is reset before and after, in pieces of about `seconds`
+    [s]: on a busy machine some of many short ones run undisturbed, of few long ones none.
 
     Raises:
         RuntimeError: a step failed; a cost of steps that were not done means nothing.

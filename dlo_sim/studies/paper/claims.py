@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from dlo_sim.studies.paper import accuracy, energy, limits, motion, resolution, timing
+from dlo_sim.studies.paper import accuracy, energy, limits, motion, timing
 from dlo_sim.studies.paper.limits import PLAIN, TORSION
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE
 from dlo_sim.studies.paper.wires import COMPARED
@@ -23,13 +23,9 @@ FASTER = 0.8  # of the other's time, at most
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, judged.
-
-    Attributes:
-        name: short. section, words: where in the paper, and its own words.
-        verdict: holds, holds in part, does not hold.
-        measured: what it rests on, by name with the unit, the decisive number first.
-        shown: names of the tables and figures with the evidence.
+    """One claim, judged: its section and words in the paper, whether it holds, holds in part or
+    does not hold, the findings that this rests on, the decisive one first, and the names of the
+    tables and figures with the evidence.
     """
 
     name: str
@@ -186,23 +182,23 @@ QUESTIONS = (
         "n_s has no noticeable effect",
         RESULTS,
         "n_s has no noticeable effect on the error",
-        lambda f: max(f[resolution.CHANGE(51, n)] for n in COARSER) < NOTICEABLE,
-        (resolution.CHANGE(51, 9), *(resolution.CHANGE(81, n) for n in COARSER)),
+        lambda f: max(f[accuracy.CHANGE(51, n)] for n in COARSER) < NOTICEABLE,
+        (accuracy.CHANGE(51, 9), *(accuracy.CHANGE(81, n) for n in COARSER)),
         ("error_by_size", "error_over_samples_and_points"),
         # Beyond the fewest samples, at the paper's own n_u.
-        partly=lambda f: f[resolution.CHANGE(81, 9)] < SMALL,
+        partly=lambda f: f[accuracy.CHANGE(81, 9)] < SMALL,
     ),
     Question(
         "the error falls with n_u",
         RESULTS,
         "As n_u increases, the error decreases and vice versa",
         lambda f: all(
-            f[resolution.ERROR(fine)] < f[resolution.ERROR(coarse)]
+            f[accuracy.ERROR(fine)] < f[accuracy.ERROR(coarse)]
             for coarse, fine in zip(COARSER, COARSER[1:], strict=False)
         ),
-        (*map(resolution.ERROR, COARSER), "rms error of the reference itself [mm]"),
+        (*map(accuracy.ERROR, COARSER), "rms error of the reference itself [mm]"),
         ("error_by_size", "error_over_time", "error_over_length"),
-        partly=lambda f: f[resolution.ERROR(13)] < f[resolution.ERROR(9)] < f[resolution.ERROR(5)],
+        partly=lambda f: f[accuracy.ERROR(13)] < f[accuracy.ERROR(9)] < f[accuracy.ERROR(5)],
     ),
     Question(
         "fewer control points or samples take less time",
@@ -221,17 +217,17 @@ QUESTIONS = (
         "the error is largest at the centre",
         RESULTS,
         "the maximum error occurred at the center of the DLO",
-        lambda f: min(f[resolution.CENTRE(n)] for n in COARSER) > NEAR,
-        tuple(map(resolution.CENTRE, (9, *(n for n in COARSER if n != 9)))),
+        lambda f: min(f[accuracy.CENTRE(n)] for n in COARSER) > NEAR,
+        tuple(map(accuracy.CENTRE, (9, *(n for n in COARSER if n != 9)))),
         ("error_over_length", "error_over_time_and_length"),
-        partly=lambda f: f[resolution.CENTRE(9)] > NEAR,
+        partly=lambda f: f[accuracy.CENTRE(9)] > NEAR,
     ),
     Question(
         "the error decreases over time",
         RESULTS,
         "the error decreases over time",
-        lambda f: f[resolution.LATE] < 0.8 * f[resolution.EARLY],
-        (resolution.LATE, resolution.EARLY),
+        lambda f: f[accuracy.LATE] < 0.8 * f[accuracy.EARLY],
+        (accuracy.LATE, accuracy.EARLY),
         ("error_over_time", "error_over_time_and_length"),
     ),
     Question(

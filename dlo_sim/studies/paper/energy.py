@@ -37,12 +37,9 @@ CAPTION = (
 
 @dataclass(frozen=True)
 class Conservation:
-    """Energy and position errors of one run.
-
-    Attributes:
-        error: largest energy error; added: what the fitted slope of the energy adds over the run;
-            swing: standard deviation around it; all relative to the largest energy exchanged.
-        gap: largest position error [m] at every sample; exponent: of time in its growth.
+    """Of one run, relative to the largest energy exchanged: the largest energy error, what the
+    fitted slope of the energy adds over the run, the standard deviation about it; and the largest
+    position error [m] at every sample, the exponent of time in its growth.
     """
 
     recording: Recording

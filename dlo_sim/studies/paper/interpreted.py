@@ -1,11 +1,10 @@
 """The forces on the paper's wire in plain interpreted numpy: what stands in for MATLAB.
 
-Nothing is shared with the compiled step but the scene and the spline. Two ways
-of writing the elastic force are kept apart, because an interpreter's speed depends on nothing else:
-`sample_by_sample` is the oracle of `core.elasticity`, a loop over the quadrature points with a
-linear solve per evaluation as the paper describes it; `whole_arrays` does the same with one numpy
-call per operation for all samples. Ends may be held per axis or hang on springs; loads are constant
-or sine forces; no twist, damping or moved ends.
+Nothing is shared with the compiled step but the scene and the spline. An interpreter's speed is
+that of how the elastic force is written: sample by sample, the oracle of `core.elasticity`, a loop
+over the quadrature points with a linear solve per evaluation as the paper describes it; or with one
+numpy call per operation for all samples. It knows ends held per axis or on springs, and constant
+and sine forces; no twist, damping or moved ends.
 """
 
 from __future__ import annotations
@@ -18,11 +17,7 @@ from dlo_sim.studies.runs import Array
 
 
 class Wire:
-    """A scene as dense numpy arrays.
-
-    Args:
-        sample_by_sample: loop over the quadrature points instead of whole-array operations.
-    """
+    """A scene as dense numpy arrays; `sample_by_sample`: which of the two ways."""
 
     def __init__(self, scene: Scene, sample_by_sample: bool) -> None:
         self.scene = scene

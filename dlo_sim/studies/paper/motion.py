@@ -30,11 +30,10 @@ SIDEWAYS = {1: (("z", 2),), 2: (("z", 2), ("y", 1))}
 def add(paper: Paper) -> None:
     """Run both scenarios with Forest-Ruth and draw them."""
     paper.report.text(
-        """Forest-Ruth at its own step. The ends hardly give way, so the wire sags by millimetres in
-        scenario 1; x is drawn as the displacement from the start. Scenario 2 is chaotic:
-        differences of rounding size between two fourth-order methods grow exponentially, and later
-        positions are one of many equally good motions, whatever the integrator; mirrored control
-        points part then as well."""
+        """Forest-Ruth at its own step; x is drawn as the displacement from the start. Scenario 2 is
+        chaotic: differences of rounding size between two fourth-order methods grow exponentially,
+        and later positions are one of many equally good motions, whatever the integrator; mirrored
+        control points part then as well."""
     )
     spatial = scenario(1, terms__out_of_plane="on")
     wanted = [(number, "forest_ruth") for number in SCENARIOS] + [(2, m) for m in OTHERS]

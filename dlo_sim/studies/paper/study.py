@@ -6,17 +6,8 @@ from dataclasses import dataclass
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
-from dlo_sim.studies.paper import (
-    accuracy,
-    claims,
-    energy,
-    limits,
-    motion,
-    published,
-    resolution,
-    strains,
-    timing,
-)
+from dlo_sim.studies.paper import accuracy, claims, energy, limits, motion, strains, timing
+from dlo_sim.studies.paper.published import CPP_1, MATLAB_1, STEP
 from dlo_sim.studies.paper.wires import SCENES, Paper, scenario, softening
 from dlo_sim.studies.report import Report
 
@@ -28,7 +19,7 @@ SECTIONS = (
     ("The motion", motion.add),
     ("Energy, its drift, and the growth of position errors", energy.add),
     ("Order and accuracy for the time spent", accuracy.add),
-    ("Error against the reference model", resolution.add),
+    ("Error against the reference model", accuracy.add_resolution),
     ("Torsion and plasticity, which the paper writes but does not show", strains.add),
 )
 OPENING = """A. Khalifa and G. Palli model a deformable linear object (an aluminium wire 2 m long
@@ -55,7 +46,7 @@ def run_study(request: Request) -> PaperOutcome:
     scenes = {name: shipped_scene(name) for name in SCENES.values()}
     title = "Khalifa & Palli's symplectic spline cable, reproduced"
     report = Report(request.folder, title, request.command, scenes)
-    factor = softening(scenario(1), published.STEP)
+    factor = softening(scenario(1), STEP)
     paper = Paper(report, request.workers, request.quick, factor)
     for k, (heading, add) in enumerate(SECTIONS):
         report.section(heading)
@@ -63,7 +54,7 @@ def run_study(request: Request) -> PaperOutcome:
         request.progress((k + 1) / len(SECTIONS))
     found = paper.found
     found[limits.AT_2_MS[1]] = factor
-    matlab, cpp = (t["forest_ruth"][-1] for t in (published.MATLAB_1, published.CPP_1))
+    matlab, cpp = (t["forest_ruth"][-1] for t in (MATLAB_1, CPP_1))
     found["MATLAB / C++ time of the paper"] = matlab / cpp
     judged = [question.judged(found) for question in claims.QUESTIONS]
     report.section("Claims")

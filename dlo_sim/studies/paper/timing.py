@@ -51,8 +51,7 @@ class Timing:
 
     Attributes:
         step: [s], 0.9 of the stability limit. cost: of one compiled step.
-        wall: compiled run time [s] at `published.TIMES`, then that of 10 s at the paper's 2 ms of
-            the softened wire.
+        wall: compiled run time [s] at `published.TIMES`, then of 10 s of the softened wire at 2 ms.
         numpy: way of writing the force -> least time of one interpreted step [s].
     """
 

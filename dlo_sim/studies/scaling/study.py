@@ -55,12 +55,9 @@ IMPLICIT_PIECES = (1, 2, 5, 10, 20, 50, 100)
 
 @dataclass
 class Run:
-    """One method at one size.
-
-    Attributes:
-        steps: of a run; piece: of a timed piece of it.
-        evaluations: of the force per step, of an implicit method iterations.
-        times: of every run, of every piece, per step [s]. failure: why there are none, or empty.
+    """One method at one size: steps of a run and of a timed piece of it, force evaluations (of an
+    implicit method iterations) per step, time per step [s] of every piece of every run, and why it
+    failed.
     """
 
     method: str

@@ -1,7 +1,5 @@
-"""Running an extreme scene: what is done to it while it runs, and the judgement of what came out.
-
-A scene has a truth from outside the simulator where there is one (a catenary, a buckling load, an
-impulse), and the balance of energy everywhere.
+"""Running an extreme scene: what is done to it meanwhile, and the judgement of what came out, by a
+truth from outside the simulator where there is one, or the balance of energy.
 """
 
 from __future__ import annotations
@@ -61,13 +59,9 @@ Check = Callable[[Run], float]
 
 @dataclass(frozen=True)
 class Extreme:
-    """One extreme scene.
-
-    Attributes:
-        what: for people. values: of the scene. duration [s].
-        check: the error of a finished run; its docstring says of what.
-        bound: largest error that counts as right. events: (time [s], action) in order of time.
-        budget: most time of stepping [s]; longer is stopped, and never right.
+    """One extreme scene, run for a duration [s]: the error of a finished run (the docstring of
+    `check` says of what) and the largest that counts as right, (time [s], action) in order of time,
+    and the most time of stepping [s]; longer is stopped, and never right.
     """
 
     name: str

@@ -1,9 +1,8 @@
 """Stability limits and energy errors over (n_u, tau), (E, tau) and (diameter, tau).
 
 One aluminium wire of 2 m, clamped at one end, released straight. Under a thousandth of gravity it
-vibrates by millimetres (linear); under gravity its end falls by more than its length (large). One
-point of a map is one cable with one method; its limits and its energy errors over all steps are one
-piece of work.
+vibrates by millimetres (linear); under gravity its end falls by more than its length (large). A
+point of a map, with all steps, is one piece of work.
 """
 
 from __future__ import annotations
@@ -133,8 +132,7 @@ def examine(point: Point) -> Limits:
     try:
         predicted = Simulator(scene_of(point)).choice.limit
     except SceneError:
-        nothing = (np.nan,) * len(steps)
-        return Limits((REFUSED,) * len(steps), nothing)
+        return Limits((REFUSED,) * len(steps), (np.nan,) * len(steps))
     outcomes, errors = zip(*(_energy_run(point, step) for step in steps), strict=True)
     if METHODS[point.method].family == IMPLICIT:
         observed, below = _reached(steps, outcomes)

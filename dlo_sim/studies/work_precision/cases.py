@@ -23,10 +23,9 @@ class Case:
     """A job and how its error is measured.
 
     Attributes:
-        name: for files. title: for people. job: what is computed.
-        hold: how the ends are held, a word of the other simulators' scripts.
+        name: for files. hold: how the ends are held, a word of the other simulators' scripts.
         components: world axes of the error. scale: length [m] that errors are a share of.
-        scale_words: what that length is. fine: n_u of the two reference runs.
+        fine: n_u of the two reference runs.
     """
 
     name: str

@@ -22,14 +22,12 @@ CHECK_DAMPED = "rk4"  # at its own step: compositions with negative sub-steps le
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A converged motion.
+    """A converged motion; differences are shares of the case's scale.
 
     Attributes:
-        run: the motion and what it was made with.
-        space: difference between the two finest resolutions, as a share of the case's scale.
-        time: difference made by half the step at the coarser of the two, likewise.
+        space, time: between the two finest resolutions; made by half the step at the coarser one.
         check: the setting of another method on the coarser mesh, with its step.
-        disagreement: its distance from the run with half the step on the same mesh, likewise.
+        disagreement: of it with the run at half the step on the same mesh.
     """
 
     run: Trial

@@ -23,9 +23,9 @@ def run_study(request: Request) -> Outcome:
     references.add(report, cases, truths)
     report.section("Error against run time, case by case")
     report.text(
-        """A setting's error and its run time come from the same simulator, compiled
-        and warm; the time is the least of the repeats. Implicit methods at given steps, explicit
-        ones at shares of their own step; Gauss quadrature with three points per span."""
+        """A setting's error and its run time, the least of the repeats, come from the same
+        simulator. Implicit methods at given steps, explicit ones at shares of their own step; Gauss
+        quadrature with three points per span."""
     )
     levels: list[list[Cell]] = []
     beside_us: list[list[Cell]] = []

@@ -68,10 +68,8 @@ TRIED = {
 
 
 class Peers:
-    """The simulators that there are; nobody unless the request asks for them.
-
-    Attributes:
-        absent: what was not measured, and why.
+    """The simulators that there are, none unless the request asks for them; and what was not
+    measured, and why.
     """
 
     def __init__(self, request: Request) -> None:

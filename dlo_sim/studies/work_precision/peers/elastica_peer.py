@@ -1,8 +1,7 @@
 """PyElastica's Cosserat rod.
 
 Its shear stiffness and the rotation of its sections allow steps of 0.1 to 1 us on thin stiff
-cables. Where the whole motion would take too many of them, the cost of a simulated second comes
-from a short piece, without an error.
+cables. Where that is too slow, a short piece gives the cost of a simulated second, and no error.
 """
 
 import contextlib
