@@ -152,14 +152,14 @@ def _pulled(density: float, more: Values) -> Extreme:
     name = f"suture of {density:g} kg/m^3{', automatic' if more else ''}"
     what = "10 cm, r 0.2 mm, E 750 MPa, n_u 40, pulled to 1 N at the middle in 2 s, undamped"
     values = suture(density, "sine") | more
-    return Extreme(name, what, values, 2.0, checks.follows_string, 5e-3, budget=1.0)
+    return Extreme(name, what, values, 2.0, checks.follows_string, 5e-3)
 
 
 def _sudden(density: float, more: Values) -> Extreme:
     name = f"{'viscous ' if more else ''}suture of {density:g} kg/m^3, sudden"
     what = f"1 N at once at the middle{', damping.stiffness 1 ms' if more else ''}; 2 s"
     values = suture(density, "constant") | more
-    return Extreme(name, what, values, 2.0, checks.swings_about_string, 1e-6, budget=1.0)
+    return Extreme(name, what, values, 2.0, checks.swings_about_string, 1e-6)
 
 
 WIRES = (
