@@ -26,7 +26,7 @@ SCENE = "paper_wire"
 SAMPLES_PER_SPAN = 3
 IMPLICIT_STEP = 2e-3  # [s], the paper's
 SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
-SIZE = 9  # control points
+SIZE = 9  # control points of the runs whose memory is watched
 WATCHED = {
     True: {"forest_ruth": 1_000_000, "energy_momentum": 100_000},
     False: {"forest_ruth": 10_000_000, "energy_momentum": 2_000_000},
