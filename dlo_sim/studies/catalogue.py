@@ -12,12 +12,8 @@ from dlo_sim.batch.workers import Workers
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a study leaves behind.
-
-    Attributes:
-        report: path of report.md. figures, data: names of the files beside it.
-        tables: name -> number of rows.
-        verdicts: what was asked -> the answer in a few words.
+    """What a study leaves behind: the path of report.md, names of the files beside it, tables with
+    their numbers of rows, and verdicts, what was asked -> the answer in a few words.
     """
 
     report: str
@@ -29,14 +25,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Request:
-    """What a study is asked to do.
-
-    Attributes:
-        folder: where the results go. quick: shorter runs, with every table and figure.
-        command: what the user typed, for the report. workers: for what is not timed.
-        peers: measure other simulators beside, where the study can.
-        data: folder of recordings, for the study that needs it.
-        progress: called with the fraction done.
+    """What a study is asked to do: where the results go, whether runs are shorter (with every table
+    and figure), what the user typed, workers for what is not timed, whether other simulators are
+    measured too, the folder of recordings for validation, and what is told the fraction done.
     """
 
     folder: Path
@@ -54,11 +45,16 @@ class Request:
 
 @dataclass(frozen=True)
 class Study:
-    """A study: its module has `run_study(request: Request) -> Outcome`."""
+    """A study, its name and what it is for. Its module has `run_study(request) -> Outcome`."""
 
+    name: str
     what: str
-    module: str
     peers: bool = False
+
+    @property
+    def module(self) -> str:
+        """Dotted name of its module."""
+        return f"dlo_sim.studies.{self.name.replace('-', '_')}.study"
 
     def run(self, request: Request) -> Outcome:
         """Import the study and run it."""
@@ -66,38 +62,18 @@ class Study:
         return outcome
 
 
-STUDIES = {
-    "paper": Study(
-        "Khalifa & Palli reproduced: their tables and figures beside ours, claims judged",
-        "dlo_sim.studies.paper.study",
-    ),
-    "stability": Study(
-        "limits and energy errors of every method over maps, extreme cables",
-        "dlo_sim.studies.stability.study",
-    ),
-    "work-precision": Study(
-        "error against run time: methods, resolutions, steps, beside other simulators",
-        "dlo_sim.studies.work_precision.study",
-        peers=True,
-    ),
-    "batch": Study(
-        "many cables at once: vector lanes against one by one, all cores against one",
-        "dlo_sim.studies.batch.study",
-    ),
-    "omission": Study(
-        "time per step with and without each term of the shipped scenes, and the error without",
-        "dlo_sim.studies.omission.study",
-    ),
-    "scaling": Study(
-        "time per step against control points, memory over many steps",
-        "dlo_sim.studies.scaling.study",
-    ),
-    "endurance": Study(
-        "a day offline, half an hour of a disturbed node, bad input at random, rates and overload",
-        "dlo_sim.studies.endurance.study",
-    ),
-    "validation": Study(
-        "recorded cables (--data) beside predictions, trivial references and the noise floor",
-        "dlo_sim.studies.validation.study",
-    ),
+_WHAT = {
+    "paper": "Khalifa & Palli reproduced: their tables and figures beside ours, claims judged",
+    "stability": "limits and energy errors of every method over maps, extreme cables",
+    "work-precision": "error against run time: methods, resolutions, steps, beside other "
+    "simulators",
+    "batch": "many cables at once: vector lanes against one by one, all cores against one",
+    "omission": "time per step with and without each term of the shipped scenes, and the error "
+    "without",
+    "scaling": "time per step against control points, memory over many steps",
+    "endurance": "a day offline, half an hour of a disturbed node, bad input at random, rates and "
+    "overload",
+    "validation": "recorded cables (--data) beside predictions, trivial references and the noise "
+    "floor",
 }
+STUDIES = {name: Study(name, what, name == "work-precision") for name, what in _WHAT.items()}

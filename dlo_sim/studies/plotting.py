@@ -43,9 +43,11 @@ class Panel:
         x: column of the data. lines: columns, one line each, or one column with `by`.
         y: label and unit of the y axis, `error [mm]`; x_axis: of the x axis, by default the name of
             its column.
-        by: column of names; the rows of each name are a line. where: rows to draw, column -> value.
+        by: column of names; the rows of each name are a line.
+        where: rows to draw, column -> value. until: largest x that is drawn, in SI.
         log: which axes are logarithmic: "", "x", "y" or "xy".
-        looks: line -> keywords of matplotlib; a line named after a method has its colour anyway.
+        marker: of all lines. looks: line -> keywords of matplotlib; a line named after a method has
+            its colour anyway.
         levels: label -> height in SI of a dotted line across; uprights: likewise down.
         band: draw many oscillations as a band from least to largest, with their mean.
     """
@@ -57,7 +59,9 @@ class Panel:
     x_axis: str = ""
     by: str = ""
     where: Mapping[str, object] = field(default_factory=dict)
+    until: float = np.inf
     log: str = ""
+    marker: str = ""
     looks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     levels: Mapping[str, float] = field(default_factory=dict)
     uprights: Mapping[str, float] = field(default_factory=dict)
@@ -67,7 +71,7 @@ class Panel:
         """Line -> its x and y in SI."""
         columns = {name: np.asarray(column) for name, column in data.items()}
         x = columns[self.x]
-        rows = np.full(len(x), True)
+        rows = np.full(len(x), True) if self.until == np.inf else x <= self.until
         for name, value in self.where.items():
             rows &= columns[name] == value
         if not self.by:
@@ -83,9 +87,9 @@ class Panel:
         spread = colormaps["turbo"](np.linspace(0.05, 0.95, max(len(curves), 2)))
         for (name, (x, y)), color in zip(curves.items(), spread, strict=False):
             label = name.partition(" [")[0]
-            look: dict[str, Any] = {"color": COLORS.get(label, color), "label": label}
+            own: dict[str, Any] = {"color": COLORS.get(label, color), "label": label}
+            look = {**own, "marker": self.marker, **self.looks.get(name, {})}
             draw = _band if self.band else _line
-            look |= self.looks.get(name, {})
             draw(axes, x * x_axis.scale, y * y_axis.scale, look)
         for label, level in self.levels.items():
             axes.axhline(level * y_axis.scale, color="gray", linestyle=":", label=label)
@@ -148,25 +152,28 @@ def _band(axes: Axes, x: Array, y: Array, look: Mapping[str, Any], windows: int 
 
 
 def heat_map(
-    axes: Axes,
-    values: Array,
-    x: Sequence[str],
-    y: Sequence[str],
-    label: str,
-    form: str = ".3g",
-    colormap: str = "viridis",
+    report: Report, name: str, data: Mapping[str, Array], label: str, caption: str, form: str
 ) -> None:
-    """Values (len(y), len(x)) as coloured cells, with their numbers unless `form` is empty."""
-    image = axes.imshow(values, aspect="auto", origin="lower", cmap=colormap)
-    axes.set_xticks(range(len(x)), x)
-    axes.set_yticks(range(len(y)), y)
-    least, span = np.nanmin(values), np.ptp(values[np.isfinite(values)])
-    for (i, j), value in np.ndenumerate(values) if form else ():
-        color = "white" if value - least < 0.6 * span else "black"
-        axes.text(
-            j, i, format(value, form), color=color, ha="center", va="center", fontsize="small"
-        )
-    axes.figure.colorbar(image, ax=axes, label=label)
+    """A figure of a table as coloured cells with their numbers, where these are not 0.
+
+    Args:
+        data: two columns that span the table, rows and columns of it, and the values in SI.
+        label: what the values are, with the unit they are shown in. form: of the numbers.
+    """
+    (y_name, y), (x_name, x), (_, values) = data.items()
+    rows, cols = np.unique(y), np.unique(x)
+    table = values.reshape(len(rows), len(cols)) * Column.of(label).scale
+    figure, (axes,) = new_figure(width=8.5, height=5.0)
+    image = axes.imshow(table, aspect="auto", origin="lower")
+    axes.set_xticks(range(len(cols)), [f"{value:g}" for value in cols])
+    axes.set_yticks(range(len(rows)), [f"{value:g}" for value in rows])
+    axes.set(xlabel=x_name, ylabel=y_name)
+    dark = table - table.min() < 0.6 * np.ptp(table)
+    for i, j in np.argwhere(table).tolist():
+        number, color = format(table[i, j], form), "white" if dark[i, j] else "black"
+        axes.text(j, i, number, color=color, ha="center", va="center", fontsize=8)
+    figure.colorbar(image, ax=axes, label=label)
+    report.figure(name, figure, data, caption)
 
 
 def animate(

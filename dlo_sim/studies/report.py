@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import csv
+import importlib.metadata
 import math
+import os
+import platform
+import subprocess
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +18,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from dlo_sim.studies import machine
+from dlo_sim import __version__
 from dlo_sim.studies.catalogue import Outcome
 
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("numpy", "numba", "llvmlite", "matplotlib")
 Cell = str | int | float | None
-Header = list["str | Column"]
 SCALES = {"%": 1e2, "ppm": 1e6, "cm": 1e2, "mm": 1e3, "ms": 1e3, "us": 1e6, "ns": 1e9, "KB": 1e-3}
 
 
@@ -27,41 +32,27 @@ class Column:
     """A column of a table, or an axis of a figure: values in SI, shown in a unit.
 
     Attributes:
-        name, unit: the header is `name [unit]`. Values are multiplied by the scale of the unit up
-            to the first slash (`us/step` is that of `us`), which is 1 for units not in `SCALES`.
-        form: format specification in the report of what is not a whole number, e.g. ".0f"; by
-            default see `shown`. The CSV has all digits.
+        header: `name [unit]`. scale: by which values are multiplied, that of the unit up to the
+            first slash (`us/step` is that of `us`); 1 for units not in `SCALES`.
+        form: of what is not a whole number, in the report; by default see `shown`.
     """
 
-    name: str
-    unit: str = ""
+    header: str
+    scale: float = 1.0
     form: str = ""
 
     @classmethod
-    def of(cls, header: str | Column, form: str = "") -> Column:
-        """The column that has a header such as `step [us]`."""
-        if isinstance(header, Column):
-            return header
-        name, _, unit = header.removesuffix("]").rpartition(" [")
-        return cls(name, unit, form) if header.endswith("]") else cls(header, form=form)
-
-    @property
-    def header(self) -> str:
-        """What stands above the column."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
-
-    @property
-    def scale(self) -> float:
-        """Shown value / SI value."""
-        return SCALES.get(self.unit.partition("/")[0], 1.0)
+    def of(cls, words: str, form: str = "") -> Column:
+        """The column written `step [us]`, or `spread [%] {:.0f}` with a form of its own."""
+        header, _, own = words.removesuffix("}").partition(" {:")
+        unit = header.removesuffix("]").rpartition(" [")[2] if header.endswith("]") else ""
+        return cls(header, SCALES.get(unit.partition("/")[0], 1.0), own or form)
 
     def scaled(self, cell: Cell) -> Cell:
         """A cell in the unit; text and what is not there stay as they are."""
-        return (
-            cell
-            if self.scale == 1.0 or cell is None or isinstance(cell, str)
-            else (cell * self.scale)
-        )
+        if self.scale == 1.0 or cell is None or isinstance(cell, str):
+            return cell
+        return cell * self.scale
 
     def shown(self, cell: Cell) -> str:
         """A scaled cell for people."""
@@ -70,11 +61,8 @@ class Column:
 
 
 class Report:
-    """Collects text, tables and figures in a folder; `write` puts report.md beside them.
-
-    Attributes:
-        folder: where everything goes; created if it is not there.
-        figures, data, tables: names of the files written so far; of tables the number of rows.
+    """Collects text, tables and figures in a folder, made if it is not there; `outcome` puts
+    report.md beside them. `figures`, `data` and `tables` are what was written so far.
     """
 
     def __init__(self, folder: Path, title: str, command: str, scenes: Mapping[str, Path]) -> None:
@@ -86,7 +74,7 @@ class Report:
         self._began = time.perf_counter()
         self._title = title
         self._provenance = {
-            **machine.facts(),
+            **facts(),
             **{f"scene {name}": _portable(path) for name, path in scenes.items()},
             "command": f"`{command}`",
         }
@@ -100,14 +88,10 @@ class Report:
         """Paragraphs of markdown."""
         self._body += [" ".join(paragraph.split()) for paragraph in paragraphs]
 
-    def items(self, lines: Iterable[str]) -> None:
-        """A list."""
-        self._body.append("\n".join(f"- {' '.join(line.split())}" for line in lines))
-
     def table(
         self,
         name: str,
-        header: str | Sequence[str | Column],
+        header: str | Sequence[str],
         rows: Iterable[Sequence[Cell]],
         caption: str,
         form: str = "",
@@ -115,30 +99,25 @@ class Report:
         """A table with its caption above, also as `<name>.csv` with all digits.
 
         Args:
-            header: as it will read, `method | step [us]`, or columns and parts of such a text.
+            header: columns as of `Column.of`, `method | step [us]`, or a list of them.
             rows: one cell per column, in SI; None is shown as a dash.
             form: of columns without one of their own.
         """
-        columns = [Column.of(one, form) for part in _parts(header) for one in part]
+        words = header if isinstance(header, str) else " | ".join(header)
+        columns = [Column.of(one, form) for one in words.split(" | ")]
         cells = [[c.scaled(x) for c, x in zip(columns, row, strict=True)] for row in rows]
-        lines = [f"**{caption}** (`{name}.csv`)", ""]
-        lines.append("| " + " | ".join(column.header for column in columns) + " |")
-        lines.append("|" + "---|" * len(columns))
-        for row in cells:
-            words = (column.shown(cell) for column, cell in zip(columns, row, strict=True))
-            lines.append("| " + " | ".join(words) + " |")
-        self._body.append("\n".join(lines))
+        headers = [column.header for column in columns]
+        for_people = [[c.shown(x) for c, x in zip(columns, row, strict=True)] for row in cells]
+        lines = [f"| {' | '.join(row)} |" for row in (headers, *for_people)]
+        lines.insert(1, "|" + "---|" * len(columns))
+        self._body.append("\n".join([f"**{caption}** (`{name}.csv`)", "", *lines]))
         self.tables[name] = len(cells)
-        self._write_csv(name, [column.header for column in columns], cells)
+        self._write_csv(name, headers, cells)
 
     def figure(
         self, name: str, figure: Figure, columns: Mapping[str, ArrayLike], caption: str
     ) -> None:
-        """A picture `<name>.png`, its data `<name>.csv` and a caption.
-
-        Args:
-            columns: what is drawn, column name with unit -> values; all of one length.
-        """
+        """A picture `<name>.png`, its data `<name>.csv`, column with unit -> values, a caption."""
         figure.savefig(self.folder / f"{name}.png", dpi=110)
         self.attach(f"{name}.png", columns, caption)
 
@@ -153,25 +132,16 @@ class Report:
         self._write_csv(name, list(columns), zip(*values, strict=True))
         self._body.append(f"![{caption}]({file})\n\n*{caption}* (data: `{name}.csv`)")
 
-    def write(self, summary: Sequence[str]) -> Path:
-        """Write report.md: title, summary, provenance, then the body; returns its path."""
-        took = time.perf_counter() - self._began
-        provenance = [*self._provenance.items(), ("the study took", f"{took:.0f} s")]
-        facts = "| | |\n|---|---|" + "".join(f"\n| {key} | {value} |" for key, value in provenance)
-        lines = [f"# {self._title}", *summary, "## Made with", facts, *self._body]
-        path = self.folder / "report.md"
-        path.write_text("\n\n".join(lines) + "\n", encoding="utf-8")
-        return path
-
     def outcome(self, verdicts: Mapping[str, str], summary: Sequence[str] = ()) -> Outcome:
-        """Write the report; what the study returns.
-
-        Args:
-            summary: as of `write`; a line for each verdict by default.
-        """
-        lines = "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
-        path = str(self.write(summary or [lines]))
-        return Outcome(path, self.figures, self.data, self.tables, dict(verdicts))
+        """Write report.md: title, summary (default: a line for each verdict), provenance, body."""
+        items = "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
+        took = f"{time.perf_counter() - self._began:.0f} s"
+        facts = {**self._provenance, "the study took": took}.items()
+        made_with = ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts)]
+        head = [f"# {self._title}", *(summary or [items]), "## Made with", "\n".join(made_with)]
+        path = self.folder / "report.md"
+        path.write_text("\n\n".join([*head, *self._body]) + "\n", encoding="utf-8")
+        return Outcome(str(path), self.figures, self.data, self.tables, dict(verdicts))
 
     def _write_csv(
         self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]
@@ -202,11 +172,6 @@ def shown(cell: Cell) -> str:
     return f"{value:.0f}" if 1e4 <= size < 1e6 else f"{value:.2e}"
 
 
-def _parts(header: str | Sequence[str | Column]) -> Iterator[Sequence[str | Column]]:
-    for part in [header] if isinstance(header, str) else header:
-        yield part.split(" | ") if isinstance(part, str) else [part]
-
-
 def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:
     """Rows as a figure's data: name -> column."""
     cells = zip(*rows, strict=True)
@@ -223,6 +188,44 @@ def _plain(cell: object) -> object:
 def _portable(path: Path) -> str:
     """A shipped scene by its place in the checkout, anything else by its name."""
     try:
-        return f"`{path.resolve().relative_to(machine.ROOT)}`"
+        return f"`{path.resolve().relative_to(ROOT)}`"
     except ValueError:
         return f"`{path.name}`"
+
+
+def facts() -> dict[str, str]:
+    """Machine, versions and commit, as lines of a table."""
+    return {
+        "processor": f"{processor()}, {os.cpu_count()} logical cores",
+        "system": platform.platform(),
+        "Python": f"{platform.python_version()} ({platform.python_implementation()})",
+        **{name: importlib.metadata.version(name) for name in PACKAGES},
+        "dlo_sim": __version__,
+        "commit": commit(),
+    }
+
+
+def processor() -> str:
+    """Name of the processor as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def commit() -> str:
+    """Commit of the checkout that runs; says so if there is none or files were changed."""
+    if not (ROOT / ".git").exists():
+        return "not run from a checkout"
+    git, words = ["git", "-C", str(ROOT)], ["status", "--porcelain", "--untracked-files=no"]
+    try:
+        name, changed = (
+            subprocess.run([*git, *more], capture_output=True, check=True, text=True, timeout=10)
+            for more in (["rev-parse", "--short=12", "HEAD"], words)
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown (git did not answer, or does not know this checkout)"
+    return name.stdout.strip() + (" with uncommitted changes" if changed.stdout.strip() else "")

@@ -1,8 +1,11 @@
-"""What studies run: scenes with a method and a step, recorded, compared, tried for stability."""
+"""What studies run: scenes with a method and a step, recorded, compared, tried for stability, timed
+(warm, repeated, the minimum with its spread)."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
@@ -13,6 +16,7 @@ from dlo_sim.batch.workers import Workers
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.recording import Recording, record
+from dlo_sim.simulation.report import Report as StepReport
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -34,10 +38,8 @@ def at_method(scene: Scene, method: str, step: float = 0.0) -> Scene:
 def each(
     workers: Workers, function: Callable[..., Result], cases: Iterable[Case]
 ) -> dict[Case, Result]:
-    """Case -> what a function of a module gives for it, done by workers; not for what is timed.
-
-    Args:
-        cases: the arguments of every call, hashable, such as `product(methods, steps)`.
+    """Case -> what a function of a module gives for it, done by workers; not for what is timed. A
+    case is the arguments of a call, hashable, as those of `product(methods, steps)`.
     """
     asked = list(dict.fromkeys(cases))
     return dict(zip(asked, workers.map(partial(_called, function), asked), strict=True))
@@ -66,18 +68,83 @@ def distance(one: Recording, other: Recording) -> Array:
     return np.asarray(np.linalg.norm(gap, axis=2).max(axis=1))
 
 
-def survives(scene: Scene, duration: float) -> bool:
-    """Whether a run [s] at the scene's step, stable or not, reaches its end."""
-    return Simulator(scene, unchecked_step=True).advance(duration).status.ok
-
-
 def bisected(fine: Callable[[float], bool], low: float, high: float, tolerance: float) -> float:
-    """Largest value for which `fine` holds, between two positive ones, within a relative error.
-
-    Args:
-        low: for which it holds. high: for which it does not.
+    """Largest value for which `fine` holds, within a relative error, between a positive one for
+    which it does and one for which it does not.
     """
     while high / low > 1.0 + tolerance:
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if fine(middle) else (low, middle)
     return low
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Time of one step [s]: the least of the repeats, and their median."""
+
+    best: float
+    median: float
+
+    @property
+    def spread(self) -> float:
+        """(median - best) / best [-]."""
+        return self.median / self.best - 1.0
+
+
+def in_turn(repeats: int, *works: Callable[[], object]) -> Array:
+    """Times [s] of works done in turn, as what else the machine does then hits all of them; each
+    is called once before to warm up. Shape (repeats, len(works)).
+    """
+    for work in works:
+        work()
+    return np.array([[seconds_of(work) for work in works] for _ in range(repeats)])
+
+
+def least(work: Callable[[], object], repeats: int) -> float:
+    """Least time [s] of a work; see `in_turn`."""
+    return float(in_turn(repeats, work).min())
+
+
+def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
+    """Cost of a step of a simulator, which is reset before and after, in pieces of about `seconds`
+    [s]: on a busy machine some of many short ones run undisturbed, of few long ones none.
+
+    Raises:
+        RuntimeError: a step failed; a cost of steps that were not done means nothing.
+    """
+
+    def piece(steps: int) -> float:
+        simulator.reset()
+        return advance(simulator, steps) / steps
+
+    piece(64)
+    steps = max(64, int(seconds / piece(64)))
+    times = sorted(piece(steps) for _ in range(repeats))
+    simulator.reset()
+    return Cost(times[0], times[repeats // 2])
+
+
+def advance(simulator: Simulator, steps: int) -> float:
+    """Time that steps take [s].
+
+    Raises:
+        RuntimeError: one failed.
+    """
+    took, report = timed(simulator, steps)
+    if not report.status.ok:
+        raise RuntimeError(f"timing a run that failed: {report.message}")
+    return took
+
+
+def timed(simulator: Simulator, steps: int) -> tuple[float, StepReport]:
+    """Time that steps take [s], and the simulator's report of them."""
+    began = time.perf_counter()
+    report = simulator.advance_steps(steps)
+    return time.perf_counter() - began, report
+
+
+def seconds_of(work: Callable[[], object]) -> float:
+    """Time that work takes [s]."""
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began

@@ -8,8 +8,8 @@ import pytest
 from dlo_sim.batch.workers import Here, open_workers
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.studies.omission import study as omission
-from dlo_sim.studies.omission.variants import variants
-from dlo_sim.studies.paper import resolution
+from dlo_sim.studies.omission.study import variants
+from dlo_sim.studies.paper import accuracy
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision import cases
 from dlo_sim.studies.work_precision.references import references
@@ -56,8 +56,8 @@ def test_references_are_the_same(cluster):
 
 def test_pieces_of_the_paper_are_the_same(cluster):
     sizes = [(9, 51, 0.02), (11, 101, 0.02)]
-    there, here = (each(who, resolution.track, sizes) for who in (cluster, Here()))
-    assert here[sizes[0]].shape == (resolution.INSTANTS, resolution.POINTS, 3)
+    there, here = (each(who, accuracy.track, sizes) for who in (cluster, Here()))
+    assert here[sizes[0]].shape == (accuracy.INSTANTS, accuracy.POINTS, 3)
     assert not np.array_equal(here[sizes[0]], here[sizes[1]])
     assert all(np.array_equal(there[size], here[size]) for size in sizes)
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from dlo_sim.studies.stability import extremes, scenes
-from dlo_sim.studies.stability.cables import ALUMINIUM, wire
 from dlo_sim.studies.stability.extremes import RAN, REFUSED, STOPPED, Extreme, examine
+from dlo_sim.studies.stability.scenes import ALUMINIUM, wire
 
 BY_NAME = {extreme.name: extreme for extreme in scenes.EXTREMES}
 NOTHING = 1e-30  # of damping
@@ -59,8 +59,7 @@ def sharing(name: str) -> Extreme:
             values.setdefault(key, NOTHING)
     if name in PUSHED:
         values["terms.out_of_plane"] = "on"
-    # the budget of the suture is for an idle machine; the study reports it
-    return replace(extreme, values=values, budget=60.0)
+    return replace(extreme, values=values)
 
 
 def test_every_scene_has_its_own_name():
@@ -111,11 +110,12 @@ def test_a_wrong_cable_is_not_right(name, changes):
     assert not finding.right
 
 
-def test_refused_and_slow_scenes_are_not_right():
+def test_refused_and_slow_scenes_are_not_right(monkeypatch):
     refused = examine(Extreme("no", "", {"cable.length": -1.0}, 1.0, lambda run: 0.0, 1.0))
     assert (refused.outcome, refused.right) == (REFUSED, False)
     assert "cable.length" in refused.reason
-    slow = examine(replace(BY_NAME["aluminium wire"], budget=0.0))
+    monkeypatch.setattr(extremes, "BUDGET", 0.0)
+    slow = examine(BY_NAME["aluminium wire"])
     assert (slow.outcome, slow.right) == (STOPPED, False)
     assert "budget" in slow.reason
 

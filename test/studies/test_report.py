@@ -1,17 +1,18 @@
-"""The report writer, charts, the machine's facts and the stopwatch."""
+"""The report writer, charts, the facts of a machine, and the timing of steps."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import machine, plotting
+from dlo_sim.studies import plotting
+from dlo_sim.studies import report as report_module
 from dlo_sim.studies.plotting import Panel
-from dlo_sim.studies.report import Column, Report, shown
-from dlo_sim.studies.runs import bisected
-from dlo_sim.studies.stopwatch import step_cost
+from dlo_sim.studies.report import Report, shown
+from dlo_sim.studies.runs import bisected, step_cost
 
 
 @pytest.fixture
@@ -45,7 +46,7 @@ def test_tables_and_figures_leave_markdown_and_data(report):
     figure, (axes,) = plotting.new_figure()
     axes.plot([0, 1], [0, 1])
     report.figure("line", figure, {"x [m]": [0.0, 1.0], "y [m]": np.array([0.0, 1.0])}, "A line")
-    path = report.write(["First page."])
+    path = Path(report.outcome({}, ["First page."]).report)
     text = path.read_text(encoding="utf-8")
     assert text.startswith("# A study\n\nFirst page.")
     assert "## Part\n\nTwo lines.\n\nSecond." in text
@@ -81,23 +82,23 @@ def test_animation_is_a_gif_of_its_frames(tmp_path):
 
 
 def test_machine_facts_name_versions_and_commit(monkeypatch, tmp_path):
-    facts = machine.facts()
+    facts = report_module.facts()
     assert facts["numpy"] == np.__version__
     assert facts["commit"]
-    monkeypatch.setattr(machine, "ROOT", tmp_path)
-    assert machine.commit() == "not run from a checkout"
+    monkeypatch.setattr(report_module, "ROOT", tmp_path)
+    assert report_module.commit() == "not run from a checkout"
     (tmp_path / ".git").mkdir()
-    assert "unknown" in machine.commit()
+    assert "unknown" in report_module.commit()
 
 
 def test_values_in_si_are_shown_in_the_unit_of_their_column(report):
-    header = ["method | step [us]", Column("off", "%", ".0f"), "cost [us/step]"]
+    header = ["method | step [us]", "off [%] {:.0f}", "cost [us/step]"]
     report.table("t", header, [["rk4", 2e-6, 0.123, 1e-6], ["none", None, float("inf"), "-"]], "T")
     with (report.folder / "t.csv").open(newline="") as stream:
         rows = list(csv.reader(stream))
     assert rows[0] == ["method", "step [us]", "off [%]", "cost [us/step]"]
     assert rows[1] == ["rk4", "2.0", "12.3", "1.0"]
-    text = report.write([]).read_text(encoding="utf-8")
+    text = Path(report.outcome({}).report).read_text(encoding="utf-8")
     assert "| rk4 | 2 | 12 | 1 |\n| none | - | none | - |" in text
     with pytest.raises(ValueError):
         report.table("short", header, [["rk4"]], "")

@@ -9,8 +9,8 @@ import pytest
 from dlo_sim.batch.workers import Here
 from dlo_sim.core.methods import METHODS
 from dlo_sim.studies.catalogue import STUDIES, Request
-from dlo_sim.studies.scaling import memory, steps
-from dlo_sim.studies.scaling.steps import moving
+from dlo_sim.studies.scaling import study as scaling
+from dlo_sim.studies.scaling.study import moving
 
 SIZES = (9, 13, 100, 400)
 
@@ -20,9 +20,9 @@ def study(tmp_path_factory):
     """Folder and outcome of one quick study of small cables."""
     folder = tmp_path_factory.mktemp("scaling")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(steps, "SIZES", {True: SIZES})
-        patch.setattr(steps, "REPEATS", {True: 2})
-        patch.setattr(memory, "STEPS", {True: {"forest_ruth": 20_000, "energy_momentum": 5_000}})
+        patch.setattr(scaling, "SIZES", {True: SIZES})
+        patch.setattr(scaling, "REPEATS", {True: 2})
+        patch.setattr(scaling, "WATCHED", {True: {"forest_ruth": 20_000, "energy_momentum": 5_000}})
         outcome = STUDIES["scaling"].run(Request(folder, True, "dlo_sim study scaling", Here()))
     return folder, outcome
 
@@ -36,7 +36,7 @@ def rows(study, name):
 @pytest.mark.slow
 def test_tables_and_figures_are_there(study):
     folder, outcome = study
-    methods = len(steps.METHODS_TIMED[True])
+    methods = len(scaling.METHODS_TIMED[True])
     assert outcome.tables == {"steps": 4 * methods, "exponents": methods, "memory": 2}
     assert outcome.figures == ["time_of_a_step.png", "resident_memory.png"]
     for name in outcome.figures:
@@ -48,7 +48,7 @@ def test_tables_and_figures_are_there(study):
 def test_every_run_is_timed(study):
     found = rows(study, "steps")
     assert {(row["method"], int(row["n_u"])) for row in found} == {
-        (method, size) for method in steps.METHODS_TIMED[True] for size in SIZES
+        (method, size) for method in scaling.METHODS_TIMED[True] for size in SIZES
     }
     for row in found:
         assert 0.0 < float(row["time [us/step]"]) < 1e4
@@ -65,11 +65,11 @@ def test_every_run_is_timed(study):
 def test_slope_is_the_exponent():
     sizes = [9, 40, 100, 400]
     cubes = [2e-6 * size**3 for size in sizes]
-    assert steps.slope(sizes, cubes) == pytest.approx(3.0)
+    assert scaling.slope(sizes, cubes) == pytest.approx(3.0)
     bent = [1.0, 1.0, *[float(size) for size in sizes[2:]]]
-    assert steps.slope(sizes, bent, least=100) == pytest.approx(1.0)
-    assert np.isnan(steps.slope(sizes, cubes, least=400))
-    assert steps.slope(sizes, [*cubes[:3], float("nan")]) == pytest.approx(3.0)
+    assert scaling.slope(sizes, bent, least=100) == pytest.approx(1.0)
+    assert np.isnan(scaling.slope(sizes, cubes, least=400))
+    assert scaling.slope(sizes, [*cubes[:3], float("nan")]) == pytest.approx(3.0)
 
 
 def bytes_left(simulator, calls):
@@ -104,12 +104,12 @@ def peak_of_a_call(simulator, steps):
 )
 def test_memory_does_not_grow(method, count):
     simulator = moving(9, method)
-    _, resident = memory.watched(simulator, count, looks=20)
+    _, resident = scaling.watched(simulator, count, looks=20)
     # A byte a step would be 90 KB or more; a page or two are the interpreter's. Measured: 0.
     assert resident[-1] - resident[2] < 64 * 1024
     assert resident[0] > 10e6
     # A block a call would be 1000; a score now and then is the test runner's own.
-    assert memory.blocks_left(simulator, 1000) < 100
+    assert scaling.blocks_left(simulator, 1000) < 100
     assert bytes_left(simulator, 200) < 200
     assert peak_of_a_call(simulator, 20_000) < peak_of_a_call(simulator, 1) + 1000
 
@@ -124,5 +124,5 @@ def test_what_is_left_behind_is_seen():
         return original(count)
 
     simulator.advance_steps = leaking
-    assert memory.blocks_left(simulator, 200) >= 200
+    assert scaling.blocks_left(simulator, 200) >= 200
     assert bytes_left(simulator, 200) > 200 * 512

@@ -9,28 +9,37 @@ import pytest
 from dlo_sim.batch.workers import Here
 from dlo_sim.studies import plotting
 from dlo_sim.studies.catalogue import STUDIES, Request
-from dlo_sim.studies.stability import map_report, maps, stiff, study
+from dlo_sim.studies.stability import maps, stiff, study
 from dlo_sim.studies.stability.maps import FINISHED, REFUSED, SKIPPED, STOPPED, Point
 from dlo_sim.studies.stability.scenes import EXTREMES
 
-SMALL = replace(
-    maps.QUICK,
-    values={"n_u": (5, 9), "E": (1e8,), "diameter": (1e-2,)},
-    steps=(1e-5, 1e-3, 1e-1),
-    duration=0.1,
-    trial=0.02,
-)
+SMALL = {
+    "VALUES": {"n_u": (5, 9), "E": (1e8,), "diameter": (1e-2,)},
+    "STEPS": (1e-5, 1e-3, 1e-1),
+    "DURATION": 0.1,
+    "TRIAL": 0.02,
+}
+STEPS, TOLERANCE, METHODS = SMALL["STEPS"], maps.TOLERANCE[True], maps.METHODS_COMPARED[True]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small():
+    """What a quick study computes, cut down."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in SMALL.items():
+            patch.setattr(maps, name, {True: value})
+        yield
 
 
 def point(method: str, damping: str = "undamped", motion: str = "large") -> Point:
-    return Point("n_u", 9, method, damping, motion, SMALL)
+    return Point("n_u", 9, method, damping, motion, True)
 
 
 @pytest.mark.parametrize("motion", ["linear", "large"])
 @pytest.mark.parametrize("damping", ["undamped", "damped"])
 def test_observed_limit_is_the_predicted_one(damping, motion):
     found = maps.examine(point("velocity_verlet", damping, motion))
-    assert found.observed == pytest.approx(found.predicted, rel=1.5 * SMALL.tolerance)
+    assert found.observed == pytest.approx(found.predicted, rel=1.5 * TOLERANCE)
     # axial waves: 2 / omega of the shortest wave that nine control points hold, 2.3e-5 s or so
     assert 1e-5 < found.predicted < 4e-5
     assert found.outcomes == (FINISHED, STOPPED, STOPPED)
@@ -42,7 +51,7 @@ def test_observed_limit_is_found_wherever_it_is(monkeypatch):
     for limit in (3.3e-6, 2.9e-5, 2.2e-4):
         monkeypatch.setattr(maps, "_survives", lambda point, step, limit=limit: step < limit)
         found, below = maps._observed(point("rk4"), 3e-5)
-        assert found == pytest.approx(limit, rel=SMALL.tolerance)
+        assert found == pytest.approx(limit, rel=TOLERANCE)
         assert math.isnan(below)
     monkeypatch.setattr(maps, "_survives", lambda point, step: True)
     assert maps._observed(point("rk4"), 3e-5)[0] == math.inf
@@ -50,14 +59,14 @@ def test_observed_limit_is_found_wherever_it_is(monkeypatch):
 
 @pytest.mark.parametrize("predicted", [3e-5, 3e-2])
 def test_a_limit_is_looked_for_down_to_the_smallest_step(predicted, monkeypatch):
-    monkeypatch.setattr(maps, "_survives", lambda point, step: step < 1.2 * SMALL.steps[0])
+    monkeypatch.setattr(maps, "_survives", lambda point, step: step < 1.2 * STEPS[0])
     found, below = maps._observed(point("rk4"), predicted)
-    assert found == pytest.approx(1.2 * SMALL.steps[0], rel=SMALL.tolerance)
+    assert found == pytest.approx(1.2 * STEPS[0], rel=TOLERANCE)
     assert math.isnan(below)
     monkeypatch.setattr(maps, "_survives", lambda point, step: False)
     found, below = maps._observed(point("rk4"), predicted)
     assert math.isnan(found)
-    assert SMALL.steps[0] / 10.0 < below < SMALL.steps[0]
+    assert STEPS[0] / 10.0 < below < STEPS[0]
 
 
 def test_an_implicit_method_without_a_limit_says_below_what():
@@ -69,9 +78,9 @@ def test_an_implicit_method_without_a_limit_says_below_what():
 
 def test_a_limit_that_is_not_found_is_shown():
     found = maps.Limits((STOPPED,) * 3, (math.nan,) * 3, predicted=1e-3, below=9e-6)
-    assert map_report._summary([found])[:5] == [1, None, None, 1, 9e-6]
+    assert maps._summary([found])[:5] == [1, None, None, 1, 9e-6]
     _, (axes,) = plotting.new_figure()
-    map_report._mark(axes, 0, found, SMALL.steps)
+    maps._mark(axes, 0, found, STEPS)
     assert [line.get_marker() for line in axes.get_lines()] == ["v"]
 
 
@@ -79,7 +88,6 @@ def test_damping_with_negative_steps_is_refused():
     found = maps.examine(point("forest_ruth", "damped"))
     assert math.isnan(found.predicted) and math.isnan(found.observed)
     assert set(found.outcomes) == {REFUSED}
-    assert "negative sub-steps" in found.reason
 
 
 def test_energy_momentum_has_no_limit():
@@ -93,14 +101,13 @@ KEPT = ("aluminium wire", "n_u = 4", "suture of 3 kg/m^3, sudden")
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory):
+def outcome(small, tmp_path_factory):
     """The whole study with few pieces, and the folder that it wrote."""
     folder = tmp_path_factory.mktemp("stability")
     seen = []
     kept = tuple(extreme for extreme in EXTREMES if extreme.name in KEPT)
     wrong = replace(kept[0], name="wrong", bound=1e-30)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(maps, "QUICK", SMALL)
         patch.setattr(study, "EXTREMES", (*kept, wrong))
         patch.setattr(stiff, "SIZES", {True: (9,)})
         patch.setattr(stiff, "CONVERGED", 1e-3)
@@ -126,13 +133,13 @@ def test_every_figure_has_its_data(outcome):
     for name in result.figures:
         assert (folder / name).stat().st_size > 20_000
     rows = rows_of(folder, "map_n_u_undamped")
-    assert len(rows) == len(SMALL.methods) * len(maps.GRAVITY) * 2 * len(SMALL.steps)
+    assert len(rows) == len(METHODS) * len(maps.GRAVITY) * 2 * len(STEPS)
     assert {row["outcome"] for row in rows} == {FINISHED, STOPPED, SKIPPED}
 
 
 def test_tables_of_the_report(outcome):
     folder, result = outcome
-    assert result.tables["limits"] == len(SMALL.methods) * 4
+    assert result.tables["limits"] == len(METHODS) * 4
     rows = rows_of(folder, "stiff")
     assert len(rows) == sum(len(steps) for steps in stiff.KINDS.values())
     for row in rows:

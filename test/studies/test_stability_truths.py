@@ -6,7 +6,7 @@ import pytest
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.stability import truths
-from dlo_sim.studies.stability.cables import SOFT, thrown
+from dlo_sim.studies.stability.scenes import SOFT, thrown
 
 
 def test_catenary_between_ends_ninety_percent_apart():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -11,12 +11,12 @@ from dlo_sim.batch import simulate_batch
 from dlo_sim.batch.lanes import LANES, new_lane, run_lanes
 from dlo_sim.batch.workers import Here
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import load_scene, shipped_scene
+from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell, Column, Report, columns
-from dlo_sim.studies.stopwatch import seconds_of
+from dlo_sim.studies.report import Cell, Report, columns
+from dlo_sim.studies.runs import advance, at_method, in_turn, shipped
 
 RESOLUTIONS = {True: (9, 13, 25), False: (7, 9, 11, 13, 17, 25, 41)}
 REPEATS = {True: 15, False: 60}
@@ -26,80 +26,66 @@ CORE_REPEATS = {True: 3, False: 15}
 CORE_SCENES = {True: 64, False: 128}
 CORE_DURATION = 0.25  # [s]
 CORE_CONTROL_POINTS = 13
-KINDS: dict[str, tuple[str, dict[str, object]]] = {
-    "paper_wire, forest_ruth": ("paper_wire", {"integrator.method": "forest_ruth"}),
-    "paper_wire, velocity_verlet": ("paper_wire", {"integrator.method": "velocity_verlet"}),
-    "paper_wire_force, forest_ruth": ("paper_wire_force", {"integrator.method": "forest_ruth"}),
-}
-TIMES = (Column("times faster", form=".2f"), Column("median times", form=".2f"))
+KINDS = (  # scene and method
+    "paper_wire, forest_ruth",
+    "paper_wire, velocity_verlet",
+    "paper_wire_force, forest_ruth",
+)
+TIMES = "times faster {:.2f} | median times {:.2f}"
 
 
 def run_study(request: Request) -> Outcome:
     """Run the study into a folder."""
-    files = {name: shipped_scene(name) for name, _ in KINDS.values()}
+    files = {name: shipped_scene(name) for name in (kind.partition(",")[0] for kind in KINDS)}
     report = Report(request.folder, "Many cables at once", request.command, files)
     verdicts = _vectors(report, request) | _cores(report, request)
     request.progress(1.0)
     return report.outcome(verdicts)
 
 
-def scenes_of(name: str, changes: Mapping[str, object], n: int, count: int) -> list[Scene]:
+def scenes_of(kind: str, n: int, count: int) -> list[Scene]:
     """Cables of rising diameter, Gauss quadrature with three points per span."""
-    values = {
-        "discretization.control_points": n,
-        "discretization.quadrature": "gauss",
-        "discretization.samples": 3,
-        "integrator.step": 0.0,
-        **changes,
-    }
-    base = load_scene(shipped_scene(name), values)
+    name, method = kind.split(", ")
+    rule = {"discretization__quadrature": "gauss", "discretization__samples": 3}
+    base = at_method(shipped(name, discretization__control_points=n, **rule), method)
     diameters = (0.002 * (1.0 + 0.2 * k / count) for k in range(count))
     return [base.with_values({"cable.diameter": diameter}) for diameter in diameters]
 
 
-def _in_turn(
-    first: Callable[[], None], second: Callable[[], None], repeats: int
+def _compared(
+    repeats: int, first: Callable[[], None], second: Callable[[], None]
 ) -> tuple[float, float, float, float]:
-    """Least time of each [s], timed in turn as what else the machine does hits both; their ratio,
-    and the median of the ratios of neighbours."""
-    times = np.zeros((repeats, 2))
-    first()
-    second()
-    for repeat in range(repeats):
-        for way, work in enumerate((first, second)):
-            times[repeat, way] = seconds_of(work)
+    """Least time of each [s], their ratio, and the median of the ratios of neighbours."""
+    times = in_turn(repeats, first, second)
     one, other = times.min(axis=0).tolist()
     return one, other, one / other, float(np.median(times[:, 0] / times[:, 1]))
 
 
 def _one_vector(scenes: list[Scene], repeats: int) -> tuple[float, float, float, float]:
-    """Steps of LANES scenes one by one and on the lanes, on this core."""
+    """Time of a step of LANES scenes [s] one by one and on the lanes, on this core."""
     simulators = [Simulator(scene) for scene in scenes]
     step = min(simulator.step for simulator in simulators)
     lanes = [new_lane(simulator) for simulator in simulators]
     span = PIECE * step
-    ends = np.array([0.0, span])
 
     def one_by_one() -> None:
         for simulator in simulators:
             simulator.reset()
-            if not simulator.advance_steps(PIECE).status.ok:
-                raise RuntimeError("timing a run that failed")
+            advance(simulator, PIECE)
 
     def on_lanes() -> None:
-        if not all(run.status.ok for run in run_lanes(lanes, step, span, ends)):
+        if not all(run.status.ok for run in run_lanes(lanes, step, span, np.array([0.0, span]))):
             raise RuntimeError("timing a run that failed")
 
-    return _in_turn(one_by_one, on_lanes, repeats)
+    one, other, gain, median = _compared(repeats, one_by_one, on_lanes)
+    return one / (PIECE * LANES), other / (PIECE * LANES), gain, median
 
 
 def _vectors(report: Report, request: Request) -> dict[str, str]:
     pieces = list(product(KINDS, RESOLUTIONS[request.quick]))
     rows = []
     for kind, n in pieces:
-        scenes = scenes_of(*KINDS[kind], n, LANES)
-        one, other, gain, median = _one_vector(scenes, REPEATS[request.quick])
-        rows.append((kind, n, one / (PIECE * LANES), other / (PIECE * LANES), gain, median))
+        rows.append((kind, n, *_one_vector(scenes_of(kind, n, LANES), REPEATS[request.quick])))
         request.progress(0.6 * len(rows) / len(pieces))
     report.section("Eight scenes on the vector lanes of one core")
     report.text(
@@ -108,16 +94,15 @@ def _vectors(report: Report, request: Request) -> dict[str, str]:
         the repeats; packing and unpacking the lanes is in their time. The last column is the median
         of the ratios of neighbouring pieces."""
     )
-    header = ("scenes | n_u | one by one [us/step] | lanes [us/step]", *TIMES)
+    header = f"scenes | n_u | one by one [us/step] | lanes [us/step] | {TIMES}"
     report.table("vectors", header, rows, "Time of a step of one scene")
     data = columns(("scenes", "n_u", "times faster"), [(*row[:2], row[4]) for row in rows])
-    looks = {kind: {"marker": "o"} for kind in KINDS}
-    panel = Panel("n_u", "times faster", ["times faster"], by="scenes", looks=looks)
+    panel = Panel("n_u", "times faster", ["times faster"], by="scenes", marker="o")
     chart(report, "gain", data, [panel], "How many times faster the lanes are, per core")
+    gains = {kind: [row[4] for row in rows if row[0] == kind] for kind in KINDS}
     return {
-        f"vector lanes, {kind}": f"{min(gains):.2f} to {max(gains):.2f} times as fast as one by one"
-        for kind in KINDS
-        for gains in [[row[4] for row in rows if row[0] == kind]]
+        f"vector lanes, {kind}": f"{min(own):.2f} to {max(own):.2f} times as fast as one by one"
+        for kind, own in gains.items()
     }
 
 
@@ -127,8 +112,7 @@ def _cores(report: Report, request: Request) -> dict[str, str]:
     if count < 2:
         report.text("There is one worker only: nothing to compare.")
         return {"all workers": "not measured: there is one only"}
-    kind = KINDS["paper_wire, forest_ruth"]
-    scenes = scenes_of(*kind, CORE_CONTROL_POINTS, CORE_SCENES[request.quick])
+    scenes = scenes_of("paper_wire, forest_ruth", CORE_CONTROL_POINTS, CORE_SCENES[request.quick])
     results = {}
 
     def one() -> None:
@@ -139,13 +123,13 @@ def _cores(report: Report, request: Request) -> dict[str, str]:
 
     for _ in range(3):  # every worker has then loaded its machine code
         all_of_them()
-    times = _in_turn(one, all_of_them, CORE_REPEATS[request.quick])
+    times = _compared(CORE_REPEATS[request.quick], one, all_of_them)
     same = results["one"].control_points.tobytes() == results["all"].control_points.tobytes()
     report.text(
         """Wires by `simulate_batch`, from scenes to results, in turn in this process and on workers
         that are already there; whether the numbers are equal to the last bit."""
     )
-    header = ("workers | scenes | n_u | simulated [s] | one [s] | all [s]", *TIMES)
+    header = f"workers | scenes | n_u | simulated [s] | one [s] | all [s] | {TIMES} | same bits"
     row: list[Cell] = [count, len(scenes), CORE_CONTROL_POINTS, CORE_DURATION, *times, str(same)]
-    report.table("cores", [*header, "same bits"], [row], "Wall time of one batch")
+    report.table("cores", header, [row], "Wall time of one batch")
     return {f"{count} workers": f"{times[2]:.2f} times as fast as one, same bits: {same}"}

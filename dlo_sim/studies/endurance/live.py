@@ -114,10 +114,11 @@ class Played:
         return float(spent[1] / spent[0])
 
     @property
-    def ages(self) -> NDArray[np.float64]:
-        """Arrival minus stamp of the control points [s], without the first second."""
-        noted = self.reader[CONTROL_POINTS]
-        return np.asarray((noted[:, 0] - noted[:, 1])[round(self.case.rate) :] * 1e-9)
+    def age(self) -> tuple[float, float]:
+        """Arrival minus stamp of the control points [s], without the first second: median, 99 %."""
+        noted = self.reader[CONTROL_POINTS][round(self.case.rate) :]
+        median, most = np.percentile((noted[:, 0] - noted[:, 1]) * 1e-9, [50.0, 99.0]).tolist()
+        return median, most
 
     @property
     def gaps(self) -> NDArray[np.float64]:

@@ -15,9 +15,9 @@ from dlo_sim.session import cdr
 from dlo_sim.session.session import Session
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column, Header, Report, columns
+from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import shipped
-from dlo_sim.studies.scaling.memory import resident_bytes
+from dlo_sim.studies.scaling.study import resident_bytes
 
 DURATION = {True: 600.0, False: 86_400.0}  # [s]
 RATE = 10  # [Hz] of ticks and poses
@@ -107,15 +107,15 @@ def describe(report: Report, looks: list[Look]) -> dict[str, str]:
         warm-up."""
     )
     warm, last = looks[WARM], looks[-1]
-    header: Header = ["look", Column("simulated", "s"), "energy error", Column("resident", "KB")]
-    header += ["open files", "threads", "Python's blocks", "refused"]
-    named = {"first": looks[0], "after the warm-up": warm, "last": last}
-    report.table(
-        "soak_looks", header, [(k, *v) for k, v in named.items()], "The run at three looks"
+    header = (
+        "look | simulated [s] | energy error | resident [KB] | open files | threads | "
+        "Python's blocks | refused"
     )
+    rows = [("first", *looks[0]), ("after the warm-up", *warm), ("last", *last)]
+    report.table("soak_looks", header, rows, "The run at three looks")
     hours = "simulated time [h]"
-    rows = [(x.time / 3600.0, (x.resident - warm.resident) / 1024.0, x.energy_error) for x in looks]
-    data = columns((hours, "change [KiB]", "energy error [-]"), rows)
+    seen = [(x.time / 3600.0, (x.resident - warm.resident) / 1024.0, x.energy_error) for x in looks]
+    data = columns((hours, "change [KiB]", "energy error [-]"), seen)
     panels = [
         Panel(hours, "resident memory, change [KiB]", ["change [KiB]"]),
         Panel(hours, "energy not accounted for, share", ["energy error [-]"]),

@@ -19,7 +19,7 @@ from dlo_sim.studies.endurance import fuzz, soak
 from dlo_sim.studies.endurance.bad_messages import messages
 from dlo_sim.studies.endurance.live import CONTROL_POINTS, Case, Played, play, same_offline
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column, Header, Report, columns
+from dlo_sim.studies.report import Report, columns
 
 SEED = 1
 PIECES = {  # of the fuzzing
@@ -141,7 +141,7 @@ def _live(report: Report, quick: bool, progress: Callable[[float], None]) -> dic
 
 def describe_soak(report: Report, played: Played) -> dict[str, str]:
     """Section, table and figure of the live soak; returns the verdicts."""
-    case, system = played.case, played.system
+    case, system = played.case, played.system.copy()
     equal, compared = same_offline(played)
     refused, other = _refused(played)
     taken, turned_down = played.source["changed"]
@@ -153,22 +153,17 @@ def describe_soak(report: Report, played: Played) -> dict[str, str]:
         back. At the end all publishers stop, `~/reset` is called, and what follows is compared with
         a session offline that is given the same messages."""
     )
+    system[:, 2] *= 1e-6  # MB
     warm = len(system) // 5
-    header: Header = ["look", Column("time", "s"), Column("processor", "s"), "resident [MB]"]
-    rows = [
-        (look, at, spent, resident * 1e-6, files, threads)
-        for look, (at, spent, resident, files, threads) in {
-            "after a fifth": system[warm].tolist(),
-            "last": system[-1].tolist(),
-        }.items()
-    ]
-    report.table("node", [*header, "open files", "threads"], rows, "The process")
+    header = "look | time [s] | processor [s] | resident [MB] | open files | threads"
+    rows = [("after a fifth", *system[warm]), ("last", *system[-1])]
+    report.table("node", header, rows, "The process")
     events = [(k, int(v)) for k, v in _counters(played) if int(v)]
     report.table("events", ["counted", "times"], events, "What /diagnostics counted")
-    data = {"time [s]": system[:, 0], "resident memory [MB]": system[:, 2] * 1e-6}
+    data = {"time [s]": system[:, 0], "resident memory [MB]": system[:, 2]}
     panel = Panel("time [s]", "resident memory [MB]", ["resident memory [MB]"])
     chart(report, "node_memory", data, [panel], "Resident memory of the node", (8.0, 3.2))
-    grown = (system[-1] - system[warm])[2:] * [1e-6, 1.0, 1.0]
+    grown = (system[-1] - system[warm])[2:]
     return {
         f"{case.seconds:.0f} s live": (
             f"memory {grown[0]:+.2f} MB, files {grown[1]:+.0f}, threads {grown[2]:+.0f} after a "
@@ -217,7 +212,7 @@ def describe_overload(report: Report, played: Played) -> dict[str, str]:
                 rows.append((at, name, int(count)))
             seen = count
     rows.sort(key=lambda row: row[0])  # within a second as they are shed
-    header: Header = [Column("time", "s", ".0f"), "counted in /diagnostics", "times so far"]
+    header = "time [s] {:.0f} | counted in /diagnostics | times so far"
     report.table("shed", header, rows, "What was shed and taken up, to a second")
     lags = played.said("session", "lag [s]")
     data = {"time [s]": [at for at, _ in lags], "lag [s]": [float(lag) for _, lag in lags]}
@@ -240,13 +235,9 @@ def describe_rates(report: Report, played: dict[str, Played]) -> dict[str, str]:
         counted. Load in the last of these minutes: {os.getloadavg()[0]:.1f} of {os.cpu_count()}
         cores."""
     )
-    header: Header = [
-        *("case", Column("age", "ms"), Column("99 %", "ms"), Column("above latency", "ms")),
-        *(Column("jitter 99 %", "ms"), "arrivals", "late", "late ticks", "share of a core"),
-    ]
     rows, verdicts = [], {}
     for name, one in played.items():
-        median, most = np.percentile(one.ages, [50.0, 99.0]).tolist()
+        median, most = one.age
         above = median - one.case.scene.inputs.latency
         jitter = float(np.percentile(np.abs(one.gaps - 1.0 / one.case.rate), 99.0))
         late = one.count("node", "late ticks")
@@ -256,6 +247,10 @@ def describe_rates(report: Report, played: dict[str, Played]) -> dict[str, str]:
             f"age {median * 1e3:.1f} ms ({most * 1e3:.1f} for 99 %), {late} late ticks, "
             f"{one.share:.0%} of a core"
         )
+    header = (
+        "case | age [ms] | 99 % [ms] | above latency [ms] | jitter 99 % [ms] | arrivals | late | "
+        "late ticks | share of a core"
+    )
     report.table("rates", header, rows, "Age, jitter and cost")
     return verdicts
 
@@ -269,11 +264,12 @@ def describe_latencies(report: Report, played: dict[float, Played]) -> dict[str,
     )
     rows = []
     for latency, one in played.items():
-        median, most = np.percentile(one.ages, [50.0, 99.0]).tolist()
-        late = one.count("session", "event late")
-        rows.append((latency, median, most, median - latency, late))
-    names = ("latency", "age, median", "age, 99 %", "median above latency")
-    header: Header = [*(Column(name, "ms") for name in names), "late messages"]
+        median, most = one.age
+        rows.append((latency, median, most, median - latency, one.count("session", "event late")))
+    header = (
+        "latency [ms] | age, median [ms] | age, 99 % [ms] | median above latency [ms] | "
+        "late messages"
+    )
     report.table("ages", header, rows, "Age of the outputs")
     axis = "inputs.latency [ms]"
     data = columns(("latency [s]", "median [s]", "99 % [s]"), [row[:3] for row in rows])

@@ -1,18 +1,21 @@
-"""Measured order of every method on a nonlinear scene, and accuracy against run time."""
+"""Order on a nonlinear scene, accuracy for the time spent, error against the reference model."""
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
+from dlo_sim.core import bspline
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper.wires import COMPARED, Array, Paper, scenario, softened
-from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell
-from dlo_sim.studies.runs import at_method, distance, each, run
-from dlo_sim.studies.stopwatch import step_cost
+from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE, SAMPLES
+from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
+from dlo_sim.studies.plotting import Panel, chart, heat_map, new_figure
+from dlo_sim.studies.report import Cell, columns
+from dlo_sim.studies.runs import Array, at_method, distance, each, run, step_cost
 
 # A soft strip, clamped, with a swinging force and moment at its free end: large bending.
 STRIP = {
@@ -35,14 +38,22 @@ FINE = 6400
 SPAN = {True: 0.25, False: 10.0}  # [s], of runs whose error is compared with their run time
 # Shares of the largest step, and a time [s] that every step divides: samples are at ends of steps.
 REAL, SOFT = ((1, 2, 4), 2e-5), ((1, 2, 4, 8), 4e-3)
-TIME, ERROR = "run time [s]", "error [m]"
-
-
-def add(paper: Paper) -> None:
-    """Order table, work-precision of the real and of the softened wire."""
-    _orders(paper)
-    _work_precision(paper)
-    _equal_step(paper)
+BESIDE_RK4 = (
+    "cost of a step, Forest-Ruth / RK4",
+    "position error at the same step, Forest-Ruth / RK4",
+    "run time for the same error, RK4 / Forest-Ruth",
+)
+TIME, GAP = "run time [s]", "error [m]"
+METHOD = "velocity_verlet"
+POINTS, INSTANTS = 10, 20
+LENGTH = 2.0  # [m], of the wire
+U = (np.arange(POINTS) + 0.5) / POINTS * LENGTH
+NINE, COLUMN = CONTROL_POINTS.index(9), SAMPLES.index(101)  # the model that is shown
+ERROR = "rms error, n_u = {} [mm]".format
+CHANGE = "change of the error over n_s from {} up, n_u = {} [%]".format
+CENTRE = "error beside the centre / largest, n_u = {}".format
+EARLY, LATE = (f"rms error in the {when} quarter, (9, 101) [mm]" for when in ("first", "last"))
+FINER = (31, 409)
 
 
 def _strip_end(method: str, steps: int) -> Array:
@@ -51,7 +62,8 @@ def _strip_end(method: str, steps: int) -> Array:
     return simulator.control_points[:, :3]
 
 
-def _orders(paper: Paper) -> None:
+def add(paper: Paper) -> None:
+    """Order table, work-precision of the real and of the softened wire."""
     wanted = [("forest_ruth", FINE), ("rk4", FINE)]
     wanted += [(method, n) for method in COMPARED for n in STEPS]
     ends = each(paper.workers, _strip_end, wanted)
@@ -68,6 +80,8 @@ def _orders(paper: Paper) -> None:
         f"Order on a nonlinear scene: a soft strip swung by a force and a moment for "
         f"{DURATION:g} s, against the other fourth-order method with {FINE} steps",
     )
+    _work_precision(paper)
+    _equal_step(paper)
 
 
 def _work_precision(paper: Paper) -> None:
@@ -75,12 +89,11 @@ def _work_precision(paper: Paper) -> None:
     real, changed = scenario(1), f"EA and springs CHANGED: / {paper.factor:.0f}"
     wires = {"real wire": (real, *REAL), changed: (softened(real, paper.factor), *SOFT)}
     rows = [row for name, wire in wires.items() for row in _curves(paper, name, *wire)]
-    names = ("wire", "method", "step [s]", TIME, ERROR)
-    data = dict(zip(names, zip(*rows, strict=True), strict=True))
+    data = columns(("wire", "method", "step [s]", TIME, GAP), rows)
     looks = {m: {"marker": mark} for m, mark in zip(COMPARED, "osx^", strict=True)}
     x, y = f"run time of {SPAN[paper.quick]:g} s [s]", "largest position error [m]"
     panels = [
-        Panel(TIME, y, [ERROR], name, x, by="method", where={"wire": name}, log="xy", looks=looks)
+        Panel(TIME, y, [GAP], name, x, by="method", where={"wire": name}, log="xy", looks=looks)
         for name in wires
     ]
     caption = "Accuracy for the time spent, scenario 1; left ends: 0.9 of the stability limits"
@@ -93,7 +106,7 @@ def _work_precision(paper: Paper) -> None:
         "Run time for the same position error (the geometric middle of what both fourth-order "
         "methods reach), softened wire; none: not so near at any step tried",
     )
-    paper.found["run time for the same error, RK4 / Forest-Ruth"] = ratios["rk4"]
+    paper.found[BESIDE_RK4[2]] = ratios["rk4"]
 
 
 def _curves(
@@ -137,5 +150,88 @@ def _equal_step(paper: Paper) -> None:
     fine, *recordings = each(paper.workers, run, runs).values()
     costs = [step_cost(Simulator(at)).best for at in both]
     errors = [float(distance(recording, fine).max()) for recording in recordings]
-    paper.found["cost of a step, Forest-Ruth / RK4"] = costs[0] / costs[1]
-    paper.found["position error at the same step, Forest-Ruth / RK4"] = errors[0] / errors[1]
+    paper.found |= {BESIDE_RK4[0]: costs[0] / costs[1], BESIDE_RK4[1]: errors[0] / errors[1]}
+
+
+def add_resolution(paper: Paper) -> None:
+    """Run every resolution, compare at fixed points and instants, draw the four figures."""
+    paper.report.text(
+        """The error is the distance between the two centerlines at fixed material points and
+        instants, scenario 1, `velocity_verlet` at each model's own stable step, whose time error is
+        far below the differences shown. Reference: n_u = 19, n_s = 251 (the text of the paper says
+        256, its tables end at 251); smaller errors than its own are not known."""
+    )
+    duration = paper.comparison
+    grid = list(product(CONTROL_POINTS, SAMPLES))
+    tracks = each(paper.workers, track, [(*size, duration) for size in [*grid, FINER]])
+    reference = tracks[(*REFERENCE, duration)]
+    *gaps, own = (np.linalg.norm(one - reference, axis=2) for one in tracks.values())
+    errors = np.reshape(gaps, (len(CONTROL_POINTS), len(SAMPLES), INSTANTS, POINTS))
+    _table(paper, errors, _rms(own))
+    _figures(paper, errors, np.linspace(0.0, duration, INSTANTS + 1)[1:])
+    _findings(paper, errors)
+    paper.found["rms error of the reference itself [mm]"] = 1e3 * float(_rms(own))
+
+
+def track(n: int, samples: int, duration: float) -> Array:
+    """Centerline at the fixed points and instants, shape (INSTANTS, POINTS, 3)."""
+    scene = scenario(1, discretization__control_points=n, discretization__samples=samples)
+    recording = run(at_method(scene, METHOD), duration, duration / INSTANTS)
+    basis = bspline.evaluate(np.eye(n), bspline.clamped_knots(n, scene.cable.length), U)
+    return np.asarray(basis @ recording.control_points[1 : INSTANTS + 1, :, :3])
+
+
+def _rms(errors: Array, axis: int | tuple[int, ...] | None = None) -> Array:
+    return np.asarray(np.sqrt((errors**2).mean(axis=axis)))
+
+
+def _table(paper: Paper, errors: Array, own: Array) -> None:
+    # The caption has the unit, so that the headers are the sample counts; values in mm therefore.
+    rms = 1e3 * _rms(errors, (2, 3))
+    rows: list[list[Cell]] = [[n, *row] for n, row in zip(CONTROL_POINTS, rms, strict=True)]
+    rows.append(["reference itself", *([None] * (len(SAMPLES) - 1)), 1e3 * float(own)])
+    paper.report.table(
+        "error_by_size",
+        ["n_u \\ n_s", *map(str, SAMPLES)],
+        rows,
+        "Error against the reference model, rms over points and instants [mm], scenario 1",
+        form=".3g",
+    )
+
+
+def _figures(paper: Paper, errors: Array, time: Array) -> None:
+    report, shown = paper.report, errors[NINE, COLUMN]
+    figure, (axes,) = new_figure(width=8.0, height=4.5)
+    image = axes.pcolormesh(U, time, 1e3 * shown, shading="nearest", cmap="magma")
+    figure.colorbar(image, ax=axes, label="error [mm]")
+    axes.set(xlabel="material coordinate u [m]", ylabel="time [s]", title="n_u = 9, n_s = 101")
+    grid = {"time [s]": np.repeat(time, POINTS), "u [m]": np.tile(U, INSTANTS)}
+    data = grid | {"error [m]": shown.ravel()}
+    report.figure("error_over_time_and_length", figure, data, "Error over time and length")
+    n_u, n_s = np.array(list(product(CONTROL_POINTS, SAMPLES))).T
+    data = {"n_u": n_u, "n_s": n_s, "rms error [m]": _rms(errors, (2, 3)).ravel()}
+    name, caption = "error_over_samples_and_points", "Error over n_s and n_u"
+    heat_map(report, name, data, "rms error [mm]", caption, ".3g")
+    for what, over, name, x, axis in (
+        ("time", "length", "time [s]", time, 2),
+        ("length", "time", "material coordinate u [m]", U, 1),
+    ):
+        values = _rms(errors[:, COLUMN], axis)
+        lines = {f"n_u = {n}": row for n, row in zip(CONTROL_POINTS, values, strict=True)}
+        panel = Panel(name, f"error, rms over {over} [mm]", list(lines), log="y")
+        caption = f"Error over {what} for each n_u, n_s = 101"
+        chart(report, f"error_over_{what}", {name: x} | lines, [panel], caption)
+
+
+def _findings(paper: Paper, errors: Array) -> None:
+    found, rms = paper.found, _rms(errors, (2, 3))
+    profiles = errors[:, COLUMN].mean(axis=1)
+    middle = profiles[:, POINTS // 2 - 1 : POINTS // 2 + 1].mean(axis=1)
+    shares = middle / profiles.max(axis=1)
+    for n, row, share in zip(CONTROL_POINTS[:-1], rms, shares, strict=False):
+        found[ERROR(n)], found[CENTRE(n)] = 1e3 * float(row[COLUMN]), float(share)
+        for first, part in ((51, row), (81, row[1:])):
+            found[CHANGE(first, n)] = float(100 * np.ptp(part) / part.min())
+    quarter = INSTANTS // 4
+    found[EARLY] = 1e3 * float(_rms(errors[NINE, COLUMN, :quarter]))
+    found[LATE] = 1e3 * float(_rms(errors[NINE, COLUMN, -quarter:]))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from dlo_sim.studies.paper import energy, limits, motion, resolution, sweep, timing
+from dlo_sim.studies.paper import accuracy, energy, limits, motion, timing
 from dlo_sim.studies.paper.limits import PLAIN, TORSION
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE
 from dlo_sim.studies.paper.wires import COMPARED
-from dlo_sim.studies.report import Report, shown
+from dlo_sim.studies.report import Cell, Report, shown
 
 Found = Mapping[str, float]
 INTEGRATOR, RESULTS, CONCLUSIONS = "Symplectic Integrator", "Simulation Results", "Conclusions"
@@ -22,13 +23,9 @@ FASTER = 0.8  # of the other's time, at most
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, judged.
-
-    Attributes:
-        name: short. section, words: where in the paper, and its own words.
-        verdict: holds, holds in part, does not hold.
-        measured: what it rests on, by name with the unit, the decisive number first.
-        shown: names of the tables and figures with the evidence.
+    """One claim, judged: its section and words in the paper, whether it holds, holds in part or
+    does not hold, the findings that this rests on, the decisive one first, and the names of the
+    tables and figures with the evidence.
     """
 
     name: str
@@ -38,14 +35,22 @@ class Claim:
     measured: dict[str, float]
     shown: tuple[str, ...]
 
+    @property
+    def evidence(self) -> str:
+        """What was measured, in words."""
+        return "; ".join(f"{name}: {shown(value)}" for name, value in self.measured.items())
 
-@dataclass(frozen=True)
-class Question:
-    """A claim to be judged by what was found.
+    @property
+    def row(self) -> list[Cell]:
+        """The row of the table."""
+        where = ", ".join(f"`{name}`" for name in self.shown)
+        words, verdict = f'"{self.words}"', f"**{self.verdict}**"
+        return [self.name, self.section, words, verdict, self.evidence, where]
 
-    Attributes:
-        holds: the condition under which it holds; partly: in part, if it does not.
-        measured: names of findings; the rest as in `Claim`.
+
+class Question(NamedTuple):
+    """A claim to be judged by what was found: the conditions under which it holds, or holds in
+    part, and names of findings; the rest as in `Claim`.
     """
 
     name: str
@@ -58,53 +63,30 @@ class Question:
 
     def judged(self, found: Found) -> Claim:
         """The claim with its verdict."""
-        verdict = "does not hold"
-        if self.holds(found):
-            verdict = "holds"
-        elif self.partly(found):
-            verdict = "holds in part"
+        partly = "holds in part" if self.partly(found) else "does not hold"
         measured = {name: float(found[name]) for name in self.measured}
+        verdict = "holds" if self.holds(found) else partly
         return Claim(self.name, self.section, self.words, verdict, measured, self.shown)
 
 
-def add(report: Report, claims: list[Claim]) -> None:
-    """The table of claims."""
-    report.table(
-        "claims",
-        ["claim", "section", "in the paper's words", "verdict", "measured", "shown in"],
-        [
-            [
-                *(c.name, c.section, f'"{c.words}"', f"**{c.verdict}**", _evidence(c)),
-                ", ".join(f"`{name}`" for name in c.shown),
-            ]
-            for c in claims
-        ],
-        "What the paper claims, in which section, and what this run measured",
-    )
-
-
-def summary(claims: list[Claim]) -> str:
-    """A line of markdown for every claim: verdict and evidence."""
-    return "\n".join(f"- {c.name}: **{c.verdict}**. {_evidence(c)}." for c in claims)
-
-
-def _evidence(claim: Claim) -> str:
-    return "; ".join(f"{name}: {shown(value)}" for name, value in claim.measured.items())
+def add(report: Report, claims: list[Claim]) -> str:
+    """The table of claims; and a line of markdown for each, verdict and evidence."""
+    header = "claim | section | in the paper's words | verdict | measured | shown in"
+    caption = "What the paper claims, in which section, and what this run measured"
+    report.table("claims", header, [claim.row for claim in claims], caption)
+    return "\n".join(f"- {c.name}: **{c.verdict}**. {c.evidence}." for c in claims)
 
 
 def _stuck(found: Found) -> int:
     """How many methods are stopped in scenario 2 where Forest-Ruth is not."""
-    fine = not found[limits.STOPPED(PLAIN, "forest_ruth")]
-    return sum(fine and bool(found[limits.STOPPED(PLAIN, method)]) for method in ("rk4", "zhai"))
+    forest_ruth, *others = (found[limits.STOPPED(PLAIN, m)] for m in ("forest_ruth", "rk4", "zhai"))
+    return 0 if forest_ruth else sum(map(bool, others))
 
 
 def _gains(found: Found) -> int:
     """In how many ways of comparing Forest-Ruth takes clearly less time than RK4."""
-    shares = (
-        found["cost of a step, Forest-Ruth / RK4"],
-        1.0 / found["run time for the same error, RK4 / Forest-Ruth"],
-        found[timing.TIME("forest_ruth")] / found[timing.TIME("rk4")],
-    )
+    cost, _, slower = (found[name] for name in accuracy.BESIDE_RK4)
+    shares = (cost, 1.0 / slower, found[timing.TIME("forest_ruth")] / found[timing.TIME("rk4")])
     return sum(share < FASTER for share in shares)
 
 
@@ -117,14 +99,8 @@ QUESTIONS = (
         "2 ms is the largest stable step",
         RESULTS,
         "This time step-size is the largest value that preserves the stability",
-        lambda f: 0.9 < f["2 ms / largest stable step of Forest-Ruth"] < 1.1,
-        (
-            "2 ms / largest stable step of Forest-Ruth",
-            limits.LIMIT("forest_ruth", 1),
-            "stopped at 2 ms, forest_ruth, scenario 1, at step (0: never)",
-            "2 ms needs axial stiffness and springs divided by",
-            "energy_momentum at 2 ms from a fine run [mm]",
-        ),
+        lambda f: 0.9 < f[limits.RATIO] < 1.1,
+        (limits.RATIO, limits.LIMIT("forest_ruth", 1), *limits.AT_2_MS),
         ("stable_steps", "limit_by_term", "paper_step"),
     ),
     Question(
@@ -132,13 +108,7 @@ QUESTIONS = (
         INTEGRATOR,
         "the CPU time can be decreased by approximately 25 percent",
         lambda f: _gains(f) == 3,
-        (
-            "cost of a step, Forest-Ruth / RK4",
-            "position error at the same step, Forest-Ruth / RK4",
-            "run time for the same error, RK4 / Forest-Ruth",
-            timing.TIME("forest_ruth"),
-            timing.TIME("rk4"),
-        ),
+        (*accuracy.BESIDE_RK4, timing.TIME("forest_ruth"), timing.TIME("rk4")),
         ("cost_per_step", "time_at_equal_error", "table_3"),
         partly=lambda f: _gains(f) > 0,
     ),
@@ -203,9 +173,7 @@ QUESTIONS = (
         lambda f: f[energy.EXPONENT("forest_ruth")] < 1.3 and f[energy.EXPONENT("rk4")] > 1.7,
         (
             *(name(m) for name in (energy.EXPONENT, energy.LAST) for m in ("forest_ruth", "rk4")),
-            "RK4 less accurate than Forest-Ruth at the same step from [s]",
-            "least exponent of position errors, real wire",
-            "largest exponent of position errors, real wire",
+            *(energy.BEHIND, *energy.REAL_EXPONENTS),
         ),
         ("energy_regular", "error_growth", "energy_real"),
         partly=lambda f: f[energy.EXPONENT("forest_ruth")] < 1.3,
@@ -214,52 +182,52 @@ QUESTIONS = (
         "n_s has no noticeable effect",
         RESULTS,
         "n_s has no noticeable effect on the error",
-        lambda f: max(f[resolution.CHANGE(51, n)] for n in COARSER) < NOTICEABLE,
-        (resolution.CHANGE(51, 9), *(resolution.CHANGE(81, n) for n in COARSER)),
+        lambda f: max(f[accuracy.CHANGE(51, n)] for n in COARSER) < NOTICEABLE,
+        (accuracy.CHANGE(51, 9), *(accuracy.CHANGE(81, n) for n in COARSER)),
         ("error_by_size", "error_over_samples_and_points"),
         # Beyond the fewest samples, at the paper's own n_u.
-        partly=lambda f: f[resolution.CHANGE(81, 9)] < SMALL,
+        partly=lambda f: f[accuracy.CHANGE(81, 9)] < SMALL,
     ),
     Question(
         "the error falls with n_u",
         RESULTS,
         "As n_u increases, the error decreases and vice versa",
         lambda f: all(
-            f[resolution.ERROR(fine)] < f[resolution.ERROR(coarse)]
+            f[accuracy.ERROR(fine)] < f[accuracy.ERROR(coarse)]
             for coarse, fine in zip(COARSER, COARSER[1:], strict=False)
         ),
-        (*map(resolution.ERROR, COARSER), "rms error of the reference itself [mm]"),
+        (*map(accuracy.ERROR, COARSER), "rms error of the reference itself [mm]"),
         ("error_by_size", "error_over_time", "error_over_length"),
-        partly=lambda f: f[resolution.ERROR(13)] < f[resolution.ERROR(9)] < f[resolution.ERROR(5)],
+        partly=lambda f: f[accuracy.ERROR(13)] < f[accuracy.ERROR(9)] < f[accuracy.ERROR(5)],
     ),
     Question(
         "fewer control points or samples take less time",
         RESULTS,
         "reducing n_u and/or n_s will require less execution time",
-        lambda f: f[sweep.SAMPLES_COST] > 1.0 and f[sweep.POINTS_COST] > 1.0 - NOTICEABLE / 100.0,
+        lambda f: f[timing.SAMPLES_COST] > 1.0 and f[timing.POINTS_COST] > 1.0 - NOTICEABLE / 100.0,
         (
-            *(sweep.POINTS_COST, sweep.SAMPLES_COST),
-            *map(sweep.SIZE_COST, CONTROL_POINTS),
-            *(sweep.RUN(n) for n in (5, 19)),
+            *(timing.POINTS_COST, timing.SAMPLES_COST),
+            *map(timing.SIZE_COST, CONTROL_POINTS),
+            *(timing.RUN(n) for n in (5, 19)),
         ),
         ("table_7", "stable_sweep", "cost_over_size"),
-        partly=lambda f: f[sweep.SAMPLES_COST] > 1.0,
+        partly=lambda f: f[timing.SAMPLES_COST] > 1.0,
     ),
     Question(
         "the error is largest at the centre",
         RESULTS,
         "the maximum error occurred at the center of the DLO",
-        lambda f: min(f[resolution.CENTRE(n)] for n in COARSER) > NEAR,
-        tuple(map(resolution.CENTRE, (9, *(n for n in COARSER if n != 9)))),
+        lambda f: min(f[accuracy.CENTRE(n)] for n in COARSER) > NEAR,
+        tuple(map(accuracy.CENTRE, (9, *(n for n in COARSER if n != 9)))),
         ("error_over_length", "error_over_time_and_length"),
-        partly=lambda f: f[resolution.CENTRE(9)] > NEAR,
+        partly=lambda f: f[accuracy.CENTRE(9)] > NEAR,
     ),
     Question(
         "the error decreases over time",
         RESULTS,
         "the error decreases over time",
-        lambda f: f[resolution.LATE] < 0.8 * f[resolution.EARLY],
-        (resolution.LATE, resolution.EARLY),
+        lambda f: f[accuracy.LATE] < 0.8 * f[accuracy.EARLY],
+        (accuracy.LATE, accuracy.EARLY),
         ("error_over_time", "error_over_time_and_length"),
     ),
     Question(

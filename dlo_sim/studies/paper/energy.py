@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -10,10 +11,10 @@ from dlo_sim.core import bspline, hamiltonian, mass
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published
-from dlo_sim.studies.paper.wires import COMPARED, Array, Paper, scenario, softened
+from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Cell
-from dlo_sim.studies.runs import at_method, distance, run
+from dlo_sim.studies.runs import Array, at_method, distance, run
 
 FINE = 8  # the reference of the real wire has a step so many times smaller
 OFF_STEP = 0.01037  # [s] between samples of energies: no multiple of any step
@@ -22,6 +23,8 @@ ADDED = "energy added by the slope, regular wire, {}".format
 SWING = "swing of the energy, regular wire, {}".format
 LAST = "position error at the end, regular wire, {} [m]".format
 LARGEST = "largest energy error, real wire, {}".format
+BEHIND = "RK4 less accurate than Forest-Ruth at the same step from [s]"
+REAL_EXPONENTS = tuple(f"{k} exponent of position errors, real wire" for k in ("least", "largest"))
 HEADER = (
     "method | step [us] | largest energy error | slope [1/s] | swing | drifts? | "
     "position error [m] | exponent of its growth | run time [s]"
@@ -34,12 +37,9 @@ CAPTION = (
 
 @dataclass(frozen=True)
 class Conservation:
-    """Energy and position errors of one run.
-
-    Attributes:
-        error: largest energy error; added: what the fitted slope of the energy adds over the run;
-            swing: standard deviation around it; all relative to the largest energy exchanged.
-        gap: largest position error [m] at every sample; exponent: of time in its growth.
+    """Of one run, relative to the largest energy exchanged: the largest energy error, what the
+    fitted slope of the energy adds over the run, the standard deviation about it; and the largest
+    position error [m] at every sample, the exponent of time in its growth.
     """
 
     recording: Recording
@@ -63,11 +63,11 @@ def add(paper: Paper) -> None:
     paper.report.text(
         """Momenta are p = M v with the consistent mass matrix, as the Lagrangian asks; the paper's
         p = J v (its eqs. 12-13) is the momentum per length of the continuous cable and not
-        conjugate to a control point. On the real wire stability, not accuracy, sets the step, and
-        its coupled modes drive neighbouring runs apart: exponents of its position errors do not
-        sort the symplectic methods from the others. A wire that moves regularly is needed to see
-        what the textbooks say: four control points, softened until 2 ms is stable. Positions of
-        `zhai` are those of `velocity_verlet`."""
+        conjugate to a control point. On the real wire stability sets the step, and coupled modes
+        drive neighbouring runs apart: exponents of position errors do not sort the symplectic
+        methods from the others. What the textbooks say shows on a wire that moves regularly: four
+        control points, softened until 2 ms is stable. Positions of `zhai` are those of
+        `velocity_verlet`."""
     )
     paper.found["largest |H(q, p) - (K + U)| / K along scenario 2"] = _legendre()
     _real(paper)
@@ -109,29 +109,21 @@ def _real(paper: Paper) -> None:
     scene, duration = scenario(1), paper.comparison
     own = {method: Simulator(at_method(scene, method)).step for method in COMPARED}
     fine = run(at_method(scene, "forest_ruth", own["forest_ruth"] / FINE), duration, OFF_STEP)
-    found = {
-        (method, share): _conservation(
-            run(at_method(scene, method, share * own[method]), duration, OFF_STEP),
-            fine,
-            0.1 * duration,
-        )
-        for method in COMPARED
-        for share in (1.0, 0.5)
-    }
-    paper.report.table(
-        "energy_real",
-        HEADER,
-        [one.row for one in found.values()],
+    found = {}
+    for method, share in product(COMPARED, (1.0, 0.5)):
+        recording = run(at_method(scene, method, share * own[method]), duration, OFF_STEP)
+        found[method, share] = _conservation(recording, fine, 0.1 * duration)
+    caption = (
         f"The real wire, scenario 1, {duration:g} s, each method at 0.9 and 0.45 of its limit; "
         f"{CAPTION}; position against Forest-Ruth at 1/{FINE} of its step; exponent fitted from "
-        f"{0.1 * duration:g} s on",
+        f"{0.1 * duration:g} s on"
     )
-    _energy_figure(
-        paper, "energy_real_chart", "the real wire", {m: found[m, 1.0] for m in COMPARED}
-    )
+    paper.report.table("energy_real", HEADER, [one.row for one in found.values()], caption)
+    shown = {method: found[method, 1.0] for method in COMPARED}
+    _energy_figure(paper, "energy_real_chart", "the real wire", shown)
     exponents = [one.exponent for one in found.values()]
-    paper.found["least exponent of position errors, real wire"] = min(exponents)
-    paper.found["largest exponent of position errors, real wire"] = max(exponents)
+    least, largest = REAL_EXPONENTS
+    paper.found |= {least: min(exponents), largest: max(exponents)}
     for method in ("forest_ruth", "rk4"):
         paper.found[LARGEST(method)] = found[method, 1.0].error
 
@@ -146,27 +138,27 @@ def _regular(paper: Paper) -> None:
     for method in COMPARED:
         recording = run(at_method(scene, method, published.STEP), duration, every)
         found[method] = _conservation(recording, fine, duration / 3.0)
-    paper.report.table(
-        "energy_regular",
-        HEADER,
-        [one.row for one in found.values()],
+    caption = (
         f"A regular wire for {duration:g} s at the paper's 2 ms: scenario 1 with n_u = 4 and "
         f"constants CHANGED: axial stiffness and springs / {paper.factor:.0f}; {CAPTION}; "
-        f"exponent fitted over the last two thirds",
+        f"exponent fitted over the last two thirds"
     )
+    paper.report.table("energy_regular", HEADER, [one.row for one in found.values()], caption)
     _energy_figure(paper, "energy_regular_chart", "the regular wire", found)
     gaps = {method: np.maximum.accumulate(one.gap) for method, one in found.items()}
-    _growth_figure(paper, fine.time, gaps)
+    data = {"time [s]": fine.time[1:]} | {f"{m} [m]": gap[1:] for m, gap in gaps.items()}
+    looks = {"zhai [m]": {"linestyle": "--", "zorder": 5, "label": "zhai (on velocity_verlet)"}}
+    y = "largest position error so far [m]"
+    panel = Panel("time [s]", y, list(data)[1:], "Constants CHANGED", log="xy", looks=looks)
+    caption = "Growth of the position error of a regular wire at 2 ms; exponents in the table"
+    chart(paper.report, "error_growth", data, [panel], caption)
     behind = np.flatnonzero(gaps["rk4"][1:] > gaps["forest_ruth"][1:])
-    paper.found["RK4 less accurate than Forest-Ruth at the same step from [s]"] = (
-        float(fine.time[1 + behind[0]]) if behind.size else float("inf")
-    )
+    since = float(fine.time[1 + behind[0]]) if behind.size else float("inf")
+    paper.found[BEHIND] = since
     for method in ("forest_ruth", "rk4"):
         one = found[method]
-        paper.found[ADDED(method)] = one.added
-        paper.found[SWING(method)] = one.swing
-        paper.found[EXPONENT(method)] = one.exponent
-        paper.found[LAST(method)] = one.gap.max()
+        paper.found |= {ADDED(method): one.added, SWING(method): one.swing}
+        paper.found |= {EXPONENT(method): one.exponent, LAST(method): float(one.gap.max())}
 
 
 def _energy_figure(paper: Paper, name: str, wire: str, found: dict[str, Conservation]) -> None:
@@ -179,12 +171,3 @@ def _energy_figure(paper: Paper, name: str, wire: str, found: dict[str, Conserva
         panels.append(Panel("time [s]", "energy error [J]", [f"{method} [J]"], title, band=True))
     caption = f"Energy of {wire}: error over time; band from least to largest, line: mean"
     chart(paper.report, name, data, panels, f"{caption}; mind the scales", (10.0, 5.6), 2)
-
-
-def _growth_figure(paper: Paper, time: Array, gaps: dict[str, Array]) -> None:
-    data = {"time [s]": time[1:]} | {f"{m} [m]": gap[1:] for m, gap in gaps.items()}
-    looks = {"zhai [m]": {"linestyle": "--", "zorder": 5, "label": "zhai (on velocity_verlet)"}}
-    y = "largest position error so far [m]"
-    panel = Panel("time [s]", y, list(data)[1:], "Constants CHANGED", log="xy", looks=looks)
-    caption = "Growth of the position error of a regular wire at 2 ms; exponents in the table"
-    chart(paper.report, "error_growth", data, [panel], caption)

@@ -1,36 +1,25 @@
 """The forces on the paper's wire in plain interpreted numpy: what stands in for MATLAB.
 
-Nothing is shared with the compiled step but the scene and the spline. Two ways
-of writing the elastic force are kept apart, because an interpreter's speed depends on nothing else:
-`sample_by_sample` is the oracle of `core.elasticity`, a loop over the quadrature points with a
-linear solve per evaluation as the paper describes it; `whole_arrays` does the same with one numpy
-call per operation for all samples. Ends may be held per axis or hang on springs; loads are constant
-or sine forces; no twist, damping or moved ends.
+Nothing is shared with the compiled step but the scene and the spline. An interpreter's speed is
+that of how the elastic force is written: sample by sample, the oracle of `core.elasticity`, a loop
+over the quadrature points with a linear solve per evaluation as the paper describes it; or with one
+numpy call per operation for all samples. It knows ends held per axis or on springs, and constant
+and sine forces; no twist, damping or moved ends.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, elasticity, mass, quadrature
 from dlo_sim.scene.description import Scene
-
-Array = NDArray[np.float64]
+from dlo_sim.studies.runs import Array
 
 
 class Wire:
-    """A scene as dense numpy arrays.
-
-    Args:
-        sample_by_sample: loop over the quadrature points instead of whole-array operations.
-
-    Raises:
-        ValueError: the scene has something that this twin does not know.
-    """
+    """A scene as dense numpy arrays; `sample_by_sample`: which of the two ways."""
 
     def __init__(self, scene: Scene, sample_by_sample: bool) -> None:
-        _check(scene)
         self.scene = scene
         n = scene.discretization.control_points
         self.knots = bspline.clamped_knots(n, scene.cable.length)
@@ -86,21 +75,3 @@ class Wire:
         if self._loop:
             return np.stack(list(map(np.linalg.solve, self._masses, columns)), axis=1)
         return np.stack(list(map(np.matmul, self._inverses, columns)), axis=1)
-
-
-def _check(scene: Scene) -> None:
-    """Refuse what `acceleration` leaves out."""
-    ends, cable = scene.ends.values(), scene.cable
-    absent = {
-        "damping": any((scene.damping.mass, scene.damping.stiffness, scene.damping.air_drag)),
-        "clamped ends": any(end.clamped for end in ends),
-        "end masses": any(end.mass for end in ends),
-        "driven ends": any(end.driven for end in ends),
-        "natural curvature": cable.shaped,
-        "lumped mass": scene.discretization.mass != "consistent",
-        "stretching by span": scene.discretization.stretch_by_span,
-        "torques, topics": any(one.type != "force" or one.signal == "none" for one in scene.loads),
-    }
-    present = [name for name, there in absent.items() if there]
-    if present:
-        raise ValueError(f"the interpreted twin does not know: {', '.join(present)}")

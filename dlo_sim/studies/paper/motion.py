@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -9,10 +11,11 @@ from matplotlib.colors import Normalize
 
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.studies import plotting
-from dlo_sim.studies.paper.wires import SCENARIOS, Array, Paper, scenario
+from dlo_sim.studies.paper.wires import SCENARIOS, Paper, scenario
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.runs import at_method, distance, each, run
+from dlo_sim.studies.runs import Array, at_method, distance, each, run
 
+DURATION = {True: 2.0, False: 10.0}  # [s]
 EVERY = 0.005  # [s] between samples
 SHAPES = 40  # shapes in a still
 START = 1.0  # [s] shown larger
@@ -27,28 +30,27 @@ SIDEWAYS = {1: (("z", 2),), 2: (("z", 2), ("y", 1))}
 def add(paper: Paper) -> None:
     """Run both scenarios with Forest-Ruth and draw them."""
     paper.report.text(
-        """Forest-Ruth at its own step. With the wire's real axial stiffness and end springs of 10
-        kN/m the ends hardly give way, so the wire sags by millimetres in scenario 1: x is drawn as
-        the displacement from the start, since the coordinates themselves would be straight lines.
-        Scenario 2 is chaotic: differences of rounding size between two fourth-order methods grow
-        exponentially, and later positions are one of many equally good motions, whatever the
-        integrator; mirrored control points part then as well."""
+        """Forest-Ruth at its own step; x is drawn as the displacement from the start. Scenario 2 is
+        chaotic: differences of rounding size between two fourth-order methods grow exponentially,
+        and later positions are one of many equally good motions, whatever the integrator; mirrored
+        control points part then as well."""
     )
     spatial = scenario(1, terms__out_of_plane="on")
     wanted = [(number, "forest_ruth") for number in SCENARIOS] + [(2, m) for m in OTHERS]
-    cases = [(at_method(scenario(k), m), paper.duration, EVERY) for k, m in wanted]
+    cases = [(at_method(scenario(k), m), DURATION[paper.quick], EVERY) for k, m in wanted]
     cases.append((at_method(spatial, "forest_ruth"), START, EVERY))
     *found, in_space = each(paper.workers, run, cases).values()
-    recordings = dict(zip(SCENARIOS, found, strict=False))
+    first, second, *others = found
+    recordings = {1: first, 2: second}
     for number, name in COORDINATES:
         _coordinate(paper, recordings[number], number, name)
-    for number in SCENARIOS:
-        _shapes(paper, recordings[number], number)
-        _animation(paper, recordings[number], number)
-    gaps = {method: distance(one, found[1]) for method, one in zip(OTHERS, found[2:], strict=True)}
-    _parting(paper, recordings[2].time, gaps)
-    z = recordings[1].control_points[:, :, 2]
-    sag = -float(recordings[1].centerline[:, :, 2].min())
+    for number, recording in recordings.items():
+        _shapes(paper, recording, number)
+        _animation(paper, recording, number)
+    gaps = {m: distance(one, second) for m, one in zip(OTHERS, others, strict=True)}
+    _parting(paper, second.time, gaps)
+    z = first.control_points[:, :, 2]
+    sag = -float(first.centerline[:, :, 2].min())
     paper.found["largest sag, scenario 1 [mm]"] = 1e3 * sag
     paper.found[MIRRORED] = float(np.abs(z - z[:, ::-1]).max() / sag)
     paper.found[PLANE] = float(np.abs(in_space.control_points[:, :, 1]).max())
@@ -78,16 +80,12 @@ def _coordinate(paper: Paper, recording: Recording, number: int, name: str) -> N
     data = {"time [s]": recording.time}
     data |= {f"{name} of q{i + 1} [m]": values[:, i] for i in range(values.shape[1])}
     what = "displacement along x" if name == "x" else name
-    early = {key: column[recording.time <= START] for key, column in data.items()}
-    figure, axes = plotting.new_figure(2, 1, 9.0, 6.0)
-    title = f"{what} of the control points, {SCENARIOS[number]}; below: the first {START:g} s"
-    for panel_axes, shown, over in zip(axes, (data, early), (title, ""), strict=True):
-        panel = Panel("time [s]", f"{what} [mm]", list(data)[1:], over)
-        panel.draw(panel_axes, shown)
-    caption = f"{what} of every control point, {SCENARIOS[number]}"
+    panel = Panel("time [s]", f"{what} [mm]", list(data)[1:])
+    caption = f"{what} of every control point, {SCENARIOS[number]}; below: the first {START:g} s"
     if (number, name) == (1, "z"):
         caption += "; mirrored control points lie on one curve"
-    paper.report.figure(f"scenario_{number}_{name}", figure, data, caption)
+    panels = [panel, replace(panel, until=START)]
+    chart(paper.report, f"scenario_{number}_{name}", data, panels, caption, (9.0, 6.0), 2)
 
 
 def _shapes(paper: Paper, recording: Recording, number: int) -> None:

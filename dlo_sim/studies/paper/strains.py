@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dlo_sim.core import bspline, elasticity
@@ -9,10 +11,9 @@ from dlo_sim.core.plasticity import Law
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper.wires import Array, Paper, scenario
+from dlo_sim.studies.paper.wires import Paper, scenario
 from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Column
-from dlo_sim.studies.runs import at_method, each
+from dlo_sim.studies.runs import Array, at_method, each
 
 FLOORS = {
     True: (1.0, 0.1, 0.0314159, 0.01),
@@ -41,15 +42,14 @@ STRIP = {
 def add(paper: Paper) -> None:
     """Breakdown of the Frenet torsion; plastic bending against its closed form."""
     paper.report.text(
-        """gamma = C.r'''/|C|^2 is 0/0 on a straight cable, which is how the paper's wire starts;
-        here it is C.r'''/(|C|^2 + delta^2) with a curvature floor delta, by default 1 % of the
-        curvature of the ring that the cable can be bent to. Samples below the floor are counted,
-        and a run never yields a NaN. A lower floor shortens the stable step in proportion, and the
-        force per torque grows as 1 / delta^2: far down even the bound of the linearised wire is
-        not enough. Twist is therefore measured against a rotation-minimising frame unless a scene
-        asks for this.""",
-        """The plastic strain eps0 of the paper has no evolution law there. Here every quadrature
-        point has a plastic curvature vector with a yield curvature and linear kinematic hardening,
+        """gamma = C.r'''/|C|^2 is 0/0 on a straight cable, as the paper's wire is at first; here it
+        is C.r'''/(|C|^2 + delta^2) with a curvature floor delta, by default 1 % of the curvature of
+        the ring that the cable can be bent to. Samples below the floor are counted, and a run never
+        yields a NaN. The stable step is proportional to the floor, the force per torque to 1 /
+        delta^2: far down even the bound of the linearised wire is not enough. Unless a scene asks
+        for this, twist is measured against a rotation-minimising frame.""",
+        """The paper has no evolution law for its plastic strain eps0. Here every quadrature point
+        has a plastic curvature vector with a yield curvature and linear kinematic hardening,
         updated once per step by return mapping.""",
     )
     _frenet(paper)
@@ -62,10 +62,7 @@ def _frenet(paper: Paper) -> None:
     runs = list(each(paper.workers, _surviving, cases).values())
     paper.report.table(
         "frenet_floor",
-        [
-            "floor [1/m] | step [us] | survived at | energy error",
-            Column("samples without torsion", "%", ".0f"),
-        ],
+        "floor [1/m] | step [us] | survived at | energy error | samples without torsion [%] {:.0f}",
         [[*row[:2], f"{row[2]:g} of it", *row[3:]] for row in runs],
         f"Scenario 2 with twist measured against the Frenet torsion, velocity Verlet, "
         f"{duration:g} s; step: 0.9 of the linear bound; 0 of it: none down to {SMALLEST_SHARE:g}",
@@ -75,11 +72,9 @@ def _frenet(paper: Paper) -> None:
     bound, survived = "step from the linear bound [s]", "step that survived [s]"
     data = {floor: floors, bound: steps, survived: shares * steps, without: empty}
     looks = {bound: {"marker": "o"}, survived: {"marker": "s", "linestyle": "--"}}
-    default = {"default floor": scenario(2).curvature_floor}
-    axes = (("xy", "step [us]", [bound, survived]), ("x", f"{without} [%]", [without]))
-    panels = [
-        Panel(floor, y, lines, log=log, looks=looks, uprights=default) for log, y, lines in axes
-    ]
+    panel = Panel(floor, "step [us]", [bound, survived], log="xy", looks=looks)
+    panel = replace(panel, uprights={"default floor": scenario(2).curvature_floor})
+    panels = [panel, replace(panel, y=f"{without} [%]", lines=[without], log="x")]
     caption = "Breakdown of the Frenet torsion, scenario 2"
     chart(paper.report, "frenet_breakdown", data, panels, caption, (10.0, 4.2))
     whole = floors[shares == 1.0].min()
@@ -95,17 +90,11 @@ def _surviving(floor: float, duration: float) -> tuple[float, float, float, floa
     share = 1.0
     while True:
         simulator = Simulator(at_method(scene, "velocity_verlet", share * first))
-        fine = simulator.advance(duration).status.ok
+        fine, torsion = simulator.advance(duration).status.ok, simulator.undefined_torsion
         if fine or share <= SMALLEST_SHARE:
-            torsion = simulator.undefined_torsion
             empty = torsion.mean / torsion.samples
             return floor, first, share * fine, simulator.energy_error, empty
         share *= 0.5
-
-
-def law_of(scene: Scene) -> Law:
-    """The bending law of a scene."""
-    return Law(scene.cable.EI, scene.plasticity.yield_curvature, scene.plasticity.hardening)
 
 
 def _bend(scene: Scene, law: Law, quick: bool) -> tuple[Array, Array, int]:
@@ -126,7 +115,7 @@ def _bend(scene: Scene, law: Law, quick: bool) -> tuple[Array, Array, int]:
 
 def _plastic(paper: Paper) -> None:
     scene = scene_from_values(STRIP)
-    law = law_of(scene)
+    law = Law(scene.cable.EI, scene.plasticity.yield_curvature, scene.plasticity.hardening)
     moments, curvature, loading = _bend(scene, law, paper.quick)
     dense = np.linspace(0.0, PEAK, 401)
     rising = np.interp(moments[:loading], [law.moment(k) for k in dense], dense)

@@ -1,8 +1,9 @@
-"""Tables 1 to 4: run time against simulated time, interpreted and compiled, beside the paper's."""
+"""Tables 1 to 8: run time against simulated time, and over n_u and n_s, interpreted and compiled,
+beside the paper's.
+"""
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,13 @@ import numpy as np
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.paper import published
+from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.interpreted import Wire
-from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Array, Paper, scenario, softened
+from dlo_sim.studies.paper.published import CONTROL_POINTS, SAMPLES
+from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario
 from dlo_sim.studies.plotting import COLORS, Panel, chart
-from dlo_sim.studies.report import Cell, Column, Header
-from dlo_sim.studies.runs import at_method
-from dlo_sim.studies.stopwatch import Cost, least, step_cost
+from dlo_sim.studies.report import Cell
+from dlo_sim.studies.runs import Array, Cost, advance, at_method, least, step_cost
 
 LOOP, ARRAYS = "sample by sample", "whole arrays"
 PAPER_NAMES = {"forest_ruth": "symplectic", "rk4": "Runge-Kutta", "zhai": "Zhai"}
@@ -27,6 +28,21 @@ COST = "cost of a compiled step, {} [us]".format
 RATIOS = {way: f"interpreted / compiled time of a step, {way}" for way in (LOOP, ARRAYS)}
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
 QUICK_MARK = 0.5  # [s] up to which a quick study measures; later rows are extrapolated
+SIZED = "forest_ruth"  # the method of Tables 5 to 8
+SWEEP_STEPS = published.DURATION / published.SWEEP_STEP
+SIZE_COST = "cost of a compiled step, n_u = {} [us]".format
+RUN = "run time of 10 s at the stable step, n_u = {} [s]".format
+SAMPLES_COST, POINTS_COST = "least cost of 251 samples / 51", "least cost of the next n_u / one"
+SHAPE = (len(CONTROL_POINTS), len(SAMPLES))
+SIZES = ["n_u \\ n_s", *map(str, SAMPLES)]
+INTERPRETED = ("MATLAB / numpy sample by sample / numpy whole arrays", [1, 2])
+COMPILED = ("C++ / compiled", [0])  # and which numbers of a cell it shows, see `_cell`
+SWEEPS = {  # table -> scenario, the paper's numbers, what they are
+    5: (1, published.SWEEP_MATLAB_1, *INTERPRETED),
+    6: (2, published.SWEEP_MATLAB_2, *INTERPRETED),
+    7: (1, published.SWEEP_CPP_1, *COMPILED),
+    8: (2, published.SWEEP_CPP_2, *COMPILED),
+}
 
 
 @dataclass(frozen=True)
@@ -35,20 +51,18 @@ class Timing:
 
     Attributes:
         step: [s], 0.9 of the stability limit. cost: of one compiled step.
-        wall: compiled run time [s] at `published.TIMES`.
-        soft: compiled run time [s] of 10 s at the paper's 2 ms of the softened wire.
+        wall: compiled run time [s] at `published.TIMES`, then of 10 s of the softened wire at 2 ms.
         numpy: way of writing the force -> least time of one interpreted step [s].
     """
 
     step: float
     cost: Cost
     wall: Array
-    soft: float
     numpy: dict[str, float]
 
-    def interpreted(self, way: str) -> list[float]:
-        """Run times [s] at `published.TIMES`, and of 10 s at 2 ms."""
-        return [*(self.numpy[way] * published.TIMES / self.step), self.numpy[way] * STEPS]
+    def interpreted(self, way: str) -> Array:
+        """Run times [s] as in `wall`."""
+        return self.numpy[way] * np.append(published.TIMES / self.step, STEPS)
 
 
 def add(paper: Paper) -> None:
@@ -59,32 +73,29 @@ def add(paper: Paper) -> None:
         for method in COMPARED
     }
     paper.report.text(
-        """Every method runs at 0.9 of its own stability limit for the real wire, because the
-        paper's 2 ms is not stable for any of them (next section). Interpreted numpy stands for
-        MATLAB, written in two ways: *sample by sample*, a loop over the quadrature points with a
-        linear solve per force evaluation as the paper describes it, and *whole arrays*, one numpy
-        call per operation; its run times are the measured cost of a step times the number of steps.
-        Compiled functions stand for C++. The paper's columns are for its step of 2 ms, more than a
-        hundred times as long as ours: compare them by the cost of a step, in the table after the
-        four, or by the last row of each table, which is at 2 ms with axial stiffness and end
-        springs divided by a factor so that 2 ms is stable."""
+        """Methods run at 0.9 of their stability limits for the real wire: the paper's 2 ms is not
+        stable for any of them (next section). Interpreted numpy stands for MATLAB: *sample by
+        sample*, a loop over the quadrature points with a linear solve per force evaluation as the
+        paper describes it, and *whole arrays*, one numpy call per operation; run times are the
+        measured cost of a step times the number of steps. Compiled functions stand for C++. The
+        paper's step is more than a hundred times as long as ours: compare the cost of a step, in
+        the table after the four, or the last row of each table, at 2 ms with axial stiffness and
+        end springs divided by a factor so that it is stable."""
     )
     if paper.quick:
         paper.report.text(f"Quick study: compiled rows beyond {QUICK_MARK:g} s are extrapolated.")
     for number in SCENARIOS:
-        own = {method: timings[number, method] for method in COMPARED}
-        _tables(paper, own, number)
+        _tables(paper, {method: timings[number, method] for method in COMPARED}, number)
     _cost_table(paper, timings)
-    _figure(paper, {method: timings[1, method] for method in COMPARED})
-    found = paper.found
-    for method in COMPARED:
-        one = timings[1, method]
-        found[TIME(method)] = float(one.wall[-1])
-        found[COST(method)] = 1e6 * one.cost.best
-    symplectic = timings[1, "forest_ruth"]
+    first = {method: timings[1, method] for method in COMPARED}
+    _figure(paper, first)
+    for method, one in first.items():
+        paper.found[TIME(method)] = float(one.wall[-2])
+        paper.found[COST(method)] = 1e6 * one.cost.best
+    symplectic = first["forest_ruth"]
     for way, name in RATIOS.items():
-        found[name] = symplectic.numpy[way] / symplectic.cost.best
-    found["interpreted from compiled run after 20 steps [m]"] = max(
+        paper.found[name] = symplectic.numpy[way] / symplectic.cost.best
+    paper.found["interpreted from compiled run after 20 steps [m]"] = max(
         _deviation(scenario(number)) for number in SCENARIOS
     )
 
@@ -92,27 +103,27 @@ def add(paper: Paper) -> None:
 def _measure(wire: Scene, method: str, paper: Paper) -> Timing:
     scene = at_method(wire, method)
     simulator = Simulator(scene)
-    cost = step_cost(simulator)
-    wall, total = [], 0.0
-    last = QUICK_MARK if paper.quick else published.TIMES[-1]
-    for mark in published.TIMES[published.TIMES <= last]:
-        began = time.perf_counter()
-        report = simulator.advance(float(mark) - simulator.time)
-        total += time.perf_counter() - began
-        if not report.status.ok:
-            raise RuntimeError(f"a timed run failed: {report.message}")
-        wall.append(total)
-    rest = published.TIMES[len(wall) :] * (wall[-1] / published.TIMES[len(wall) - 1])
+    cost, step = step_cost(simulator), simulator.step
+    marks = published.TIMES[published.TIMES <= (QUICK_MARK if paper.quick else published.DURATION)]
+    walls = np.cumsum([advance(simulator, round(t / step) - simulator.steps) for t in marks])
+    rest = published.TIMES[len(marks) :] * walls[-1] / marks[-1]
+    soft = at_method(wires.softened(wire, paper.factor), method, published.STEP)
+    wall = np.array([*walls, *rest, _at_paper_step(soft, 3 if paper.quick else 20)])
     repeats = {LOOP: 2 if paper.quick else 10, ARRAYS: 100}
     numpy = {way: interpreted_step(scene, way, count) for way, count in repeats.items()}
-    soft = at_method(softened(wire, paper.factor), method, published.STEP)
-    return Timing(
-        simulator.step,
-        cost,
-        np.concatenate((wall, rest)),
-        _at_paper_step(soft, 3 if paper.quick else 20),
-        numpy,
-    )
+    return Timing(step, cost, wall, numpy)
+
+
+def _at_paper_step(soft: Scene, repeats: int) -> float:
+    """Least run time [s] of 10 s of a scene; infinite if it is stopped."""
+    simulator = Simulator(soft, unchecked_step=True)
+
+    def whole() -> None:
+        simulator.reset()
+        simulator.advance(published.DURATION)
+
+    best = least(whole, repeats)
+    return best if simulator.time >= 0.999 * published.DURATION else float("inf")
 
 
 def interpreted_step(scene: Scene, way: str, repeats: int) -> float:
@@ -120,7 +131,7 @@ def interpreted_step(scene: Scene, way: str, repeats: int) -> float:
     wire = Wire(scene, way == LOOP)
     x = wire.start()
     evaluations = METHODS[scene.integrator.method].force_evaluations
-    return evaluations * least(lambda: wire.acceleration(x, 0.0), repeats).best
+    return evaluations * least(lambda: wire.acceleration(x, 0.0), repeats)
 
 
 def _deviation(scene: Scene, steps: int = 20) -> float:
@@ -134,18 +145,6 @@ def _deviation(scene: Scene, steps: int = 20) -> float:
     return float(np.abs(x - simulator.control_points[:, :3]).max())
 
 
-def _at_paper_step(soft: Scene, repeats: int) -> float:
-    """Least run time [s] of 10 s of a scene; infinite if it is stopped."""
-    simulator = Simulator(soft, unchecked_step=True)
-
-    def whole() -> None:
-        simulator.reset()
-        simulator.advance(published.DURATION)
-
-    best = least(whole, repeats).best
-    return best if simulator.time >= 0.999 * published.DURATION else float("inf")
-
-
 def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
     """Interpreted and compiled run times of a scenario, the last row at 2 ms."""
     changed = f"**10, at 2 ms; EA and springs CHANGED: / {paper.factor:.0f}**"
@@ -153,58 +152,53 @@ def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
         {method: np.append(times, times[-1]) for method, times in printed[number].items()}
         for printed in (MATLAB, CPP)
     )
-    ours = {method: np.append(one.wall, one.soft) for method, one in own.items()}
-    columns: dict[str, list[Cell]] = {"simulated [s]": [*map(float, published.TIMES), changed]}
-    interpreted, compiled = dict(columns), dict(columns)
-    for method, name in PAPER_NAMES.items():
-        interpreted[f"paper, MATLAB: {name}"] = [*matlab.get(method, ["Unstable"] * 20)]
+    unstable = np.full(len(published.TIMES) + 1, "Unstable")
+    interpreted = {
+        f"paper, MATLAB: {name}": matlab.get(m, unstable) for m, name in PAPER_NAMES.items()
+    }
     for way in (LOOP, ARRAYS):
         for method in PAPER_NAMES:
-            interpreted[f"numpy {way}: {method}"] = [*own[method].interpreted(way)]
-    compiled |= {f"paper, C++: {PAPER_NAMES[m]}": [*times] for m, times in cpp.items()}
-    compiled["paper RK / symplectic"] = [*(cpp["rk4"] / cpp["forest_ruth"])]
-    compiled |= {f"compiled: {m}": [*times] for m, times in ours.items()}
-    compiled["ours RK4 / Forest-Ruth"] = [*(ours["rk4"] / ours["forest_ruth"])]
+            interpreted[f"numpy {way}: {method}"] = own[method].interpreted(way)
+    compiled = {f"paper, C++: {PAPER_NAMES[method]}": times for method, times in cpp.items()}
+    compiled["paper RK / symplectic"] = cpp["rk4"] / cpp["forest_ruth"]
+    compiled |= {f"compiled: {method}": one.wall for method, one in own.items()}
+    compiled["ours RK4 / Forest-Ruth"] = own["rk4"].wall / own["forest_ruth"].wall
     for table, what, shown in (
         (number, "Interpreted", interpreted),
         (number + 2, "Compiled", compiled),
     ):
+        columns = {"simulated [s]": [*published.TIMES, changed], **shown}
         caption = f"Table {table}. {what} run time [s], {SCENARIOS[number]}"
-        rows = zip(*shown.values(), strict=True)
-        paper.report.table(f"table_{table}", list(shown), rows, caption)
+        rows = zip(*columns.values(), strict=True)
+        paper.report.table(f"table_{table}", list(columns), rows, caption)
 
 
 def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
-    def printed(times: dict[str, Array], method: str) -> float | None:
-        return float(times[method][-1]) / STEPS if method in times else None
-
-    header: Header = [
+    rows: list[list[Cell]] = []
+    for (number, method), one in timings.items():
+        row: list[Cell] = [number, method, METHODS[method].force_evaluations, one.step]
+        for printed in (MATLAB[number], CPP[number]):
+            row.append(float(printed[method][-1]) / STEPS if method in printed else None)
+        row += [one.numpy[LOOP], one.numpy[ARRAYS], one.cost.best, one.cost.spread]
+        row += [one.numpy[way] / one.cost.best for way in (LOOP, ARRAYS)]
+        rows.append([*row, float(one.wall[-2]) / published.DURATION])
+    paper.report.table(
+        "cost_per_step",
         "scenario | method | forces/step | our step [us] | paper MATLAB [ms/step] | "
-        "paper C++ [ms/step]",
-        *(f"numpy {way} [ms/step]" for way in (LOOP, ARRAYS)),
-        *("compiled [us/step]", Column("spread", "%", ".0f")),
-        f"{LOOP} / compiled | {ARRAYS} / compiled | compiled, s per simulated s",
-    ]
-    rows: list[list[Cell]] = [
-        [
-            *(number, method, METHODS[method].force_evaluations, one.step),
-            *(printed(MATLAB[number], method), printed(CPP[number], method)),
-            *(one.numpy[LOOP], one.numpy[ARRAYS], one.cost.best, one.cost.spread),
-            *(one.numpy[LOOP] / one.cost.best, one.numpy[ARRAYS] / one.cost.best),
-            float(one.wall[-1]) / published.DURATION,
-        ]
-        for (number, method), one in timings.items()
-    ]
-    caption = "Cost of a step: the least of 40 short pieces, and how far the median lies above it"
-    paper.report.table("cost_per_step", header, rows, caption)
+        f"paper C++ [ms/step] | numpy {LOOP} [ms/step] | numpy {ARRAYS} [ms/step] | "
+        f"compiled [us/step] | spread [%] {{:.0f}} | {LOOP} / compiled | {ARRAYS} / compiled | "
+        "compiled, s per simulated s",
+        rows,
+        "Cost of a step: the least of 40 short pieces, and how far the median lies above it",
+    )
 
 
 def _figure(paper: Paper, own: dict[str, Timing]) -> None:
     data: dict[str, Array] = {"simulated time [s]": published.TIMES}
     looks: dict[str, dict[str, object]] = {}
     for method, one in own.items():
-        curves = {f"compiled, {method} [s]": (one.wall, "-")}
-        curves[f"numpy {ARRAYS}, {method} [s]"] = (np.array(one.interpreted(ARRAYS)[:-1]), "--")
+        curves = {f"compiled, {method} [s]": (one.wall[:-1], "-")}
+        curves[f"numpy {ARRAYS}, {method} [s]"] = (one.interpreted(ARRAYS)[:-1], "--")
         if method in published.CPP_1:
             curves[f"paper C++ at 2 ms, {PAPER_NAMES[method]} [s]"] = (published.CPP_1[method], ":")
         for name, (times, style) in curves.items():
@@ -215,3 +209,108 @@ def _figure(paper: Paper, own: dict[str, Timing]) -> None:
     panel = Panel("simulated time [s]", "run time [s]", lines, log="xy", looks=looks)
     caption = "Run time over simulated time, scenario 1; below the black line: faster than real"
     chart(paper.report, "run_time", data, [panel], caption, (9.0, 5.0))
+
+
+def add_sizes(paper: Paper) -> None:
+    """Measure every cell; Tables 5 to 8, run times at the stable step."""
+    report = paper.report
+    report.text(
+        """The paper runs 10 s at 0.8 ms in every cell. The cost of a step does not depend on its
+        length: each cell shows *paper / ours* for the same 12500 steps of Forest-Ruth, ours from
+        the measured cost of one. At 0.8 ms the real wire is unstable in every cell; the run time of
+        10 s at a stable step and what 0.8 ms would need follow."""
+    )
+    grids = {number: _grid(number, paper.quick) for number in SCENARIOS}
+    for table, (number, printed, what, kinds) in SWEEPS.items():
+        times = SWEEP_STEPS * grids[number][:, :, kinds]
+        rows: list[list[Cell]] = []
+        for n, paper_row, our_row in zip(CONTROL_POINTS, printed, times, strict=True):
+            pairs = zip(paper_row, our_row, strict=True)
+            cells = [[f"{theirs:.0f}", *(f"{time:.3g}" for time in ours)] for theirs, ours in pairs]
+            rows.append([n, *map(" / ".join, cells)])
+        caption = f"Table {table}. {what}, run time [s] of 12500 steps, {SCENARIOS[number]}"
+        report.table(f"table_{table}", SIZES, rows, caption)
+    _stable_table(paper, grids[1])
+    _paper_step_table(paper)
+    _size_figure(paper, grids[1][:, :, 0])
+
+
+def _grid(number: int, quick: bool) -> Array:
+    """Every cell, shape (n_u, n_s, 4); the least of rounds over the whole grid, so that a busy
+    moment of the machine does not stay in a few cells."""
+    grid: Array = np.full((*SHAPE, 4), np.inf)
+    for _ in range(1 if quick else 3):
+        for i, n in enumerate(CONTROL_POINTS):
+            for j, samples in enumerate(SAMPLES):
+                grid[i, j] = np.minimum(grid[i, j], _cell(number, n, samples, quick))
+    return grid
+
+
+def _cell(number: int, n: int, samples: int, quick: bool) -> tuple[float, ...]:
+    """Cost of a step compiled, in numpy sample by sample, by whole arrays [s]; stable step [s]."""
+    size = {"discretization__control_points": n, "discretization__samples": samples}
+    scene = at_method(scenario(number, **size), SIZED)
+    simulator = Simulator(scene)
+    cost = step_cost(simulator, *((0.0005, 20) if quick else (0.003, 40))).best
+    loop = interpreted_step(scene, LOOP, 1 if quick else 5)
+    return cost, loop, interpreted_step(scene, ARRAYS, 10), simulator.step
+
+
+def _stable_table(paper: Paper, grid: Array) -> None:
+    times = published.DURATION / grid[:, :, -1] * grid[:, :, 0]
+    rows = [[n, grid[i, 0, -1], *times[i]] for i, n in enumerate(CONTROL_POINTS)]
+    paper.report.table(
+        "stable_sweep",
+        [SIZES[0], "step [us] {:.4g}", *SIZES[1:]],
+        rows,
+        "Run time [s] of 10 s of the real wire at 0.9 of the stability limit, compiled, scenario 1 "
+        "(steps times cost of a step)",
+        form=".3g",
+    )
+    for n, time in zip(CONTROL_POINTS, times[:, SAMPLES.index(101)], strict=True):
+        paper.found[RUN(n)] = float(time)
+
+
+def _paper_step_table(paper: Paper) -> None:
+    """Rows at 0.8 ms: limits, what would have to change, a run with that changed."""
+    rows: list[list[Cell]] = []
+    for n in CONTROL_POINTS:
+        scene = scenario(1, discretization__control_points=n)
+        limit, factor = wires.step_limit(scene), wires.softening(scene, published.SWEEP_STEP)
+        change, outcome = "nothing helps: bending alone forbids it", "-"
+        if np.isfinite(factor):
+            change = f"**EA and springs / {factor:.0f}**"
+            soft = at_method(wires.softened(scene, factor), SIZED, published.SWEEP_STEP)
+            simulator = Simulator(soft, unchecked_step=True)
+            fine = simulator.advance(published.DURATION).status.ok
+            outcome = f"{SWEEP_STEPS * step_cost(simulator).best:.3g} s" if fine else "stopped"
+        bending = wires.step_limit(wires.bending_alone(scene))
+        rows.append([n, limit, published.SWEEP_STEP / limit, bending, change, outcome])
+    paper.report.table(
+        "paper_sweep_step",
+        "n_u | limit of the real wire [us] | 0.8 ms / limit | limit of bending alone [us] | "
+        "0.8 ms would need | run time of 10 s so changed",
+        rows,
+        "Rows AT THE PAPER'S STEP of 0.8 ms, Forest-Ruth, scenario 1, n_s = 101; bold: constants "
+        "that were CHANGED. Where bending alone is too stiff, no softening of the axial term helps",
+    )
+
+
+def _size_figure(paper: Paper, compiled: Array) -> None:
+    printed, ours = "paper C++ cost of a step [s]", "compiled cost of a step [s]"
+    data = {
+        "n_u": np.repeat([f"n_u = {n}" for n in CONTROL_POINTS], SHAPE[1]),
+        "n_s": np.tile(SAMPLES, SHAPE[0]),
+        ours: compiled.ravel(),
+        printed: (published.SWEEP_CPP_1 / SWEEP_STEPS).ravel(),
+    }
+    panels = [
+        Panel("n_s", "cost of a Forest-Ruth step [ms]", [printed], "the paper's C++", by="n_u"),
+        Panel("n_s", "cost of a Forest-Ruth step [us]", [ours], "compiled, this machine", by="n_u"),
+    ]
+    caption = "Cost of a step over n_s and n_u, scenario 1"
+    chart(paper.report, "cost_over_size", data, panels, caption, (12.0, 4.4))
+    for n, cost in zip(CONTROL_POINTS, compiled[:, SAMPLES.index(101)], strict=True):
+        paper.found[SIZE_COST(n)] = 1e6 * float(cost)
+    paper.found[SAMPLES_COST] = float((compiled[:, -1] / compiled[:, 0]).min())
+    paper.found[POINTS_COST] = float((compiled[1:] / compiled[:-1]).min())

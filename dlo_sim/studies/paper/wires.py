@@ -5,16 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dlo_sim.batch.workers import Workers
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import at_method, bisected, shipped
-
-Array = NDArray[np.float64]
 
 SCENES = {1: "paper_wire", 2: "paper_wire_force"}
 SCENARIOS = {1: "scenario 1 (gravity)", 2: "scenario 2 (gravity and a force)"}
@@ -24,11 +19,8 @@ NEGLIGIBLE = 1e-12  # a stiffness times this is as good as absent
 
 @dataclass
 class Paper:
-    """One run of the study.
-
-    Attributes:
-        factor: by which axial stiffness and springs must fall for Forest-Ruth to bear 2 ms.
-        found: what was measured, by its name with the unit; the claims are judged by it.
+    """One run of the study: the factor by which axial stiffness and springs must fall for
+    Forest-Ruth to bear 2 ms, and what was found by its name with the unit, which claims rest on.
     """
 
     report: Report
@@ -36,11 +28,6 @@ class Paper:
     quick: bool
     factor: float
     found: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def duration(self) -> float:
-        """Simulated time of the runs whose motion is shown [s]."""
-        return 2.0 if self.quick else 10.0
 
     @property
     def comparison(self) -> float:
@@ -56,11 +43,13 @@ def scenario(number: int, **values: object) -> Scene:
 
 def softened(scene: Scene, factor: float) -> Scene:
     """The scene with axial stiffness and end springs divided by a factor: constants CHANGED."""
-    springs = {
-        f"{name}.spring": [value / factor for value in end.spring]
-        for name, end in scene.ends.items()
-    }
-    return scene.with_values({"cable.axial_stiffness": scene.cable.EA / factor, **springs})
+    axial = {"cable.axial_stiffness": scene.cable.EA / factor}
+    return scene.with_values({**axial, **springs_over(scene, factor)})
+
+
+def springs_over(scene: Scene, factor: float) -> dict[str, object]:
+    """Values of the end springs divided by a factor."""
+    return {f"{k}.spring": [x / factor for x in end.spring] for k, end in scene.ends.items()}
 
 
 def bending_alone(scene: Scene) -> Scene:

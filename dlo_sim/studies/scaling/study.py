@@ -1,12 +1,91 @@
-"""`dlo_sim study scaling`: time per step, and memory."""
+"""`dlo_sim study scaling`: time of a step against the number of control points, and memory."""
 
 from __future__ import annotations
 
-from dlo_sim.scene.loading import shipped_scene
+import gc
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core.methods import IMPLICIT, METHODS
+from dlo_sim.scene.loading import SceneError, shipped_scene
+from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Outcome, Request
-from dlo_sim.studies.report import Report
-from dlo_sim.studies.scaling import memory, steps
-from dlo_sim.studies.scaling.steps import SCENE
+from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.report import Cell, Report, columns
+from dlo_sim.studies.runs import Cost, advance, shipped, timed
+
+SCENE = "paper_wire"
+SAMPLES_PER_SPAN = 3
+IMPLICIT_STEP = 2e-3  # [s], the paper's
+SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
+SIZE = 9  # control points of the runs whose memory is watched
+WATCHED = {
+    True: {"forest_ruth": 1_000_000, "energy_momentum": 100_000},
+    False: {"forest_ruth": 10_000_000, "energy_momentum": 2_000_000},
+}
+LOOKS = 100
+WARM = 10  # of the looks
+CALLS = 2000
+ROUNDS, WARM_ROUNDS = 7, 5
+Counts = NDArray[np.int64]
+Grown = tuple[str, Counts, Counts, int]  # method, steps and bytes [B] of the looks, blocks left
+METHODS_TIMED = {
+    True: ("forest_ruth", "rattle", "energy_momentum"),
+    False: (
+        *("forest_ruth", "velocity_verlet", "rattle"),
+        *("energy_momentum", "energy_momentum_4", "implicit_midpoint", "generalized_alpha"),
+    ),
+}
+SIZES = {True: (9, 40, 100, 400), False: (9, 13, 19, 40, 80, 200, 500, 1000, 2000)}
+REPEATS = {True: 7, False: 25}
+FINE = 100  # control points from which the second exponent is fitted
+PIECE = 0.004  # [s] of steps timed at once
+LEAST_STEPS = 64  # of an explicit piece: a multiple of the steps between two looks at the energy
+IMPLICIT_STEPS = 100  # the same motion at every size, 0.2 s, timed in pieces of so many steps:
+IMPLICIT_PIECES = (1, 2, 5, 10, 20, 50, 100)
+
+
+@dataclass
+class Run:
+    """One method at one size: steps of a run and of a timed piece of it, force evaluations (of an
+    implicit method iterations) per step, time per step [s] of every piece of every run, and why it
+    failed.
+    """
+
+    method: str
+    size: int
+    simulator: Simulator
+    steps: int = LEAST_STEPS
+    piece: int = LEAST_STEPS
+    evaluations: float = float("nan")
+    times: list[list[float]] = field(default_factory=list)
+    failure: str = ""
+
+    @property
+    def cost(self) -> Cost:
+        """Time per step [s], mean of the pieces, each the least and the median of the runs."""
+        times = np.array(self.times)
+        return Cost(float(times.min(axis=0).mean()), float(np.median(times, axis=0).mean()))
+
+    def go(self) -> None:
+        """Run and time every piece from the start; note a failure and the evaluations."""
+        self.simulator.reset()
+        times, evaluations = [], 0
+        for _ in range(self.steps // self.piece):
+            took, report = timed(self.simulator, self.piece)
+            times.append(took / self.piece)
+            evaluations += report.force_evaluations
+            self.failure = self.failure or report.message
+        self.evaluations = evaluations / self.steps
+        self.times.append(times)
 
 
 def run_study(request: Request) -> Outcome:
@@ -15,12 +94,233 @@ def run_study(request: Request) -> Outcome:
     report = Report(request.folder, title, request.command, files)
     report.text(
         """The scene is `paper_wire` with Gauss quadrature, three points per span, straight at first
-        and moving downwards with half a sine wave of 0.3 m/s. Everything here is a time or a memory
-        of this machine, so all of it ran here, in one process: `--scheduler` has nothing to give
-        away."""
+        and moving downwards with half a sine wave of 0.3 m/s. All of it ran on this machine, in one
+        process, whatever `--scheduler` says."""
     )
     # Memory first: what the timed simulators leave to the allocator would blur it.
-    grown = memory.measured(request.quick, request.part(0.0, 0.3))
-    runs = steps.timed(request.quick, request.part(0.3, 1.0))
-    verdicts = steps.describe(report, runs) | memory.describe(report, grown)
+    grown = watch(request.quick, request.part(0.0, 0.3))
+    found, failed = measured(request.quick, request.part(0.3, 1.0))
+    verdicts = describe(report, found, failed) | describe_memory(report, grown)
     return report.outcome(verdicts)
+
+
+def measured(quick: bool, progress: Callable[[float], None]) -> tuple[list[Run], list[str]]:
+    """Every method at every size, the sizes and methods in turn within each repeat; and lines about
+    those that were refused or failed.
+    """
+    found, failed = [], []
+    for size, method in product(SIZES[quick], METHODS_TIMED[quick]):
+        try:
+            found.append(_prepared(method, size))
+        except SceneError as refusal:
+            failed.append(f"`{method}`, n_u = {size}: {refusal}")
+    for repeat in range(REPEATS[quick]):
+        for run in found:
+            if not run.failure:
+                run.go()
+        progress((repeat + 1) / REPEATS[quick])
+    failed += [f"`{run.method}`, n_u = {run.size}: {run.failure}" for run in found if run.failure]
+    return [run for run in found if not run.failure], failed
+
+
+def _prepared(method: str, size: int) -> Run:
+    """Build, find out how many steps are timed at once, and whether they go well."""
+    run = Run(method, size, moving(size, method))
+    implicit = METHODS[method].family == IMPLICIT
+    if implicit:
+        run.steps = run.piece = IMPLICIT_STEPS
+    run.go()
+    run.go()
+    _, (took,) = run.times
+    if implicit:
+        run.piece = next((k for k in IMPLICIT_PIECES if k * took >= PIECE), IMPLICIT_STEPS)
+    else:
+        run.steps = run.piece = LEAST_STEPS * max(1, round(PIECE / took / LEAST_STEPS))
+    run.go()
+    run.times.clear()
+    return run
+
+
+def slope(sizes: Sequence[int], values: Sequence[float], least: int = 0) -> float:
+    """Least-squares slope of log value over log size, sizes from `least` on; nan below two."""
+    pairs = zip(sizes, values, strict=True)
+    kept = [(size, value) for size, value in pairs if size >= least and np.isfinite(value)]
+    if len(kept) < 2:
+        return float("nan")
+    x, y = np.log(np.array(kept, dtype=float)).T
+    return float(np.polyfit(x, y, 1)[0])
+
+
+def describe(report: Report, found: list[Run], failed: list[str]) -> dict[str, str]:
+    """Section, tables and figure; returns the verdicts."""
+    report.section("Time of a step against the number of control points")
+    report.text(
+        """Compiled and warm, stepping only, in pieces of some milliseconds: the least of the
+        repeats, sizes and methods in turn within each, and the spread (median over least, minus
+        one). Implicit methods make 100 steps of 2 ms, so that every size goes through the same 0.2
+        s of motion; the others take the step chosen for them. An evaluation is one of the force, of
+        an implicit method an iteration of Newton's method, of `rattle` its step. Spans go through
+        the vector lanes by eights, and a block that is not full costs what a full one costs."""
+    )
+    rows, data = [], []
+    for run in found:
+        cost = run.cost
+        each = cost.best / run.evaluations
+        names = (run.method, run.size)
+        per_sample = each / (SAMPLES_PER_SPAN * (run.size - 3))
+        times = (run.simulator.step, cost.best, cost.spread)
+        rows.append((*names, *times, run.evaluations, each, per_sample))
+        data.append((*names, cost.median, cost.best, cost.best / run.size, each / run.size))
+    report.table(
+        "steps",
+        "method | n_u | step [us] | time [us/step] | spread [%] {:.0f} | evaluations per step | "
+        "time [us/evaluation] | time [ns/evaluation/sample]",
+        rows,
+        "Time of a step",
+    )
+    verdicts = _exponents(report, rows)
+    whole, step = "time of a step", "time of a step per control point"
+    evaluation = "time of an evaluation per control point"
+    panels = [
+        Panel("n_u", f"{name} [{unit}]", [name], by="method", log=log, marker="o")
+        for name, unit, log in ((whole, "us", "xy"), (step, "ns", "x"), (evaluation, "ns", "x"))
+    ]
+    header = ("method", "n_u", "median", whole, step, evaluation)
+    caption = "Time of a step, of a step per control point, and of an evaluation per control point"
+    chart(report, "time_of_a_step", columns(header, data), panels, caption, (16.0, 4.8))
+    if failed:
+        report.text("Runs that failed are neither in the tables nor in the fits:", *failed)
+    return verdicts
+
+
+def _exponents(report: Report, timed_rows: list[tuple[Any, ...]]) -> dict[str, str]:
+    """The fitted exponents of every method, over the sizes at which it ran."""
+    rows: list[list[Cell]] = []
+    verdicts = {}
+    for method in dict.fromkeys(row[0] for row in timed_rows):
+        own = [row for row in timed_rows if row[0] == method]
+        _, sizes, _, steps, _, _, evaluations, _ = zip(*own, strict=True)
+        fits = [slope(sizes, y, least) for y in (steps, evaluations) for least in (0, FINE)]
+        rows.append([method, max(sizes), *fits])
+        verdicts[f"time of a step, {method}"] = (
+            f"exponent {fits[0]:.2f}, from {FINE} control points on {fits[1]:.2f}"
+        )
+    report.table(
+        "exponents",
+        f"method | largest n_u that ran | step, all sizes | step, n_u >= {FINE} | "
+        f"evaluation, all sizes | evaluation, n_u >= {FINE}",
+        rows,
+        "Exponent p of time ~ n_u^p, least squares in the logarithms (1 is linear)",
+    )
+    return verdicts
+
+
+def moving(control_points: int, method: str) -> Simulator:
+    """The straight wire, released with half a sine wave of downward velocity.
+
+    Every method can start so, an inextensible one too, and iterations have something to do in the
+    short steps of a fine wire. Explicit methods take the step chosen for them.
+
+    Raises:
+        SceneError: the method cannot hold the wire at this size.
+    """
+    wire = shipped(
+        SCENE,
+        discretization__control_points=control_points,
+        discretization__quadrature="gauss",
+        discretization__samples=SAMPLES_PER_SPAN,
+        integrator__method=method,
+        integrator__step=IMPLICIT_STEP if METHODS[method].family == IMPLICIT else 0.0,
+    )
+    simulator = Simulator(wire)
+    rates = np.zeros((control_points, 4))
+    phase = np.pi * simulator.greville / simulator.scene.cable.length
+    rates[1:-1, 2] = -SPEED * np.sin(phase[1:-1])
+    simulator.start_from(simulator.control_points, rates)
+    return simulator
+
+
+def resident_bytes() -> int:
+    """Resident memory of this process [B], in whole pages (Linux).
+
+    Raises:
+        OSError: the system has no /proc.
+    """
+    pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+def watched(simulator: Simulator, steps: int, looks: int = LOOKS) -> tuple[Counts, Counts]:
+    """Resident memory [B] before the first step and at `looks` moments of a run: (steps, bytes)."""
+    piece, resident = steps // looks, np.zeros(looks + 1, dtype=np.int64)
+    for _ in range(500):  # the first hundred readings take a few pages themselves
+        resident[0] = resident_bytes()
+    for look in range(1, looks + 1):
+        advance(simulator, piece)
+        resident[look] = resident_bytes()
+    return piece * np.arange(looks + 1), resident
+
+
+def blocks_left(simulator: Simulator, calls: int, steps: int = 1) -> int:
+    """Python's allocated blocks that so many calls of `advance_steps` leave behind: the median of a
+    few rounds, as a progress bar or a late release adds or takes something in some. The first
+    rounds, in which the interpreter fills its own stores, do not count.
+    """
+    counts = np.zeros(WARM_ROUNDS + ROUNDS, dtype=np.int64)  # holds no Python objects
+    for k in range(len(counts)):
+        for _ in range(calls):
+            advance(simulator, steps)
+        gc.collect()
+        counts[k] = sys.getallocatedblocks()
+    return int(np.median(np.diff(counts[WARM_ROUNDS - 1 :])))
+
+
+def watch(quick: bool, progress: Callable[[float], None]) -> list[Grown]:
+    """One run of each method."""
+    found = []
+    for k, (method, steps) in enumerate(WATCHED[quick].items()):
+        simulator = moving(SIZE, method)
+        seen = watched(simulator, steps)
+        found.append((method, *seen, blocks_left(simulator, CALLS)))
+        progress((k + 1) / len(WATCHED[quick]))
+    return found
+
+
+def describe_memory(report: Report, found: list[Grown]) -> dict[str, str]:
+    """Section, table and figure; returns the verdicts."""
+    report.section("Memory over many steps")
+    report.text(
+        """Resident memory of the process (9 control points), looked at a hundred times in a run;
+        the first ten looks are the warm-up. Its resolution is a page, and the interpreter's own
+        pages are in it. Separately, the blocks of Python's allocator that two thousand calls of one
+        step each leave behind. A call makes its report and one test for finite numbers, which are
+        released."""
+    )
+    rows, curves, verdicts, looks = [], [], {}, {}
+    for k, (method, steps, resident, blocks) in enumerate(found):
+        beyond, last = (resident - resident[WARM]).tolist(), int(steps[-1])
+        grown = beyond[-1]
+        rows.append([method, last, int(resident[WARM]), grown, max(beyond[WARM:]), blocks])
+        curves += [
+            (method, done / last, more / 1024.0) for done, more in zip(steps, beyond, strict=True)
+        ]
+        looks[method] = {"linewidth": 4.0 / (k + 1)}  # equal lines stay visible below each other
+        verdicts[f"memory, {method}"] = (
+            f"{grown} bytes more after {last:.3g} steps than after {steps[WARM]:.3g}; {CALLS} "
+            f"calls leave {blocks} blocks"
+        )
+    report.table(
+        "memory",
+        "method | steps | resident after warm-up [KB] | growth after it [B] | most above it [B] | "
+        "blocks left by calls",
+        rows,
+        "Memory: growth over a run, and what calls leave behind",
+    )
+    share, change = "share of the run's steps", "change [KiB]"
+    panel = Panel(share, f"resident memory, {change}", [change], by="method", looks=looks)
+    page, warm = {"one page": os.sysconf("SC_PAGE_SIZE") / 1024.0}, {"end of warm-up": WARM / LOOKS}
+    panel = replace(panel, levels=page, uprights=warm)
+    data = columns(("method", share, change), curves)
+    caption = "Resident memory against that after the warm-up"
+    chart(report, "resident_memory", data, [panel], caption, (8.5, 3.8))
+    return verdicts

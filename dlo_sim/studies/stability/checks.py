@@ -6,10 +6,12 @@ Lengths are shares of the cable's length L, other errors are relative.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.stability import truths
-from dlo_sim.studies.stability.extremes import Array, Run
+from dlo_sim.studies.stability.extremes import Run
 
 PULSE = 0.01  # [s]
 PULSES = {"left": (3.0, 1.0, -2.0), "right": (-1.0, 0.5, 2.5)}  # [N] at u = 0 and u = L
@@ -24,33 +26,30 @@ def energy_balance(run: Run) -> float:
 
 def lasting(run: Run) -> float:
     """move, share of L; energy balance"""
-    moved = np.abs(run.simulator.control_points - run.first)[:, :3].max()
-    return float(max(moved / run.simulator.scene.cable.length, run.energy_error))
+    return max(_moved(run), run.energy_error)
 
 
 def hangs_as_catenary(run: Run) -> float:
     """distance from the elastic catenary, share of L"""
-    scene = run.simulator.scene
-    u = np.linspace(0.0, scene.cable.length, 201)
+    scene, cable = run.scene, run.scene.cable
+    u = np.linspace(0.0, cable.length, 201)
     span = scene.end.position[0] - scene.start.position[0]
-    weight = scene.cable.mu * -scene.gravity[2]
-    x, z = truths.catenary(u, scene.cable.length, span, weight, scene.cable.EA)
+    x, z = truths.catenary(u, cable.length, span, cable.mu * -scene.gravity[2], cable.EA)
     shape = run.simulator.centerline(u) - np.asarray(scene.start.position)
-    return float(np.hypot(shape[:, 0] - x, shape[:, 2] - z).max() / scene.cable.length)
+    return float(np.hypot(shape[:, 0] - x, shape[:, 2] - z).max() / cable.length)
 
 
 def sags_as_cantilever(run: Run) -> float:
     """tip, relative to q L^4 / 8 EI"""
-    cable, gravity = run.simulator.scene.cable, run.simulator.scene.gravity
-    expected = cable.mu * -gravity[2] * cable.length**4 / (8.0 * cable.EI)
-    return float(abs(-run.simulator.control_points[-1, 2] / expected - 1.0))
+    cable = run.scene.cable
+    expected = cable.mu * -run.scene.gravity[2] * cable.length**4 / (8.0 * cable.EI)
+    return _off(-run.simulator.control_points[-1, 2], expected)
 
 
 def pulls_as_string(run: Run) -> float:
     """deflection, relative to an elastic string"""
-    scene = run.simulator.scene
-    force = float(np.linalg.norm(scene.load("pull").force))
-    return abs(_deflection(run.simulator) / _of_string(run.simulator, force) - 1.0)
+    force = float(np.linalg.norm(run.scene.load("pull").force))
+    return _off(_deflection(run), _of_string(run, force))
 
 
 def swings_about_string(run: Run) -> float:
@@ -58,8 +57,7 @@ def swings_about_string(run: Run) -> float:
 
     Infinite unless it moved by a percent of the length.
     """
-    moved = np.abs(run.simulator.control_points - run.first).max()
-    return run.energy_error if moved > 1e-2 * run.simulator.scene.cable.length else np.inf
+    return run.energy_error if _moved(run) > 1e-2 else np.inf
 
 
 def follows_string(run: Run) -> float:
@@ -67,33 +65,31 @@ def follows_string(run: Run) -> float:
 
     Averaged over a fast small swing, against the elastic string under the load's present force.
     """
-    simulator = run.simulator
-    load = simulator.scene.load("pull")
-    found, force = [], []
+    load, found, force = run.scene.load("pull"), [], []
     for _ in range(20):
-        simulator.advance_steps(1)
-        found.append(_deflection(simulator))
-        share = np.sin(2.0 * np.pi * load.frequency * simulator.time)
+        run.simulator.advance_steps(1)
+        found.append(_deflection(run))
+        share = np.sin(2.0 * np.pi * load.frequency * run.simulator.time)
         force.append(np.linalg.norm(load.force) * abs(share))
-    expected = _of_string(simulator, float(np.mean(force)))
-    return max(abs(float(np.mean(found)) / expected - 1.0), 1e3 * run.energy_error)
+    expected = _of_string(run, float(np.mean(force)))
+    return max(_off(float(np.mean(found)), expected), 1e3 * run.energy_error)
 
 
 def weighs_its_weight(run: Run) -> float:
     """reaction, relative to the weight"""
-    scene = run.simulator.scene
+    cable = run.scene.cable
     force, _ = run.simulator.reaction("start")
-    weight = scene.cable.mu * scene.cable.length * np.asarray(scene.gravity)
+    weight = cable.mu * cable.length * np.asarray(run.scene.gravity)
     return float(np.abs(force + weight).max() / np.linalg.norm(weight))
 
 
 def is_taut(run: Run) -> float:
     """tension, relative to EA (gap / L - 1)"""
-    cable = run.simulator.scene.cable
+    cable = run.scene.cable
     start, end = (run.simulator.end_pose(name)[0] for name in ("start", "end"))
-    gap = float(np.linalg.norm(end - start))
     force, _ = run.simulator.reaction("end")
-    return float(abs(np.linalg.norm(force) / (cable.EA * (gap / cable.length - 1.0)) - 1.0))
+    stretch = float(np.linalg.norm(end - start)) / cable.length - 1.0
+    return _off(float(np.linalg.norm(force)), cable.EA * stretch)
 
 
 def keeps_momentum(run: Run) -> float:
@@ -102,21 +98,20 @@ def keeps_momentum(run: Run) -> float:
     impulse = PULSE * np.sum(list(PULSES.values()), axis=0)
     run.simulator.advance(1.0)
     _, later = truths.momenta(run.simulator)
-    return max(_apart(momentum, impulse), _apart(later, angular))
+    return max(_off(momentum, impulse), _off(later, angular))
 
 
 def carries_impulse(run: Run) -> float:
     """momentum, relative to the impulse"""
     momentum, _ = truths.momenta(run.simulator)
-    impulse = BIG_PULSE[0] * BIG_PULSE[1]
-    return _apart(momentum, np.array([0.0, 0.0, impulse]))
+    return _off(momentum, np.array([0.0, 0.0, BIG_PULSE[0] * BIG_PULSE[1]]))
 
 
 def turns_as_rod(run: Run) -> float:
     """moment, relative to GJ Theta / L; move off the axis, share of L"""
-    cable = run.simulator.scene.cable
+    cable = run.scene.cable
     _, moment = run.simulator.reaction("end")
-    return float(max(abs(abs(moment[0]) / (cable.GJ * TURN / cable.length) - 1.0), _off_axis(run)))
+    return max(_off(abs(moment[0]), cable.GJ * TURN / cable.length), _off_axis(run))
 
 
 def stays_straight(run: Run) -> float:
@@ -129,26 +124,26 @@ def amplifies_as_column(run: Run) -> float:
 
     From the amplified sag w0 / (1 - P / Pc).
     """
-    scene = run.simulator.scene
-    force = abs(scene.load("press").force[0])
+    scene, cable = run.scene, run.scene.cable
     side = scene.load("side").force[2]
-    first_mode = 2.0 * side * scene.cable.length**3 / (np.pi**4 * scene.cable.EI)
-    sag = run.simulator.centerline([0.5 * scene.cable.length])[0, 2]
-    return float(abs(force / (1.0 - first_mode / sag) / truths.euler_load(scene) - 1.0))
+    first_mode = 2.0 * side * cable.length**3 / (np.pi**4 * cable.EI)
+    sag = run.simulator.centerline([0.5 * cable.length])[0, 2]
+    buckling = abs(scene.load("press").force[0]) / (1.0 - first_mode / sag)
+    return _off(buckling, truths.euler_load(scene))
 
 
 def buckles_as_elastica(run: Run) -> float:
     """gap of the ends against the elastica, share of L"""
-    scene = run.simulator.scene
-    share = abs(scene.load("press").force[0]) / truths.euler_load(scene)
-    first, last = run.simulator.centerline([0.0, scene.cable.length])[:, 0]
-    return float(abs((last - first) / scene.cable.length - truths.elastica_gap(share)))
+    length = run.scene.cable.length
+    share = abs(run.scene.load("press").force[0]) / truths.euler_load(run.scene)
+    first, last = run.simulator.centerline([0.0, length])[:, 0]
+    return float(abs((last - first) / length - truths.elastica_gap(share)))
 
 
 def closes_ring(run: Run) -> float:
     """gap of the ends, share of L"""
     points = run.simulator.control_points
-    return float(np.linalg.norm(points[-1, :3] - points[0, :3]) / run.simulator.scene.cable.length)
+    return float(np.linalg.norm(points[-1, :3] - points[0, :3]) / run.scene.cable.length)
 
 
 def mirrors(run: Run) -> float:
@@ -156,17 +151,16 @@ def mirrors(run: Run) -> float:
     shape = _shape(run.simulator)
     mirrored = shape[::-1] * np.array([-1.0, 1.0, 1.0])
     middle = np.array([shape[0, 0] + shape[-1, 0], 0.0, 0.0])
-    gap = np.abs(shape - mirrored - middle).max() / run.simulator.scene.cable.length
+    gap = np.abs(shape - mirrored - middle).max() / run.scene.cable.length
     return float(max(gap, run.energy_error))
 
 
 def rests_as_undamped(run: Run) -> float:
     """distance from the equilibrium of damping 0, share of L"""
-    scene = run.simulator.scene
     plain = dict.fromkeys(("damping.mass", "damping.stiffness", "damping.air_drag"), 0.0)
-    still = Simulator(scene.with_values({**plain, "initial.shape": "equilibrium"}))
+    still = Simulator(run.scene.with_values({**plain, "initial.shape": "equilibrium"}))
     gap = np.linalg.norm(_shape(run.simulator) - _shape(still), axis=1).max()
-    return float(gap / scene.cable.length)
+    return float(gap / run.scene.cable.length)
 
 
 def _shape(simulator: Simulator) -> Array:
@@ -174,23 +168,30 @@ def _shape(simulator: Simulator) -> Array:
     return simulator.centerline(np.linspace(0.0, simulator.scene.cable.length, 101))
 
 
-def _deflection(simulator: Simulator) -> float:
+def _moved(run: Run) -> float:
+    """Largest move of a control point along an axis since the start, share of L."""
+    moved = np.abs(run.simulator.control_points - run.first)[:, :3].max()
+    return float(moved / run.scene.cable.length)
+
+
+def _deflection(run: Run) -> float:
     """Of the middle along y [m]."""
-    return float(abs(simulator.centerline([0.5 * simulator.scene.cable.length])[0, 1]))
+    return float(abs(run.simulator.centerline([0.5 * run.scene.cable.length])[0, 1]))
 
 
-def _of_string(simulator: Simulator, force: float) -> float:
+def _of_string(run: Run, force: float) -> float:
     """Deflection [m] of an elastic string under a force [N] in its middle."""
-    cable = simulator.scene.cable
+    cable = run.scene.cable
     return truths.string_deflection(force, cable.EA, cable.length, cable.EI)
 
 
 def _off_axis(run: Run) -> float:
     """Largest distance of control points from the x axis, share of L."""
-    simulator = run.simulator
-    return float(np.abs(simulator.control_points[:, 1:3]).max() / simulator.scene.cable.length)
+    points = run.simulator.control_points
+    return float(np.abs(points[:, 1:3]).max() / run.scene.cable.length)
 
 
-def _apart(one: Array, truth: Array) -> float:
-    """Difference of two vectors, relative."""
-    return float(np.linalg.norm(one - truth) / np.linalg.norm(truth))
+def _off(found: ArrayLike, expected: ArrayLike) -> float:
+    """Difference of two numbers or vectors, relative."""
+    gap = np.linalg.norm(np.subtract(found, expected))
+    return float(gap / np.linalg.norm(np.asarray(expected)))

@@ -1,26 +1,32 @@
 """Stability limits and energy errors over (n_u, tau), (E, tau) and (diameter, tau).
 
 One aluminium wire of 2 m, clamped at one end, released straight. Under a thousandth of gravity it
-vibrates by millimetres (linear); under gravity its end falls by more than its length (large). One
-point of a map is one cable with one method; its limits and its energy errors over all steps are one
-piece of work.
+vibrates by millimetres (linear); under gravity its end falls by more than its length (large). A
+point of a map, with all steps, is one piece of work.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
 
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies import plotting
+from dlo_sim.studies.report import Cell, Report, columns
 from dlo_sim.studies.runs import bisected
-from dlo_sim.studies.stability.cables import ALUMINIUM, CANTILEVER
+from dlo_sim.studies.stability.scenes import ALUMINIUM, CANTILEVER
 
 KEYS = {
     "n_u": "discretization.control_points",
@@ -37,64 +43,28 @@ FARTHEST = 16.0  # an observed limit is looked for so far from the predicted one
 LEAST_IMPLICIT_STEP = 9e-5  # [s]; implicit methods are not meant for smaller ones
 
 FINISHED, STOPPED, SLOW, SKIPPED, REFUSED = "finished", "stopped", "slow", "not run", "refused"
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How much is computed.
-
-    Attributes:
-        methods: compared. values: of each axis. steps: tau [s].
-        duration, budget: of the energy runs: simulated time [s], most time of stepping [s].
-        trial, least_trial: time [s] and steps that a step has to survive to count as stable.
-        tolerance: of observed limits.
-    """
-
-    methods: tuple[str, ...]
-    values: dict[str, tuple[float, ...]] = field(hash=False)
-    steps: tuple[float, ...]
-    duration: float
-    trial: float
-    least_trial: int
-    tolerance: float
-    budget: float
-
-    @property
-    def points(self) -> list[Point]:
-        """All points of all maps, the most expensive first (more control points)."""
-        return [
-            Point(axis, value, method, damping, motion, self)
-            for axis, values in self.values.items()
-            for value, method, damping, motion in product(
-                reversed(values), self.methods, DAMPING, GRAVITY
-            )
-        ]
-
-
-FULL = Extent(
-    tuple(METHODS),
-    {
+UNITS = {"n_u": "-", "E": "Pa", "diameter": "m"}
+SCALE = LogNorm(1e-14, 1.0)  # of the energy errors shown
+SIGNS = {STOPPED: "x", SLOW: "?"}
+QUICK_METHODS = ("forest_ruth", "velocity_verlet", "energy_momentum")
+METHODS_COMPARED = {True: QUICK_METHODS, False: tuple(METHODS)}
+VALUES: dict[bool, dict[str, tuple[float, ...]]] = {  # of each axis
+    True: {"n_u": (5, 13, 40), "E": (1e6, 1e9, 1e12), "diameter": (1e-4, 2e-3, 5e-2)},
+    False: {
         "n_u": (5, 9, 13, 19, 40),
         "E": (1e4, 1e6, 1e8, 1e10, 1e12),
         "diameter": (1e-4, 5e-4, 2e-3, 1e-2, 5e-2),
     },
-    tuple(float(f"{10.0**e:.2g}") for e in np.arange(-5.0, -0.9, 0.5)),
-    duration=10.0,
-    trial=1.0,
-    least_trial=4000,
-    tolerance=0.01,
-    budget=20.0,
-)
-QUICK = Extent(
-    ("forest_ruth", "velocity_verlet", "energy_momentum"),
-    {"n_u": (5, 13, 40), "E": (1e6, 1e9, 1e12), "diameter": (1e-4, 2e-3, 5e-2)},
-    (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
-    duration=1.0,
-    trial=0.3,
-    least_trial=3000,
-    tolerance=0.02,
-    budget=3.0,
-)
+}
+STEPS = {  # tau [s]
+    True: (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
+    False: tuple(float(f"{10.0**e:.2g}") for e in np.arange(-5.0, -0.9, 0.5)),
+}
+DURATION = {True: 1.0, False: 10.0}  # [s], simulated, of the energy runs
+BUDGET = {True: 3.0, False: 20.0}  # [s], most time of stepping of each
+TRIAL = {True: 0.3, False: 1.0}  # [s] that a step has to survive to count as stable,
+LEAST_TRIAL = {True: 3000, False: 4000}  # and so many steps at least
+TOLERANCE = {True: 0.02, False: 0.01}  # of observed limits
 
 
 class Point(NamedTuple):
@@ -105,7 +75,18 @@ class Point(NamedTuple):
     method: str
     damping: str
     motion: str
-    extent: Extent
+    quick: bool
+
+
+def points(quick: bool) -> list[Point]:
+    """All points of all maps, the most expensive first (more control points)."""
+    return [
+        Point(axis, value, method, damping, motion, quick)
+        for axis, values in VALUES[quick].items()
+        for value, method, damping, motion in product(
+            reversed(values), METHODS_COMPARED[quick], DAMPING, GRAVITY
+        )
+    ]
 
 
 @dataclass(frozen=True)
@@ -115,10 +96,9 @@ class Limits:
     Attributes:
         outcomes, errors: per step of the map: what became of the run, and its largest energy error
             as a share of the energy exchanged (nan unless it finished).
-        predicted, observed: largest stable step [s]; nan where the method was refused. An implicit
-            method has the predicted limit inf; observed is then the largest step of the map up to
-            which every run reached its end. Both are nan where no step was stable.
-        below: then the smallest step [s] that was tried, which the limit is below; else nan.
+        predicted, observed: largest stable step [s], nan of a refused method; of an implicit one
+            inf, and the largest step of the map up to which every run reached its end.
+        below: where observed is nan as no step was stable, the smallest step [s] tried; else nan.
     """
 
     outcomes: tuple[str, ...]
@@ -126,7 +106,6 @@ class Limits:
     predicted: float = np.nan
     observed: float = np.nan
     below: float = np.nan
-    reason: str = ""
 
 
 def scene_of(point: Point, step: float = 0.0) -> Scene:
@@ -149,12 +128,11 @@ def scene_of(point: Point, step: float = 0.0) -> Scene:
 
 def examine(point: Point) -> Limits:
     """Limits and energy errors of one point; a function for workers."""
-    steps = point.extent.steps
+    steps = STEPS[point.quick]
     try:
         predicted = Simulator(scene_of(point)).choice.limit
-    except SceneError as refusal:
-        nothing = (np.nan,) * len(steps)
-        return Limits((REFUSED,) * len(steps), nothing, reason=str(refusal))
+    except SceneError:
+        return Limits((REFUSED,) * len(steps), (np.nan,) * len(steps))
     outcomes, errors = zip(*(_energy_run(point, step) for step in steps), strict=True)
     if METHODS[point.method].family == IMPLICIT:
         observed, below = _reached(steps, outcomes)
@@ -168,9 +146,9 @@ def _energy_run(point: Point, step: float) -> tuple[str, float]:
     if METHODS[point.method].family == IMPLICIT and step < LEAST_IMPLICIT_STEP:
         return SKIPPED, np.nan
     simulator = Simulator(scene_of(point, step), unchecked_step=True)
-    steps = max(round(point.extent.duration / step), FEWEST_STEPS)
+    steps = max(round(DURATION[point.quick] / step), FEWEST_STEPS)
     piece = max(steps // 100, 1)
-    until = time.perf_counter() + point.extent.budget
+    until = time.perf_counter() + BUDGET[point.quick]
     while simulator.steps < steps:
         if not simulator.advance_steps(min(piece, steps - simulator.steps)).status.ok:
             return STOPPED, np.nan
@@ -190,10 +168,8 @@ def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> tuple[float
 
 
 def _observed(point: Point, predicted: float) -> tuple[float, float]:
-    """Largest step [s] at which a trial is not stopped, by bisection; inf if it is out of reach.
-
-    It is looked for down to the smallest step of the map; if there is none: nan, and the last
-    tried.
+    """Largest step [s] at which a trial is not stopped, by bisection; inf if it is out of reach; if
+    there is none down to the smallest step of the map: nan, and the last tried.
     """
     low = min(predicted / BELOW, MOST_STEP / GROWTH)
     if _survives(point, low):
@@ -203,17 +179,140 @@ def _observed(point: Point, predicted: float) -> tuple[float, float]:
             if high > min(FARTHEST * predicted, MOST_STEP):
                 return np.inf, np.nan
     else:
-        least = min(predicted / FARTHEST, point.extent.steps[0])
+        least = min(predicted / FARTHEST, STEPS[point.quick][0])
         low, high = low / GROWTH, low
         while not _survives(point, low):
             if low < least:
                 return np.nan, low
             low, high = low / GROWTH, low
-    tolerance = point.extent.tolerance
+    tolerance = TOLERANCE[point.quick]
     return bisected(lambda step: _survives(point, step), low, high, tolerance), np.nan
 
 
 def _survives(point: Point, step: float) -> bool:
-    steps = max(round(point.extent.trial / step), point.extent.least_trial)
+    steps = max(round(TRIAL[point.quick] / step), LEAST_TRIAL[point.quick])
     simulator = Simulator(scene_of(point, step), unchecked_step=True)
     return simulator.advance_steps(steps).status.ok
+
+
+def add(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:
+    """Six figures and two tables."""
+    report.section("Stability limits and energy errors")
+    report.text(
+        """An aluminium wire (2 m, 2 mm, n_u = 9, 3 Gauss points per span), clamped at one end and
+        released straight; one of n_u, E and diameter varies. Under 0.01 m/s^2 it vibrates by
+        millimetres (linear), under 9.81 m/s^2 it falls (large). Damped: damping.mass = 2 1/s.
+        Limits: predicted from the largest frequency at the start, observed by bisection, the
+        largest step at which a trial is not stopped; of implicit methods the largest step of the
+        map up to which every run reached its end. Energy errors are relative to the largest energy
+        exchanged; what generalized_alpha dissipates counts as dissipated."""
+    )
+    for axis, damping in product(KEYS, DAMPING):
+        _figure(report, quick, results, axis, damping)
+    _tables(report, quick, results)
+
+
+def _figure(
+    report: Report, quick: bool, results: Mapping[Point, Limits], axis: str, damping: str
+) -> None:
+    mine = {p: r for p, r in results.items() if (p.axis, p.damping) == (axis, damping)}
+    methods, label = METHODS_COMPARED[quick], f"{axis} [{UNITS[axis]}]"
+    count = len(methods)
+    figure, axes = plotting.new_figure(len(GRAVITY), count, 2.0 + 2.2 * count, 7.4)
+    for panel, (motion, method) in zip(
+        axes, product(GRAVITY, METHODS_COMPARED[quick]), strict=True
+    ):
+        own = {p.value: r for p, r in mine.items() if (p.motion, p.method) == (motion, method)}
+        _panel(panel, STEPS[quick], dict(sorted(own.items())))
+        panel.set(xlabel=label, ylabel="step [s]")
+        panel.set_title(f"{method}\n{motion}", fontsize="medium")
+        panel.label_outer()
+    colors = ScalarMappable(SCALE, "viridis")
+    figure.colorbar(colors, ax=axes, label="energy error, relative [-]", shrink=0.8)
+    figure.suptitle(damping)
+    rows = [
+        (p.method, p.motion, p.value, r.predicted, r.observed, r.below, *run)
+        for p, r in mine.items()
+        for run in zip(STEPS[quick], r.outcomes, r.errors, strict=True)
+    ]
+    header = f"method | motion | {label} | predicted limit [s] | observed limit [s] | "
+    header += "observed below [s] | step [s] | outcome | energy error"
+    report.figure(
+        f"map_{axis}_{damping}",
+        figure,
+        columns(header.split(" | "), rows),
+        f"Limits and energy errors over {axis} and the step, {damping}. Black line: predicted; "
+        "red circle: observed, triangle: below that; x: stopped, ?: over its budget of time, grey: "
+        "not run or refused",
+    )
+
+
+def _panel(axes: Axes, steps: tuple[float, ...], column: dict[float, Limits]) -> None:
+    found = list(column.values())
+    axes.set_facecolor("lightgray")
+    errors = np.array([one.errors for one in found]).T
+    axes.imshow(errors, origin="lower", aspect="auto", cmap="viridis", norm=SCALE)
+    axes.set_xticks(range(len(column)), [f"{value:g}" for value in column], rotation=45)
+    axes.set_yticks(range(len(steps)), [f"{step:.0e}" for step in steps])
+    axes.set_ylim(-1.5, len(steps) - 0.5)
+    if all(what == REFUSED for one in found for what in one.outcomes):
+        axes.text(0.5, 0.5, "refused", ha="center", va="center", transform=axes.transAxes)
+    for x, one in enumerate(found):
+        for y, what in enumerate(one.outcomes):
+            axes.text(x, y, SIGNS.get(what, ""), ha="center", va="center", color="dimgray")
+        _mark(axes, x, one, steps)
+
+
+def _mark(axes: Axes, x: int, found: Limits, steps: tuple[float, ...]) -> None:
+    """Marks of one cable's limits, at their place between the rows; too small ones at the edge."""
+
+    def place(step: float) -> float:
+        return max(math.log(step / steps[0]) / math.log(steps[1] / steps[0]), -1.2)
+
+    if math.isfinite(found.predicted):
+        axes.hlines(place(found.predicted), x - 0.5, x + 0.5, color="black", linewidth=2.0)
+    for limit, marker in ((found.observed, "o"), (found.below, "v")):
+        if math.isfinite(limit):
+            axes.plot(x, place(limit), marker, color="red", markersize=6, mfc="none")
+
+
+def _tables(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:
+    """Over all maps: how far the limits are apart, and the runs that were wrong unnoticed."""
+    rows = []
+    for method, damping, motion in product(METHODS_COMPARED[quick], DAMPING, GRAVITY):
+        key = (method, damping, motion)
+        mine = [r for p, r in results.items() if (p.method, p.damping, p.motion) == key]
+        rows.append([*key, *_summary(mine)])
+    report.table(
+        "limits",
+        "method | damping | motion | points | observed / predicted, least | largest | none found | "
+        "all below [s] | runs finished | stopped | over budget | "
+        "largest energy error of the finished",
+        rows,
+        "All maps: observed against predicted limits (trials of "
+        f"{TRIAL[quick]:g} s), and what became of the energy runs of {DURATION[quick]:g} s",
+    )
+    report.table(
+        "finished_and_wrong",
+        "method | damping | motion | axis | value | step [ms] | energy error",
+        [
+            [p.method, p.damping, p.motion, p.axis, p.value, step, error]
+            for p, r in results.items()
+            for step, error in zip(STEPS[quick], r.errors, strict=True)
+            if error > 0.5
+        ],
+        "Runs that reached their end although the energy is off by more than half of what was "
+        "exchanged",
+    )
+
+
+def _summary(found: list[Limits]) -> list[Cell]:
+    ratios = [one.observed / one.predicted for one in found if math.isfinite(one.predicted)]
+    ratios = [ratio for ratio in ratios if not math.isnan(ratio)]
+    below = [one.below for one in found if math.isfinite(one.below)]
+    outcomes = [outcome for one in found for outcome in one.outcomes]
+    counts = [outcomes.count(what) for what in (FINISHED, STOPPED, SLOW)]
+    errors = [error for one in found for error in one.errors if math.isfinite(error)]
+    limits = [min(ratios, default=None), max(ratios, default=None)]
+    below_all = [len(below), max(below, default=None)]
+    return [len(found), *limits, *below_all, *counts, max(errors, default=None)]

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from itertools import product
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import runs
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.stability.cables import TIGHT
-from dlo_sim.studies.stopwatch import seconds_of, step_cost
+from dlo_sim.studies.runs import distance, run, shipped, step_cost, timed
+from dlo_sim.studies.stability.extremes import TIGHT
 
 SIZES = {True: (9, 19), False: (9, 13, 19, 40)}  # control points
 STEPS = (2e-3, 5e-3, 1e-2)  # [s]
@@ -32,32 +30,6 @@ COMPARED = 2.0  # [s] over which shapes are compared
 EVERY = 0.02  # [s] between the shapes compared, a whole number of all steps
 CONVERGED = 1e-4  # [s], the converged step: a twentieth of 2 ms, 1/400 of its error
 REFERENCE = 80  # control points of the fine mesh
-
-
-class Stiff(NamedTuple):
-    """A row of the table: a method at one step, beside Forest-Ruth at its own for as long a run.
-
-    Forest-Ruth's time comes from the cost of a step, measured in turns with the implicit runs.
-    Errors are distances from the fine mesh, with this step and with the converged one; None where
-    they are not compared.
-    """
-
-    method: str
-    quadrature: str
-    n: int
-    step: float
-    outcome: str
-    energy_error: float
-    per_step: float
-    most: int
-    wall: float
-    explicit_step: float
-    explicit_wall: float
-    ratio: float
-    error: float | None
-    converged: float | None
-
-
 HEADER = (
     "method | quadrature | n_u | step [ms] | outcome | energy error | iterations per step | "
     "most in a step | run time [s] | forest_ruth's step [us] | its run time [s] | times faster | "
@@ -67,51 +39,47 @@ HEADER = (
 
 def wire(n: int, method: str, step: float = 0.0, gauss: int = 0) -> Scene:
     """`paper_wire.yaml` with other control points, method, step and quadrature."""
-    values: dict[str, object] = {"integrator.method": method, "integrator.step": step}
-    values["discretization.control_points"] = n
+    values = TIGHT | {"integrator.method": method, "integrator.step": step}
     if gauss:
         values |= {"discretization.quadrature": "gauss", "discretization.samples": gauss}
-    return load_scene(shipped_scene("paper_wire"), TIGHT | values)
+    return shipped("paper_wire", **values, **{"discretization.control_points": n})
 
 
-def measured(quick: bool, progress: Callable[[float], None]) -> list[Stiff]:
-    """Every kind at every size."""
-    found: list[Stiff] = []
+def measured(quick: bool, progress: Callable[[float], None]) -> list[list[Any]]:
+    """Rows of `HEADER`: every kind at every size."""
+    rows: list[list[Any]] = []
     kinds = list(product(KINDS, SIZES[quick]))
     for k, ((method, gauss), n) in enumerate(kinds):
-        found += _measure(n, method, gauss, 2 if quick else 5)
+        rows += _measure(n, method, gauss, 2 if quick else 5)
         progress((k + 1) / len(kinds))
-    return found
+    return rows
 
 
-def _measure(n: int, method: str, gauss: int, repeats: int) -> list[Stiff]:
-    """All steps of a kind; errors only for the shipped quadrature."""
+def _measure(n: int, method: str, gauss: int, repeats: int) -> list[list[Any]]:
+    """All steps of a kind, beside Forest-Ruth for as long a run, whose time comes from the cost of
+    a step, measured in turns with the implicit runs. Errors only for the shipped quadrature.
+    """
     explicit = Simulator(wire(n, "forest_ruth", gauss=gauss))
     simulators = [Simulator(wire(n, method, step, gauss)) for step in KINDS[method, gauss]]
-    costs, walls, found = [], np.full((repeats, len(simulators)), np.inf), []
+    costs, walls, rows = [], np.full((repeats, len(simulators)), np.inf), []
     for repeat in range(repeats):
         costs.append(step_cost(explicit, repeats=15).best)
         for k, simulator in enumerate(simulators):
             simulator.reset()
-            steps = round(DURATION / simulator.step)
-            walls[repeat, k] = seconds_of(partial(simulator.advance_steps, steps))
+            walls[repeat, k], _ = timed(simulator, round(DURATION / simulator.step))
     explicit_wall = min(costs) * DURATION / explicit.step
     for simulator, wall in zip(simulators, walls.min(axis=0).tolist(), strict=True):
         step = simulator.step
         simulator.reset()
         report = simulator.advance_steps(round(DURATION / step))
-        per_step = report.force_evaluations / max(report.steps, 1)
-        row = (report.message or "ok", simulator.energy_error, per_step)
-        times = (explicit.step, explicit_wall, explicit_wall / wall)
-        compared = not gauss and step not in HARD_STEPS
-        errors = (
-            _off(n, method, step) if compared else None,
-            _off(n, "energy_momentum", CONVERGED) if compared else None,
-        )
-        name = f"gauss {gauss}" if gauss else "shipped"
-        most = _most_iterations(simulator)
-        found.append(Stiff(method, name, n, step, *row, most, wall, *times, *errors))
-    return found
+        row: list[Any] = [method, f"gauss {gauss}" if gauss else "shipped", n, step]
+        row += [report.message or "ok", simulator.energy_error]
+        row += [report.force_evaluations / max(report.steps, 1), _most_iterations(simulator)]
+        row += [wall, explicit.step, explicit_wall, explicit_wall / wall, None, None]
+        if not gauss and step not in HARD_STEPS:
+            row[-2:] = _off(n, method, step), _off(n, "energy_momentum", CONVERGED)
+        rows.append(row)
+    return rows
 
 
 def _most_iterations(simulator: Simulator) -> int:
@@ -123,14 +91,14 @@ def _most_iterations(simulator: Simulator) -> int:
 
 @cache
 def _shapes(n: int, method: str, step: float, gauss: int = 0) -> Recording:
-    return runs.run(wire(n, method, step, gauss), COMPARED, EVERY)
+    return run(wire(n, method, step, gauss), COMPARED, EVERY)
 
 
 @cache
 def _off(n: int, method: str, step: float) -> float:
     """Largest distance [m] from the fine mesh."""
     fine = _shapes(REFERENCE, "energy_momentum", CONVERGED, 3)
-    return float(runs.distance(_shapes(n, method, step), fine).max())
+    return float(distance(_shapes(n, method, step), fine).max())
 
 
 def references() -> dict[str, float]:
@@ -138,47 +106,42 @@ def references() -> dict[str, float]:
     own = Simulator(wire(9, "forest_ruth")).step
     other = _shapes(9, "forest_ruth", float(EVERY / np.ceil(EVERY / own)))
     mine = _shapes(9, "energy_momentum", CONVERGED)
-    coarse, fine = (
-        _shapes(n, "energy_momentum", CONVERGED, 3) for n in (REFERENCE // 2, REFERENCE)
-    )
+    meshes = (REFERENCE // 2, REFERENCE)
+    coarse, fine = (_shapes(n, "energy_momentum", CONVERGED, 3) for n in meshes)
     return {
-        "converged step against forest_ruth, n_u 9": float(runs.distance(mine, other).max()),
-        f"fine mesh against n_u {REFERENCE // 2}": float(runs.distance(fine, coarse).max()),
+        "converged step against forest_ruth, n_u 9": float(distance(mine, other).max()),
+        f"fine mesh against n_u {REFERENCE // 2}": float(distance(fine, coarse).max()),
     }
 
 
-def describe(report: Report, rows: list[Stiff]) -> dict[str, str]:
+def describe(report: Report, rows: list[list[Any]]) -> dict[str, str]:
     """Section and tables; returns the verdicts."""
     report.section("The paper's wire at milliseconds")
     report.text(
-        """`paper_wire.yaml` with nothing changed but n_u, method, step and quadrature (Gauss points
-        per span, or the shipped 101 samples), beside forest_ruth at its own step and with the same
-        quadrature, timed in turns. Errors are largest distances over the first 2 s from a fine
-        mesh; the converged step is that step on the same mesh. energy_momentum is of second order:
-        its error in time does not depend on the mesh. energy_momentum_4 does five sub-steps a step,
-        one of them back in time; its iterations are those of all five. A step that takes several
-        times the usual iterations failed at first and was done in pieces."""
+        """`paper_wire.yaml` with other n_u, methods, steps and quadrature (Gauss points per span,
+        or the shipped 101 samples), beside forest_ruth at its own step with the same quadrature,
+        timed in turns. Errors are largest distances over the first 2 s from a fine mesh; the
+        converged step is on the same mesh. energy_momentum_4 does five sub-steps a step, one of
+        them back in time, with the iterations of all five. A step that takes several times the
+        usual iterations failed at first and was done in pieces."""
     )
     caption = "Methods that keep the energy, at milliseconds, beside Forest-Ruth"
     report.table("stiff", HEADER, rows, caption)
-    report.table(
-        "references",
-        "reference | distance [mm]",
-        [[name, off] for name, off in references().items()],
-        "How sure the errors are",
-    )
+    certainty = references().items()
+    report.table("references", "reference | distance [mm]", certainty, "How sure the errors are")
     verdicts = {}
-    for row in rows:
-        if row.step == STEPS[0] and row.error and row.converged:
-            verdicts[f"{row.method} at 2 ms, n_u {row.n}"] = (
-                f"{row.ratio:.3g} times faster than forest_ruth, error "
-                f"{row.error / row.converged:.3g} times that of the converged step"
+    energies: dict[str, list[tuple[float, bool]]] = {"up to 10 ms": [], "20 to 100 ms": []}
+    for method, _, n, step, outcome, energy, *_, ratio, error, converged in rows:
+        if step == STEPS[0] and error and converged:
+            verdicts[f"{method} at 2 ms, n_u {n}"] = (
+                f"{ratio:.3g} times faster than forest_ruth, error {error / converged:.3g} times "
+                "that of the converged step"
             )
-    for name, hard in (("up to 10 ms", False), ("20 to 100 ms", True)):
-        some = [row for row in rows if (row.step in HARD_STEPS) == hard]
-        stopped = sum(row.outcome != "ok" for row in some)
-        worst = max(row.energy_error for row in some)
+        part = "20 to 100 ms" if step in HARD_STEPS else "up to 10 ms"
+        energies[part].append((energy, outcome != "ok"))
+    for name, found in energies.items():
+        worst, stopped = max(energy for energy, _ in found), sum(stop for _, stop in found)
         verdicts[f"energy, {name}"] = (
-            f"open by {worst:.1e} at most, {stopped} of {len(some)} runs stopped"
+            f"open by {worst:.1e} at most, {stopped} of {len(found)} runs stopped"
         )
     return verdicts

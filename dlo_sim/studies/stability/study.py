@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
-from dlo_sim.studies.report import Report
-from dlo_sim.studies.stability import map_report, maps, stiff
+from dlo_sim.studies.report import Cell, Report
+from dlo_sim.studies.stability import maps, stiff
 from dlo_sim.studies.stability.extremes import Finding, examine
 from dlo_sim.studies.stability.scenes import EXTREMES
 
@@ -26,37 +26,32 @@ def run_study(request: Request) -> Outcome:
         findings.append(examine(extreme))
         request.progress(0.3 + 0.2 * len(findings) / len(EXTREMES))
     verdicts |= _describe(report, findings)
-    extent = maps.QUICK if request.quick else maps.FULL
+    points = maps.points(request.quick)
     results = {}
-    found = request.workers.map(maps.examine, extent.points)
-    for point, limits in zip(extent.points, found, strict=True):
+    found = request.workers.map(maps.examine, points)
+    for point, limits in zip(points, found, strict=True):
         results[point] = limits
-        request.progress(0.5 + 0.5 * len(results) / len(extent.points))
-    map_report.add(report, extent, results)
+        request.progress(0.5 + 0.5 * len(results) / len(points))
+    maps.add(report, request.quick, results)
     return report.outcome(verdicts)
 
 
 def _describe(report: Report, findings: Sequence[Finding]) -> dict[str, str]:
     """Section and table of the extreme scenes; returns the verdicts."""
-    report.section("Extreme cables")
-    report.table(
-        "extremes",
-        "scene | what | outcome | right | error | bound | of what | energy error | method | "
-        "step [ms] | steps | iterations | run time [s] | reason",
-        [
-            [
-                *(one.extreme.name, one.extreme.what, one.outcome),
-                *("yes" if one.right else "**no**", one.error, one.extreme.bound, one.of_what),
-                *(one.run.cells if one.run else [None] * 6),
-                one.reason,
-            ]
-            for one in findings
-        ],
-        "Extreme scenes",
-    )
+    rows: list[list[Cell]] = []
     verdicts = {}
     for one in findings:
+        extreme, right = one.extreme, "yes" if one.right else "**no**"
+        ran = one.run.cells if one.run else [None] * 6
+        rows.append([extreme.name, extreme.what, one.outcome, right, one.error, extreme.bound])
+        rows[-1] += [one.of_what, *ran, one.reason]
         measured = one.outcome if one.error is None else f"{one.error:.1e}"
         answer = "holds" if one.right else "falls short"
-        verdicts[one.extreme.name] = f"{answer}: {measured}, at most {one.extreme.bound:g}"
+        verdicts[extreme.name] = f"{answer}: {measured}, at most {extreme.bound:g}"
+    header = (
+        "scene | what | outcome | right | error | bound | of what | energy error | method | "
+        "step [ms] | steps | iterations | run time [s] | reason"
+    )
+    report.section("Extreme cables")
+    report.table("extremes", header, rows, "Extreme scenes")
     return verdicts

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from dlo_sim.core import bspline
+from dlo_sim.core import bspline, elasticity, quadrature
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
-
-Array = NDArray[np.float64]
+from dlo_sim.studies.runs import Array
 
 
 def catenary(
@@ -89,19 +87,11 @@ def elastica_gap(share: float) -> float:
 
 def momenta(simulator: Simulator) -> tuple[Array, Array]:
     """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s] of the cable itself."""
-    scene, greville = simulator.scene, simulator.greville
+    scene, knots = simulator.scene, simulator.model.knots
     points, rates = simulator.control_points[:, :3], simulator.velocities[:, :3]
-    knots = np.zeros(len(greville) + 4)
-    for i in range(1, len(greville)):  # a Greville abscissa is the mean of three knots
-        knots[i + 3] = 3.0 * greville[i] - knots[i + 1] - knots[i + 2]
-    knots[-4:] = scene.cable.length
     weights = (knots[4:] - knots[:-4]) / 4.0
     if scene.discretization.mass == "consistent":
-        xi, shares = np.polynomial.legendre.leggauss(4)
-        breaks = knots[3:-3]
-        half = 0.5 * np.diff(breaks)[:, None]
-        u = (breaks[:-1, None] + half * (1.0 + xi)).ravel()
-        weights = (half * shares).ravel()
+        u, weights = elasticity.samples(quadrature.gauss(bspline.breaks(knots), 4), knots)
         points, rates = simulator.centerline(u), bspline.evaluate(rates, knots, u)
     impulse = scene.cable.mu * weights[:, None] * rates
     return impulse.sum(axis=0), np.cross(points, impulse).sum(axis=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import START_FRAMES, Recording
@@ -13,8 +12,8 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.session.observer import Observer, Points
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.runs import Array
 
-Array = NDArray[np.float64]
 SEEN, RATE, NOISE = 0.3, 30.0, 0.005  # share of the markers, [Hz], [m] of each coordinate
 _BEFORE = 2  # frames before a piece of motion, for its first velocities
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.batch.workers import Workers
 from dlo_sim.core import rotations
@@ -20,8 +19,8 @@ from dlo_sim.identification.problem import DELAY
 from dlo_sim.identification.readers import read_recordings
 from dlo_sim.identification.scores import reaction
 from dlo_sim.scene.description import Scene
+from dlo_sim.studies.runs import Array
 
-Array = NDArray[np.float64]
 SMOOTHING = 0.2  # [s], half the window of the poses: nothing has to be in time here
 SLOW = 0.02  # [m/s], speed of a gripper that rests
 SAMPLES = 200  # of the camera's shape

@@ -11,8 +11,8 @@ from dlo_sim.identification.prediction import begin, interpolated
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.studies.runs import Array
 
-Array = NDArray[np.float64]
 EVERY = 25  # frames between two equilibria, and between two fitted splines
 
 

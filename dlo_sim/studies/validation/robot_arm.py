@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from dlo_sim.core import rotations
@@ -18,9 +17,9 @@ from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.report import Report
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.validation import moved_cable
 
-Array = NDArray[np.float64]
 TURN, REST = 0.7, 1.6  # [s] from one clamp angle to the next, and there
 STILL = 6.0  # 1/s, damping that brings the cable to rest
 TWO = 0.01  # [m] between two shapes

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.identification.measurement import Recording
 from dlo_sim.identification.prediction import predict
@@ -19,10 +18,10 @@ from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.plotting import animate, new_figure
 from dlo_sim.studies.report import Cell, Report
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.validation import references, robot_arm
 from dlo_sim.studies.validation.corrected import corrected
 
-Array = NDArray[np.float64]
 PIECES = {True: 2, False: 1000}  # of a cable
 PREDICTION = "prediction"
 SHOWN = (1.0, 2.5, 4.0)  # [s] of the shapes in pictures

@@ -5,18 +5,18 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
+from dlo_sim.studies.runs import Array
+from dlo_sim.studies.stability.scenes import ends
 from dlo_sim.studies.stability.truths import catenary
 from dlo_sim.studies.work_precision import elastica
 from dlo_sim.studies.work_precision.cases import CLOSED, cantilever, rod_of, soft_cable, wire
 
-Array = NDArray[np.float64]
 RESOLUTIONS = {True: (7, 13), False: (7, 9, 13, 19, 27, 39)}
 Known = tuple[Scene, float, Array, float]  # scene, u / L, its x and z there [m], scale [m]
 
@@ -25,12 +25,11 @@ def add(report: Report, quick: bool) -> None:
     """Static shapes against n_u: a table and a figure."""
     report.section("Against analytic results")
     report.text(
-        """All elastica with the simulator's curvature, per deformed length; per rest length the
-        cantilever's tip would be 0.02 % of its length away. Cantilever: the tip of the rubber cord
-        under its weight, against the heavy elastica by shooting. Clamped: the middle of the soft
-        cable with its grippers 0.8 m apart, likewise. Wire: its sag on its springs, likewise.
-        Catenary: the middle of a cable without bending stiffness between two points, closed
-        form. Errors are shares of the length, of the wire of its sag."""
+        """Against the heavy elastica by shooting, with the simulator's curvature, per deformed
+        length (per rest length the cantilever's tip would be 0.02 % of its length away):
+        cantilever, the tip of the rubber cord; clamped, the middle of the soft cable with its
+        grippers 0.8 m apart; wire, its sag on its springs. Catenary: the middle of a cable without
+        bending stiffness, closed form. Errors are shares of the length, of the wire of its sag."""
     )
     shapes = known()
     rows = []
@@ -44,8 +43,7 @@ def add(report: Report, quick: bool) -> None:
         "Errors of equilibria",
     )
     data = columns(("what", "n_u", "error"), rows)
-    looks = {name: {"marker": "o"} for name in shapes}
-    panel = Panel("n_u", "error [%]", ["error"], by="what", log="y", looks=looks)
+    panel = Panel("n_u", "error [%]", ["error"], by="what", log="y", marker="o")
     chart(report, "analytic_errors", data, [panel], "Equilibria against analytic results")
 
 
@@ -68,17 +66,11 @@ def known() -> dict[str, Known]:
     cord, thin, gap = cantilever().scene, wire(1).scene, 1.0 - CLOSED
     soft = soft_cable().scene.with_values({"end.position": [gap, 0.0, 0.0]})
     tip = elastica.cantilever_tip(rod_of(cord, True), cord.cable.length)
-    sag = elastica.wire_sag(rod_of(thin, True), thin.cable.length, thin.start.spring[0])
-    low = elastica.clamped_sag(rod_of(soft, True), soft.cable.length, gap)
-    limp = scene_from_values(
-        {
-            "cable.linear_density": 0.1,
-            "cable.axial_stiffness": 1.0e4,
-            "terms.bend": "off",
-            "end.position": [gap, 0.0, 0.0],
-            "end.fixed": [True] * 3,
-        }
-    )
+    length = thin.cable.length
+    sag = elastica.sag(rod_of(thin, True), length, length, thin.start.spring[0])
+    low = elastica.sag(rod_of(soft, True), soft.cable.length, gap)
+    cable = {"cable.linear_density": 0.1, "cable.axial_stiffness": 1.0e4, "terms.bend": "off"}
+    limp = scene_from_values({**cable, **ends(0.0, gap)})
     length = limp.cable.length
     (x,), (z,) = catenary(np.array([0.5 * length]), length, gap, 0.1 * 9.81, 1.0e4)
     return {

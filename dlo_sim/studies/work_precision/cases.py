@@ -10,8 +10,9 @@ import numpy as np
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.work_precision import elastica
-from dlo_sim.tuning.trial import Job
+from dlo_sim.tuning.trial import Job, error
 
 CLOSED = 0.2  # [m] by which the gripper of the soft cable closes
 CLOSING = 2.0  # [s] it takes: half of it speeding up, half slowing down
@@ -22,10 +23,9 @@ class Case:
     """A job and how its error is measured.
 
     Attributes:
-        name: for files. title: for people. job: what is computed.
-        hold: how the ends are held, a word of the other simulators' scripts.
+        name: for files. hold: how the ends are held, a word of the other simulators' scripts.
         components: world axes of the error. scale: length [m] that errors are a share of.
-        scale_words: what that length is. fine: n_u of the two reference runs.
+        fine: n_u of the two reference runs.
     """
 
     name: str
@@ -42,6 +42,10 @@ class Case:
         """The cable and its world."""
         return self.job.scene
 
+    def error(self, points: Array, truth: Array) -> float:
+        """Error of positions (T, m, 3) as a share of the scale; see `trial.error`."""
+        return error(points, truth, self.components) / self.scale
+
     def shortened(self, duration: float, fine: tuple[int, int]) -> Case:
         """The same case for a shorter time [s], with coarser references."""
         return replace(self, job=replace(self.job, duration=duration), fine=fine)
@@ -54,8 +58,8 @@ class Run(NamedTuple):
         who: method, or simulator. stretch: where stretching counts; empty of other simulators.
         n_u: control points, or elements. step: [s]. status: `ok`, or why there is no result.
         words: the setting for people. error: as a share of the case's scale; nan without a result.
-        wall: least run time of the repeats [s per simulated s]; of one that was too slow to run to
-            its end an estimate; nan if it failed. spread: (median - least) / least.
+        wall: least run time of the repeats [s per simulated s], estimated of a run that was too
+            slow, nan of a failed one. spread: (median - least) / least.
         evaluations: of the force, or Newton iterations, per simulated second.
     """
 
@@ -79,9 +83,8 @@ class Run(NamedTuple):
     @property
     def line(self) -> str:
         """Its line in the diagram."""
-        return self.who + (
-            f", stretch {self.stretch}" if self.stretch.startswith("by span") else ""
-        )
+        by_span = self.stretch.startswith("by span")
+        return f"{self.who}, stretch {self.stretch}" if by_span else self.who
 
 
 def rod_of(scene: Scene, deformed: bool = False) -> elastica.Rod:
@@ -97,16 +100,16 @@ def wire(number: int) -> Case:
         1: ("paper_wire", "Scenario 1: wire, gravity", (2,)),
         2: ("paper_wire_force", "Scenario 2: wire, gravity and a force", (1, 2)),
     }[number]
-    scene = load_scene(shipped_scene(name))
-    sag = elastica.wire_sag(rod_of(scene), scene.cable.length, scene.start.spring[0])
-    job = Job(scene, 2.0, (0.5,))
+    job = Job(load_scene(shipped_scene(name)), 2.0, (0.5,))
+    length, spring = job.scene.cable.length, job.scene.start.spring[0]
+    sag = elastica.sag(rod_of(job.scene), length, length, spring)
     return Case(f"scenario_{number}", title, job, "pinned", axes, sag, "the static sag")
 
 
 def soft_cable() -> Case:
     """A soft cable between two clamps 1 m apart, of which one comes 0.2 m closer within 2 s."""
-    values = {**_material(1.0, 0.006, 1200.0, 1e7), "damping.mass": 2.0}
-    scene = scene_from_values({**values, **_clamped("start", 0.0), **_clamped("end", 1.0)})
+    far = {"end.fixed": [True] * 3, "end.clamped": True, "end.tangent": [1.0, 0.0, 0.0]}
+    scene = _clamped(1.0, 0.006, 1200.0, 1e7, **{"damping.mass": 2.0}, **far)
     job = Job(scene, 4.0, (0.5,), 2e-3, closing())
     return Case("soft_grippers", "Soft cable, one gripper moving", job, "clamped")
 
@@ -115,30 +118,25 @@ def closing() -> tuple[tuple[str, EndMotion], ...]:
     """The gripper's way of the soft cable: two parabolas, at rest before and after."""
     half = 0.5 * CLOSING
     push = 0.5 * CLOSED / half**2
-    first = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-push, 0.0, 0.0]])
-    second = first.copy()
+    first, second = np.zeros((2, 3, 3))
+    first[:, 0] = 1.0, 0.0, -push
     second[:, 0] = 1.0 - 0.5 * CLOSED, -2.0 * push * half, push
     still = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
-    return (
-        ("end", EndMotion(0.0, half, first, *still)),
-        ("end", EndMotion(half, half, second, *still)),
-    )
+    parts = ((0.0, first), (half, second))
+    return tuple(("end", EndMotion(start, half, path, *still)) for start, path in parts)
 
 
 def cantilever() -> Case:
     """A rubber cord let go from a straight line, clamped at one end: it falls by 0.9 of itself."""
-    values = {**_material(0.3, 0.005, 1100.0, 5e6), **_clamped("start", 0.0)}
-    scene = scene_from_values({**values, "end.position": [0.3, 0.0, 0.0]})
-    job = Job(scene, 1.0, (1.0,))
+    job = Job(_clamped(0.3, 0.005, 1100.0, 5e6), 1.0, (1.0,))
     return Case("cantilever", "Cantilever, large deflection", job, "cantilever", scale=0.3)
 
 
 def steel() -> Case:
     """A steel wire, 0.5 m by 1 mm, clamped at one end and let go from a straight line."""
-    values = {**_material(0.5, 0.001, 7850.0, 2.1e11, 8e10), **_clamped("start", 0.0)}
-    job = Job(scene_from_values({**values, "end.position": [0.5, 0.0, 0.0]}), 1.0, (1.0,))
-    title = "Stiff steel wire"
-    return Case("steel_wire", title, job, "cantilever", scale=0.5, fine=(25, 33))
+    steel_wire = _clamped(0.5, 0.001, 7850.0, 2.1e11, **{"cable.shear_modulus": 8e10})
+    job = Job(steel_wire, 1.0, (1.0,))
+    return Case("steel_wire", "Stiff steel wire", job, "cantilever", scale=0.5, fine=(25, 33))
 
 
 def chain() -> Case:
@@ -166,23 +164,19 @@ def all_cases(quick: bool) -> list[Case]:
     return [case.shortened(0.25 * case.job.duration, (17, 21)) for case in cases]
 
 
-def _material(
-    length: float, diameter: float, density: float, modulus: float, shear: float | None = None
-) -> dict[str, object]:
-    return {
+def _clamped(
+    length: float, diameter: float, density: float, modulus: float, **more: object
+) -> Scene:
+    """A straight round cable along x, clamped at its start."""
+    values = {
         "cable.length": length,
         "cable.diameter": diameter,
         "cable.density": density,
         "cable.youngs_modulus": modulus,
-        "cable.shear_modulus": shear or modulus / 3.0,
+        "cable.shear_modulus": modulus / 3.0,
         "initial.shape": "straight",
+        "start.clamped": True,
+        "start.tangent": [1.0, 0.0, 0.0],
+        "end.position": [length, 0.0, 0.0],
     }
-
-
-def _clamped(end: str, x: float) -> dict[str, object]:
-    return {
-        f"{end}.position": [x, 0.0, 0.0],
-        f"{end}.fixed": [True] * 3,
-        f"{end}.clamped": True,
-        f"{end}.tangent": [1.0, 0.0, 0.0],
-    }
+    return scene_from_values(values | more)

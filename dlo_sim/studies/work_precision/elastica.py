@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
-Array = NDArray[np.float64]
+from dlo_sim.studies.runs import Array
+
 # Of x, z, th, M at one end and at the other, and of the pull H: what has to be zero.
 Ends = Callable[[Array, Array, Array], list[float]]
 TOLERANCE, MOST_NODES = 1e-10, 20_000
@@ -36,27 +36,16 @@ class Rod:
 
 
 @cache
-def wire_sag(rod: Rod, length: float, spring: float) -> float:
-    """Sag [m] of the middle of a wire pinned on springs along it, k = `spring` [N/m] at each end.
+def sag(rod: Rod, length: float, gap: float, spring: float = np.inf) -> float:
+    """Sag [m] of the middle of a cable whose ends are at a gap [m], clamped along x; or pinned, on
+    springs k = `spring` [N/m] along x, which the cable pulls nearer to each other.
 
-    From the middle, th = V = 0, to the end, M = 0 and x = L / 2 - H / k.
+    From the middle, th = V = 0, to the end, x = gap / 2 - H / k, and th = 0 or M = 0.
     """
+    free = 2 if spring == np.inf else 3  # which of x, z, th, M is zero
 
     def ends(middle: Array, end: Array, pull: Array) -> list[float]:
-        return [*middle[:3], end[3], end[0] - 0.5 * length + pull[0] / spring]
-
-    return float(_solved(rod, 0.5 * length, 0.0, ends)[1])
-
-
-@cache
-def clamped_sag(rod: Rod, length: float, gap: float) -> float:
-    """Sag [m] of the middle of a cable clamped along x at both ends, which are `gap` [m] apart.
-
-    From the middle, th = V = 0, to the end, th = 0 and x = gap / 2.
-    """
-
-    def ends(middle: Array, end: Array, pull: Array) -> list[float]:
-        return [*middle[:3], end[2], end[0] - 0.5 * gap]
+        return [*middle[:3], end[free], end[0] - 0.5 * gap + pull[0] / spring]
 
     return float(_solved(rod, 0.5 * length, 0.0, ends)[1])
 

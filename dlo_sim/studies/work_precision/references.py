@@ -1,24 +1,20 @@
-"""Converged references, with their own error by refinement in space and in time.
-
-They are made with a method that is itself among those compared, so each is checked by a method of
-another family, whose forces and time stepping are other code.
+"""Converged references, with their own error by refinement in space and in time, each checked by a
+method of another family, whose forces and time stepping are other code.
 """
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dlo_sim.batch.workers import Workers
+from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.report import Report
-from dlo_sim.studies.runs import each
+from dlo_sim.studies.runs import Array, each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.tuning.setting import Setting
-from dlo_sim.tuning.trial import Job, Trial, at_share, attempt, error
+from dlo_sim.tuning.trial import Job, Trial, at_share, attempt
 
-Array = NDArray[np.float64]
 METHOD = "velocity_verlet"  # valid with mass damping; its time error at such steps is negligible
 CHECK, CHECK_STEP = "energy_momentum_4", 2.5e-4  # [s]
 CHECK_DAMPED = "rk4"  # at its own step: compositions with negative sub-steps let damping grow
@@ -26,24 +22,24 @@ CHECK_DAMPED = "rk4"  # at its own step: compositions with negative sub-steps le
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A converged motion.
+    """A converged motion; differences are shares of the case's scale.
 
     Attributes:
-        points: positions at the job's times and coordinates, shape (T, m, 3).
-        setting: what it was made with. step: [s].
-        space: difference between the two finest resolutions, as a share of the case's scale.
-        time: difference made by half the step at the coarser of the two, likewise.
+        space, time: between the two finest resolutions; made by half the step at the coarser one.
         check: the setting of another method on the coarser mesh, with its step.
-        disagreement: its distance from the run with half the step on the same mesh, likewise.
+        disagreement: of it with the run at half the step on the same mesh.
     """
 
-    points: Array
-    setting: Setting
-    step: float
+    run: Trial
     space: float
     time: float
     check: Setting
     disagreement: float
+
+    @property
+    def points(self) -> Array:
+        """Positions [m] at the job's times and coordinates, shape (T, m, 3)."""
+        return self.run.points
 
     @property
     def own_error(self) -> float:
@@ -61,24 +57,23 @@ def references(cases: list[Case], workers: Workers) -> dict[str, Reference]:
     trials = each(workers, run, [one for some in runs.values() for one in some])
     found = {}
     for case in cases:
-        coarse, fine, half, other = (trials[one] for one in runs[case.name])
-        for trial in (coarse, fine, half, other):
+        coarse, fine, half, other = own = [trials[one] for one in runs[case.name]]
+        for trial in own:
             if not trial.ok:
                 raise RuntimeError(f"a reference run of {case.name} failed: {trial.message}")
-
-        def apart(one: Trial, truth: Trial, case: Case = case) -> float:
-            return error(one.points, truth.points, case.components) / case.scale
-
-        space, time, check = apart(coarse, fine), apart(half, coarse), apart(other, half)
-        found[case.name] = Reference(
-            fine.points, fine.setting, fine.step, space, time, other.setting, check
-        )
+        pairs = ((coarse, fine), (half, coarse), (other, half))
+        space, time, check = (case.error(one.points, truth.points) for one, truth in pairs)
+        found[case.name] = Reference(fine, space, time, other.setting, check)
     return found
 
 
 def run(job: Job, setting: Setting, share: float) -> Trial:
-    """An untimed run at a share of the setting's own step; 0 = at the setting's; for workers."""
-    return attempt(job, at_share(job, setting, share) if share else setting, timed=False)
+    """An untimed run at a share of the setting's own step; 0 = at the setting's; for workers. What
+    the scene refuses gives a trial with the message.
+    """
+    with contextlib.suppress(SceneError):  # the attempt is refused for the same reason
+        setting = at_share(job, setting, share) if share else setting
+    return attempt(job, setting, timed=False)
 
 
 def _runs(case: Case) -> list[tuple[Job, Setting, float]]:
@@ -98,36 +93,27 @@ def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None
     """The cases and their references: own errors, and how far another method is from them."""
     report.section("Cases and references")
     report.text(
-        """Error: rms over the time of the worst of the axes at the material coordinates, in % of
-        the case's scale. The reference of a case is velocity_verlet on the finer of two meshes. Own
-        error in space: its distance from the coarser mesh; in time: what half the step changes
-        there. As the method is among those compared, one of another family is run on the coarser
-        mesh too; its distance from velocity_verlet at half the step holds the time errors of
-        both."""
+        """Error: rms over time of the worst axis at the material coordinates, in % of the case's
+        scale. Reference: velocity_verlet on the finer of two meshes. Own error in space: its
+        distance from the coarser mesh; in time: what half the step changes there. As the method is
+        among those compared, one of another family is run on the coarser mesh too; its distance
+        from velocity_verlet at half the step holds the time errors of both."""
     )
-    report.table(
-        "cases",
-        "case | duration [s] | axes | at [L] | scale | length of the scale [mm]",
-        [
-            [
-                *(case.name, case.job.duration, "".join("xyz"[axis] for axis in case.components)),
-                *(", ".join(f"{u:g}" for u in case.job.u), case.scale_words, case.scale),
-            ]
-            for case in cases
-        ],
-        "What is compared",
-    )
+    compared, sure = [], []
+    for case in cases:
+        truth = truths[case.name]
+        axes = "".join("xyz"[axis] for axis in case.components)
+        at = ", ".join(f"{u:g}" for u in case.job.u)
+        compared.append((case.name, case.job.duration, axes, at, case.scale_words, case.scale))
+        own = (truth.run.setting.control_points, truth.run.step, truth.space, truth.time)
+        check = (truth.check.method, truth.check.control_points, truth.check.step)
+        sure.append((case.name, *own, *check, truth.disagreement))
+    header = "case | duration [s] | axes | at [L] | scale | length of the scale [mm]"
+    report.table("cases", header, compared, "What is compared")
     report.table(
         "references",
         "case | n_u | step [us] | own error in space [%] | own error in time [%] | checked by | "
         "at n_u | with step [us] | distance [%]",
-        [
-            [
-                *(name, truth.setting.control_points, truth.step, truth.space, truth.time),
-                *(truth.check.method, truth.check.control_points, truth.check.step),
-                truth.disagreement,
-            ]
-            for name, truth in truths.items()
-        ],
+        sure,
         "References, their own errors, and their distance from another method",
     )

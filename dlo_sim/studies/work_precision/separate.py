@@ -8,16 +8,15 @@ from itertools import product
 import numpy as np
 
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.studies.work_precision.cases import Case
 from dlo_sim.studies.work_precision.references import METHOD, Reference, run
-from dlo_sim.studies.work_precision.sweep import FULL, QUICK
+from dlo_sim.studies.work_precision.sweep import METHODS_TRIED
 from dlo_sim.tuning.setting import Setting
-from dlo_sim.tuning.trial import Job, Trial, error
+from dlo_sim.tuning.trial import Job, Trial
 
 RESOLUTIONS = {True: (5, 7, 9, 13), False: (5, 7, 9, 11, 13, 17, 21, 25, 29)}
 FIXED = {True: 7, False: 11}  # n_u at which time is looked at
@@ -48,22 +47,19 @@ def _space(
         (case, cable, n): (case.job, replace(CABLES[cable], control_points=n), 0.5)
         for case, cable, n in product(cases, CABLES, RESOLUTIONS[request.quick])
     }
-    trials = each(request.workers, _run, pieces.values())
+    trials = each(request.workers, run, pieces.values())
     rows = [
         (case.name, cable, n, _off(case, trials[piece], truths[case.name].points))
         for (case, cable, n), piece in pieces.items()
     ]
-    panel = Panel("n_u", "error [%]", ["error"], by="cable", log="y")
-    panel = replace(panel, looks={cable: {"marker": "o"} for cable in CABLES})
-    levels = {case.name: {"reference": truths[case.name].own_error} for case in cases}
+    panel = Panel("n_u", "error [%]", ["error"], by="cable", log="y", marker="o")
+    panels = _panels(panel, cases)
+    own = {case.name: {"reference": truths[case.name].own_error} for case in cases}
     chart(
         report,
         "space",
         columns(("case", "cable", "n_u", "error"), rows),
-        [
-            replace(panel, title=case.title, where={"case": case.name}, levels=levels[case.name])
-            for case in cases
-        ],
+        [replace(one, levels=own[case.name]) for one, case in zip(panels, cases, strict=True)],
         f"Error against resolution at half the own step of {METHOD} (stretching at every sample, "
         "or by its mean over a span) and rattle (inextensible), as a share of the case's scale; "
         "dotted: own error of the reference",
@@ -72,13 +68,14 @@ def _space(
     )
 
 
+def _panels(panel: Panel, cases: list[Case]) -> list[Panel]:
+    return [replace(panel, title=case.title, where={"case": case.name}) for case in cases]
+
+
 def _time(report: Report, request: Request, cases: list[Case]) -> None:
-    methods = (QUICK if request.quick else FULL).methods
-    pieces = {
-        (case, method): _steps(case, method, request.quick)
-        for case, method in product(cases, methods)
-    }
-    trials = each(request.workers, _run, [one for some in pieces.values() for one in some])
+    kinds = product(cases, METHODS_TRIED[request.quick])
+    pieces = {kind: _steps(*kind, request.quick) for kind in kinds}
+    trials = each(request.workers, run, [one for some in pieces.values() for one in some])
     rows: list[OrderRow] = []
     for (case, method), some in pieces.items():
         *tried, truth = (trials[one] for one in some)
@@ -90,11 +87,9 @@ def _time(report: Report, request: Request, cases: list[Case]) -> None:
         f"Error in time at n_u = {FIXED[request.quick]}: against the same method and resolution at "
         "a quarter of the smallest step; order from the step before; failed runs are left out",
     )
-    panel = Panel("step [s]", "error [%]", ["error"], by="method", log="xy")
-    panel = replace(panel, looks={method: {"marker": "o"} for method in methods})
+    panel = Panel("step [s]", "error [%]", ["error"], by="method", log="xy", marker="o")
     data = columns(("case", "method", "step [s]", "error"), [row[:4] for row in rows])
-    panels = [replace(panel, title=case.title, where={"case": case.name}) for case in cases]
-    chart(report, "time", data, panels, "Error in time alone", SIZE, rows=2)
+    chart(report, "time", data, _panels(panel, cases), "Error in time alone", SIZE, rows=2)
 
 
 def order_rows(case: Case, method: str, tried: list[Trial], truth: Trial) -> list[OrderRow]:
@@ -102,10 +97,9 @@ def order_rows(case: Case, method: str, tried: list[Trial], truth: Trial) -> lis
     may have no step, are left out."""
     rows: list[OrderRow] = []
     for trial in tried:
-        off = _off(case, trial, truth.points)
+        off, order = _off(case, trial, truth.points), None
         if np.isnan(off):
             continue
-        order = None
         if rows:
             _, _, step, before, _ = rows[-1]
             order = float(np.log(before / off) / np.log(step / trial.step))
@@ -115,22 +109,15 @@ def order_rows(case: Case, method: str, tried: list[Trial], truth: Trial) -> lis
 
 def _steps(case: Case, method: str, quick: bool) -> list[Piece]:
     """Runs at falling steps, the last one where time is resolved."""
-    setting = Setting(method, FIXED[quick])
-    if METHODS[method].family == IMPLICIT:
-        steps = (*STEPS[quick], FINEST * STEPS[quick][-1])
-        return [(case.job, replace(setting, step=step), 0.0) for step in steps]
-    return [(case.job, setting, share) for share in (*SHARES[quick], FINEST * SHARES[quick][-1])]
+    setting, implicit = Setting(method, FIXED[quick]), METHODS[method].family == IMPLICIT
+    values = (STEPS if implicit else SHARES)[quick]
+    values = (*values, FINEST * values[-1])
+    if implicit:
+        return [(case.job, replace(setting, step=step), 0.0) for step in values]
+    return [(case.job, setting, share) for share in values]
 
 
 def _off(case: Case, trial: Trial, truth: np.ndarray) -> float:
     """Error as a share of the case's scale; nan of a failed run, or against one."""
-    off = error(trial.points, truth, case.components) / case.scale
+    off = case.error(trial.points, truth)
     return off if trial.ok and np.isfinite(off) else float("nan")
-
-
-def _run(job: Job, setting: Setting, share: float) -> Trial:
-    """As `run`; a setting that the scene refuses gives a trial with the message."""
-    try:
-        return run(job, setting, share)
-    except SceneError:
-        return run(job, setting, 0.0)

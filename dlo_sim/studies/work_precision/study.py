@@ -16,23 +16,23 @@ def run_study(request: Request) -> Outcome:
     """Run the study into a folder."""
     files = {name: shipped_scene(name) for name in ("paper_wire", "paper_wire_force")}
     report = Report(request.folder, "Error against run time", request.command, files)
-    cases, grid = all_cases(request.quick), sweep.QUICK if request.quick else sweep.FULL
+    cases = all_cases(request.quick)
     others = beside.Peers(request)
     truths = references.references(cases, request.workers)
     request.progress(0.2)
     references.add(report, cases, truths)
     report.section("Error against run time, case by case")
     report.text(
-        """A setting's error and its run time come from the same simulator, compiled
-        and warm; the time is the least of the repeats. Implicit methods at given steps, explicit
-        ones at shares of their own step; Gauss quadrature with three points per span."""
+        """A setting's error and its run time, the least of the repeats, come from the same
+        simulator. Implicit methods at given steps, explicit ones at shares of their own step; Gauss
+        quadrature with three points per span."""
     )
     levels: list[list[Cell]] = []
     beside_us: list[list[Cell]] = []
     verdicts: dict[str, str] = {}
     for k, case in enumerate(cases):
         truth, low = truths[case.name], 0.2 + 0.6 * k / len(cases)
-        runs = sweep.swept(case, truth, grid, request.part(low, low + 0.6 / len(cases)))
+        runs = sweep.swept(case, truth, request.quick, request.part(low, low + 0.6 / len(cases)))
         peers = others.runs(case, truth.points)
         sweep.diagram(report, case, truth, runs, peers)
         levels += sweep.level_rows(case, truth, runs)
@@ -48,18 +48,13 @@ def run_study(request: Request) -> Outcome:
     report.section("The fastest settings")
     report.table("fastest", sweep.FASTEST, levels, "The fastest setting for each error")
     if request.peers:
-        report.table(
-            "peers",
-            sweep.BESIDE,
-            beside_us,
-            "Other simulators, and the fastest setting here whose error is no larger",
-        )
+        caption = "Other simulators, and the fastest setting here whose error is no larger"
+        report.table("peers", sweep.BESIDE, beside_us, caption)
         report.text(
             """The chain and MuJoCo 4 observe the same material point. MuJoCo's cables are
             inextensible; on the wire their end springs take over the stretch."""
         )
-    if others.absent:
-        report.items(f"Not measured: {line}" for line in others.absent)
+    report.text(*(f"Not measured: {line}" for line in others.absent))
     separate.add(report, request, cases, truths)
     request.progress(0.95)
     analytic.add(report, request.quick)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,71 +13,53 @@ from matplotlib.ticker import NullFormatter
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.studies import plotting
-from dlo_sim.studies.report import Cell, Column, Header, Report, columns
+from dlo_sim.studies.report import Cell, Report, columns
 from dlo_sim.studies.work_precision.cases import Case, Run
 from dlo_sim.studies.work_precision.references import Reference
 from dlo_sim.tuning.setting import Setting, ways_to_resolve
-from dlo_sim.tuning.trial import at_share, attempt, error
+from dlo_sim.tuning.trial import at_share, attempt
 
 LEVELS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)  # of the case's scale
-FASTEST: Header = ["case", Column("error at most", "%"), "setting", Column("error", "%")]
-FASTEST += ["s per simulated s", Column("spread", "%", ".0f"), Column("step", "ms")]
-BESIDE: Header = ["case", "simulator", "elements", Column("step", "ms"), "status"]
-BESIDE += [Column("error", "%"), "s per simulated s", "setting within that error"]
-BESIDE += [Column("its error", "%"), "its s per simulated s", "times faster"]
-COLUMNS = ["method", "stretch", "n_u", "step [s]", "status", "setting", "error"]
-COLUMNS += ["s per simulated s", "spread", "evaluations [1/s]", "energy error"]
-PAPER_STEP = 2e-3  # [s], which no explicit method bears on the wire
-
-
-@dataclass(frozen=True)
-class Grid:
-    """What is tried: methods, those of them that are tried with stretching by span and with graded
-    knots as well, resolutions, steps of implicit methods [s], shares of the own steps of the
-    others, and how long repeats take [s].
-    """
-
-    methods: tuple[str, ...]
-    by_span: tuple[str, ...]
-    control_points: tuple[int, ...]
-    steps: tuple[float, ...]
-    shares: tuple[float, ...]
-    budget: float
-
-
-FULL = Grid(
-    methods=(
+FASTEST = (
+    "case | error at most [%] | setting | error [%] | s per simulated s | spread [%] {:.0f} | "
+    "step [ms]"
+)
+BESIDE = (
+    "case | simulator | elements | step [ms] | status | error [%] | s per simulated s | "
+    "setting within that error | its error [%] | its s per simulated s | times faster"
+)
+COLUMNS = (
+    "method | stretch | n_u | step [s] | status | setting | error | s per simulated s | spread | "
+    "evaluations [1/s] | energy error"
+)
+COSTS = {
+    "wall": "run time [s per simulated s]",
+    "evaluations": "force evaluations (implicit: iterations) per simulated s",
+}
+METHODS_TRIED = {
+    True: ("velocity_verlet", "energy_momentum"),
+    False: (
         *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
         *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
     ),
-    by_span=("energy_momentum", "energy_momentum_4", "generalized_alpha"),
-    control_points=(7, 8, 9, 11, 13, 17, 23),
-    steps=(4e-2, 2e-2, 1e-2, 4e-3, 2e-3, 1e-3, 5e-4),
-    shares=(1.0, 0.5),
-    budget=0.1,
-)
-QUICK = Grid(
-    methods=("velocity_verlet", "energy_momentum"),
-    by_span=("energy_momentum",),
-    control_points=(7, 11),
-    steps=(5e-3, 2e-3),
-    shares=(1.0,),
-    budget=0.02,
-)
+}
+CONTROL_POINTS = {True: (7, 11), False: (7, 8, 9, 11, 13, 17, 23)}
+STEPS = {True: (5e-3, 2e-3), False: (4e-2, 2e-2, 1e-2, 4e-3, 2e-3, 1e-3, 5e-4)}  # [s], implicit
+SHARES = {True: (1.0,), False: (1.0, 0.5)}  # of the own steps of the others
+BUDGET = {True: 0.02, False: 0.1}  # [s] of repeats
+# Tried with stretching by span and with graded knots as well.
+BY_SPAN = ("energy_momentum", "energy_momentum_4", "generalized_alpha")
+PAPER_STEP = 2e-3  # [s], which no explicit method bears on the wire
 
 
 def swept(
-    case: Case,
-    truth: Reference,
-    grid: Grid,
-    progress: Callable[[float], None] = lambda fraction: None,
+    case: Case, truth: Reference, quick: bool, progress: Callable[[float], None]
 ) -> list[Run]:
-    """All settings of a grid on a case."""
+    """All settings on a case."""
     runs = []
-    kinds = list(product(grid.methods, grid.control_points))
-    for k, (method, n_u) in enumerate(kinds):
-        for setting in _settings(case, grid, method, n_u):
-            runs.append(tried(case, truth, setting, grid.budget))
+    kinds = list(product(METHODS_TRIED[quick], CONTROL_POINTS[quick]))
+    for k, kind in enumerate(kinds):
+        runs += [tried(case, truth, one, BUDGET[quick]) for one in _settings(case, quick, *kind)]
         progress((k + 1) / len(kinds))
     return runs
 
@@ -87,35 +67,32 @@ def swept(
 def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
     """A setting tried on a case and judged."""
     trial = attempt(case.job, setting, budget=budget)
-    left_out = METHODS[setting.method].family == CONSTRAINED
-    graded = ", knots auto" * (setting.knots == "auto")
-    way = "left out" if left_out else f"by {setting.stretch}{graded}"
-    n_u, words = setting.control_points, setting.words
-    run = Run(setting.method, way, n_u, trial.step, trial.status, words)
+    way = f"by {setting.stretch}" + ", knots auto" * (setting.knots == "auto")
+    if METHODS[setting.method].family == CONSTRAINED:
+        way = "left out"
+    what = (setting.method, way, setting.control_points, trial.step, trial.status, setting.words)
     if not trial.ok:
-        return run
-    off = error(trial.points, truth.points, case.components) / case.scale
+        return Run(*what)
     evaluations = trial.force_evaluations / (trial.steps * trial.step)
-    timed = run._replace(error=off, wall=trial.wall, spread=trial.spread)
-    return timed._replace(evaluations=evaluations, energy_error=trial.energy_error)
+    times = (trial.wall, trial.spread, evaluations)
+    return Run(*what, case.error(trial.points, truth.points), *times, trial.energy_error)
 
 
-def _settings(case: Case, grid: Grid, method: str, n_u: int) -> list[Setting]:
-    if METHODS[method].family == IMPLICIT:
+def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
+    family, first = METHODS[method].family, Setting(method, n_u)
+    if family == IMPLICIT:
         ways = ways_to_resolve(case.scene, method)
         return [
             Setting(method, n_u, step, stretch=stretch, knots=knots)
-            for stretch, knots in (ways if method in grid.by_span else ways[:1])
-            for step in grid.steps
+            for stretch, knots in (ways if method in BY_SPAN else ways[:1])
+            for step in STEPS[quick]
         ]
-    first = Setting(method, n_u)
+    shares = (*SHARES[quick], 0.25) if family == CONSTRAINED else SHARES[quick]
     try:
-        found = [at_share(case.job, first, share) for share in grid.shares]
+        found = [at_share(case.job, first, share) for share in shares]
     except SceneError:
         return [first]  # the attempt is refused for the same reason
-    if METHODS[method].family == CONSTRAINED:
-        found.append(at_share(case.job, first, 0.25))
-    if method == "velocity_verlet" and n_u == grid.control_points[0]:
+    if method == "velocity_verlet" and n_u == CONTROL_POINTS[quick][0]:
         found.append(Setting(method, n_u, PAPER_STEP))
     return found
 
@@ -139,12 +116,12 @@ def level_rows(case: Case, truth: Reference, runs: Sequence[Run]) -> list[list[C
     """Rows of `FASTEST`: for every level the fastest setting within it."""
     rows: list[list[Cell]] = []
     for level in LEVELS:
-        found = fastest(runs, level)
-        words = found.words if found else "none of those tried"
+        own: list[Cell] = ["none of those tried", None, None, None, None]
         if level < truth.own_error:
-            found, words = None, "below the reference's own error"
-        numbers = [found.error, found.wall, found.spread, found.step] if found else [None] * 4
-        rows.append([case.name, level, words, *numbers])
+            own[0] = "below the reference's own error"
+        elif found := fastest(runs, level):
+            own = [found.words, found.error, found.wall, found.spread, found.step]
+        rows.append([case.name, level, *own])
     return rows
 
 
@@ -168,35 +145,33 @@ def diagram(
     """The diagram of a case."""
     report.section(case.title, 3)
     figure, panels = plotting.new_figure(1, 2, width=13.0, height=5.4)
-    _draw(panels[0], runs, "wall")
-    _draw(panels[1], runs, "evaluations")
-    panels[0].set_xlabel("run time [s per simulated s]")
-    panels[1].set_xlabel("force evaluations (implicit: iterations) per simulated s")
+    for panel, (cost, label) in zip(panels, COSTS.items(), strict=True):
+        _draw(panel, runs, cost)
+        own_error = 100 * truth.own_error
+        panel.axhline(own_error, color="0.5", linestyle=":", label="own error of the reference")
+        panel.set(xscale="log", yscale="log", xlabel=label)
+        panel.set_ylabel(f"error [% of {case.scale_words}]")
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_minor_formatter(NullFormatter())
+        panel.grid(alpha=0.3, which="both", linewidth=0.4)
     for name, marker in zip(dict.fromkeys(peer.who for peer in peers), "sD^v<>", strict=False):
         own = [peer for peer in peers if peer.who == name]
         x, y = [peer.wall for peer in own], [100 * peer.error for peer in own]
         panels[0].plot(x, y, marker, color="black", fillstyle="none", label=name)
-    for run in front(runs, "wall"):
-        place, name = (run.wall, 100 * run.error), f"{run.n_u}"
-        panels[0].annotate(name, place, (-4, -11), textcoords="offset points", fontsize=8)
-    for panel in panels:
-        own_error = 100 * truth.own_error
-        panel.axhline(own_error, color="0.5", linestyle=":", label="own error of the reference")
-        panel.set(xscale="log", yscale="log", ylabel=f"error [% of {case.scale_words}]")
-        for axis in (panel.xaxis, panel.yaxis):
-            axis.set_minor_formatter(NullFormatter())
-        panel.grid(alpha=0.3, which="both", linewidth=0.4)
+    for n_u, group in groupby(front(runs, "wall"), attrgetter("n_u")):
+        place = next((run.wall, 100 * run.error) for run in group)
+        panels[0].annotate(f"{n_u}", place, (-4, -11), textcoords="offset points", fontsize=8)
     failed = sum(not run.ok for run in runs)
     panels[0].plot([], [], " ", label=f"{failed} of {len(runs)} failed or refused")
-    handles, labels = panels[0].get_legend_handles_labels()
-    place = (1.01, 0.5)
-    panels[1].legend(handles, labels, fontsize="small", loc="center left", bbox_to_anchor=place)
+    shown = panels[0].get_legend_handles_labels()
+    panels[1].legend(*shown, fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
     report.figure(
         f"work_precision_{case.name}",
         figure,
-        columns(COLUMNS, [*runs, *peers]),
+        columns(COLUMNS.split(" | "), [*runs, *peers]),
         f"{case.title}: error against run time and against force evaluations. Lines: what no other "
-        "run of the method beats; dots: every run; numbers: n_u of what nothing here beats",
+        "run of the method beats; dots: every run; numbers: n_u of what nothing here beats, where "
+        "it changes",
     )
 
 
@@ -207,10 +182,9 @@ def _draw(axes: Axes, runs: Sequence[Run], cost: str) -> None:
         own = [run for run in runs if run.line == name and run.ok]
         color = plotting.COLORS.get(name.partition(",")[0], "black")
         dash = ("-", "--", ":")[name.count(",")]
-        looks: list[tuple[list[Run], dict[str, Any]]] = [
-            (own, {"linestyle": "", "marker": ".", "alpha": 0.3}),
-            (front(own, cost), {"linestyle": dash, "marker": "o", "markersize": 4, "label": name}),
-        ]
-        for some, look in looks:
-            x, y = [getattr(run, cost) for run in some], [100 * run.error for run in some]
-            axes.plot(x, y, color=color, **look)
+        dots, best = (
+            ([getattr(run, cost) for run in some], [100 * run.error for run in some])
+            for some in (own, front(own, cost))
+        )
+        axes.plot(*dots, ".", color=color, alpha=0.3)
+        axes.plot(*best, f"o{dash}", color=color, markersize=4, label=name)

@@ -11,144 +11,98 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_sim.studies.catalogue import Request
+from dlo_sim.studies.runs import Array
 from dlo_sim.studies.work_precision.cases import CLOSED, CLOSING, Case, Run
-from dlo_sim.tuning.trial import error
 
-Array = NDArray[np.float64]
 Reply = dict[str, Any]  # JSON: a job given, or what a simulator sent back
-Settings = tuple[tuple[int, float], ...]  # (elements, step [s]); step 0 = its own
 TIMEOUT = 900.0  # [s] for all runs of a simulator on a case
 
 
 @dataclass(frozen=True)
 class Peer:
-    """Another simulator.
-
-    Attributes:
-        variable: environment variable that names its Python; empty = the one that runs us.
-        script: beside this file. settings: by case. without: case -> why it is not measured there.
+    """Another simulator: the environment variable that names its Python, empty for the one that
+    runs us, and its module beside this file, see `serve`.
     """
 
     name: str
     variable: str
-    script: str
-    settings: dict[str, Settings]
-    without: dict[str, str] = field(default_factory=dict)
+    module: str
+
+    @property
+    def python(self) -> str:
+        """The Python that has it; empty if none is named."""
+        return os.environ.get(self.variable, "") if self.variable else sys.executable
 
 
-_CHAIN: Settings = ((10, 0.0), (20, 0.0), (40, 0.0))
-_ROPE: Settings = ((10, 1e-3), (20, 5e-4), (40, 2e-4))
-_OWN_DAMPING = "its damping is another one"
 PEERS = (
-    Peer(
-        "naive chain",
-        "",
-        "chain_peer.py",
-        {
-            "scenario_1": ((20, 0.0), (34, 0.0), (60, 0.0), (128, 0.0)),
-            "scenario_2": ((20, 0.0), (34, 0.0), (60, 0.0)),
-            "cantilever": _CHAIN,
-            "steel_wire": _CHAIN,
-            "hanging_chain": _CHAIN,
-            "soft_grippers": ((12, 0.0), (20, 0.0), (24, 0.0), (40, 0.0), (64, 0.0)),
-        },
-    ),
-    Peer(
-        "MuJoCo 3 cable",
-        "DLO_SIM_MUJOCO3_PYTHON",
-        "mujoco_peer.py",
-        {
-            "scenario_1": ((10, 1e-3), (20, 5e-4), (22, 5e-4), (40, 2e-4)),
-            "scenario_2": ((20, 5e-4), (22, 2e-4), (40, 2e-4)),
-            "cantilever": ((10, 2e-4), (20, 1e-4)),
-            "steel_wire": ((10, 2e-4), (20, 1e-4)),
-            "hanging_chain": _ROPE,
-        },
-        {"soft_grippers": _OWN_DAMPING},
-    ),
-    Peer(
-        "MuJoCo 4 rod",
-        "DLO_SIM_MUJOCO4_PYTHON",
-        "mujoco_peer.py",
-        {
-            "scenario_1": ((20, 2e-4), (40, 1e-4)),
-            "scenario_2": ((20, 2e-4), (40, 1e-4)),
-            "cantilever": ((10, 5e-4), (20, 5e-4), (40, 2e-4)),
-            "steel_wire": ((10, 5e-4), (20, 2e-4), (40, 1e-4)),
-            "hanging_chain": _ROPE,
-        },
-        {"soft_grippers": _OWN_DAMPING},
-    ),
-    Peer(
-        "PyElastica",
-        "DLO_SIM_PYELASTICA_PYTHON",
-        "elastica_peer.py",
-        {
-            "scenario_1": ((20, 3e-7),),
-            "cantilever": ((10, 1e-5), (20, 1e-5), (40, 5e-6)),
-            "steel_wire": ((20, 1.2e-7),),
-            "hanging_chain": ((20, 1e-6),),
-        },
-        {
-            "scenario_2": "too slow to run to its end, as on scenario_1, which is the same wire",
-            "soft_grippers": "its runner moves no gripper",
-        },
-    ),
+    Peer("naive chain", "", "chain_peer"),
+    Peer("MuJoCo 3 cable", "DLO_SIM_MUJOCO3_PYTHON", "mujoco_peer"),
+    Peer("MuJoCo 4 rod", "DLO_SIM_MUJOCO4_PYTHON", "mujoco_peer"),
+    Peer("PyElastica", "DLO_SIM_PYELASTICA_PYTHON", "elastica_peer"),
 )
+_DAMPED = "its damping is another one"
+_SLOW = "too slow to run to its end, as on scenario_1, which is the same wire"
+_ROPE = "10/1e-3 20/5e-4 40/2e-4"
+# Case -> for each of them: numbers of elements, each with its step [s] unless it has one of its
+# own; or why it is not measured there.
+TRIED = {
+    "scenario_1": ("20 34 60 128", "10/1e-3 20/5e-4 22/5e-4 40/2e-4", "20/2e-4 40/1e-4", "20/3e-7"),
+    "scenario_2": ("20 34 60", "20/5e-4 22/2e-4 40/2e-4", "20/2e-4 40/1e-4", _SLOW),
+    "cantilever": (
+        "10 20 40",
+        "10/2e-4 20/1e-4",
+        "10/5e-4 20/5e-4 40/2e-4",
+        "10/1e-5 20/1e-5 40/5e-6",
+    ),
+    "steel_wire": ("10 20 40", "10/2e-4 20/1e-4", "10/5e-4 20/2e-4 40/1e-4", "20/1.2e-7"),
+    "hanging_chain": ("10 20 40", _ROPE, _ROPE, "20/1e-6"),
+    "soft_grippers": ("12 20 24 40 64", _DAMPED, _DAMPED, "its runner moves no gripper"),
+}
 
 
 class Peers:
-    """The simulators that there are; nobody unless the request asks for them.
-
-    Attributes:
-        absent: what was not measured, and why.
+    """The simulators that there are, none unless the request asks for them; and what was not
+    measured, and why.
     """
 
     def __init__(self, request: Request) -> None:
-        self._quick = request.quick
-        self._pythons: dict[str, str] = {}
-        self.absent: list[str] = []
-        for peer in PEERS if request.peers else ():
-            python = os.environ.get(peer.variable, "") if peer.variable else sys.executable
-            if python:
-                self._pythons[peer.name] = python
-            else:
-                why = f"({peer.variable} does not name a Python that has it)"
-                self.absent.append(f"{peer.name} {why}")
+        asked = PEERS if request.peers else ()
+        self._quick, self._there = request.quick, [peer for peer in asked if peer.python]
+        self.absent = [
+            f"{peer.name} ({peer.variable} does not name a Python that has it)"
+            for peer in asked
+            if not peer.python
+        ]
 
     def runs(self, case: Case, truth: Array) -> list[Run]:
         """Run every simulator on a case and judge its motion against a truth (T, m, 3)."""
         found = []
-        for peer in PEERS:
-            if peer.name not in self._pythons:
+        for peer, words in zip(PEERS, TRIED[case.name], strict=True):
+            if peer not in self._there:
                 continue
-            if case.name in peer.without:
-                self.absent.append(f"{peer.name} on {case.name}: {peer.without[case.name]}")
-            settings = peer.settings.get(case.name, ())[: 1 if self._quick else None]
-            if settings:
-                jobs = [_job(case, n, step) for n, step in settings]
-                replies = self._replies(peer, case, jobs)
-                found += [
-                    _judged(peer, case, truth, job, reply)
-                    for job, reply in zip(jobs, replies, strict=False)
-                ]
+            if not words[0].isdigit():
+                self.absent.append(f"{peer.name} on {case.name}: {words}")
+                continue
+            settings = [one.partition("/") for one in words.split()[: 1 if self._quick else None]]
+            jobs = [_job(case, int(n), float(step or 0.0)) for n, _, step in settings]
+            for job, reply in zip(jobs, self._replies(peer, case, jobs), strict=False):
+                found.append(_judged(peer, case, truth, job, reply))
         return found
 
     def _replies(self, peer: Peer, case: Case, jobs: list[Reply]) -> list[Reply]:
-        script = Path(__file__).with_name(peer.script)
+        serve = str(Path(__file__).with_name("serve.py"))
         try:
             # MuJoCo leaves a log where it runs.
             with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
                 done = subprocess.run(
-                    [self._pythons[peer.name], str(script)],
+                    [peer.python, serve, peer.module],
                     input=json.dumps(jobs),
                     capture_output=True,
                     text=True,
@@ -174,14 +128,14 @@ def _judged(peer: Peer, case: Case, truth: Array, job: Reply, reply: Reply) -> R
     if status == "ok":  # a run that failed on its way has no time per simulated second
         walls = np.array(reply["walls"]) / job["duration"]
         wall, spread = float(walls.min()), float(np.median(walls) / walls.min() - 1.0)
-    if status == "ok" and len(points):
+        if not len(points):
+            status = "too slow to run to its end"
+    if len(points):
         index = np.round(np.array(reply["times"]) / case.job.every).astype(int)
         wanted = index < len(truth)
-        off = error(points[wanted], truth[index[wanted]], case.components) / case.scale
-    elif status == "ok":
-        status = "too slow to run to its end"
-    who, step = f"{peer.name} {reply['version']}".strip(), reply.get("step") or job["step"]
-    return Run(who, "", job["n"], step, status, "", off, wall, spread)
+        off = case.error(points[wanted], truth[index[wanted]])
+    who = f"{peer.name} {reply['version']}".strip()
+    return Run(who, "", job["n"], reply["step"], status, "", off, wall, spread)
 
 
 def _job(case: Case, n: int, step: float) -> Reply:

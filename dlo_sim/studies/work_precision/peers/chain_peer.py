@@ -1,14 +1,12 @@
 """The naive chain: lumped masses, discrete-rod bending, stiff links, velocity Verlet, compiled.
 
-What one writes first. Jobs and replies as in `mujoco_peer`; needs numpy and numba alone.
+What one writes first. Needs numpy and numba alone.
 """
-
-import json
-import sys
-import time
 
 import numba
 import numpy as np
+
+PACKAGE = ""  # ours
 
 
 @numba.njit(cache=True)
@@ -109,42 +107,23 @@ def start(job):
     return x, mass, free, link, job["every"] / np.ceil(job["every"] / tau)
 
 
-def run(job):
-    """One run; see `mujoco_peer.run`, and the step that was taken."""
-    x, mass, free, link, tau = start(job)
-    spring = job["spring"] if job["kind"] == "pinned" else 0.0
-    constants = (job["EA"], job["EI"], spring, job["length"], job["damping"])
-    push = np.array([*job["force"], job["frequency"]])
-    closing = np.array([job["closed"] if job["kind"] == "clamped" else 0.0, job["closing"]])
-    v = np.zeros_like(x)
-    chunk = round(job["every"] / tau)
-    observed = [round(u * job["n"]) for u in job["observed"]]
-    times, points, wall = [], [], 0.0
-    for k in range(round(job["duration"] / job["every"]) + 1):
-        times.append(k * job["every"])
-        points.append(x[observed].tolist())
-        if not np.isfinite(x).all():
-            return times, points, wall, f"not finite at {times[-1]:g} s", tau
-        began = time.perf_counter()
-        advance(x, v, k * chunk, chunk, tau, link, constants, mass, free, push, closing)
-        wall += time.perf_counter() - began
-    return times, points, wall, "", tau
+class Cable:
+    """A chain in motion; see `serve`."""
 
+    def __init__(self, job):
+        self.x, mass, free, link, self.step = start(job)
+        self.v = np.zeros_like(self.x)
+        spring = job["spring"] if job["kind"] == "pinned" else 0.0
+        constants = (job["EA"], job["EI"], spring, job["length"], job["damping"])
+        push = np.array([*job["force"], job["frequency"]])
+        closing = np.array([job["closed"] if job["kind"] == "clamped" else 0.0, job["closing"]])
+        self.rest = (self.step, link, constants, mass, free, push, closing)
+        self.observed = [round(u * job["n"]) for u in job["observed"]]
 
-def main():
-    """Every job on stdin, one JSON line each on stdout."""
-    jobs = json.load(sys.stdin)
-    run({**jobs[0], "duration": 2 * jobs[0]["every"]})  # compiles
-    for job in jobs:
-        walls = []
-        while len(walls) < job["repeats"] and sum(walls) < job["budget"] or not walls:
-            times, points, wall, message, tau = run(job)
-            walls.append(wall)
-            if message:
-                break
-        reply = {"version": "", "times": times, "points": points, "step": tau}
-        print(json.dumps({**reply, "walls": walls, "message": message}), flush=True)
+    def look(self, first, steps):
+        """Observed points."""
+        return self.x[self.observed]
 
-
-if __name__ == "__main__":
-    main()
+    def advance(self, first, steps):
+        """Steps."""
+        advance(self.x, self.v, first, steps, *self.rest)

@@ -1,23 +1,18 @@
-"""PyElastica's Cosserat rod, run by a Python that has it; jobs and replies as in `mujoco_peer`.
+"""PyElastica's Cosserat rod.
 
 Its shear stiffness and the rotation of its sections allow steps of 0.1 to 1 us on thin stiff
-cables. Where the whole motion would take too many of them, the cost of a simulated second comes
-from a short piece, without an error.
+cables. Where that is too slow, a short piece gives the cost of a simulated second, and no error.
 """
 
-import json
-import sys
-import time
+import contextlib
 
 import numpy as np
 
-try:
+with contextlib.suppress(ModuleNotFoundError):  # this file is imported where there is none
     import elastica
-except ModuleNotFoundError:
-    elastica = None  # the package may be imported where elastica is not
 
+PACKAGE = "elastica"
 MOST_STEPS = 400_000  # of a run to its end
-PIECES = 3  # timed of one that is not
 
 
 def build(job):
@@ -52,47 +47,21 @@ def build(job):
     return scene, rod
 
 
-def whole(job):
-    """Whether the run goes to its end."""
-    return job["duration"] / job["step"] <= MOST_STEPS
+class Cable:
+    """A rod in motion; see `serve`."""
 
+    def __init__(self, job):
+        self.scene, self.rod = build(job)
+        self.stepper = elastica.PositionVerlet()
+        self.step = job["step"]
+        self.observed = [round(u * job["n"]) for u in job["observed"]]
 
-def run(job):
-    """One run, or a short piece of one."""
-    scene, rod = build(job)
-    stepper = elastica.PositionVerlet()
-    tau = job["step"]
-    chunk = max(1, round(job["every"] / tau))
-    count = round(job["duration"] / (chunk * tau)) if whole(job) else PIECES
-    observed = [round(u * job["n"]) for u in job["observed"]]
-    times, points, wall, now = [], [], 0.0, 0.0
-    for k in range(count + 1):
-        times.append(k * chunk * tau)
-        points.append(rod.position_collection[:, observed].T.tolist())
-        if not np.isfinite(points[-1]).all():
-            return times, points, wall, f"not finite at {times[-1]:g} s"
-        began = time.perf_counter()
-        for _ in range(chunk):
-            now = stepper.step(scene, now, tau)
-        wall += (time.perf_counter() - began) if k else 0.0  # the first piece compiles
-    return times, points, wall / count * job["duration"] / (chunk * tau), ""
+    def look(self, first, steps):
+        """Observed points."""
+        return self.rod.position_collection[:, self.observed].T
 
-
-def main():
-    """Every job on stdin, one JSON line each on stdout."""
-    if elastica is None:
-        sys.exit(f"{sys.executable} has no elastica")
-    for job in json.load(sys.stdin):
-        try:
-            times, points, wall, message = run(job)
-        except (ValueError, RuntimeError, AssertionError) as refusal:
-            times, points, wall, message = [], [], 0.0, str(refusal).split("\n")[0]
-        if not whole(job):
-            points = []
-        version = getattr(elastica, "__version__", "")
-        reply = {"version": version, "times": times, "points": points}
-        print(json.dumps({**reply, "walls": [wall], "message": message}), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+    def advance(self, first, steps):
+        """Steps."""
+        now = first * self.step
+        for _ in range(steps):
+            now = self.stepper.step(self.scene, now, self.step)

@@ -1,24 +1,19 @@
-"""MuJoCo's cables, run by a Python that has MuJoCo: a job as JSON on stdin, the motion on stdout.
+"""MuJoCo's cables.
 
 MuJoCo 3: the composite cable with the elasticity plugin, a chain of capsules on ball joints.
 MuJoCo 4: the one-dimensional flex, a discrete elastic rod whose edges are kept by constraints.
 Both are inextensible; the wire's end springs take over the stretch of the wire.
-
-Imports nothing of dlo_sim: the environment need not have it.
 """
 
-import json
-import sys
-import time
+import contextlib
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-try:
+with contextlib.suppress(ModuleNotFoundError):  # this file is imported where there is none
     import mujoco
-except ModuleNotFoundError:
-    mujoco = None  # the package may be imported where mujoco is not
 
+PACKAGE = "mujoco"
 SOFT_TWIST = 1e6  # [Pa]
 LIGHT = 1e-3  # [kg] of MuJoCo 3's sliders; lighter ones make the connection too soft
 
@@ -137,54 +132,32 @@ def flex(root, option, job):
     return [(f"v{round(u * n)}", [0.0] * 3) for u in job["observed"]]
 
 
-def run(job):
-    """One run: times, observed points (T, m, 3), wall time of stepping, and why it failed."""
-    xml, observed = model_of(job)
-    model = mujoco.MjModel.from_xml_string(xml)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    spots = [(model.body(name).id, np.array(place)) for name, place in observed]
-    pushed = spots[0][0]
-    chunk = max(1, round(job["every"] / job["step"]))
-    times, points, wall = [], [], 0.0
-    for k in range(round(job["duration"] / (chunk * job["step"])) + 1):
-        now = k * chunk * job["step"]
-        times.append(now)
-        seen = [data.xpos[k] + data.xmat[k].reshape(3, 3) @ place for k, place in spots]
-        points.append(np.array(seen).tolist())
-        if not np.isfinite(points[-1]).all() or np.abs(points[-1]).max() > 10 * job["length"]:
-            return times, points, wall, f"left the room at {now:g} s"
-        middle = now + 0.5 * chunk * job["step"]
-        push = np.array(job["force"]) * np.sin(2.0 * np.pi * job["frequency"] * middle)
+class Cable:
+    """A cable in motion; see `serve`."""
+
+    def __init__(self, job):
+        xml, observed = model_of(job)
+        self.job, self.step = job, job["step"]
+        self.model = mujoco.MjModel.from_xml_string(xml)
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self.spots = [(self.model.body(name).id, np.array(place)) for name, place in observed]
+
+    def look(self, first, steps):
+        """Observed points; the force is that in the middle of the steps."""
+        if any(warning.number for warning in self.data.warning):
+            raise RuntimeError(f"MuJoCo warned and reset itself at {first * self.step:g} s")
+        middle = (first + 0.5 * steps) * self.step
+        push = np.array(self.job["force"]) * np.sin(2.0 * np.pi * self.job["frequency"] * middle)
         if push.any():
-            data.qfrc_applied[:] = 0.0
-            spot = data.xpos[pushed].copy()
-            mujoco.mj_applyFT(model, data, push, np.zeros(3), spot, pushed, data.qfrc_applied)
-        began = time.perf_counter()
-        mujoco.mj_step(model, data, nstep=chunk)
-        wall += time.perf_counter() - began
-        if any(warning.number for warning in data.warning):
-            return times, points, wall, f"MuJoCo warned and reset itself at {now:g} s"
-    return times, points, wall, ""
+            body, applied = self.spots[0][0], self.data.qfrc_applied
+            spot = self.data.xpos[body].copy()
+            applied[:] = 0.0
+            mujoco.mj_applyFT(self.model, self.data, push, np.zeros(3), spot, body, applied)
+        frames = [(self.data.xpos[k], self.data.xmat[k].reshape(3, 3)) for k, _ in self.spots]
+        places = (place for _, place in self.spots)
+        return np.array([x + turn @ place for (x, turn), place in zip(frames, places, strict=True)])
 
-
-def main():
-    """Every job on stdin, one JSON line each on stdout."""
-    if mujoco is None:
-        sys.exit(f"{sys.executable} has no mujoco")
-    for job in json.load(sys.stdin):
-        walls = []
-        while len(walls) < job["repeats"] and sum(walls) < job["budget"] or not walls:
-            try:
-                times, points, wall, message = run(job)
-            except (ValueError, mujoco.FatalError) as refusal:
-                times, points, wall, message = [], [], 0.0, str(refusal).split("\n")[0]
-            walls.append(wall)
-            if message:
-                break
-        reply = {"version": mujoco.__version__, "times": times, "points": points}
-        print(json.dumps({**reply, "walls": walls, "message": message}), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+    def advance(self, first, steps):
+        """Steps."""
+        mujoco.mj_step(self.model, self.data, nstep=steps)
