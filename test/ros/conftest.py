@@ -50,10 +50,11 @@ def peer(domain: int) -> Iterator[Peer]:
 
 @pytest.fixture(scope="module")
 def launch(
-    domain: int, tmp_path_factory: pytest.TempPathFactory
+    domain: int, peer: Peer, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., NodeProcess]]:
-    """`launch(values, *arguments)`: a node with these parameters; ended after the module."""
-    pytest.importorskip("rclpy", reason=NO_ROS)
+    """`launch(values, *arguments)`: a node with these parameters; ended after the module, and
+    before the peer, or it waits two seconds for a peer that is gone to hear its last words.
+    """
     from node_harness import NodeProcess, write_params
 
     processes: list[NodeProcess] = []
