@@ -1,4 +1,4 @@
-"""A small cable, simulated and replayed through the commands: does it run with these versions?
+"""A small cable, simulated, replayed and viewed by the commands: does it run with these versions?
 
 python .ci/smoke.py, in an environment with dlo_sim and in a folder that may be written to.
 """
@@ -54,4 +54,6 @@ simulated = run("simulate", "smoke.yaml", "--duration", "0.5")
 assert simulated["simulated_s"] > 0.49 and simulated["energy_error_max"] < 1e-3
 replayed = run("replay", "smoke_in", "--params", "smoke.yaml", "--output", "smoke_out")
 assert replayed["messages_used"] == 30 and replayed["ticks"] > 100
+run("view", "smoke_out", "--params", "smoke.yaml", "--output", "smoke.html")
+assert Path("smoke.html").stat().st_size > 20_000
 print(f"numba {numba.__version__}, numpy {np.__version__}, Python {sys.version.split()[0]}")

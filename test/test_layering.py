@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -84,6 +85,7 @@ def room(module: str) -> str:
     return parts[1] if len(parts) > 1 and is_room else ""
 
 
+@cache
 def imported(module: str) -> set[str]:
     """Dotted names that a module imports, wherever in the file."""
     path = MODULES[module]

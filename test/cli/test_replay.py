@@ -129,10 +129,16 @@ def test_a_real_replay_shows_its_progress(tmp_path, monkeypatch):
     assert rises(shown), shown
 
 
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """A bag of five minutes, and its scene."""
+    return written(tmp_path_factory.mktemp("long"), 300.0)
+
+
 @pytest.fixture
-def replaying(tmp_path):
+def replaying(long, tmp_path):
     """Starts a real replay that takes long; returns it once it is writing."""
-    bag, scene = written(tmp_path, 300.0)
+    bag, scene = long
     (tmp_path / "out").mkdir()
     command = [sys.executable, "-m", "dlo_sim", "replay", str(bag), "--params", str(scene)]
     command += ["--output", str(tmp_path / "out" / "predicted")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -49,10 +50,11 @@ def peer(domain: int) -> Iterator[Peer]:
 
 @pytest.fixture(scope="module")
 def launch(
-    domain: int, tmp_path_factory: pytest.TempPathFactory
+    domain: int, peer: Peer, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., NodeProcess]]:
-    """`launch(values, *arguments)`: a node with these parameters; ended after the module."""
-    pytest.importorskip("rclpy", reason=NO_ROS)
+    """`launch(values, *arguments)`: a node with these parameters; ended after the module, and
+    before the peer, or it waits two seconds for a peer that is gone to hear its last words.
+    """
     from node_harness import NodeProcess, write_params
 
     processes: list[NodeProcess] = []
@@ -90,3 +92,37 @@ def started(launch: Callable[..., NodeProcess], peer: Peer) -> Iterator[Callable
         process.end()
     if processes:
         peer.until(lambda: not peer.node.count_services("/dlo_sim/reset"), "end of the node", 60.0)
+
+
+@pytest.fixture
+def refusal(
+    domain: int,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> Callable[..., str]:
+    """`refusal(values, *arguments)`: the line that ends a node with these, run in this process."""
+    pytest.importorskip("rclpy", reason=NO_ROS)
+    from node_harness import write_params
+
+    from dlo_sim.process import stopping
+    from dlo_sim.ros.main import REFUSED, main
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setattr(stopping, "disable_forced_exit", lambda: None)
+    # One that is not refused ends at its first look for a signal.
+    monkeypatch.setattr(stopping, "requested", lambda: signal.SIGINT)
+
+    def run(values: dict[str, Any] | None, *arguments: str) -> str:
+        if values is not None:
+            params = write_params(tmp_path_factory.mktemp("refused"), values)
+            arguments = ("--ros-args", "--params-file", str(params), *arguments)
+        status = main(arguments)
+        said = capfd.readouterr().err
+        assert status == REFUSED, said
+        assert "Traceback" not in said
+        (line,) = [line for line in said.splitlines() if line.startswith("dlo_sim: error:")]
+        assert said.endswith(f"{line}\n")
+        return line
+
+    return run

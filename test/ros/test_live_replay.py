@@ -46,7 +46,7 @@ from dlo_sim.session.cdr import (
 SECOND = 1_000_000_000
 RATE = 200.0
 FULL = "DLO_SIM_LIVE" in os.environ
-SECONDS = float(os.environ.get("DLO_SIM_LIVE", "6"))
+SECONDS = float(os.environ.get("DLO_SIM_LIVE", "3"))
 BEGIN = 1000 * SECOND
 PLAYS = 3
 LATENCY = 0.5  # [s]: the machine may have other work

@@ -80,15 +80,11 @@ def test_every_tick_comes_while_a_change_is_made_ready(
     change(started({**CABLE, "rate": rate}), peer, rate, tmp_path)
 
 
-@pytest.mark.slow
-def test_the_same_with_nothing_compiled_before(
-    started: Callable[..., NodeProcess],
-    peer: Peer,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.usefixtures("incomplete_machine_code")
+def test_the_same_where_something_has_to_be_compiled(
+    started: Callable[..., NodeProcess], peer: Peer, tmp_path: Path
 ) -> None:
-    """The start says that it compiles; the change and the next start have nothing to compile."""
-    monkeypatch.setenv("DLO_SIM_CACHE", str(tmp_path))
+    """By the start, which says so, and by the change; afterwards there is nothing to compile."""
     node = started({**CABLE, "rate": RATES[-1]})
     assert COMPILING in node.output
     change(node, peer, RATES[-1], tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -109,12 +110,12 @@ def test_a_pose_is_taken_from_its_frame_and_refused_where_tf2_does_not_know_it(
 
 
 def test_without_tf2_a_scene_that_asks_for_it_is_refused(
-    launch: Callable[..., NodeProcess], tf2: Callable[[str], None]
+    refusal: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tf2("raise ImportError('no tf2 here')")
-    node = launch({**HELD, "inputs.tf": True, "outputs.tf": True})
-    assert node.wait() == 2
-    assert node.output.strip().splitlines()[-1] == (
+    (tmp_path / "tf2_ros.py").write_text("raise ImportError('no tf2 here')", encoding="utf-8")
+    monkeypatch.delitem(sys.modules, "tf2_ros", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert refusal({**HELD, "inputs.tf": True, "outputs.tf": True}) == (
         "dlo_sim: error: inputs.tf, outputs.tf: needs tf2, which cannot be imported (no tf2 here); "
         "install it with: apt install ros-jazzy-tf2-ros-py, or remove what asks for it"
     )

@@ -47,13 +47,13 @@ def motions(springs_move):
 
 
 @cache
-def reference(damping, springs_move=False, steps=2400):
+def reference(damping, springs_move, precision=1e-10):
     """Control points and velocities after the run, by an independent Runge-Kutta program."""
     bench = Bench(DAMPING[damping], LOAD, n=6)
     for end, motion in motions(springs_move).items():
         bench.drive.follow(end, 0.0, motion)
     solver, q = Reference(bench, DURATION), straight(bench)
-    return solver.run(q, solver.at_rest(q), DURATION, steps)
+    return solver.run(q, solver.at_rest(q), precision)
 
 
 def errors(method, damping, steps, springs_move):
@@ -100,7 +100,7 @@ PAIRS = pytest.mark.parametrize(
 
 def test_reference_is_converged():
     for damping in DAMPING:
-        coarse, fine = reference(damping, steps=1200), reference(damping)
+        coarse, fine = reference(damping, False, 1e-8), reference(damping, False)
         off, rate = np.abs(coarse[0] - fine[0]), np.abs(coarse[1] - fine[1])
         assert off[:, :3].max() < 4e-11
         assert rate[:, :3].max() < 2e-8  # measured 1.1e-8
