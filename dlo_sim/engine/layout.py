@@ -124,7 +124,7 @@ ROUND_OFF_AXIAL = 5  # EA L [N m], 0 without stretching
 ROUND_OFF_BENDING = 6  # EI L [N m^3], 0 without bending
 CONTACT_STIFFNESS = 7  # [N/m^2]
 DRAG_ACROSS = 8  # beyond that along the cable [N s/m^2]
-THINNING = 9  # squared [(m s)^2]
+THINNING = 9  # of damping, squared [(m s)^2]
 SCALE_ROWS = 10
 PLANE_ROWS = 4
 
@@ -154,7 +154,7 @@ DAMPED = 256  # linear damping and stiffness damping
 BISHOP = 512  # twist against the Bishop frame
 CONTACT = 1024
 DRAG = 4096  # air drag that depends on the direction
-THINNED = 16384  # damping of bending
+THINNED = 16384  # damping of bending thins with its rate
 STATIC_TWIST = 8192  # twist without inertia, at rest at the end of each step
 MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
 

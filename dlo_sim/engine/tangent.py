@@ -31,7 +31,7 @@ from dlo_sim.terms.viscosity import combined
 T, K, X1, Y1, X2, Y2, X3, DIAGONAL = 0, 3, 6, 9, 12, 15, 18, 21
 KN, NT, XE, SKEW = 24, 27, 30, 33  # of the natural curvature
 NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C = 36, 39, 40, 41, 42  # of viscosity
-LESS_T, LESS_K = 43, 46  # of its thinning
+THINNED_T, THINNED_K = 43, 46  # of its thinning, see `viscosity.thinned`
 SAMPLE_ROWS = 49
 # Behind the samples: moments 1, xi, xi^2, xi^3 of the directions of force, strain and flow.
 FORCE_MOMENTS, STRAIN_MOMENTS, FLOW_MOMENTS, MOMENT_ROWS = 0, 12, 24, 36
@@ -130,9 +130,9 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
                 g = viscous * w * bending * load(model, shape[layout.BETA] + LANES)
                 if terms & layout.THINNED:
                     moved = combined(1.0, tb, -1.0, ta), combined(1.0, kb, -1.0, ka)
-                    g, less_t, less_k = viscosity.thinned(g, thinning, t, k, *moved)
-                    keep(scratch, z + LESS_T * LANES, less_t)
-                    keep(scratch, z + LESS_K * LANES, less_k)
+                    g, thinned_t, thinned_k = viscosity.thinned(g, thinning, t, k, *moved)
+                    keep(scratch, z + THINNED_T * LANES, thinned_t)
+                    keep(scratch, z + THINNED_K * LANES, thinned_k)
                 g = g * inverse * inverse
             along = 4.0 * g * dot(n, n)
             if terms & layout.STRETCH:
@@ -240,12 +240,12 @@ def blocks_of(shape, z, i, j, viscous, scratch):
         kk += more[3]
         if shape[layout.TERMS] & layout.THINNED:
             t_i, k_i = (
-                load(scratch, z + (LESS_T + i) * LANES),
-                load(scratch, z + (LESS_K + i) * LANES),
+                load(scratch, z + (THINNED_T + i) * LANES),
+                load(scratch, z + (THINNED_K + i) * LANES),
             )
             t_j, k_j = (
-                load(scratch, z + (LESS_T + j) * LANES),
-                load(scratch, z + (LESS_K + j) * LANES),
+                load(scratch, z + (THINNED_T + j) * LANES),
+                load(scratch, z + (THINNED_K + j) * LANES),
             )
             tt -= t_i * t_j
             tk -= t_i * k_j

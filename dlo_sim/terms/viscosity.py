@@ -1,6 +1,6 @@
 """Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt). That of bending
-may fall with its rate, beta EI kappa' / sqrt(1 + (lambda kappa')^2), as friction between strands:
-Carreau's viscosity of exponent zero.
+may thin with its rate, beta EI kappa' / sqrt(1 + (lambda kappa')^2), as friction between strands
+does (Carreau's law of viscosity with the exponent 0).
 
 The rate of the curvature vector is the corotational one, so a rigid motion costs nothing and every
 other dissipates. With P the projector normal to t = r', the curvature vector n = P k / c and
@@ -57,8 +57,8 @@ def bending(stiffness, thinning, t, k, moved_t, moved_k):
 
 @part
 def thinned(stiffness, thinning, t, k, moved_t, moved_k):
-    """beta EI / tau as a motion sees it, and the stresses (on r' and on r'') whose dyad the
-    derivative of the stress by the motion has less than that at this stiffness.
+    """beta EI / tau at the rate of a motion, and a vector on r' and on r'': by the motion, the
+    derivative of the stress is that at this stiffness (`tangent_blocks`) less the vector's dyad.
     """
     q, n, inverse = curvature_of(t, k)
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
