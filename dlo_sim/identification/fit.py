@@ -100,9 +100,8 @@ def fit(
         left, stages = dict(before.left), stages[active][:1]
     for stage in np.unique(stages):
         if before is None:
-            joining = {one.key for one in problem.unknowns if one.stage == stage}
-            if THINNED[0] in joining:
-                seen = run.best(seen, THINNED, THINNINGS)
+            if THINNED[0] in {one.key for one in problem.unknowns if one.stage == stage}:
+                seen = run.best(seen, active | (stages == stage), THINNED, THINNINGS)
             active, reasons = run.distinct(seen, active, stages == stage)
             seen = np.where((stages == stage) & ~active, problem.start(), seen)
             left |= reasons
@@ -137,14 +136,19 @@ class _Run:
 
     def best_start(self) -> Array:
         """The best of a grid in the first two numbers, about the scene's own."""
-        return self._with_best_delays(self.best(self.problem.start(), STARTED, STARTS))
+        own = self.problem.start()
+        every = np.ones(len(own), dtype=bool)
+        return self._with_best_delays(self.best(own, every, STARTED, STARTS))
 
     def best(
-        self, seen: Array, names: tuple[str, str], shifts: Sequence[tuple[float, float]]
+        self, seen: Array, active: Mask, names: Sequence[str], grid: Sequence[tuple[float, ...]]
     ) -> Array:
-        """The best of several points that are a vector with two unknowns shifted."""
-        labels = np.array([one.label for one in self.problem.unknowns])
-        points = [seen + (labels == names[0]) * a + (labels == names[1]) * b for a, b in shifts]
+        """The best of a grid of changes of the named unknowns that are active."""
+        labels = [one.label for one in self.problem.unknowns]
+        places = [k for name in names for k in np.flatnonzero(active) if labels[k] == name]
+        points = [seen.copy() for _ in grid]
+        for point, shifts in zip(points, grid, strict=True):
+            point[places] += shifts[: len(places)]
         return points[int(np.argmin([_cost(error) for error in self._all(points)]))]
 
     def _with_best_delays(self, seen: Array) -> Array:

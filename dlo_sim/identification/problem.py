@@ -78,11 +78,10 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
             *(Unknown(OFFSET, 0.3, 5.0, at=k) for k in range(3)),
             *(Unknown(DELAY, 0.03, 0.2, at=k) for k in range(3)),
         )
-    thinning = (Unknown("damping.thinning", 0.03, 1.0, least=0.0, stage=2),)
     return (
         *material,
         Unknown("cable.length", 0.02 * length, 0.1 * length),
-        *(thinning if scene.integrator.method == "energy_momentum" else ()),
+        Unknown("damping.thinning", 0.03, 1.0, least=0.0, stage=2, extra=True),
         *(
             Unknown("cable.rest_curvature", 2.0 / length, 20.0 / length, at=k, stage=1)
             for k in range(POINTS)

@@ -19,7 +19,7 @@ class StateKeeper:
     """Writes state.save_to, and reads it at the start; without that parameter it does nothing."""
 
     def __init__(self, scene: Scene, log: Any) -> None:
-        self._path = Path(scene.state.save_to).absolute() if scene.state.save_to else None
+        self._path = Path(scene.state.save_to).resolve() if scene.state.save_to else None
         self._log = log
         self._writer = ThreadPoolExecutor(1)
         self._writing: Future[None] | None = None

@@ -114,8 +114,8 @@ class Damping:
     bend: float = parameter(0.0, "Added to damping.stiffness for bending alone.", "s", (0.0, 1.0e3))
     thinning: float = parameter(
         0.0,
-        "Damping of bending falls with the rate k' of the curvature, by 1 / sqrt(1 + (thinning "
-        "k')^2), as with friction between strands.",
+        "Damping of bending falls with the rate w of the curvature, by the factor 1 / sqrt(1 + "
+        "(thinning w)^2), as with friction between strands.",
         "m s",
         (0.0, 1.0e6),
     )

@@ -102,7 +102,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.CONTACT: needs.contact,
         layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
         layout.DRAG: scene.drag_across > 0.0,
-        layout.THINNED: scene.damping.thinning > 0.0,
+        layout.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
         layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
     }
     return sum(bit for bit, there in present.items() if there)

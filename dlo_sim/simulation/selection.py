@@ -274,7 +274,7 @@ def _check_damping(scene: Scene, method: Method) -> None:
             f"integrator.method: {method.name} is not valid with damping.{name} "
             f"{inside[name]:g}; use energy_momentum or implicit_midpoint"
         )
-    if name and damping.thinning and method.name != "energy_momentum":
+    if damping.thinning and damping.internal[1] and method.name != "energy_momentum":
         raise SceneError(
             f"integrator.method: {method.name} is not valid with damping.thinning "
             f"{damping.thinning:g}; use energy_momentum, or set it to 0.0"

@@ -1,6 +1,6 @@
 """Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt). That of bending
-may thin with its rate, beta EI kappa' / sqrt(1 + (lambda kappa')^2), as friction between strands
-does (Carreau's law of viscosity with the exponent 0).
+may thin with the rate w of the curvature, beta EI w / sqrt(1 + (lambda w)^2), as friction between
+strands does (Carreau's law of viscosity with the exponent 0).
 
 The rate of the curvature vector is the corotational one, so a rigid motion costs nothing and every
 other dissipates. With P the projector normal to t = r', the curvature vector n = P k / c and

@@ -1,5 +1,6 @@
 """Fits to simulated cables: the truth lies in the intervals, and what cannot be told is said."""
 
+import numpy as np
 import pytest
 from simulated_cables import TRUTH, recorded
 
@@ -7,15 +8,16 @@ import dlo_sim
 from dlo_sim.batch.workers import Here
 from dlo_sim.identification.fit import WIDE, FitError
 from dlo_sim.identification.identify import identify
+from dlo_sim.scene.refusal import SceneError
 
 pytest.importorskip("scipy")
 KEYS = ("cable.bending_stiffness", "damping.stiffness", "cable.length")
 START = {"cable.bending_stiffness": 6e-3, "damping.stiffness": 0.03}
 
 
-def identified(recordings, keys=KEYS, left_out=0.0, **changes):
+def identified(recordings, keys=KEYS, left_out=0.0, asked=None, **changes):
     said = []
-    asked = {key: value for key, value in TRUTH.items() if key not in keys}
+    asked = {key: value for key, value in TRUTH.items() if key not in keys} | (asked or {})
     scene = dlo_sim.load_scene({**TRUTH, **START, **changes})
     found = identify(
         scene, asked, recordings, Here(), keys, left_out, 5.0, lambda share: None, said.append
@@ -51,6 +53,22 @@ def test_thinning_is_told_from_damping(thinning):
     found, _ = identified(pieces, ("damping.stiffness", "damping.thinning"))
     assert found.scene.damping.stiffness == pytest.approx(0.12, rel=0.05)
     assert found.scene.damping.thinning == pytest.approx(thinning, rel=0.2, abs=3e-3)
+
+
+def test_a_number_that_is_left_stays_where_thinning_joins(moving):
+    """A cable at rest tells no damping; the grid of thinnings must not change it."""
+    still = recorded(TRUTH, amount=0.0, noise=2e-4)
+    keys = ("cable.bending_stiffness", "damping.stiffness", "damping.thinning")
+    found, _ = identified([still], keys)
+    assert set(found.fit.left) == {"damping.stiffness", "damping.thinning"}
+    assert found.scene.damping.stiffness == START["damping.stiffness"]
+    assert found.fit.seen[1:] == pytest.approx([np.log(START["damping.stiffness"]), 0.0])
+
+
+def test_thinning_with_another_method_is_refused(moving):
+    keys = ("damping.stiffness", "damping.thinning")
+    with pytest.raises(SceneError, match="implicit_midpoint is not valid with damping.thinning"):
+        identified(moving, keys, asked={"integrator.method": "implicit_midpoint"})
 
 
 def test_left_out_pieces_are_predicted_as_well(moving):

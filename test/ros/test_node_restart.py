@@ -90,7 +90,9 @@ def test_a_place_for_no_file_is_refused(
 
 def test_two_cables_do_not_share_a_file(tmp_path: Path) -> None:
     scene = scene_from_values({"state.save_to": str(tmp_path / "state")})
-    one, other = (state_keeper.StateKeeper(scene, None) for _ in range(2))
+    (tmp_path / "link").symlink_to(tmp_path)
+    linked = scene.with_values({"state.save_to": str(tmp_path / "link" / "state")})
+    one, other = (state_keeper.StateKeeper(given, None) for given in (scene, linked))
     assert one.found(scene) is None
     with pytest.raises(SceneError, match="state is the file of another cable; give each its own"):
         other.found(scene)
