@@ -130,7 +130,9 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
                 g = viscous * w * bending * load(model, shape[layout.BETA] + LANES)
                 if terms & layout.THINNED:
                     moved = combined(1.0, tb, -1.0, ta), combined(1.0, kb, -1.0, ka)
-                    g, thinned_t, thinned_k = viscosity.thinned(g, thinning, t, k, *moved)
+                    g, thinned_t, thinned_k = viscosity.thinned(
+                        g, thinning, ratio, n, inverse, t, *moved
+                    )
                     keep(scratch, z + THINNED_T * LANES, thinned_t)
                     keep(scratch, z + THINNED_K * LANES, thinned_k)
                 g = g * inverse * inverse

@@ -56,11 +56,10 @@ def bending(stiffness, thinning, t, k, moved_t, moved_k):
 
 
 @part
-def thinned(stiffness, thinning, t, k, moved_t, moved_k):
+def thinned(stiffness, thinning, q, n, inverse, t, moved_t, moved_k):
     """beta EI / tau at the rate of a motion, and a vector on r' and on r'': by the motion, the
     derivative of the stress is that at this stiffness (`tangent_blocks`) less the vector's dyad.
     """
-    q, n, inverse = curvature_of(t, k)
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
     share = 1.0 / root(thinning * dot(rho, rho) + 1.0)
     stiffness = stiffness * share

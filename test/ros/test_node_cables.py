@@ -205,20 +205,21 @@ def test_remap_rules_are_for_each_cable_and_new_names_for_all_together(domain: i
 
 
 def test_processes_of_different_names_keep_apart(launch: Start, peer: Peer) -> None:
-    names = ("left", "right")
+    names = ("left", "middle", "right")
     nodes = {name: launch(CABLE, "-r", f"__node:={name}") for name in names}
     for name in names:
         peer.until(lambda name=name: peer.node.count_services(f"/{name}/reset"), name, START)
     found = {name: peer.collect(PoseArray, f"/{name}/control_points") for name in names}
-    publisher, message = push(peer, "/left", 0.05)
+    publisher, message = push(peer, "/middle", 0.05)
     with peer.repeating(publisher, message):
-        peer.until(lambda: all(found.values()) and sideways(found["left"]) > 0.1, "motion")
-    assert sideways(found["right"]) < 1e-9
+        peer.until(lambda: all(found.values()) and sideways(found["middle"]) > 0.1, "motion")
+    assert sideways(found["left"]) < 1e-9 and sideways(found["right"]) < 1e-9
     peer.status("/right: node", lambda values, status: status.hardware_id == "/right", "its name")
-    assert nodes["left"].stop() == 0
-    count = len(found["right"])
-    peer.until(lambda: len(found["right"]) > count + 5, "the other going on")
-    assert nodes["right"].stop() == 0
+    assert nodes["middle"].stop() == 0
+    counts = {name: len(found[name]) for name in ("left", "right")}
+    peer.until(lambda: all(len(found[n]) > counts[n] + 5 for n in counts), "the others going on")
+    for name in counts:
+        assert nodes[name].stop() == 0
 
 
 @pytest.mark.slow

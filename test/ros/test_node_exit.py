@@ -47,9 +47,8 @@ def test_a_signal_ends_it_with_status_0_and_without_markers(
     assert "Traceback" not in node.output
 
 
-@pytest.mark.parametrize(
-    ("number", "clock"), [(signal.SIGINT, False), (signal.SIGTERM, True)] * TIMES
-)
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("clock", [False, True])
 def test_it_ends_while_simulated_time_stands_still(
     started: Callable[..., NodeProcess], peer: Peer, number: int, clock: bool
 ) -> None:

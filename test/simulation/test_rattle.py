@@ -7,7 +7,6 @@ import pytest
 from dlo_sim.core.constant_length import constraint_slopes
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import SceneError, find_scene, load_scene
-from dlo_sim.simulation import simulator
 from dlo_sim.simulation.simulator import Simulator
 
 HANGING = {
@@ -121,23 +120,19 @@ def test_a_very_stiff_cable_moves_like_the_inextensible_one():
     assert np.abs(shapes[0] - shapes[1]).max() < 0.02 * fall
 
 
-@pytest.mark.parametrize(
-    ("n", "place", "step"), [(400, 0.0, 0.0), (1000, 0.0, 1.44e-7), (40, 1e4, 0.0)]
-)
-def test_fine_meshes_and_far_places_run_to_what_round_off_allows(n, place, step, monkeypatch):
+@pytest.mark.parametrize(("n", "place"), [(400, 0.0), (1000, 0.0), (40, 1e4)])
+def test_fine_meshes_and_far_places_run_to_what_round_off_allows(n, place):
     """Differences of coordinates lose digits with n and with the distance from the origin."""
-    if step:  # the one that is chosen; to find it takes 10 s, as the cube of n
-        monkeypatch.setattr(simulator, "largest_frequency", lambda *arguments: 1.0 / step)
     wire = {
-        **{"integrator.method": "rattle", "integrator.step": step, "initial.shape": "straight"},
+        **{"integrator.method": "rattle", "integrator.step": 0.0, "initial.shape": "straight"},
         **{"discretization.control_points": n, "discretization.quadrature": "gauss"},
         **{"discretization.samples": 3},
         **{"start.position": [place, 0.0, 0.0], "end.position": [place + 2.0, 0.0, 0.0]},
     }
-    sim = Simulator(load_scene(find_scene("paper_wire"), wire))
-    report = sim.advance_steps(100)
+    simulator = Simulator(load_scene(find_scene("paper_wire"), wire))
+    report = simulator.advance_steps(100)
     assert report.status.ok, report.message
-    assert violation(sim) < 1e-13 + 1e-15 * (place + 2.0) * 1.5 * n
+    assert violation(simulator) < 1e-13 + 1e-15 * (place + 2.0) * 1.5 * n
 
 
 def test_ends_further_apart_than_the_length_are_refused():

@@ -114,6 +114,11 @@ def test_stiffness_damping_against_what_needs_an_explicit_method(method, term):
     assert chosen(term, {"damping.mass": 0.1}).method == "velocity_verlet"
 
 
+def test_negative_steps_with_damping_are_refused():
+    with pytest.raises(SceneError, match="forest_ruth has negative sub-steps, which make damping"):
+        chosen({"damping.mass": 1.0}, method="forest_ruth", step=1e-4)
+
+
 @pytest.mark.parametrize("method", ["implicit_midpoint", "generalized_alpha"])
 def test_damping_that_thins_has_one_method(method):
     values = {"damping.bend": 0.01, "damping.thinning": 3.0}
