@@ -199,8 +199,12 @@ class Publications:
 
     @property
     def skipped(self) -> int:
-        """Timer periods without a publication."""
-        return int(np.sum(np.maximum(np.round(np.diff(self.times) * RATE / SECOND) - 1, 0)))
+        """Timer periods without a publication, by the time from the first to the last one.
+
+        Not by single gaps: a late publication makes one gap longer and the next one shorter.
+        """
+        periods = (self.times[-1] - self.times[0]) * RATE / SECOND
+        return math.ceil(periods) + 1 - len(self.times)
 
     @property
     def late(self) -> list[tuple[int, int]]:
