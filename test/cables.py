@@ -27,6 +27,7 @@ SOFT = {
     "cable.torsional_stiffness": 0.015,
     "discretization.control_points": 8,
     "discretization.stretch": "sample",
+    "discretization.knots": "uniform",
     "integrator.tolerance": 1e-10,
     "terms.gravity": "on",
     "terms.twist": "off",
@@ -80,7 +81,8 @@ class Bench:
     def __init__(self, *values, grading=0.0, **more):
         self.scene = scene_of(*values, **more)
         geometries, needs = geometries_of(self.scene), needs_of(self.scene)
-        self.model = build_model(self.scene, needs, geometries, (grading, grading))
+        graded = bspline.Grading(grading, grading, 0.1 * self.scene.cable.length)
+        self.model = build_model(self.scene, needs, geometries, graded)
         self.cable = Cable.new(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)

@@ -7,40 +7,57 @@ xi = (u - mid) / (h / 2) in [-1, 1]; all evaluation goes through those cubics.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 DEGREE = 3
 ACTIVE = DEGREE + 1
+RESOLUTION = 10_001  # points at which the density of graded knots is integrated
 
 Array = NDArray[np.float64]
 
 
-def clamped_knots(
-    control_points: int, length: float, graded: tuple[float, float] = (0.0, 0.0)
-) -> Array:
+class Grading(NamedTuple):
+    """Density of knots near the ends in excess of that elsewhere, which counts as 1.
+
+    Attributes:
+        start, end: excess at either end. reach: length over which it decays by 1/e [m].
+    """
+
+    start: float = 0.0
+    end: float = 0.0
+    reach: float = 1.0
+
+
+EQUAL = Grading()
+
+
+def clamped_knots(control_points: int, length: float, grading: Grading = EQUAL) -> Array:
     """Knot vector of a clamped cubic spline.
+
+    Each span has the same share of the integral of the density of knots,
+    1 + start exp(-u / reach) + end exp(-(L - u) / reach).
 
     Args:
         control_points: number of control points n, at least 4.
         length: rest length L [m].
-        graded: g in [0, 1) of the start and of the end: spans there are about 1 - g times as long
-            as on average. With s in equal steps from 0 to 1 the breaks are L times
-            s - g sin(2 pi s) / (2 pi) for both ends, s -+ g sin(pi s) / pi for one of them.
+        grading: by default all spans have the same length.
 
     Returns:
         Knots [m], shape (n + 4,): 0 and L with multiplicity 4, n - 4 breaks between.
     """
     if control_points < ACTIVE:
         raise ValueError(f"a cubic spline needs at least 4 control points, got {control_points}")
-    s = np.linspace(0.0, length, control_points - DEGREE + 1)
-    start, end = graded
-    if start and end:
-        s = s - min(start, end) * length * np.sin(2.0 * np.pi * s / length) / (2.0 * np.pi)
-    elif start or end:
-        s = s - (start - end) * length * np.sin(np.pi * s / length) / np.pi
-    s[-1] = length
-    return np.concatenate((np.zeros(DEGREE), s, np.full(DEGREE, length)))
+    ends = np.linspace(0.0, length, control_points - DEGREE + 1)
+    start, end, reach = grading
+    if start or end:
+        u = np.linspace(0.0, length, RESOLUTION)
+        share = u - start * reach * np.expm1(-u / reach)
+        share += end * reach * (np.exp((u - length) / reach) - np.exp(-length / reach))
+        ends[1:-1] = np.interp(share[-1] / length * ends[1:-1], share, u)
+    return np.concatenate((np.zeros(DEGREE), ends, np.full(DEGREE, length)))
 
 
 def breaks(knots: Array) -> Array:

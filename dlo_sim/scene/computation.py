@@ -42,10 +42,10 @@ class Discretization:
         choices=("consistent", "lumped", "selective"),
     )
     knots: str = parameter(
-        "uniform",
-        "Knot spans of equal length, or (auto) shorter ones at clamped ends of a soft cable, which "
-        "bends most there (needs gauss).",
-        choices=("uniform", "auto"),
+        "auto",
+        "Knot spans of equal length, or (auto) shorter ones towards clamped ends, where a cable "
+        "bends most; equal ones with uniform quadrature.",
+        choices=("auto", "uniform"),
     )
 
     @property
@@ -53,6 +53,11 @@ class Discretization:
         """Whether the stretching energy comes from the mean stretch of the spans."""
         enough = self.quadrature == "gauss" and self.control_points >= LEAST_BY_SPAN
         return self.stretch == "span" or (self.stretch == "auto" and enough)
+
+    @property
+    def graded(self) -> bool:
+        """Whether knot spans may differ in length."""
+        return self.knots == "auto" and self.quadrature == "gauss"
 
 
 @dataclass(frozen=True)

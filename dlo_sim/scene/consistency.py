@@ -65,9 +65,6 @@ def check_discretization(discretization: Discretization) -> None:
         raise refused(
             "stretch", f"leaves a single span ways to stretch that cost no energy; {cure}"
         )
-    if discretization.knots == "auto" and not gauss:
-        cure = "set discretization.quadrature to gauss, or knots to uniform"
-        raise refused("knots", f"needs Gauss points in every span; {cure}")
     if not gauss and samples < least:
         cure = f"give {least} or more in all, two a knot span"
         raise refused("samples", f"samples are too few for uniform quadrature; {cure}")

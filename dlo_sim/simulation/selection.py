@@ -219,7 +219,9 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
     if limit >= EXPLICIT_ENOUGH:
         return "velocity_verlet", f"soft: an explicit step of {limit:.2g} s is stable"
-    stiff = f"stiff in {_stiffest(scene)}: an explicit step would have to be below {limit:.2g} s"
+    waves = _waves(scene)
+    stiffest = max(waves, key=lambda name: waves[name])
+    stiff = f"stiff in {stiffest}: an explicit step would have to be below {limit:.2g} s"
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
     undamped = not any(external_rates(scene))
     if undamped and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
@@ -227,8 +229,16 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     return second.name, stiff
 
 
-def _stiffest(scene: Scene) -> str:
-    """What has the fastest waves: frequencies at half a wave per knot span h, that is
+def is_implicit(scene: Scene) -> bool:
+    """Whether the scene's method is implicit; with `auto` judged by waves on equal spans."""
+    name = scene.integrator.method
+    if name == "auto":
+        name, _ = _automatic(scene, max(_waves(scene).values()))
+    return name in METHODS and METHODS[name].family == IMPLICIT
+
+
+def _waves(scene: Scene) -> dict[str, float]:
+    """Frequencies [rad/s] by what causes them, at half a wave per knot span h:
     pi / h sqrt(EA / mu) and (pi / h)^2 sqrt(EI / mu), and sqrt(3 k / (mu h + 3 m)) of a spring k at
     an end of point mass m; sqrt(3 k / (mu h^3)) of one that holds the direction, sqrt(3 k / (J h))
     of one that holds the roll, J = polar inertia per length.
@@ -248,7 +258,7 @@ def _stiffest(scene: Scene) -> str:
         roll = "roll" if holder.roll_spring == 0.0 else "roll_spring"
         rolling = 3.0 * stiffness_of_roll(holder, scene) / (cable.polar_inertia * span)
         waves[f"{key}.{roll}"] = np.sqrt(rolling) * (scene.terms.twist != "off")
-    return max(waves, key=lambda name: waves[name])
+    return waves
 
 
 def _cost(scene: Scene, method: Method) -> float:

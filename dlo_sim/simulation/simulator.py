@@ -379,7 +379,7 @@ class Simulator(CableInputs):
         arguments.instance("other", other, Simulator, "one that runs")
         points, rates = other.control_points, other.velocities
         old, new = other._model, self._model
-        if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
+        if not np.array_equal(new.knots, old.knots):
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             points, rates = (resampled(values, old, new, u) for values in (points, rates))
         self._ends.take_over(other._ends, other.time, other._cable.frame_turn)

@@ -68,11 +68,11 @@ class Setting:
 
 def ways_to_resolve(scene: Scene, method: str) -> tuple[tuple[str, str], ...]:
     """Values of `stretch` and `knots` worth trying: stretching by span only of a scene that
-    stretches, spans that are shorter at clamps only of a cable that is soft enough for them.
+    stretches, shorter spans at clamps only of one that has clamps and weight, by implicit steps.
     """
     integrator = replace(scene.integrator, method=method)
     plain = "sample", "uniform"
     if not needs_of(replace(scene, integrator=integrator)).stretch:
         return (plain,)
-    coarse = Setting("energy_momentum", FEW, 1e-3, knots="auto").applied(scene)
-    return (plain, ("span", "uniform"), *[("span", "auto")] * any(grading(coarse)))
+    coarse = Setting(method, FEW, 1e-3, knots="auto").applied(scene)
+    return (plain, ("span", "uniform"), *[("span", "auto")] * any(grading(coarse)[:2]))

@@ -36,6 +36,19 @@ def full_basis(knots, u, derivative=0):
     return bspline.evaluate(np.eye(n), knots, u, derivative)
 
 
+def test_graded_spans_share_the_density_of_knots():
+    def density(u):
+        return 1.0 + 4.0 * np.exp(-u / 0.2) + 1.5 * np.exp((u - LENGTH) / 0.2)
+
+    knots = bspline.clamped_knots(12, LENGTH, bspline.Grading(4.0, 1.5, 0.2))
+    ends = bspline.breaks(knots)
+    assert (ends[0], ends[-1]) == (0.0, LENGTH)
+    points, weights = np.polynomial.legendre.leggauss(20)
+    middles, halves = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
+    shares = halves * (density(middles[:, None] + halves[:, None] * points) @ weights)
+    np.testing.assert_allclose(shares, shares.mean(), rtol=1e-5)
+
+
 def test_knots_are_clamped_and_uniform():
     knots = bspline.clamped_knots(7, 2.0)
     assert np.allclose(knots, [0, 0, 0, 0, 0.5, 1.0, 1.5, 2, 2, 2, 2], atol=1e-15)

@@ -130,11 +130,6 @@ def test_huge_value_is_shown_shortened():
             {"discretization.quadrature": "uniform"},
             "discretization.samples: 3 samples are too few",
         ),
-        (
-            {**UNIFORM, "discretization.knots": "auto"},
-            "discretization.knots: 'auto' needs Gauss points in every span; set "
-            "discretization.quadrature to gauss, or knots to uniform",
-        ),
         ({"outputs.color_range": [2.0, 1.0]}, "[2.0, 1.0] falls; give [1.0, 2.0]"),
         (
             {"outputs.color_by": "tension", "terms.stretch": "off"},
@@ -186,7 +181,7 @@ def test_conflict(values, complaint):
         {**HELD, "start.pose_topic": "/pose", "end.pose_topic": "/pose"},  # one gripper, two ends
         {"inputs.catch_up": 0.005},
         UNIFORM,
-        {"discretization.knots": "auto"},
+        {"discretization.knots": "uniform"},
         {
             "start.position": [0, 0, 0.0],
             "start.fixed": [False, True, True],

@@ -1,0 +1,85 @@
+"""Knots that are denser towards clamps: where, how much more accurate, and when they change."""
+
+import numpy as np
+import pytest
+from cables import scene_of
+
+from dlo_sim.core import bspline
+from dlo_sim.simulation.build_model import grading
+from dlo_sim.simulation.simulator import Simulator
+
+# It bends at a level clamp within 4 cm, under its own weight of 0.6 N.
+HANGING = {
+    "cable.length": 1.0,
+    "cable.linear_density": 0.06,
+    "cable.diameter": 0.008,
+    "cable.axial_stiffness": 100.0,
+    "cable.bending_stiffness": 1e-3,
+    "damping.stiffness": 0.02,
+    "start.clamped": True,
+    "start.tangent": [1.0, 0.0, 0.0],
+}
+HELD = {
+    "end.fixed": [True] * 3,
+    "end.clamped": True,
+    "end.tangent": [1.0, 0.0, 0.0],
+    "end.position": [0.8, 0.0, 0.0],
+}
+BEND = np.sqrt(1e-3 / (0.06 * 9.81))  # [m]
+
+
+@pytest.mark.parametrize(
+    ("values", "start", "end", "bend"),
+    [
+        ({}, 4.0, 0.0, BEND),
+        ({"end.mass": 0.18}, 4.0, 0.0, BEND / 2.0),
+        (HELD, 2.0, 2.0, np.sqrt(2.0) * BEND),
+        (HELD | {"end.clamped": False}, 2.0, 0.0, np.sqrt(2.0) * BEND),
+        ({"cable.bending_stiffness": 1e-8}, 4.0, 0.0, 0.05 / 2.8),  # half a span
+    ],
+)
+def test_where_a_cable_is_clamped(values, start, end, bend):
+    found = grading(scene_of(HANGING, values, n=13))
+    assert found == pytest.approx((start, end, 2.8 * bend), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"discretization.knots": "uniform"},
+        {"discretization.quadrature": "uniform", "discretization.samples": 31},
+        {"start.clamped": False},
+        {"gravity": [0.0, 0.0, 0.0]},
+        {"cable.bending_stiffness": 0.03},  # a bend of two spans and more
+        {"grasps.names": ["middle"], "grasps.middle.position": [0.4, 0.0, 0.0]},
+        {"damping.stiffness": 0.0, "integrator.method": "velocity_verlet"},
+    ],
+)
+def test_equal_spans_where_others_gain_nothing(values):
+    assert grading(scene_of(HANGING, values, n=13)) == bspline.EQUAL
+    sim = Simulator(scene_of(HANGING, values, n=13))
+    assert np.ptp(np.diff(bspline.breaks(sim.model.knots))) < 1e-12
+
+
+@pytest.mark.parametrize(("values", "share"), [({}, 0.02), ({"end.mass": 0.06}, 0.05), (HELD, 0.3)])
+def test_a_cable_at_rest_is_much_closer_to_the_converged_one(values, share):
+    at_rest = HANGING | {"initial.shape": "equilibrium"} | values
+    u = np.linspace(0.0, 1.0, 41)
+    converged = Simulator(scene_of(at_rest, n=81)).centerline(u)
+    graded, equal = (
+        np.abs(
+            Simulator(scene_of(at_rest, {"discretization.knots": knots}, n=13)).centerline(u)
+            - converged
+        ).max()
+        for knots in ("auto", "uniform")
+    )
+    assert graded < share * equal
+
+
+def test_a_change_that_moves_the_knots_keeps_the_shape():
+    sim = Simulator(scene_of(HANGING, n=13))
+    assert sim.advance(0.2).status.ok
+    softer = sim.reconfigured(scene_of(HANGING, {"cable.bending_stiffness": 5e-4}, n=13))
+    assert np.abs(softer.model.knots - sim.model.knots).max() > 1e-3
+    u = np.linspace(0.0, 1.0, 41)
+    np.testing.assert_allclose(softer.centerline(u), sim.centerline(u), atol=1e-3)
