@@ -29,7 +29,7 @@ from dlo_sim.scene.loading import parse_assignment
 if TYPE_CHECKING:
     from dlo_sim.identification.identify import Identified
 
-HELP = "fit a scene's numbers to a recorded cable"
+HELP = "fit the parameters of a scene to a recorded cable"
 
 
 def add_arguments(parser: Parser) -> None:

@@ -86,7 +86,7 @@ class Holder:
     )
     pose_spacing: float = parameter(
         0.0,
-        "Distance between two_points; messages that differ from it by 10 % are refused; 0 = any.",
+        "Distance between two_points; a message that is off by more than 10 % is refused; 0 = any.",
         "m",
         (0.0, 1.0e3),
     )
