@@ -10,7 +10,7 @@ from dlo_sim.cli.output import print_json
 from dlo_sim.core.methods import IMPLICIT, METHODS, Method
 
 _HEADER = (
-    *("method", "order", "symmetric", "symplectic", "keeps energy", "forces/step", "limit"),
+    *("method", "order", "symmetric", "symplectic", "conserves energy", "forces/step", "limit"),
     *("damping", "source"),
 )
 
