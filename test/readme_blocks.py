@@ -44,7 +44,7 @@ def methods() -> str:
             for word, holds in (
                 ("symmetric", method.symmetric),
                 ("symplectic", method.symplectic),
-                ("keeps energy", method.conserves_energy),
+                ("conserves energy", method.conserves_energy),
             )
             if holds
         ]

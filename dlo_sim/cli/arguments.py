@@ -82,7 +82,7 @@ def add_scheduler_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="Dask scheduler whose workers do what is not timed; default: this machine's cores",
+        help="Dask scheduler for the work that is not timed (default: the cores of this machine)",
     )
 
 

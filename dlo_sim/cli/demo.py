@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 FAILED = 3
 
-HELP = "predict a cable from a generated bag; leaves a bag, a page and a picture"
+HELP = "predict a cable from a generated bag; writes a bag, a web page and a picture"
 
 
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
         "Generate a bag of gripper poses and wrenches, predict the cable from it, and "
-        "write the predicted bag, a page that plays it, a picture and a short summary."
+        "write the predicted bag, a web page that plays it and a picture; print a summary."
     )
     parser.add_argument(
         "--output",
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print_summary(summary: "DemoSummary") -> None:
-    print(f"A cable hangs from a gripper that moves; predicted from a bag: {summary.status}.")
+    print(f"A cable hangs from a moving gripper; prediction from a bag: {summary.status}.")
     if summary.message:
         print(f"  {summary.message}")
     rows = {

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 PROBLEMS = 3
 
-HELP = "look at the installation, a scene and its topics, and say what to do"
+HELP = "check the installation, a scene and its topics, and suggest fixes"
 
 
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Look at versions, compiler, cache and the environment of ROS; with a scene also at what "
-        "it computes, whether this machine keeps up, and what is on its topics now. Exit status 3 "
-        "when there is a problem."
+        "Check versions, compiler, cache and the ROS environment; with a scene, also its terms, "
+        "method and step, whether this machine keeps up, and its live topics. Exit status 3 if "
+        "there is a problem."
     )
     parser.add_argument(
         "scene", metavar="SCENE", nargs="?", help="scene file, or a shipped scene's name"
@@ -98,7 +98,7 @@ def _of_ros(session: "Session | None", seconds: float) -> Iterator["Finding"]:
     except ImportError as error:
         if (error.name or "").startswith("dlo_sim"):
             raise
-        cure = "for the node: pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
+        cure = "needed for the node: pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"
         yield note(f"no ROS 2: {error}", cure)
         return
     try:

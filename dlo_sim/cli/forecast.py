@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 FAILED = 3
 _SHOWN = 5  # points of the last shape, for people
 
-HELP = "tell what a planned motion does to a cable"
+HELP = "predict the effect of a planned motion on a cable"
 
 
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Let a cable begin at rest where a planned motion begins, and tell its shapes, tension and "
-        "curvature along it. What the plan does not name stays where the scene puts it; loads are "
-        "those of the scene. Exit status 3 when the run failed; the shapes up to then are kept."
+        "Start a cable at rest where a planned motion begins, and predict its shape, tension and "
+        "curvature along the motion. Ends and grasps that are not in the plan stay where the scene "
+        "puts them; loads are those of the scene. Exit status 3 if the run fails; the shapes up to "
+        "then are kept."
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
@@ -41,11 +42,11 @@ def add_arguments(parser: Parser) -> None:
         metavar="FILE",
         type=Path,
         required=True,
-        help="bag with a MultiDOFJointTrajectory or with poses on the scene's topics; or times and "
-        "poses of start, end or grasps (x, y, z, quaternion x, y, z, w) as YAML or npz",
+        help="bag with a MultiDOFJointTrajectory or with poses on the topics of the scene; or YAML "
+        "or npz with times and poses (x, y, z, quaternion x, y, z, w) of start, end or grasps",
     )
     parser.add_argument(
-        "--number", metavar="N", type=int, help="which trajectory of a bag with several, from 1"
+        "--number", metavar="N", type=int, help="if the bag has several: which one, from 1"
     )
     parser.add_argument(
         "--every",
@@ -115,7 +116,7 @@ def _print_report(options: argparse.Namespace, found: "Forecast", planned: str) 
     print(f"{options.scene}: {report.status.name.lower()}, {report.simulated:g} s along the plan")
     if report.message:
         print(f"  {report.message}")
-    tension = "not known from the shape of such a cable"
+    tension = "cannot be computed from the shape of such a cable"
     if found.tension is not None:
         tension = f"{found.peak_tension:.4g} N {_where(found, found.tension)}"
     curvature = f"{found.largest_curvature:.4g} 1/m {_where(found, found.curvature)}"

@@ -29,17 +29,17 @@ from dlo_sim.scene.loading import parse_assignment
 if TYPE_CHECKING:
     from dlo_sim.identification.identify import Identified
 
-HELP = "fit a scene's numbers to a recorded cable"
+HELP = "fit the parameters of a scene to a recorded cable"
 
 
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Fit stiffness, damping, drag, length, natural curvature and where the grippers hold to "
-        "markers on a cable that grippers move, or stiffness, damping and drag to the force it "
-        "exerts, and write the scene with the fitted numbers. Each "
-        "has a 95 % interval; what the data cannot tell is left at its value, and said. "
-        "Only motion is seen: stiffness and drag are fitted for the given mass."
+        "Fit a scene to a cable moved by grippers and write the scene with the fitted parameters. "
+        "From markers: stiffness, damping, drag, length, natural curvature and where the grippers "
+        "hold the cable. From the force on a gripper: stiffness, damping and drag. Each parameter "
+        "has a 95 % interval; one that the data cannot determine keeps its value and is reported. "
+        "Mass is not fitted: stiffness and drag are those for the given mass."
     )
     parser.add_argument(
         "data", metavar="DATA", type=Path, help=".npz of markers, or a bag of markers or a force"
@@ -55,28 +55,28 @@ def add_arguments(parser: Parser) -> None:
         metavar="KEY",
         action="append",
         default=[],
-        help="fit this key only; repeatable (default: all that the data can tell)",
+        help="fit only this key; repeatable (default: all keys that the data can determine)",
     )
     parser.add_argument(
         "--leave-out",
         metavar="SHARE",
         type=number("0.3", lambda value: 0.0 <= value < 1.0, "a share; give 0 or more, below 1"),
         default=0.3,
-        help="share of the pieces, the last ones, that a first fit does not see (default: 0.3)",
+        help="share of the pieces, the last ones, held out from a first fit (default: 0.3)",
     )
     parser.add_argument(
         "--piece", metavar="S", type=positive_seconds, default=5.0,
-        help="pieces that a long recording is cut into; each starts from its markers (default: 5)",
+        help="length of the pieces of a recording [s]; each starts from its markers (default: 5)",
     )  # fmt: skip
     parser.add_argument(
         "--topic",
         metavar="NAME=TOPIC",
         action="append",
         default=[],
-        help="topic of a bag: markers=... or force=..., start=..., end=... (default: the only one "
-        "of its type)",
+        help="topic of a bag: markers=... or force=..., start=..., end=...; repeatable (default: "
+        "found by type)",
     )
-    parser.add_argument("--plots", metavar="DIR", type=Path, help="folder for residual pictures")
+    parser.add_argument("--plots", metavar="DIR", type=Path, help="folder for plots of residuals")
     add_scene_options(parser)
 
 
@@ -139,7 +139,7 @@ def _rows(found: "Identified") -> dict[str, str]:
         one.unknown.label: f"{one.value:.4g}  ({one.low:.4g} to {one.high:.4g})"
         for one in found.fit.numbers
     }
-    rows |= {label: f"left: {reason}" for label, reason in found.fit.left.items()}
+    rows |= {label: f"not fitted: {reason}" for label, reason in found.fit.left.items()}
     for axis in found.reactions:
         alike = "" if isnan(axis.correlation) else f"correlation {axis.correlation:.3f}, "
         rows[f"force {axis.axis}"] = (
@@ -175,11 +175,11 @@ def _write(options: argparse.Namespace, found: "Identified") -> None:
     words += [word for text in options.assignments for word in ("--set", text)]
     words += [word for key in options.fit for word in ("--fit", key)]
     comments = [
-        f"Fitted by {shlex.join(words)}: what differs from the defaults.",
+        f"Fitted by {shlex.join(words)}. Only values that differ from the defaults are listed.",
         "",
         *(f"{label}: {text}" for label, text in _rows(found).items()),
         "",
-        "Numbers in brackets: 95 % interval.",
+        "In brackets: 95 % intervals.",
         "",
     ]
     text = scene_text(found.scene, comments)

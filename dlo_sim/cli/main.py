@@ -90,7 +90,7 @@ def _run(arguments: list[str]) -> int:
 def _parser() -> Parser:
     parser = Parser(
         prog="dlo_sim",
-        description="Simulate and predict the motion of a cable; replay and compare bags.",
+        description="Simulate and predict the motion of a cable, live and from bags.",
         epilog="Start with 'dlo_sim demo'.",
     )
     parser.add_argument("--version", action="version", version=f"dlo_sim {__version__}")

@@ -10,7 +10,7 @@ from dlo_sim.cli.output import print_json
 from dlo_sim.core.methods import IMPLICIT, METHODS, Method
 
 _HEADER = (
-    *("method", "order", "symmetric", "symplectic", "keeps energy", "forces/step", "limit"),
+    *("method", "order", "symmetric", "symplectic", "conserves energy", "forces/step", "limit"),
     *("damping", "source"),
 )
 
@@ -20,9 +20,9 @@ HELP = "list the time integration methods"
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "List the methods for integrator.method: order, whether symmetric and "
-        "symplectic, force evaluations per step, largest stable omega tau, the damping it is "
-        "valid with, and its source."
+        "List the methods for integrator.method: order, whether they are symmetric and "
+        "symplectic and conserve energy, force evaluations per step, largest stable omega tau, the "
+        "damping for which they are valid, and their source."
     )
 
 

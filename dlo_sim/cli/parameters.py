@@ -7,7 +7,7 @@ from dlo_sim.cli.arguments import Parser
 from dlo_sim.cli.output import print_json
 from dlo_sim.scene.parameters import markdown_table, placeholder_parameters
 
-HELP = "print every parameter with type, default, unit, range and meaning"
+HELP = "list all parameters with type, default, unit, range and meaning"
 
 
 def add_arguments(parser: Parser) -> None:

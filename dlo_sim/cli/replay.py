@@ -21,10 +21,10 @@ HELP = "predict a cable offline from a bag of poses, wrenches and forces"
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Feed the messages of a bag to the same code as the node, as fast as it can, "
+        "Feed the messages of a bag to the same code as the node, as fast as possible, "
         "and write what the node would have published. Deterministic: the same bag and scene give "
-        "the same bytes. Exit status 3 when only a part could be replayed, or more than 5 % of a "
-        "topic's messages were refused; what there is is kept."
+        "the same bytes. Exit status 3 if only part of the bag could be replayed or more than 5 % "
+        "of a topic's messages were refused; the results so far are kept."
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 folder (sqlite3 or MCAP)")
     parser.add_argument(
@@ -34,7 +34,7 @@ def add_arguments(parser: Parser) -> None:
         "--output",
         metavar="OUTBAG",
         type=Path,
-        help="bag to write, of the same storage; it must not exist yet (default: none is written)",
+        help="bag to write, in the same storage format; must not exist yet (default: none)",
     )
     parser.add_argument(
         "--compare",

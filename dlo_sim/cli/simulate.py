@@ -41,8 +41,8 @@ HELP = "run a scene without ROS and record it"
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Run a scene for a while and report time, steps and energy error. Exit status "
-        "3 when the run failed, 130 when Ctrl-C ended it; what was good is kept."
+        "Run a scene and report run time, steps and energy error. Exit status 3 if the run fails, "
+        "130 if Ctrl-C ends it; the results up to then are kept."
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(

@@ -10,7 +10,7 @@ from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option, ne
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
 from dlo_sim.studies.catalogue import STUDIES, Request
 
-HELP = "measure and write a report with figures and data"
+HELP = "run a study and write a report with figures and data"
 
 
 def add_arguments(parser: Parser) -> None:
@@ -25,7 +25,7 @@ def add_arguments(parser: Parser) -> None:
         "--output", metavar="DIR", type=Path, required=True, help="folder for the results"
     )
     parser.add_argument(
-        "--quick", action="store_true", help="shorter runs, with every table and figure"
+        "--quick", action="store_true", help="shorter runs; all tables and figures are made"
     )
     parser.add_argument(
         "--peers",
@@ -33,7 +33,7 @@ def add_arguments(parser: Parser) -> None:
         help="also measure other simulators (" + ", ".join(_with_peers()) + ")",
     )
     parser.add_argument(
-        "--data", metavar="DIR", type=Path, help="recordings, for the study validation"
+        "--data", metavar="DIR", type=Path, help="folder of recordings, for validation"
     )
     add_scheduler_option(parser)
 

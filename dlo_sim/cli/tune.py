@@ -29,10 +29,10 @@ HELP = "find the fastest setting within a tolerance"
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Try methods, resolutions, quadratures, steps, stretching by span and the "
-        "inextensible cable on a scene, and write the scene with the fastest that stays within the "
-        "tolerance of the scene's own converged motion. Grippers rest where the scene has them. "
-        "Exit status 3 when nothing is within the tolerance; then nothing is written."
+        "Try methods, steps, resolutions, quadratures, stretching by span and an inextensible "
+        "cable, and write the scene with the fastest setting that stays within the tolerance of "
+        "the converged motion of the same scene. Grippers rest at their initial positions. Exit "
+        "status 3 if no setting is within the tolerance; then nothing is written."
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file, or a shipped scene's name")
     parser.add_argument(
@@ -49,7 +49,7 @@ def add_arguments(parser: Parser) -> None:
         metavar="S",
         type=positive_seconds,
         required=True,
-        help="simulated time over which that holds [s]",
+        help="simulated time over which this must hold [s]",
     )
     parser.add_argument(
         "--output", metavar="TUNED.yaml", type=Path, required=True, help="scene file to write"
@@ -155,11 +155,12 @@ def _comments(options: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
     )
     return [
         f"Tuned by dlo_sim tune {options.scene} --tolerance {options.tolerance:g} "
-        f"--duration {options.duration:g}{changed}: what differs from the defaults.",
+        f"--duration {options.duration:g}{changed}. "
+        "Only values that differ from the defaults are listed.",
         "",
         *(f"{label:<10} {text}" for label, text in _rows(options, facts).items()),
         "Grippers rested. Times hold for the machine that measured them.",
-        *(["rattle leaves stretching out."] if facts["method"] == "rattle" else []),
+        *(["rattle does not model stretching."] if facts["method"] == "rattle" else []),
         "",
     ]
 

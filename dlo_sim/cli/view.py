@@ -14,40 +14,41 @@ if TYPE_CHECKING:
 
 _SUFFIXES = {"html": ".html", "gif": ".gif", "mp4": ".mp4", "png": ".png", "plots": "_plots.png"}
 
-HELP = "look at a run: a page that plays it in 3D, a film, a still, plots"
+HELP = "show a run as a web page that plays it in 3D, a film, a still or plots"
 
 
 def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
-        "Make a page of a run that plays it in 3D, with plots, and needs nothing but a browser; or "
-        "a film, a still or plots. Works without a display."
+        "Make a web page that plays a run in 3D, with plots, and needs only a browser; or make a "
+        "film, a still or plots. Works without a display."
     )
     parser.add_argument(
         "run_path",
         metavar="RUN",
         type=Path,
-        help="npz of dlo_sim simulate, or a bag of control points: of a replay, or of the node",
+        help="npz of dlo_sim simulate, or a bag with control points from replay or the node",
     )
     parser.add_argument(
         "--output",
         metavar="FILE",
         type=Path,
-        help="file to write (default: the run's name with the ending of the format, here)",
+        help="file to write (default: the name of the run with the suffix of the format, in the "
+        "current folder)",
     )
     parser.add_argument(
         "--format",
         choices=tuple(_SUFFIXES),
-        help="default: by the ending of --output, else html; plots is a png of everything over "
-        "time, png a still of the motion",
+        help="png is a still of the motion, plots a png of all quantities over time (default: by "
+        "the suffix of --output, else html)",
     )
     parser.add_argument(
         "--params",
         metavar="SCENE",
-        help="of a bag: its scene, for the tension and for knots that are not uniform",
+        help="scene of a bag, needed for the tension and for non-uniform knots",
     )
     parser.add_argument(
-        "--node", metavar="NAME", default="", help="of a bag with several: the node's full name"
+        "--node", metavar="NAME", default="", help="full name of the node, if the bag has several"
     )
     add_scene_options(parser)
 

@@ -33,7 +33,8 @@ def installation() -> Iterator[Finding]:
     if cores > 1:
         yield ok(f"{cores} cores")
     else:
-        yield note("one core", "the error estimate shares it with the prediction; leave it spare")
+        cure = "keep it free: the prediction and the error estimate share it"
+        yield note("only one core", cure)
 
 
 def cache(base: Path, mine: Path, untrusted: str) -> Finding:
@@ -49,7 +50,8 @@ def cache(base: Path, mine: Path, untrusted: str) -> Finding:
         return problem(f"the cache {base} cannot be written; every start compiles", cure)
     if mine.is_dir() and any(mine.iterdir()):
         return ok(f"the cache {base} holds this version's machine code")
-    return note(f"the cache {base} is empty; the first start compiles for some 45 s", "once only")
+    what = f"the cache {base} has no machine code of this version"
+    return note(what, "nothing to do: the first start compiles once, for about 45 s")
 
 
 def _existing(path: Path) -> Path:
@@ -62,19 +64,19 @@ def ros_environment(environment: Mapping[str, str]) -> Iterator[Finding]:
     domain = environment.get("ROS_DOMAIN_ID", "") or "0"
     if not domain.isdecimal() or int(domain) > _LAST_DOMAIN:
         cure = f"set it to a whole number from 0 to {_LAST_SAFE_DOMAIN}"
-        yield problem(f"ROS_DOMAIN_ID is {domain!r}, which is no domain", cure)
+        yield problem(f"ROS_DOMAIN_ID is {domain!r}, which is not a domain", cure)
     elif int(domain) > _LAST_SAFE_DOMAIN:
-        cure = f"prefer 0 to {_LAST_SAFE_DOMAIN}: the system hands out the ports of higher ones"
+        cure = f"prefer 0 to {_LAST_SAFE_DOMAIN}: ports of higher domains can be in use already"
         yield note(f"ROS_DOMAIN_ID is {domain}", cure)
     else:
         yield ok(f"ROS_DOMAIN_ID is {domain}")
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
     if reach == "OFF":
         cure = "unset it, or set it to LOCALHOST or SUBNET"
-        yield problem("ROS_AUTOMATIC_DISCOVERY_RANGE is OFF: no node finds another", cure)
+        yield problem("ROS_AUTOMATIC_DISCOVERY_RANGE is OFF: nodes cannot find each other", cure)
     elif reach and reach not in _RANGES:
         cure = f"give one of {', '.join(_RANGES)}"
         yield problem(f"ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}, which ROS does not know", cure)
     elif reach == "LOCALHOST" or environment.get("ROS_LOCALHOST_ONLY") == "1":
-        cure = "where publishers are on other machines, set ROS_AUTOMATIC_DISCOVERY_RANGE to SUBNET"
-        yield note("only nodes on this machine are seen", cure)
+        cure = "for publishers on other machines, set ROS_AUTOMATIC_DISCOVERY_RANGE to SUBNET"
+        yield note("only nodes on this machine are visible", cure)

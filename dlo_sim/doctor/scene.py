@@ -18,7 +18,7 @@ def findings(simulator: Simulator) -> Iterator[Finding]:
     """What is to be known of a simulator that has been built, without messages."""
     left_out = "; ".join(f"{name} ({why})" for name, why in simulator.left_out.items())
     computed = ", ".join(simulator.active_terms)
-    yield ok(f"the scene computes {computed}; leaves out {left_out or 'nothing'}")
+    yield ok(f"active terms: {computed}; inactive: {left_out or 'none'}")
     choice = simulator.choice
     limit = "no stability limit"
     if math.isfinite(choice.limit):
@@ -57,5 +57,5 @@ def keeping_up(rate: float, load: float) -> Finding:
         return ok(what)
     cure = "lower discretization.control_points, or try dlo_sim tune"
     if load < 1.0:
-        return note(f"{what}; the error estimate will be spared", cure)
+        return note(f"{what}; there may be no time for the error estimate", cure)
     return problem(f"{what}; the node cannot keep up", cure)

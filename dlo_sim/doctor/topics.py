@@ -19,11 +19,11 @@ def findings(scene: Scene, found: Survey) -> Iterator[Finding]:
     """Each input topic, then the clock."""
     entries = {resolved(entry.topic): entry for entry in input_topics(scene)}
     if not found.heard:
-        yield ok("the scene listens to no topic")
+        yield ok("the scene has no input topics")
     if scene.tf_keys:
         yield note(
-            "frames of tf2 are not looked up here; messages in them count as refused",
-            f"look at each with: ros2 run tf2_ros tf2_echo {scene.frame_id} FRAME",
+            "tf2 is not used here; messages in tf2 frames are counted as refused",
+            f"check each frame with: ros2 run tf2_ros tf2_echo {scene.frame_id} FRAME",
         )
     for heard in found.heard:
         yield from _topic(heard, entries[heard.sources.topic])
@@ -36,15 +36,15 @@ def findings(scene: Scene, found: Survey) -> Iterator[Finding]:
 def _topic(heard: Heard, entry: InputTopic) -> Iterator[Finding]:
     topic, kind = heard.sources.topic, heard.sources.type
     for line in heard.sources.problems:
-        yield problem(line, "correct the publisher, or the topic's name in the scene")
+        yield problem(line, "correct the publisher, or the topic name in the scene")
     for line in heard.incompatible:
         yield problem(line, "correct the publisher's QoS")
     if not heard.sources.count:
-        cure = f"publish {kind} there, or name another topic in the scene"
+        cure = f"publish {kind} on it, or change the topic name in the scene"
         if entry.is_pose:
             yield problem(f"nobody publishes {topic}; the node waits for it", cure)
         elif entry.kind == "taken":
-            yield note(f"nobody publishes {topic}; '{entry.target}' stays as it is", cure)
+            yield note(f"nobody publishes {topic}; '{entry.target}' keeps its state", cure)
         else:
             yield note(f"nobody publishes {topic}; the load is zero", cure)
         return
@@ -52,7 +52,7 @@ def _topic(heard: Heard, entry: InputTopic) -> Iterator[Finding]:
         yield ok(f"{topic} is published")
         return
     if not heard.rate:
-        yield problem(f"{topic} is published, and hardly a message came", "let its publisher send")
+        yield problem(f"{topic} has a publisher, but too few messages arrived", "check it")
         return
     frames = ", ".join(repr(frame) for frame in heard.frames)
     what = f"{topic}: {heard.rate:.3g} Hz, frame {frames or 'unknown'}"
@@ -67,10 +67,10 @@ def epoch(offset: float, simulated_time: bool) -> Finding:
     """In which time the stamps are; offset: clock minus stamps [s]."""
     clock = "/clock" if simulated_time else "the wall clock"
     if abs(offset) < _SAME_EPOCH:
-        return ok(f"stamps are in the time of {clock}")
+        return ok(f"stamps agree with {clock}")
     side = "behind" if offset > 0.0 else "ahead of"
     return note(
         f"stamps are {abs(offset):.6g} s {side} {clock}",
-        "with inputs.time auto the node uses their own time; play bags with --clock and set "
-        "use_sim_time to have one time for all",
+        "with inputs.time auto the node uses the time base of the stamps; to use one clock, play "
+        "bags with --clock and set use_sim_time",
     )

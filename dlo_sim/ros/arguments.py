@@ -90,7 +90,7 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--allow-unmatched",
         action="store_true",
-        help="start although a parameter file or a -p holds nothing for this node",
+        help="start even if a parameter file or -p has no entry for this node",
     )
     return parser
 

@@ -30,31 +30,32 @@ class Cable:
     torsional_stiffness: float = parameter(0.0, "GJ; 0 = G pi D^4 / 32.", "N m^2", (0.0, 1.0e12))
     rest_curvature: tuple[float, ...] = parameter(
         (0.0,),
-        "Natural curvature at equally spaced points from start to end, linear between them; "
-        "one value = the same everywhere.",
+        "Natural curvature at equally spaced points from start to end, interpolated linearly; one "
+        "value = constant.",
         "1/m",
         (-1.0e5, 1.0e5),
     )
     rest_curvature_axis: Vector = parameter(
         (0.0, 1.0, 0.0),
-        "Unit axis about which the unloaded cable is bent, across it where it leaves the start, in "
-        "the start end-effector's frame; along the cable it goes with the material frame if "
-        "terms.twist is bishop or quasistatic. Positive curvature turns the tangent about it by "
-        "the right-hand rule.",
+        "Axis about which the unloaded cable is bent: a unit vector in the frame of the start end "
+        "effector, normal to the cable where it leaves the start. With terms.twist bishop or "
+        "quasistatic it follows the material frame along the cable. Positive curvature rotates the "
+        "tangent about it by the right-hand rule.",
         "",
         (-1.0, 1.0),
     )
 
     rest_curvature_2: tuple[float, ...] = parameter(
         (0.0,),
-        "Natural curvature in the second plane, likewise: about the axis normal to both the cable, "
-        "where it leaves the start, and rest_curvature_axis (their cross product).",
+        "Natural curvature in the second plane, in the same format: about the axis tangent x "
+        "rest_curvature_axis, with the tangent where the cable leaves the start.",
         "1/m",
         (-1.0e5, 1.0e5),
     )
     rest_twist: tuple[float, ...] = parameter(
         (0.0,),
-        "Twist of the unloaded cable, likewise; needs terms.twist bishop or quasistatic.",
+        "Twist rate of the unloaded cable, in the same format; needs terms.twist bishop or "
+        "quasistatic.",
         "rad/m",
         (-1.0e5, 1.0e5),
     )
@@ -109,26 +110,25 @@ class Damping:
     )
     stiffness: float = parameter(0.0, "Rayleigh beta: internal damping beta K.", "s", (0.0, 1.0e3))
     stretch: float = parameter(
-        0.0, "Added to damping.stiffness for stretching alone.", "s", (0.0, 1.0e3)
+        0.0, "Added to damping.stiffness for stretching only.", "s", (0.0, 1.0e3)
     )
-    bend: float = parameter(0.0, "Added to damping.stiffness for bending alone.", "s", (0.0, 1.0e3))
+    bend: float = parameter(0.0, "Added to damping.stiffness for bending only.", "s", (0.0, 1.0e3))
     thinning: float = parameter(
         0.0,
-        "Damping of bending falls with the rate w of the curvature, by the factor 1 / sqrt(1 + "
-        "(thinning w)^2), as with friction between strands.",
+        "Rate thinning of bending damping, as from friction between strands: it is multiplied by "
+        "1 / sqrt(1 + (thinning w)^2), with the rate of curvature w.",
         "m s",
         (0.0, 1.0e6),
     )
     twist: float = parameter(
-        0.0, "Added to damping.stiffness for twisting alone.", "s", (0.0, 1.0e3)
+        0.0, "Added to damping.stiffness for twisting only.", "s", (0.0, 1.0e3)
     )
     air_drag: float = parameter(
-        0.0, "Linear drag: force per length of cable and per speed.", "N s/m^2", (0.0, 1.0e6)
+        0.0, "Linear drag: force per unit length and unit speed.", "N s/m^2", (0.0, 1.0e6)
     )
     air_drag_ratio: float = parameter(
         1.0,
-        "Share of air_drag that acts on motion of the cable along itself: 1 = the same in all "
-        "directions, 0.5 = a thin cylinder in slow flow.",
+        "Ratio of tangential to normal drag: 1 = isotropic, 0.5 = a thin cylinder in slow flow.",
         "",
         (0.0, 1.0),
     )
@@ -151,7 +151,7 @@ class Plasticity:
 
     yield_curvature: float = parameter(
         0.0,
-        "Curvature beyond which bending is plastic; 0 = bending is elastic.",
+        "Curvature beyond which bending is plastic; 0 = always elastic.",
         "1/m",
         (0.0, 1.0e5),
     )
@@ -169,8 +169,8 @@ class Torsion:
 
     curvature_floor: float = parameter(
         0.0,
-        "For terms.twist frenet: curvature below which torsion is regarded as undefined and is "
-        "suppressed; 0 = 1 % of the curvature of a ring of the cable's length.",
+        "For terms.twist frenet: curvature below which the torsion of the centerline is undefined "
+        "and suppressed; 0 = 1 % of the curvature of the cable closed to a ring.",
         "1/m",
         (0.0, 1.0e5),
     )
@@ -182,8 +182,8 @@ class Contact:
 
     stiffness: float = parameter(
         0.0,
-        "Force per length of cable and depth; 0 = the cable's weight on earth presses it in by a "
-        "thousandth of its diameter.",
+        "Contact force per unit length and penetration depth; 0 = chosen so that a resting cable "
+        "penetrates by a thousandth of its diameter under earth gravity.",
         "N/m^2",
         (0.0, 1.0e12),
     )
@@ -196,10 +196,10 @@ class Obstacle:
     name: str
     shape: str = parameter(
         "plane",
-        "plane: all that lies below the plane through position across the z axis.",
+        "plane: the half-space below the plane through position, normal to the obstacle's z axis.",
         choices=("plane",),
     )
-    position: Vector = parameter(ORIGIN, "A point of its surface.", "m", (-1.0e6, 1.0e6))
+    position: Vector = parameter(ORIGIN, "A point on its surface.", "m", (-1.0e6, 1.0e6))
     orientation: tuple[float, float, float, float] = parameter(
         (0.0, 0.0, 0.0, 1.0), "Quaternion x, y, z, w of its axes, world frame.", "", (-1.0, 1.0)
     )
@@ -219,8 +219,8 @@ class Load:
     name: str
     topic: str = parameter(
         "",
-        "Topic of the load; empty and no signal = `~/<name>/wrench` or `~/<name>/force` "
-        "(a force load named `force`: `~/force`).",
+        "Topic of the load; empty without a signal = `~/<name>/wrench` or `~/<name>/force` "
+        "(for a load named `force` of type force: `~/force`).",
         read_only=True,
     )
     type: str = parameter(
@@ -231,26 +231,26 @@ class Load:
     )
     position: float = parameter(
         1.0,
-        "Where on the cable: 0 at start, 1 at end; a load named `start` has default 0.0.",
+        "Location on the cable: 0 at start, 1 at end; the default for a load named `start` is 0.0.",
         "",
         (0.0, 1.0),
     )
     timeout: float = parameter(
         0.5,
-        "Time without a message after which the load is removed; 0 = never.",
+        "Time without messages after which the load is removed; 0 = never.",
         "s",
         (0.0, 3600.0),
     )
     sign: float = parameter(
         1.0,
-        "1: messages give the load on the cable by the end-effector; -1: the opposite.",
+        "1: messages give the load exerted on the cable by the end effector; -1: the opposite.",
         "",
         (-1.0, 1.0),
         choices=(1.0, -1.0),
     )
     signal: str = parameter(
         "none",
-        "Load without a topic: constant, or force times sin(2 pi frequency t).",
+        "Load without a topic: constant, or force and torque times sin(2 pi frequency t).",
         choices=("none", "constant", "sine"),
         read_only=True,
     )

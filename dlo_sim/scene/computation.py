@@ -22,29 +22,30 @@ class Discretization:
     )
     samples: int = parameter(
         3,
-        "Quadrature points: per knot span for gauss (2 to 10), in total for uniform (at least 2 a "
-        "span).",
+        "Quadrature points: per knot span for gauss (2 to 10), in total for uniform (at least 2 "
+        "per span).",
         "",
         (1, 100_000),
     )
     stretch: str = parameter(
         "auto",
-        "Where the stretching energy is evaluated: at every quadrature point, or from the mean "
-        "stretch of each knot span, which avoids membrane locking of thin cables with few control "
-        "points (needs gauss and 5 control points). Auto: span with gauss and 9 or more.",
+        "How the stretching energy is evaluated: at every quadrature point (sample), or from the "
+        "mean stretch of each knot span (span; needs gauss and 5 control points), which avoids "
+        "membrane locking of thin cables with few control points. Auto: span with gauss and 9 "
+        "control points or more, else sample.",
         choices=("auto", "sample", "span"),
     )
     mass: str = parameter(
         "consistent",
         "Mass matrix: consistent (banded), lumped (diagonal, less accurate), or selective: "
-        "consistent with more mass for motion that the spline does not resolve, which lets "
-        "explicit steps be about twice as long.",
+        "consistent, with added mass for motion that the spline does not resolve, which allows "
+        "explicit steps about twice as long.",
         choices=("consistent", "lumped", "selective"),
     )
     knots: str = parameter(
         "auto",
-        "Knot spans of equal length, or (auto) shorter ones towards clamped ends, where a cable "
-        "bends most; equal ones with uniform quadrature.",
+        "Auto: knot spans that are shorter near clamped ends, where a cable bends most, with gauss "
+        "and an implicit method, without grasps. Uniform: spans of equal length.",
         choices=("auto", "uniform"),
     )
 
@@ -66,16 +67,17 @@ class Terms:
 
     stretch: str = parameter(
         "auto",
-        "Axial stretching energy. Off with integrator.method auto: the cable is inextensible "
-        "(rattle) where that is possible.",
+        "Axial stretching energy. If off and integrator.method is auto, the cable is inextensible "
+        "(rattle) where possible.",
         choices=SWITCH,
     )
     bend: str = parameter("auto", "Bending energy.", choices=SWITCH)
     twist: str = parameter(
         "auto",
-        "Torsion energy and the twist angle: on = theta' alone; bishop = in a rotation-minimising "
-        "frame, which bends the cable too; quasistatic = as bishop, without inertia about the "
-        "axis; frenet = against the torsion of the centerline.",
+        "Torsional energy and twist angle theta. on: twist rate theta', which does not affect the "
+        "shape; bishop: in a rotation-minimising frame, so that twist also bends the cable; "
+        "quasistatic: as bishop, without rotary inertia about the axis; frenet: relative to "
+        "the torsion of the centerline.",
         choices=("auto", "on", "off", "bishop", "frenet", "quasistatic"),
     )
     gravity: str = parameter("auto", "Weight.", choices=SWITCH)
@@ -84,8 +86,8 @@ class Terms:
     contact: str = parameter("auto", "Contact.", choices=SWITCH)
     out_of_plane: str = parameter(
         "auto",
-        "The third coordinate. Auto leaves it out where everything stays in a coordinate plane; "
-        "off drops forces and moments out of the plane and projects the ends' motion onto it.",
+        "The third coordinate. Auto omits it if everything stays in a coordinate plane; off drops "
+        "forces and moments out of the plane and projects the motion of the ends onto it.",
         choices=SWITCH,
     )
 
@@ -96,8 +98,8 @@ class Initial:
 
     shape: str = parameter(
         "auto",
-        "Shape at the start and after a reset; auto = straight when an end is free or the held "
-        "ends are one length apart, else equilibrium.",
+        "Initial shape, also after a reset; auto = straight if an end is free or the held ends are "
+        "one cable length apart, else equilibrium.",
         choices=("auto", "straight", "equilibrium"),
     )
 
@@ -109,14 +111,14 @@ class Integrator:
     method: str = parameter("auto", "Time integration method; see `dlo_sim methods`.")
     step: float = parameter(
         0.0,
-        "Time step tau, at least 1e-9; 0 = chosen from the scene and the accuracy asked for.",
+        "Time step tau, at least 1e-9; 0 = chosen from the scene and accuracy.target.",
         "s",
         (0.0, 1.0),
     )
     spectral_radius: float = parameter(
         0.8,
         "Spectral radius of generalized_alpha at infinite frequency: 1 = no numerical damping, 0 = "
-        "the highest frequencies vanish within a step.",
+        "the highest frequencies are annihilated in one step.",
         "",
         (0.0, 1.0),
     )
@@ -127,18 +129,18 @@ class Integrator:
         (0.0, 1.0),
     )
     zhai_phi: float = parameter(
-        0.5, "Parameter phi of Zhai's method; second order only with 0.5.", "", (0.0, 1.0)
+        0.5, "Parameter phi of Zhai's method; only 0.5 is second order.", "", (0.0, 1.0)
     )
     tolerance: float = parameter(
         1.0e-6,
-        "Energy that a step of an implicit method may leave unaccounted for, as a share of the "
-        "energy exchanged; all steps together leave ten times as much.",
+        "Energy balance error allowed in one step of an implicit method, as a fraction of the "
+        "energy exchanged; the error of the whole run stays within ten times this value.",
         "",
         (1.0e-15, 1.0e-2),
     )
     on_failure: str = parameter(
         "hold",
-        "When a step fails: hold the last good state until ~/reset, or stop the node.",
+        "If a step fails: hold the last good state until ~/reset, or stop the node.",
         choices=("hold", "stop"),
     )
 
@@ -149,29 +151,32 @@ class Inputs:
 
     latency: float = parameter(
         0.06,
-        "The prediction lags by this much, so that poses are interpolated, never extrapolated.",
+        "Lag of the prediction, so that poses are interpolated, never extrapolated.",
         "s",
         (0.0, 10.0),
     )
     time: str = parameter(
         "auto",
-        "Time of an input: its header stamp, its arrival, or (auto) the stamp, shifted if it is "
-        "from another epoch than the clock.",
+        "Time of an input: its header stamp, its arrival, or (auto) the stamp, shifted if its "
+        "epoch differs from the clock's.",
         choices=("auto", "stamp", "arrival"),
     )
     tf: bool = parameter(
         False,
-        "Look up frames that the scene does not name in tf2, at the stamp of the message, which "
-        "waits for that no longer than inputs.latency.",
+        "Look up frames that the scene does not name in tf2, at the stamp of the message; the "
+        "message waits at most inputs.latency for its transform.",
         read_only=True,
     )
     max_speed: float = parameter(
-        20.0, "Poses that move faster are refused.", "m/s", (1.0e-3, 1.0e6)
+        20.0, "Poses that imply a higher speed are refused.", "m/s", (1.0e-3, 1.0e6)
     )
     max_force: float = parameter(1.0e4, "Larger forces are refused.", "N", (1.0e-6, 1.0e9))
     max_torque: float = parameter(1.0e3, "Larger torques are refused.", "N m", (1.0e-6, 1.0e9))
     catch_up: float = parameter(
-        0.1, "Most simulated time per timer tick; at least one timer period.", "s", (1.0e-3, 10.0)
+        0.1,
+        "Maximum simulated time per timer tick; at least one timer period.",
+        "s",
+        (1.0e-3, 10.0),
     )
 
 
@@ -181,29 +186,29 @@ class Measured:
 
     type: str = parameter(
         "none",
-        "Message type of ~/measured, points on the cable in any order, some hidden; none = the "
-        "prediction is not corrected.",
+        "Message type of ~/measured: points on the cable in any order, not necessarily all "
+        "visible; none = no correction.",
         choices=("none", "point_cloud", "pose_array"),
         read_only=True,
     )
     noise: float = parameter(
-        0.005, "Standard deviation of a coordinate of a measured point.", "m", (1e-6, 1.0)
+        0.005, "Standard deviation of each measured coordinate.", "m", (1e-6, 1.0)
     )
     error: float = parameter(
         0.02,
-        "Standard deviation of the error of the uncorrected prediction: the larger beside the "
-        "noise, the more a point moves the cable.",
+        "Standard deviation of the error of the uncorrected prediction: the larger it is relative "
+        "to the noise, the more a measured point moves the cable.",
         "m",
         (1e-6, 10.0),
     )
     alike_along: float = parameter(
-        0.1, "Share of the length over which that error is alike.", "", (0.01, 1.0)
+        0.1, "Correlation length of that error, as a fraction of the cable.", "", (0.01, 1.0)
     )
     alike_for: float = parameter(
-        0.25, "Time for which that error is alike: the lag of the correction.", "s", (1e-3, 100.0)
+        0.25, "Correlation time of that error: the lag of the correction.", "s", (1e-3, 100.0)
     )
     gate: float = parameter(
-        0.1, "Points further than this from the prediction are rejected.", "m", (1e-6, 100.0)
+        0.1, "Points farther than this from the prediction are rejected.", "m", (1e-6, 100.0)
     )
 
 
@@ -212,37 +217,37 @@ class Outputs:
     """What is put out besides the control points."""
 
     centerline_samples: int = parameter(
-        50, "Points of the centerline in markers and recordings.", "", (2, 10_000)
+        50, "Number of centerline points in markers and recordings.", "", (2, 10_000)
     )
     marker_rate: float = parameter(30.0, "Rate of the markers.", "Hz", (0.1, 1000.0))
     color_by: str = parameter(
         "none",
-        "What the colours of the marker of the centerline show, dark for low, bright for high: "
+        "Quantity shown by the colours of the centerline marker, from dark (low) to bright (high): "
         "tension [N] or curvature [1/m].",
         choices=("none", "tension", "curvature"),
     )
     points: bool = parameter(
         False,
-        "Publish the centerline as PointCloud2 on ~/points, with x, y, z, u [m] and, where it is "
-        "known, tension [N].",
+        "Publish the centerline as PointCloud2 on ~/points, with x, y, z, u [m] and, if known, "
+        "tension [N].",
     )
     capsules: int = parameter(
         0,
-        "Capsules that together hold the cable, published on ~/capsules for planning scenes; 0 = "
-        "none. Their radii grow where the cable bends within one.",
+        "Number of capsules that together enclose the cable, published on ~/capsules for planning "
+        "scenes; 0 = none. A capsule is thicker where the cable bends inside it.",
         "",
         (0, 1000),
     )
     tf: bool = parameter(
         False,
-        "Publish on /tf where the ends of the cable and the grippers of its grasps are, as frames "
+        "Publish the ends of the cable and the grippers of its grasps on /tf, as frames "
         "`<node>/start`, `<node>/end`, `<node>/<grasp>`.",
         read_only=True,
     )
     color_range: tuple[float, float] = parameter(
         (0.0, 0.0),
-        "Values of the darkest and of the brightest colour, in the unit of what they show; the "
-        "same twice = those of the present shape.",
+        "Values at the darkest and the brightest colour, in the unit of outputs.color_by; two "
+        "equal values = the range of the current shape.",
         "",
         (-1.0e9, 1.0e9),
     )
@@ -254,14 +259,14 @@ class Forecasts:
 
     processes: int = parameter(
         0,
-        "Processes that forecast the plans on ~/plan, beside the ticks; 0 = no forecasts.",
+        "Worker processes that forecast the plans on ~/plan; 0 = no forecasts.",
         "",
         (0, 64),
         read_only=True,
     )
-    every: float = parameter(0.05, "Time between two shapes of a forecast.", "s", (1e-3, 10.0))
+    every: float = parameter(0.05, "Time between shapes of a forecast.", "s", (1e-3, 10.0))
     ghosts: int = parameter(
-        5, "Shapes to come that the marker ~/forecast/ghosts shows.", "", (1, 100)
+        5, "Number of future shapes shown by the marker ~/forecast/ghosts.", "", (1, 100)
     )
 
 
@@ -274,7 +279,7 @@ class Accuracy:
     )
     estimate: str = parameter(
         "auto",
-        "Estimate the error by two finer simulations that run beside; auto = in the node, as "
+        "Estimate the error from two refined simulations run alongside; auto = in the node, as "
         "long as it keeps up.",
         choices=SWITCH,
     )
@@ -286,7 +291,7 @@ class State:
 
     save_to: str = parameter(
         "",
-        "File to which the node writes its state once a second, and from which it goes on when it "
-        "is started again with the same scene; empty = none.",
+        "File to which the node writes its state once a second, and from which it resumes when "
+        "restarted with the same scene; empty = none.",
         read_only=True,
     )

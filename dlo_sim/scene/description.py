@@ -74,12 +74,12 @@ class Scene:
     )
     grasps: tuple[Grasp, ...] = parameter(
         (),
-        "Names of the grippers between the ends; each has a block `grasps.<name>`.",
+        "Names of the grasps (grippers between the ends); each has a block `grasps.<name>`.",
         read_only=True,
     )
     obstacles: tuple[Obstacle, ...] = parameter(
         (),
-        "Names of what the cable can touch; each has a block `obstacles.<name>`.",
+        "Names of the obstacles; each has a block `obstacles.<name>`.",
         read_only=True,
     )
     contact: Contact = Contact()

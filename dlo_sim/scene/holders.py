@@ -14,92 +14,92 @@ class Holder:
 
     position: Vector = parameter(
         ORIGIN,
-        "End-effector position before any pose is received; for a free end only the direction "
-        "of the initial straight line.",
+        "End-effector position until the first pose arrives; for a free end it only sets the "
+        "direction of the initial straight line.",
         "m",
         (-1.0e6, 1.0e6),
     )
     fixed: Switches = parameter(
-        (True, True, True), "Per world axis: held at the position of the end-effector."
+        (True, True, True), "Per world axis: held at the position of the end effector."
     )
     spring: Vector = parameter(
         ORIGIN,
-        "Per world axis that is not fixed: spring to the position of the end-effector.",
+        "Per world axis that is not fixed: stiffness of a spring to the end effector.",
         "N/m",
         (0.0, 1.0e12),
     )
     clamped: bool = parameter(
-        False, "Tangent and twist held by the end-effector; needs all three axes fixed."
+        False, "The end effector holds tangent and roll; needs all three axes fixed."
     )
     tangent_spring: float = parameter(
         0.0,
-        "Where it is not clamped: stiffness that turns the cable towards `tangent`, by a moment of "
-        "this times the sine of the angle between them.",
+        "If not clamped: stiffness k of a spring that aligns the cable with `tangent`; its moment "
+        "is k times the sine of the angle between them.",
         "N m/rad",
         (0.0, 1.0e9),
     )
     roll_spring: float = parameter(
         0.0,
-        "Where the roll is not held: stiffness that turns the cable about itself to the roll of "
-        "the end-effector; needs the direction held by `clamped` or `tangent_spring`.",
+        "If the roll is not held: stiffness of a torsion spring to the roll of the end effector; "
+        "needs the direction held by `clamped` or `tangent_spring`.",
         "N m/rad",
         (0.0, 1.0e9),
     )
     tangent: Vector = parameter(
         ORIGIN,
-        "Direction of the cable (from start towards end) here, in the end-effector's frame; "
-        "zeros = from start.position to end.position, for two_points the x axis.",
+        "Direction of the cable here, from start towards end, in the end-effector frame; zeros = "
+        "from start.position to end.position, or with two_points the x axis.",
         "",
         (-1.0e6, 1.0e6),
     )
     offset: Vector = parameter(
         ORIGIN,
-        "Point where the cable is attached, in the end-effector's frame.",
+        "Point where the cable is attached, in the end-effector frame.",
         "m",
         (-1.0e3, 1.0e3),
     )
     jaw: float = parameter(
         0.0,
-        "Length of cable that a clamp holds straight: from an end inwards, on both sides of a "
-        "grasp in equal parts.",
+        "Length of cable that a clamp holds straight: from an end inwards, or centred on a grasp.",
         "m",
         (0.0, 1.0e3),
     )
     frame: str = parameter(
-        "", "Name of the end-effector's frame; wrenches stamped with it are rotated to the world."
+        "",
+        "Name of the end-effector frame; wrenches stamped with it are rotated to the world frame.",
     )
     pose_topic: str = parameter(
-        "", "Topic of the end-effector's pose; empty = it stands still.", read_only=True
+        "", "Topic of the end-effector pose; empty = it does not move.", read_only=True
     )
     tf_frame: str = parameter(
         "",
-        "Frame of the end-effector in tf2, from which the node takes its pose instead of a topic.",
+        "tf2 frame of the end effector; the node reads the pose from tf2 instead of a topic.",
         read_only=True,
     )
     pose_type: str = parameter(
         "pose",
-        "What the topic carries: PoseStamped, or PoseArray of two points on the line of the cable, "
-        "the first nearer to the start. The end-effector is midway between them, its x axis points "
+        "Message type: PoseStamped, or PoseArray with two points on the line of the cable, the "
+        "first nearer to the start. The end effector is midway between them; its x axis points "
         "from the first to the second and is the tangent.",
         choices=("pose", "two_points"),
         read_only=True,
     )
     pose_spacing: float = parameter(
         0.0,
-        "Distance between two_points; messages in which it is 10 % off are refused, 0 = any.",
+        "Distance between two_points; a message that is off by more than 10 % is refused; 0 = any.",
         "m",
         (0.0, 1.0e3),
     )
     pose_timeout: float = parameter(
         1.0,
-        "Time without a pose after which the last one is held, with a warning.",
+        "Time without poses after which the last pose is held, with a warning.",
         "s",
         (0.01, 3600.0),
     )
     pose_smoothing: float = parameter(
         0.0,
-        "Half the window over which poses are smoothed by local parabolas, for noisy tracking; "
-        "delays the prediction (raise inputs.latency by as much), 0 = off.",
+        "Half the window of a local quadratic fit that smooths noisy poses. It delays the poses: "
+        "raise inputs.latency by as much; 0 = off.",
         "s",
         (0.0, 1.0),
     )
@@ -144,30 +144,30 @@ class Grasp(Holder):
     name: str = ""
     at: float = parameter(
         0.5,
-        "Where on the cable it holds: 0 at start, 1 at end; negative = the point nearest to the "
-        "gripper when it takes the cable.",
+        "Location on the cable: 0 at start, 1 at end; negative = the point nearest to the gripper "
+        "when it takes the cable.",
         "",
         (-1.0, 1.0),
     )
     taken: bool = parameter(
         True,
-        "Whether it holds the cable; what is taken while the simulation runs is held where it is.",
+        "Whether it holds the cable; a point taken during the simulation is held where it is.",
     )
     taken_topic: str = parameter(
         "",
-        "Topic (Bool) that lets it take (true) or release the cable when a message arrives; "
-        "`taken` follows. Empty = parameter and services alone.",
+        "Topic (Bool): on arrival, true takes the cable and false releases it; `taken` is updated. "
+        "Empty = only the parameter and the services do this.",
         read_only=True,
     )
     clamped: bool = parameter(
         False,
-        "Direction of the cable held by the gripper too, its roll with `roll` alone; needs all "
+        "The gripper also holds the direction of the cable (not its roll, see `roll`); needs all "
         "three axes fixed.",
     )
     roll: bool = parameter(
         False,
-        "Roll of the cable held too, by a spring so stiff that a turn over the length of the cable "
-        "turns it by less than 0.001 rad; needs the direction held.",
+        "The gripper also holds the roll, by a stiff spring: one revolution of twist over the "
+        "length of the cable turns it by less than 0.001 rad; needs the direction held.",
     )
 
     @property

@@ -63,17 +63,17 @@ class Study:
 
 
 _WHAT = {
-    "paper": "Khalifa & Palli reproduced: their tables and figures beside ours, claims judged",
-    "stability": "limits and energy errors of every method over maps, extreme cables",
-    "work-precision": "error against run time: methods, resolutions, steps, beside other "
+    "paper": "the tables, figures and claims of Khalifa & Palli, next to our results",
+    "stability": "stability limits and energy errors of every method, also for extreme cables",
+    "work-precision": "error against run time of methods, resolutions and steps, also of other "
     "simulators",
-    "batch": "many cables at once: vector lanes against one by one, all cores against one",
+    "batch": "many cables at once: speed-up by vector lanes and by all cores",
     "omission": "time per step with and without each term of the shipped scenes, and the error "
-    "without",
-    "scaling": "time per step against control points, memory over many steps",
-    "endurance": "a day offline, half an hour of a disturbed node, bad input at random, rates and "
-    "overload",
-    "validation": "recorded cables (--data) beside predictions, trivial references and the noise "
-    "floor",
+    "of omitting it",
+    "scaling": "time per step against number of control points, memory over many steps",
+    "endurance": "a day of messages offline, half an hour of a disturbed node, random bad input, "
+    "rates and overload",
+    "validation": "predictions compared with recorded cables (--data), trivial references and the "
+    "noise floor",
 }
 STUDIES = {name: Study(name, what, name == "work-precision") for name, what in _WHAT.items()}

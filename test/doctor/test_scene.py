@@ -23,6 +23,6 @@ def test_method_step_limit_and_warnings_of_a_scene():
     values |= {"discretization.control_points": 7, "integrator.method": "velocity_verlet"}
     simulator = Simulator(scene_from_values(values))
     computed, method, warning, _ = findings(simulator)
-    assert computed.what.startswith("the scene computes stretch, bend; leaves out")
+    assert computed.what.startswith("active terms: stretch, bend; inactive: ")
     assert f"of the stability limit {simulator.choice.limit:.3g} s" in method.what
     assert (warning.level, "terms.gravity: off" in warning.what) == ("note", True)

@@ -105,7 +105,7 @@ def test_the_command_writes_a_scene_that_predicts(moving, tmp_path, capsys):
     )
     assert status == 0, capsys.readouterr().err
     assert "cable.bending_stiffness" in capsys.readouterr().out
-    assert " --fit cable.bending_stiffness: what differs" in output.read_text(encoding="utf-8")
+    assert " --fit cable.bending_stiffness. Only values" in output.read_text(encoding="utf-8")
     scene = load_scene(output)
     assert scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.1)
 

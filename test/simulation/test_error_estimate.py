@@ -120,7 +120,9 @@ def test_short_explicit_step_errs_far_less_in_time_than_in_space():
 
 
 def test_simulator_is_not_disturbed_and_cuts_do_not_matter():
-    first = Simulator(shipped("two_grippers", discretization__knots="uniform"))
+    first = Simulator(shipped(
+        "two_grippers", discretization__control_points=41, discretization__knots="uniform"
+    ))
     whole, pieces = (ErrorEstimate(Simulator(first.scene)) for _ in range(2))
     motion = swing(first.scene, "end", 1)[0]
     for one in (first, whole, pieces):
@@ -158,7 +160,9 @@ def test_largest_error_is_held_for_a_second():
 
 
 def test_companions_continue_from_the_present_state():
-    scene = shipped("two_grippers", discretization__knots="uniform")
+    scene = shipped(
+        "two_grippers", discretization__control_points=41, discretization__knots="uniform"
+    )
     running = Simulator(scene)
     running.advance_steps(100)
     placed = ErrorEstimate(Simulator(scene))

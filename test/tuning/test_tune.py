@@ -139,7 +139,7 @@ def test_comments_name_what_was_set_in_one_line():
     numbers = ("error_m", "reference_error_m", "wall_s_per_s", "spread", "real_time_factor")
     facts |= dict.fromkeys(numbers, 1.0) | {"repeats": 2, "reference": ""}
     first = _comments(options, facts)[0]
-    assert "--set accuracy.estimate=on --set 'end.position=[1, 0]': what differs" in first
+    assert "--set accuracy.estimate=on --set 'end.position=[1, 0]'. Only values" in first
 
 
 def test_nothing_within_the_tolerance_is_status_3_and_writes_nothing(tmp_path, capsys):
