@@ -37,7 +37,7 @@ def mean(a, b):
 
 @part
 def span_rates(shape, model, block, p, q, moved):
-    """Mean and linear part over the spans of the rate of strain in a motion `moved`."""
+    """m and l (`engine.elastic`) of the strain increment in a motion `moved`, at the midpoint."""
     average, slope = zero(), zero()
     share = load(model, block + layout.SHARE * LANES)
     for j in range(shape[layout.SAMPLES]):
@@ -56,9 +56,10 @@ def span_rates(shape, model, block, p, q, moved):
     *(NUMBERS, NUMBERS),
 )
 def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
-    """out -= discrete gradient between x0 and x1; the energy that viscosity takes into lost[0].
+    """out -= discrete gradient between x0 and x1, and viscous forces for the strain rates
+    `viscous` times the strain increments of `moved`; `viscous` is 1 / tau [1/s], 0 leaves them out.
 
-    The viscous stress is that of the motion `moved` times `viscous` = 1 / tau; 0 leaves it out.
+    lost[0] gets the energy dissipated by viscosity [J].
     """
     terms = shape[layout.TERMS]
     thinning = viscous * viscous * load(model, shape[layout.SCALES] + layout.THINNING * LANES)

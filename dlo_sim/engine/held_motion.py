@@ -1,4 +1,4 @@
-"""How what is held moves: drifts that carry the cable along, rates, work done (`engine.held`)."""
+"""Prescribed motion of the held rows (`engine.held`): drift, target rates, work."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from dlo_sim.engine.tables import grasp_of, line_of, point_of
 
 @part
 def add_moved(shape, state, scratch, share):
-    """MOVED += a share of the rows RATES."""
+    """MOVED += share RATES."""
     for k in range(shape[layout.HELD]):
         at = shape[layout.MOVED] + k * LANES
         store(state, at, load(state, at) + share * load(scratch, shape[layout.RATES] + k * LANES))
@@ -36,7 +36,7 @@ def add_moved(shape, state, scratch, share):
 
 @part
 def forget_moved(shape, state):
-    """MOVED counts from here."""
+    """MOVED = 0."""
     for at in range(shape[layout.HELD] * LANES):
         state[shape[layout.MOVED] + at] = 0.0
 
@@ -46,11 +46,11 @@ def forget_moved(shape, state):
     *(NUMBERS, NUMBERS, REAL, REAL),
 )
 def carry(shape, model, inputs, state, scratch, x, w, t, dt):
-    """Drift over dt to time t: x += dt w, and what is held to its place, with all that hangs on it.
+    """Drift over dt to time t: x += dt w, then x += Y (targets - B x).
 
-    What is held moved by the rows MOVED (added to): the mean of its way along the directions before
-    and after. What the impulses along turning directions change in the energy of w is the work of
-    the grasps: booked here.
+    MOVED += displacement of the held rows, the mean of those along the directions before and after.
+    Where directions turn, the constraint impulses change the kinetic energy of w; this is added to
+    the work of the grasps. dt = 0 only moves x onto its constraints.
     """
     held = shape[layout.HELD]
     width = shape[layout.LINE] * shape[layout.LINES]
@@ -72,7 +72,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
         return
     defects(shape, model, scratch, shape[layout.AHEAD], scratch, x)
     if turn and dt == 0.0:
-        turn_to_aim(shape, model, state, scratch)  # a jump goes along the new directions
+        turn_to_aim(shape, model, state, scratch)  # a jump uses the new directions
     elif turn:
         fill_system(
             shape, model, scratch, scratch, shape[layout.AHEAD], state, shape[layout.DIRECTION]
@@ -94,7 +94,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
 
 @part
 def target_rates(shape, model, inputs, state, scratch, x, t):
-    """Rates of the targets at fixed shape, into the rows RATES: s e.A' - e'.(b.x - s A)."""
+    """RATES = target rates s e.A' - e'.(b.x - s A); attachment A, direction e, s = sum of b."""
     for k in range(shape[layout.HELD]):
         point = point_of(shape, k)
         line = line_of(shape, k)
@@ -127,7 +127,7 @@ def target_rates(shape, model, inputs, state, scratch, x, t):
 
 @part
 def add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v):
-    """v += Y (rates of the targets at time t): the velocity from the momentum variable."""
+    """v += Y (rates of the targets at time t), which makes w the velocity."""
     if not grasps_move(shape, inputs):
         return
     target_rates(shape, model, inputs, state, scratch, x, t)
@@ -136,8 +136,8 @@ def add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v):
 
 @part
 def pulled(shape, state, rows, at):
-    """The last pull times rows at `at`: minus the work that what moves the held rows by these does,
-    or minus its power if these are their rates.
+    """PULL . rows at `at`: minus the work of the grasps for displacements of the held rows, minus
+    their power for rates.
     """
     f = zero()
     for k in range(shape[layout.HELD]):
