@@ -34,14 +34,14 @@ def notes_of(shape, scratch):
 
 
 @part
-def book(shape, state, row, amount):
+def add_to_ledger(shape, state, row, amount):
     """Add a row of amounts [J] to a row of the ledger."""
     at = shape[layout.LEDGER] + row * LANES
     store(state, at, load(state, at) + amount)
 
 
 @part
-def write(shape, state, row, value):
+def set_ledger(shape, state, row, value):
     """Set a row of the ledger."""
     store(state, shape[layout.LEDGER] + row * LANES, value)
 

@@ -21,11 +21,11 @@ from dlo_sim.compiling.lanes import LANES, first, load, shifted, store, zero
 from dlo_sim.compiling.pieces import YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
+    add_sample,
     bending_at,
     block_of,
     coefficients,
     curve,
-    gathered_sample,
     sample_of,
     scatter,
     scatter_lines,
@@ -95,9 +95,9 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
                 stress = w * (rate + 0.5 * (theta0 + theta1) + viscous * (change + own))
                 taken += w * viscous * change * (change + 2.0 * own)
                 g = bishop.mean_gradient(t0, k0, t1, k1)
-                g0 = gathered_sample(g0, stress * g[0], zero(), xi)
-                g1 = gathered_sample(g1, stress * g[1], zero(), xi)
-                g2 = gathered_sample(g2, stress * g[2], zero(), xi)
+                g0 = add_sample(g0, stress * g[0], zero(), xi)
+                g1 = add_sample(g1, stress * g[1], zero(), xi)
+                g2 = add_sample(g2, stress * g[2], zero(), xi)
         if push:
             scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
         if turn:

@@ -99,7 +99,7 @@ def dot(a, b):
 
 
 @part
-def gathered_sample(g, on_t, on_k, xi):
+def add_sample(g, on_t, on_k, xi):
     """g + gradient on A, B, C of one line from one sample's, on r' and (times d xi/du) on r''."""
     return g[0] + on_t, g[1] + (xi * on_t + on_k), g[2] + xi * (xi * on_t + 2.0 * on_k)
 
@@ -227,9 +227,9 @@ def elastic_force(shape, model, x, out):
             t0, k0 = on_c * t[0] + on_d * k[0], on_h * k[0] + on_d * t[0]
             t1, k1 = on_c * t[1] + on_d * k[1], on_h * k[1] + on_d * t[1]
             t2, k2 = on_c * t[2] + on_d * k[2], on_h * k[2] + on_d * t[2]
-            g0 = gathered_sample(g0, t0, s * k0, xi)
-            g1 = gathered_sample(g1, t1, s * k1, xi)
-            g2 = gathered_sample(g2, t2, s * k2, xi)
+            g0 = add_sample(g0, t0, s * k0, xi)
+            g1 = add_sample(g1, t1, s * k1, xi)
+            g2 = add_sample(g2, t2, s * k2, xi)
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
 
 

@@ -142,7 +142,7 @@ def pin(shape, k, value, x):
 
 
 @part
-def aim(shape, model, inputs, state, scratch, t):
+def set_targets(shape, model, inputs, state, scratch, t):
     """Write the targets and directions of all rows at time t to TARGETS and AHEAD."""
     dim = shape[layout.DIM]
     for k in range(shape[layout.HELD]):
@@ -262,7 +262,7 @@ def invert(shape, scratch, out, to):
 
 
 @part
-def turn_to_aim(shape, model, state, scratch):
+def take_directions(shape, model, state, scratch):
     """DIRECTION = AHEAD, and INVERSE for these directions."""
     for at in range(shape[layout.HELD] * layout.DIRECTION_ROWS * LANES):
         state[shape[layout.DIRECTION] + at] = scratch[shape[layout.AHEAD] + at]
@@ -272,7 +272,7 @@ def turn_to_aim(shape, model, state, scratch):
 
 
 @part
-def defects(shape, model, directions, at, scratch, x):
+def target_residuals(shape, model, directions, at, scratch, x):
     """RATES = TARGETS - B x, the constraint residuals, with the directions at `at`."""
     for k in range(shape[layout.HELD]):
         f = load(scratch, shape[layout.TARGETS] + k * LANES) - row_value(

@@ -8,10 +8,8 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import MOTION_SIZE, place, rates, turned
 from dlo_sim.engine.held import (
     add_shifts,
-    aim,
     component,
     component3,
-    defects,
     directions_turn,
     fill_system,
     grasps_move,
@@ -19,7 +17,9 @@ from dlo_sim.engine.held import (
     pin,
     point_value,
     project,
-    turn_to_aim,
+    set_targets,
+    take_directions,
+    target_residuals,
     values_along,
 )
 from dlo_sim.engine.lines import kinetic
@@ -35,7 +35,7 @@ def add_moved(shape, state, scratch, share):
 
 
 @part
-def forget_moved(shape, state):
+def clear_moved(shape, state):
     """MOVED = 0."""
     for at in range(shape[layout.HELD] * LANES):
         state[shape[layout.MOVED] + at] = 0.0
@@ -58,9 +58,9 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
     turn = False
     energy = zero()
     if moves:
-        aim(shape, model, inputs, state, scratch, t)
+        set_targets(shape, model, inputs, state, scratch, t)
         turn = directions_turn(shape, state, scratch)
-        defects(shape, model, scratch, shape[layout.AHEAD], scratch, x)
+        target_residuals(shape, model, scratch, shape[layout.AHEAD], scratch, x)
         add_moved(shape, state, scratch, 0.5 if turn else 1.0)
         if turn:
             energy = kinetic(shape, model, w)
@@ -70,9 +70,9 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
         store(x, at, load(x, at) + dt * load(w, at))
     if not moves:
         return
-    defects(shape, model, scratch, shape[layout.AHEAD], scratch, x)
+    target_residuals(shape, model, scratch, shape[layout.AHEAD], scratch, x)
     if turn and dt == 0.0:
-        turn_to_aim(shape, model, state, scratch)  # a jump uses the new directions
+        take_directions(shape, model, state, scratch)  # a jump uses the new directions
     elif turn:
         fill_system(
             shape, model, scratch, scratch, shape[layout.AHEAD], state, shape[layout.DIRECTION]
@@ -84,7 +84,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
             add_shifts(shape, model, state, scratch, 1.0 / dt, w)
         values_along(shape, model, state, scratch, x)
         add_moved(shape, state, scratch, 0.5)
-        turn_to_aim(shape, model, state, scratch)
+        take_directions(shape, model, state, scratch)
         project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
         at = shape[layout.LEDGER] + layout.DRIVE_WORK * LANES
         store(state, at, load(state, at) + kinetic(shape, model, w) - energy)

@@ -14,11 +14,11 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.bundles import CABLE, bared
 from dlo_sim.engine.elastic import (
     add_cubic,
+    add_sample,
     basis_at,
     bending_at,
     block_of,
     curve,
-    gathered_sample,
     integrated,
     line_polynomial,
     sample_of,
@@ -108,9 +108,9 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
                 on_t = combined(on_e, on_t, 2.0 * more_c, t)
                 on_t = combined(1.0, on_t, on_e, natural_curvature.cross(k, n))
                 on_k = combined(on_e, natural_curvature.cross(n, t), 0.0, t)
-                g0 = gathered_sample(g0, on_t[0], s * on_k[0], xi)
-                g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
-                g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
+                g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
+                g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
+                g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
         if push:
             scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
         if turn:

@@ -176,7 +176,7 @@ def anchor_work(shape, model, state, x0, x1):
 
 
 @part
-def book_anchors(shape, state):
+def accept_anchors(shape, state):
     """ANCHOR_BOOKED = ANCHOR: the ledger contains the work of the anchors up to here."""
     for at in range(shape[layout.SPRINGS] * LANES):
         state[shape[layout.ANCHOR_BOOKED] + at] = state[shape[layout.ANCHOR] + at]

@@ -6,11 +6,11 @@ from dlo_sim.compiling.lanes import LANES, load, store, zero
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
+    add_sample,
     bending_at,
     block_of,
     coefficients,
     curve,
-    gathered_sample,
     sample_of,
     scatter,
     scatter_lines,
@@ -62,9 +62,9 @@ def force(shape, model, state, _, x, out):
                 w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate
             )
             f = 2.0 * s * s
-            g0 = gathered_sample(g0, on_t[0], s * on_k[0], xi)
-            g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
-            g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
+            g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
+            g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
+            g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
             g0 = g0[0], g0[1], g0[2] + f * on_third[0]
             g1 = g1[0], g1[1], g1[2] + f * on_third[1]
             g2 = g2[0], g2[1], g2[2] + f * on_third[2]
