@@ -50,7 +50,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
 
     MOVED += displacement of the held rows, the mean of those along the directions before and after.
     Where directions turn, the constraint impulses change the kinetic energy of w; this is added to
-    the work of the grasps. dt = 0 only moves x onto its constraints.
+    the work of the grasps. dt = 0 is a jump: x only moves onto the constraints.
     """
     held = shape[layout.HELD]
     width = shape[layout.LINE] * shape[layout.LINES]

@@ -313,7 +313,7 @@ def damping_forces(cable, gradient, v, out):
 
 @piece(NOTHING, CABLE, carry, REAL)
 def jump(cable, carry, t):
-    """Move the held rows and the anchors to their targets at time t at once. The caller adds the
+    """Move the held rows and anchors to their targets at t instantaneously. The caller adds the
     change of the potential energy to the work of the grasps, as the rule of `works` does not apply.
     """
     shape, model, inputs, state, scratch = bared(cable)

@@ -279,7 +279,7 @@ def twist_reactions(shape, model, scratch, tau):
 
 @piece(*END)
 def end_twist(shape, model, inputs, state, scratch, t0, tau):
-    """Solve for the twist if `step_twist` has not; its reactions. Returns the energy dissipated."""
+    """The twist, unless `step_twist` solved for it, and its reactions. Returns the energy lost."""
     lost = 0.0
     if not shape[layout.TERMS] & layout.BISHOP:
         x = shifted(state, shape[layout.X])

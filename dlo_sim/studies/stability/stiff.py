@@ -122,8 +122,8 @@ def describe(report: Report, rows: list[list[Any]]) -> dict[str, str]:
         or the shipped 101 samples), compared with forest_ruth at its own step with the same
         quadrature, timed in turn. Errors are largest distances over the first 2 s from a fine mesh;
         the converged step is on the mesh of the run. energy_momentum_4 takes five sub-steps in a
-        step, one of them backwards in time; its iterations are those of all five. Steps with several
-        times the usual iterations did not converge at first and were subdivided."""
+        step, one of them backwards in time; its iterations are those of all five. Steps with many
+        more iterations than usual did not converge at first and were subdivided."""
     )
     caption = "Energy-conserving methods at steps of milliseconds, compared with Forest-Ruth"
     report.table("stiff", HEADER, rows, caption)
