@@ -4,7 +4,7 @@
     model    constants: mesh, mass, stiffnesses, constraint rows
     inputs   set by the caller: motions of the grasps, loads
     state    everything that a step changes; a snapshot holds all of it
-    scratch  working memory; nothing in it passes from one step to the next
+    scratch  working memory; nothing in it is needed after a call
 
 A *line* holds one coordinate of all control points (x, y, z of the scene's axes, then the twist
 angle). Zeros before and after it allow whole vectors to be loaded at its ends: entry k is at
