@@ -1,1 +1,1 @@
-"""From Python functions to machine code: vector lanes, pieces, and where their code is kept."""
+"""Compilation of Python functions: vector lanes, pieces, and the cache of machine code."""

@@ -1,7 +1,7 @@
-"""Where machine code is kept, and who is trusted with it.
+"""The cache directory of machine code, and its protection against other users.
 
-Loading machine code means running it, so it is only loaded from where nobody but this user and root
-could have put it (`trust_problem`).
+Loading machine code means running it, so it is loaded only from places where none but this user and
+root could have written it (`trust_problem`).
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ COMPILED_ROOMS = ("compiling", "engine", "methods", "terms")
 
 _log = logging.getLogger(LOGGER)
 _said: set[str] = set()
-_turn = threading.RLock()  # numba's setting is process-wide
+_turn = threading.RLock()  # numba's cache setting is process-wide
 _SEAL = hashlib.sha256().digest_size
 
 
 def base_directory() -> Path:
-    """The user's directory of machine code of every version, without symbolic links."""
+    """The user's cache directory, shared by all versions, with symbolic links resolved."""
     base = os.environ.get("DLO_SIM_CACHE") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     return (Path(base).expanduser() / "dlo_sim").resolve()
 
 
 @functools.cache
 def digest() -> str:
-    """Of the sources of all compiled functions and their place, the compiler and the machine.
+    """Hash of the sources of all compiled functions and their path, the compiler and the machine.
 
-    numba looks only at the file of the function itself; one that calls another file's function
-    would go stale after an upgrade. It looks at the file's place too: two installations would go on
-    replacing each other's.
+    numba's own check covers only the file of the function itself, so code that calls functions of
+    other files would be stale after an upgrade. The path separates two installations, which would
+    otherwise replace each other's code.
     """
     found = hashlib.sha256()
     root = Path(__file__).parents[1]
@@ -59,7 +59,7 @@ def digest() -> str:
 
 
 def trust_problem(path: Path) -> str:
-    """Why another user could have put machine code there; an empty string if none could.
+    """Why another user could have written machine code there; an empty string if none could.
 
     The path, which holds no symbolic links, and every directory above it must belong to root or to
     this user, and no other user may write to them. Hence a directory that root made is trusted,
@@ -92,8 +92,8 @@ def trust_problem(path: Path) -> str:
 
 @functools.cache
 def _private(user: int, group: int) -> bool:
-    """Whether a group is a user's private one: it has the user's name, and the system lists no
-    other user in it, nor one whose primary group it is."""
+    """Whether a group is a user's private one: it has the user's name, and no other user is a
+    member of it or has it as primary group."""
     import grp
     import pwd
 
@@ -107,11 +107,11 @@ def _private(user: int, group: int) -> bool:
 
 @contextlib.contextmanager
 def kept(name: str) -> Iterator[None]:
-    """Inside, numba finds the machine code kept under this name; new machine code is kept.
+    """Context in which numba finds the machine code cached under this name; new code is cached.
 
-    numba itself sees only a new, private directory: what is kept is one file, put there whole and
-    read only if it is trusted and its checksum agrees. Whatever else is there is compiled again and
-    replaced. Its setting is process-wide and belongs to the user, so it is put back.
+    numba itself uses a new, private directory. The cache entry is one file, written atomically and
+    read only if it is trusted and its checksum agrees; otherwise the code is compiled again and
+    the entry replaced. numba's process-wide cache setting is restored at the end.
     """
     path = base_directory() / digest() / name
     with _turn, tempfile.TemporaryDirectory() as place:
@@ -146,7 +146,7 @@ class _Telling(logging.Handler):
 
 @contextlib.contextmanager
 def compiling_told_to(tell: Callable[[str], object]) -> Iterator[None]:
-    """Inside, `tell` gets the line that says that something is compiled."""
+    """Context in which `tell` also gets the log line that announces a compilation."""
     handler = _Telling(tell)
     level = _log.level
     _log.addHandler(handler)
@@ -159,7 +159,7 @@ def compiling_told_to(tell: Callable[[str], object]) -> Iterator[None]:
 
 
 def _read(path: Path) -> dict[str, bytes]:
-    """The files kept in one; none if it is missing, damaged or another user could have put it."""
+    """The files in a cache entry; none if it is missing, damaged or not trusted."""
     try:
         if trust_problem(path):
             return {}
@@ -174,10 +174,10 @@ def _read(path: Path) -> dict[str, bytes]:
 
 
 def _write(path: Path, files: dict[str, bytes]) -> None:
-    """Keep files in one that is whole or absent, for this user to write and for all to read.
+    """Write a cache entry atomically, writable by this user and readable by all.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: it cannot be written.
     """
     data = pickle.dumps(files)
     with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as partial:
@@ -192,7 +192,7 @@ def _write(path: Path, files: dict[str, bytes]) -> None:
 
 
 def _obstacle(directory: Path) -> str:
-    """Why nothing can be kept in a directory, which is made if it is missing; empty if it can."""
+    """Why a directory cannot serve as cache, empty if it can; creates it if it is missing."""
     try:
         for place in (*reversed(directory.parents), directory):
             place.mkdir(mode=0o755, exist_ok=True)
@@ -204,7 +204,7 @@ def _obstacle(directory: Path) -> str:
 
 
 def _say(directory: Path) -> None:
-    """Say, once per process, that something is compiled, and why every start will if so."""
+    """Log, once per process, that code is compiled, and why it cannot be cached if so."""
     obstacle = _obstacle(directory)
     told, level = f"once per installation, some 45 s, kept in {directory.parent}", logging.INFO
     if obstacle:

@@ -1,9 +1,9 @@
-"""Eight numbers as one value of compiled code: arithmetic on them stays in vector registers.
+"""A SIMD type for compiled code: eight numbers as one value, kept in a vector register.
 
-Arrays are handed from function to function as the bare address of their numbers.
+Arrays are passed between functions as the bare address of their numbers.
 
-A lane is a knot span of one cable, or the same span of eight cables. Everything that looks through
-the samples of a cable is written once, in lanes, and serves both.
+A lane is a knot span of one cable, or the same span of eight cables. Loops over the samples of a
+cable are written once, in lanes, and serve both.
 
 With NUMBA_DISABLE_JIT the same names are numpy functions on arrays of shape (8,), so that a step
 can be followed in a debugger.
@@ -22,7 +22,7 @@ LANES = 8
 if config.DISABLE_JIT:
 
     class _Array(np.ndarray):
-        """Lanes are values: a += b makes another, as in machine code."""
+        """Lanes have value semantics: a += b makes a new value, as in compiled code."""
 
     for _name in ("add", "sub", "mul", "truediv"):
         setattr(_Array, f"__i{_name}__", getattr(np.ndarray, f"__{_name}__"))
@@ -128,7 +128,7 @@ else:
 
     @intrinsic
     def bare(typing: Any, array: Any) -> Any:
-        """The numbers of an array: one machine word instead of seven, and nothing to count."""
+        """Address of an array's numbers: one machine word instead of seven, no reference count."""
 
         def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return context.make_array(signature.args[0])(context, builder, values[0]).data

@@ -1,12 +1,12 @@
-"""How functions become machine code: once per installation, whatever the scene.
+"""Compilation to machine code, once per installation and independent of the scene.
 
-A `part` is compiled into the functions that call it. A `Piece` has a signature of arrays and
-numbers, is compiled at its first use, and kept on disk; loops take pieces as arguments, so that
-their machine code does not contain that of the pieces again. Terms that a scene lacks are skipped
-at run time by the bits of `engine.layout.TERMS`: a predictable branch per eight spans.
+A `part` is compiled into the functions that call it. A `Piece` has a fixed signature, is compiled
+at its first use and cached on disk; loops take pieces as arguments, so that the code of a piece is
+not compiled again into each loop. Terms that a scene lacks are skipped at run time by the bits
+`engine.layout.TERMS`: a predictable branch per eight spans.
 
-Settings: error_model numpy (a division by zero gives inf, which the guards see, not an exception);
-fastmath {contract} (fused multiply-add only; NaN and the order of sums keep their meaning).
+Settings: error_model numpy (a division by zero gives inf, which the divergence checks detect, not
+an exception); fastmath {contract} (fused multiply-add only; NaN and the order of sums are kept).
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ WHOLE = types.int64
 NOTHING = types.void
 TRUTH = types.boolean
 COUNTS = types.UniTuple(types.int64, 3)
-YES, NO = np.bool_(True), np.bool_(False)  # of True numba compiles what it is passed to once more
+YES, NO = np.bool_(True), np.bool_(False)  # literal True makes numba compile another specialisation
 
-# It is issued wherever functions of a fixed signature are arguments, at run time too.
+# Issued wherever functions of a fixed signature are arguments, at run time too.
 warnings.filterwarnings("ignore", "First-class function", NumbaExperimentalFeatureWarning)
 
 part: Callable[[F], F] = njit(**_OPTIONS)
@@ -63,7 +63,7 @@ class Piece:
         self._code: Callable[..., Any] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies in other processes are the piece of that name there."""
+        """Pickle by name: a copy in another process is the piece of that name there."""
         return _named, (self.function.__module__, self.function.__qualname__)
 
     @property
@@ -81,7 +81,7 @@ class Piece:
         try:
             with kept(f"{function.__module__}.{function.__qualname__}"):
                 return njit(self._signature, cache=True, **_OPTIONS)(function)
-        except OSError:  # no room for files, not even for a moment
+        except OSError:  # no room even for temporary files
             return njit(self._signature, **_OPTIONS)(function)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -94,7 +94,7 @@ def _named(module: str, name: str) -> Any:
 
 
 def piece(result: Any, *arguments: Any) -> Callable[[Callable[..., Any]], Piece]:
-    """Make a function a piece; arguments that are pieces are named by themselves."""
+    """Decorator: make a function a piece of this signature; pieces stand for their own types."""
     found = types.Tuple(result) if isinstance(result, tuple) else result
     return lambda function: Piece(function, found(*[_kind(given) for given in arguments]))
 
@@ -106,13 +106,13 @@ def bundle(*kinds: Any) -> Any:
 
 def _kind(given: Any) -> Any:
     if isinstance(given, tuple):
-        # numba 0.58 takes a tuple that begins with a function for one of like functions.
+        # numba 0.58 would type a tuple that starts with a function as homogeneous.
         return types.Tuple([types.int64, *[_kind(one) for one in given]])
     return given.kind if isinstance(given, (Piece, Engine)) else given
 
 
 def code_of(given: Any) -> Any:
-    """Machine code of a piece; of a tuple of pieces their number, then that of each."""
+    """Machine code of a piece; for a tuple of pieces its length, then the code of each."""
     if isinstance(given, tuple):
         return len(given), *[code_of(one) for one in given]
     return given.code
@@ -120,7 +120,7 @@ def code_of(given: Any) -> Any:
 
 @structref.register
 class _EngineType(types.StructRef):
-    """Type of what `Engine.code` is."""
+    """Type of `Engine.code`."""
 
 
 class _Handle(structref.StructRefProxy):
@@ -135,10 +135,10 @@ def _handle(pieces: Any) -> Any:
 
 
 class Engine:
-    """Pieces that a loop calls, (nested) tuples of them: in compiled functions `engine.pieces`,
-    behind their number.
+    """The pieces, or nested tuples of pieces, that a loop calls. Compiled functions access them as
+    `engine.pieces`, a tuple that starts with its length.
 
-    Each function that Python hands over costs a call some 25 us; one handle to all of them 1 us.
+    Each function passed from Python costs a call some 25 us; one handle to all of them 1 us.
     """
 
     def __init__(self, *pieces: Any) -> None:
@@ -146,7 +146,7 @@ class Engine:
         self.kind = _EngineType([("pieces", _kind(pieces))])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies, and what is unpickled, make handles of their own."""
+        """Copies and unpickled engines create their own handles."""
         return {name: value for name, value in vars(self).items() if name != "code"}
 
     @functools.cached_property

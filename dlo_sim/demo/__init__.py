@@ -1,1 +1,1 @@
-"""The main job on input that the package makes itself: bag, prediction, picture, summary."""
+"""A demonstration on generated input: bag, prediction, page, picture, summary."""

@@ -1,4 +1,4 @@
-"""The demo from end to end: make a bag, replay it through a scene, draw, summarise."""
+"""The demo: generate a bag, replay it through a scene, draw, summarise."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class DemoError(Exception):
 
 @dataclass
 class DemoSummary(ReplayFigures):
-    """What the demo did: the figures of its replay, and these.
+    """Results of the demo: the figures of its replay, and these.
 
     Attributes:
         scene, input, predicted, page, picture: files written; picture is empty without matplotlib.
-        notes: what is missing, and the cure.
+        notes: warnings of the replay, and what is missing with the cure.
         tip_speed_max: largest speed of the free end [m/s].
         reaction_max: largest force at the gripper [N]; reaction_rest: before it moves [N].
-        try_next: what else can be done -> the command.
+        try_next: suggestion -> its command.
     """
 
     scene: str = ""
@@ -59,12 +59,12 @@ def run_demo(
     """Run the demo into a folder.
 
     Args:
-        output_dir: made if it does not exist; the results of an earlier demo in it are replaced.
+        output_dir: created if missing; the results of an earlier demo in it are replaced.
         duration: of the generated bag [s].
         progress: called now and then with the fraction done.
 
     Raises:
-        DemoError: the folder holds something else, or cannot be written; nothing was changed.
+        DemoError: the folder contains other files, or cannot be written; nothing was changed.
     """
     folder = Path(output_dir)
     _make_room(folder)
@@ -83,7 +83,7 @@ def run_demo(
 
 
 def _make_room(folder: Path) -> None:
-    """Make the folder; clear what an earlier demo has left in it and refuse anything else."""
+    """Create the folder; remove the results of an earlier demo and refuse other files."""
     mine = {SCENE, INPUT, PREDICTED, PAGE, PICTURE}
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The picture of the demo; the only file of this room that knows matplotlib."""
+"""The picture of the demo; the only file of `demo` that imports matplotlib."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from dlo_sim.view.run import Run
 
 Array = NDArray[np.float64]
 
-_EVERY = 0.1  # s between two cables drawn
+_EVERY = 0.1  # [s] between two drawn cables
 _MAP = "plasma"
 _NAMES = "xyz"
 _COLORS = ("tab:blue", "tab:orange", "tab:green")
 
 
 def draw_motion(prediction: Run, gripper: Array, hand: Array, path: Path) -> None:
-    """Draw the cable from two sides with time as colour; beside it the inputs and the reaction.
+    """Draw the cable in two views with time as colour, and curves of the inputs and the reaction.
 
     Args:
         gripper: time [s] and position of the gripper [m], shape (n, 4).
@@ -57,7 +57,7 @@ def draw_motion(prediction: Run, gripper: Array, hand: Array, path: Path) -> Non
 def _draw_view(
     axes: Axes, prediction: Run, gripper: Array, plane: Sequence[int], scale: Normalize
 ) -> None:
-    """Cables at equal time steps in one plane of the world, and the paths of both their ends."""
+    """Draw cables at equal time intervals in one plane of the world, and the paths of both ends."""
     step = max(1, round(_EVERY / float(np.median(np.diff(prediction.time)))))
     cables = prediction.centerline[:, :, plane]
     _add_lines(axes, cables[::step], prediction.time[::step], scale, linewidths=1.0, alpha=0.55)
@@ -75,12 +75,12 @@ def _draw_view(
 
 
 def _add_lines(axes: Axes, lines: Array, time: Array, scale: Normalize, **style: float) -> None:
-    """Lines (k, points, 2) whose colour is their time."""
+    """Add lines, shape (k, points, 2), coloured by their time."""
     axes.add_collection(LineCollection(list(lines), array=time, cmap=_MAP, norm=scale, **style))
 
 
 def _draw_components(axes: Axes, rows: Array, label: str) -> None:
-    """Three components over time; rows hold the time and x, y, z."""
+    """Plot three components over time; rows are time, x, y, z."""
     for k, color in enumerate(_COLORS):
         axes.plot(rows[:, 0], rows[:, k + 1], color=color, linewidth=1.2, label=_NAMES[k])
     axes.grid(alpha=0.3)

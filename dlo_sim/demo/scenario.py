@@ -1,7 +1,7 @@
-"""What the demo shows: a cable, a gripper that swings it, a hand that pulls at its free end.
+"""The scenario of the demo: a cable, a gripper that swings it, a hand that pulls at its free end.
 
-The gripper's pose comes at 100 Hz and the hand's wrench at 200 Hz, with the noise of good sensors
-and the arrival times of a network; everything is drawn from one seed.
+The gripper's pose has a rate of 100 Hz and the hand's wrench 200 Hz, with the noise of good sensors
+and the delays of a network, all from one random seed.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ EPOCH_NS = 1_700_000_000 * SECOND  # of the first stamp
 _REST = 0.5  # s before the gripper moves
 _MOVING = 4.0  # s
 _LOOPS = 1
-PULL = (5.4, 6.4)  # s; when the hand pulls
+PULL = (5.4, 6.4)  # s; start and end of the hand's pull
 _PULL_FORCE = np.array([0.1, 0.4, 0.15])  # N
 _PULL_TORQUE = np.array([0.0, 0.0, 0.01])  # N m
 
 
 class Message(NamedTuple):
-    """Topic, time of arrival [ns], serialised message."""
+    """Topic, arrival time [ns], serialised message."""
 
     topic: str
     time_ns: int
@@ -76,13 +76,13 @@ class Message(NamedTuple):
 
 
 def gripper_pose(t: Array) -> tuple[Array, Array]:
-    """Pose of the gripper at times t [s]: two rounds of an eight, from rest to rest.
+    """Pose of the gripper at times t [s]: one figure of eight, from rest to rest.
 
     Returns:
         Positions [m], shape (n, 3), and quaternions x, y, z, w, shape (n, 4).
     """
     s = np.clip((t - _REST) / _MOVING, 0.0, 1.0)
-    # The polynomial of least jerk from 0 to 1 with velocity and acceleration zero at both ends.
+    # Minimum-jerk polynomial from 0 to 1, with zero velocity and acceleration at both ends.
     phase = 2.0 * np.pi * _LOOPS * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
     across, along = np.sin(phase), np.sin(2.0 * phase)
     position = np.stack((0.08 * along, 0.35 * across, 1.0 + 0.08 * along), axis=-1)
@@ -99,7 +99,7 @@ def hand_wrench(t: Array) -> Array:
 
 
 def messages(duration: float = DURATION, seed: int = SEED) -> Iterator[Message]:
-    """All messages in the order of their arrival."""
+    """All messages in order of arrival."""
     random = np.random.default_rng(seed)
     t_pose = np.arange(round(duration * 100.0) + 1) / 100.0
     position, orientation = gripper_pose(t_pose)
@@ -117,7 +117,7 @@ def messages(duration: float = DURATION, seed: int = SEED) -> Iterator[Message]:
 
 
 def _stream(topic: str, t: Array, values: Array, random: np.random.Generator) -> Iterator[Message]:
-    """One topic: stamped at t [s], arriving some milliseconds later, in order."""
+    """Messages of one topic: stamped at t [s], arriving some milliseconds later, in order."""
     encoder = cdr.StampedEncoder(TOPICS[topic], "world")
     arrival = np.maximum.accumulate(t + random.gamma(2.0, 1e-3, size=t.shape))
     for stamp, arrived, row in zip(t, arrival, values, strict=True):

@@ -1,1 +1,1 @@
-"""One cable as arrays: mesh, forces, what is held, and the account of its energy."""
+"""One cable as arrays: mesh, forces, constraints of the grasps, and the energy ledger."""

@@ -1,8 +1,7 @@
-"""The energy account: energy, work and loss of a run, and whether they still agree.
+"""The energy account: energies, work and dissipation of a run, and the error of their balance.
 
-Energies count by term (`layout.ENERGIES`), a row each. The energy of what is held is left out of
-the kinetic energy: it is that of w, the motion that leaves the grasps at rest. Of one cable only
-lane 0 of the ledger counts.
+The kinetic energy is that of w, the motion relative to the prescribed one (`engine.held`); the
+energy of the prescribed motion is not included. For one cable only lane 0 of the ledger is used.
 """
 
 from __future__ import annotations
@@ -17,51 +16,52 @@ from dlo_sim.engine.lines import kinetic
 from dlo_sim.engine.torsion import undefined_torsion
 
 DIVERGED_SHARE = 0.5  # of the energy exchanged so far; a usable run stays far below
-RESOLUTION = 1e6  # times the round-off of the energies: below that, differences mean nothing
+RESOLUTION = 1e6  # ratio of the ledger's floor to the round-off of the energies
 EPSILON = 2.2e-16
 COUNT = len(layout.ENERGIES)
 
 
 @part
 def cables(shape):
-    """Cables side by side."""
+    """Number of cables: 1 or LANES."""
     return shape[layout.STRIDE]
 
 
 @part
 def notes_of(shape, scratch):
-    """Rows for passing results."""
+    """The rows NOTES, which pass results from one function to the next."""
     return shifted(scratch, shape[layout.NOTES])
 
 
 @part
-def book(shape, state, row, amount):
+def add_to_ledger(shape, state, row, amount):
     """Add a row of amounts [J] to a row of the ledger."""
     at = shape[layout.LEDGER] + row * LANES
     store(state, at, load(state, at) + amount)
 
 
 @part
-def write(shape, state, row, value):
+def set_ledger(shape, state, row, value):
     """Set a row of the ledger."""
     store(state, shape[layout.LEDGER] + row * LANES, value)
 
 
 @part
 def strain_round_off(stiffness, energy, strain):
-    """Round-off of an energy E = k eps^2 / 2 [J] whose strain is known to `strain`:
-    k (eps strain + strain^2). It outweighs that of E itself where the strain is small.
+    """Round-off [J] of E = k eps^2 / 2 due to an error `strain` of eps: k (eps strain + strain^2).
+
+    For small eps it exceeds the round-off of E itself. `stiffness` is k, `energy` is E.
     """
     return np.sqrt(2.0 * abs(energy) * stiffness) * strain + stiffness * strain * strain
 
 
 @part
 def raise_floor(shape, model, state, large, kinetic_energy, lane):
-    """Raise the floor of one cable to that of the present state.
+    """Raise FLOOR of one cable to RESOLUTION times the round-off of the present energies.
 
-    Strain is a difference of coordinates over a span, curvature one over the square of a span, so
-    their round-off grows with the number of spans and with the distance from the origin. `large`:
-    sum of the sizes of the weight's energy.
+    Strain is a difference of coordinates divided by the span length, curvature one divided by its
+    square, so their round-off grows with the number of spans and the distance from the origin.
+    `large`: sum of the absolute summands of the gravitational energy [J].
     """
     stride, ledger = shape[layout.STRIDE], shape[layout.LEDGER] + lane
     reach = 0.0
@@ -87,7 +87,7 @@ def raise_floor(shape, model, state, large, kinetic_energy, lane):
 
 @part
 def count_torsion(shape, model, state, scratch):
-    """Book how many samples have no torsion worth the name at the present shape."""
+    """Update the counts of samples whose torsion is suppressed (`terms.torsion`)."""
     if shape[layout.TERMS] & layout.TORSION:
         count = undefined_torsion(shape, model, scratch, shifted(state, shape[layout.X]))
         at = shape[layout.LEDGER]
@@ -100,8 +100,8 @@ def count_torsion(shape, model, state, scratch):
 
 @part
 def measure(shape, model, state, scratch, look):
-    """Kinetic energy of w into row 0 of the notes; potential energies into the ledger and the rows
-    behind.
+    """Write the kinetic energy of w to row 0 of the notes, and the potential energies to the
+    following rows and to the ledger.
     """
     x, out = shifted(state, shape[layout.X]), notes_of(shape, scratch)
     store(out, 0, kinetic(shape, model, shifted(state, shape[layout.W])))
@@ -112,7 +112,7 @@ def measure(shape, model, state, scratch, look):
 
 @part
 def open_account(shape, model, state, scratch, look):
-    """Open the account at the present state; the ledger holds nothing but a floor."""
+    """Start the account at the present state, with a ledger that is zero except for FLOOR."""
     count_torsion(shape, model, state, scratch)
     measure(shape, model, state, scratch, look)
     out = notes_of(shape, scratch)
@@ -130,7 +130,7 @@ def open_account(shape, model, state, scratch, look):
 
 @part
 def total_energy(shape, state, kinetic_energy, lane):
-    """Energy [J] of one cable whose potential energies were measured."""
+    """Kinetic plus potential energy [J] of one cable; the ledger holds the potential energies."""
     total = kinetic_energy
     for k in range(COUNT):
         total += state[shape[layout.LEDGER] + (layout.ENERGY + k) * LANES + lane]
@@ -139,11 +139,12 @@ def total_energy(shape, state, kinetic_energy, lane):
 
 @piece(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, ANY.energies)
 def update_account(shape, model, state, scratch, look):
-    """Compare the energy with work done and energy lost; whether all cables are sane.
+    """Update the error of the energy balance, |energy - start - work + dissipated|.
 
-    Row 0 of the notes gets the energies [J]; row 1 is 1.0 for each sane cable.
+    Return whether all cables are sane: energy finite, error at most DIVERGED_SHARE of EXCHANGED or
+    FLOOR. Row 0 of the notes gets the energies [J], row 1 a 1.0 for each sane cable.
     """
-    count_torsion(shape, model, state, scratch)  # before: it uses the notes as well
+    count_torsion(shape, model, state, scratch)  # first, because it overwrites the notes
     measure(shape, model, state, scratch, look)
     out = notes_of(shape, scratch)
     sane = True

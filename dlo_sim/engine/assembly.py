@@ -1,5 +1,5 @@
-"""All terms of a scene as the methods take them: what one pass over the samples assembles, and the
-terms that have a file of their own.
+"""Forces, energies and Jacobians of a scene, as the methods call them: the basic terms and the
+optional ones.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OPTIONAL = (
     contact.TERM,
     drag.TERM,
 )
-"""The terms that a scene may lack; a new one is added here."""
+"""The optional terms; a new one is added here."""
 
 
 BITS = functools.reduce(operator.or_, (term.bit for term in OPTIONAL), layout.TWISTED)
@@ -34,8 +34,8 @@ T = TypeVar("T")
 
 
 class Assembly(NamedTuple):
-    """Functions of all terms, for the parts below: what every scene has, then that of each optional
-    term that supplies one.
+    """Functions of all terms, for the parts below: first those of the basic terms, then a tuple
+    with those of the optional terms. Compiled tuples start with their length (`pieces.code_of`).
     """
 
     forces: Any
@@ -46,13 +46,13 @@ class Assembly(NamedTuple):
 
 
 def by_terms(make: Callable[[int], T]) -> Callable[[int], T]:
-    """What is made from the bits of the terms, once for all scenes that agree in those of BITS."""
+    """Cache a function of the bits of the terms; scenes that agree in BITS share a result."""
     made = functools.lru_cache(make)
     return lambda terms: made(int(terms) & BITS)
 
 
 def _functions(name: str, terms: int) -> tuple[Piece, ...]:
-    """This function of every term that supplies it; of those not in these bits, the empty one."""
+    """The function of this name of every term that has one, empty for terms not in these bits."""
     empty = getattr(NO_TERM, name)
     having = [term for term in OPTIONAL if getattr(term, name) is not empty]
     return tuple(getattr(term, name) if terms & term.bit else empty for term in having)
@@ -72,12 +72,12 @@ def assembly(terms: int) -> Assembly:
 
 
 ANY = assembly(0)
-"""Of the type of all others, for signatures."""
+"""Its type, the same for all scenes, appears in signatures."""
 
 
 @part
 def all_forces(assembled, shape, model, state, x, out):
-    """out = - dU/dq of everything that has a potential."""
+    """out = - dU/dq of all terms."""
     _, forces, others = assembled
     forces(shape, model, state, x, out)
     for add in others[1:]:
@@ -86,9 +86,7 @@ def all_forces(assembled, shape, model, state, x, out):
 
 @part
 def all_energies(assembled, shape, model, state, x, out):
-    """Potential energies [J] by term (`layout.ENERGIES`) as rows of `out`; then the sum of the
-    sizes of the weight's parts.
-    """
+    """Potential energies [J] of all terms into `out`, as `forces.energies`."""
     _, energies, others = assembled
     energies(shape, model, state, x, out)
     for add in others[1:]:
@@ -97,7 +95,7 @@ def all_energies(assembled, shape, model, state, x, out):
 
 @part
 def discrete_gradient(assembled, shape, model, state, x0, x1, moved, viscous, out, lost):
-    """out -= discrete gradient between x0 and x1, and viscous stresses (`discrete_force`)."""
+    """out -= discrete gradient between x0 and x1, and viscous forces (`discrete_force`)."""
     _, discrete_force, others, _ = assembled
     discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost)
     for add in others[1:]:
@@ -106,7 +104,7 @@ def discrete_gradient(assembled, shape, model, state, x0, x1, moved, viscous, ou
 
 @part
 def add_damping(assembled, shape, model, x, moved, scale, out):
-    """out -= scale C(x) moved of the optional terms, from the functions of the gradient."""
+    """out -= scale C(x) moved of the optional terms; `assembled`: Assembly.gradient."""
     _, _, _, others = assembled
     for add in others[1:]:
         add(shape, model, x, moved, scale, out)
@@ -114,7 +112,7 @@ def add_damping(assembled, shape, model, x, moved, scale, out):
 
 @part
 def add_damping_tangent(assembled, shape, model, x, scale, scratch, band):
-    """band += scale C(x) of the optional terms, from the functions of the tangent."""
+    """band += scale C(x) of the optional terms; `assembled`: Assembly.tangent."""
     _, _, _, others = assembled
     for add in others[1:]:
         add(shape, model, x, scale, scratch, band)
@@ -122,7 +120,7 @@ def add_damping_tangent(assembled, shape, model, x, scale, scratch, band):
 
 @part
 def all_tangents(assembled, shape, model, state, x0, x1, viscous, scale, scratch, band):
-    """band += scale times the Jacobian of the discrete gradient by x1 (`add_tangent`)."""
+    """band += scale times the Jacobian of the discrete gradient, of all terms (`add_tangent`)."""
     _, add_tangent, others, _ = assembled
     add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band)
     for add in others[1:]:
@@ -131,8 +129,8 @@ def all_tangents(assembled, shape, model, state, x0, x1, viscous, scale, scratch
 
 @part
 def flow(flows, shape, model, inputs, state, scratch):
-    """Change of the terms' own state at the shape after a step; whether that changes forces. Then
-    the next step computes them anew, as it would after a pause between two calls.
+    """Update the internal variables of the terms at the end of a step. Return whether that may
+    change the forces, so that the next step must evaluate them again.
     """
     for change in flows[1:]:
         change(shape, model, inputs, state, scratch)

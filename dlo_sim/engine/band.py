@@ -1,9 +1,9 @@
-"""The linear system of one cable: band matrix over all spatial unknowns, what is held in it, LU.
+"""The linear system of one cable: band matrix over all spatial unknowns, constraints, LU factors.
 
-Unknown (control point i, line d) has index i dim + d; storage as in `engine.tangent`. A control
-point that a clamp holds across its tangent is turned into the frame of the clamp, tangent first:
-its rows by the directions along which the force of the clamp acts, its columns by those that its
-end has. What is held is then held unknown by unknown.
+Unknown (control point i, line d) has index i dim + d; storage as in `engine.tangent`. At a control
+point that a clamp holds normal to its tangent, the unknowns are rotated into the frame of the
+clamp, tangent first: the equations with the directions of the constraint forces, the unknowns with
+the directions at the end of the step. Each constraint then fixes a single unknown.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ PADDING = 16  # zeros before and behind a vector of all unknowns
 
 @part
 def width_of(dim):
-    """Entries of a row of the matrix: 8 dim - 1 and zeros, whole vectors."""
+    """Stored entries per matrix row: 8 dim - 1, padded with zeros to whole vectors."""
     return 16 if dim == 2 else 32
 
 
 @part
 def add_to_spans(shape, b, first, other, i, j, factor, numbers, at, band):
-    """Add a number a span of a block, times a factor, between line i of control point `first` of
-    the span and line j of `other`.
+    """Add factor times one number per span of a block (`numbers` at `at`) to the matrix entries
+    between line i of the span's control point `first` and line j of `other`.
     """
     dim = shape[layout.DIM]
     half, width = 4 * dim - 1, width_of(dim)
@@ -43,7 +43,7 @@ def clear_band(shape, band):
 
 @part
 def add_lines(shape, model, matrix, scale, band):
-    """band += scale times a matrix of seven lines, the same on every spatial line."""
+    """band += scale times a matrix given by seven diagonals, the same for every spatial line."""
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     half, row = 4 * dim - 1, width_of(dim)
     for k in range(7):
@@ -55,7 +55,7 @@ def add_lines(shape, model, matrix, scale, band):
 
 @part
 def add_springs(shape, model, scale, band):
-    """band += scale times the stiffness of the springs but those of the twist."""
+    """band += scale times the stiffness of all springs except roll springs."""
     dim = shape[layout.DIM]
     half = 4 * dim - 1
     for s in range(shape[layout.SPRINGS]):
@@ -73,7 +73,7 @@ def add_springs(shape, model, scale, band):
 
 @part
 def own_point(shape, k):
-    """Control point that row k holds, -1 if there is none or if it is of the twist."""
+    """Control point that row k fixes in space; -1 for the twist or between control points."""
     point = point_of(shape, k)
     if is_twist(shape, point) == 1:
         return -1
@@ -82,7 +82,7 @@ def own_point(shape, k):
 
 @part
 def frame_of(shape, k, directions):
-    """Tangent, and one or two directions across, of the clamp whose rows begin at k."""
+    """Tangent and two normals of the clamp whose rows begin at k."""
     at = layout.DIRECTION_ROWS * LANES * k
     if shape[layout.DIM] == 2:
         c0, c1 = directions[at], directions[at + LANES]
@@ -96,7 +96,7 @@ def frame_of(shape, k, directions):
 
 @part
 def clamps_here(shape, k):
-    """Whether the rows of a clamp of a control point of its own begin at k."""
+    """Whether k is the first row of a clamp at a control point."""
     if line_of(shape, k) >= 0 or own_point(shape, k) < 0:
         return False
     if k == 0 or shape[layout.DIM] == 2:
@@ -107,7 +107,7 @@ def clamps_here(shape, k):
 
 @part
 def into_frame(f, v0, v1, v2):
-    """Components of a vector in a frame."""
+    """Components in the frame f of a vector v."""
     return (
         f[0][0] * v0 + f[0][1] * v1 + f[0][2] * v2,
         f[1][0] * v0 + f[1][1] * v1 + f[1][2] * v2,
@@ -117,7 +117,7 @@ def into_frame(f, v0, v1, v2):
 
 @part
 def out_of_frame(f, v0, v1, v2):
-    """A vector from its components in a frame."""
+    """Vector from its components v in the frame f."""
     return (
         f[0][0] * v0 + f[1][0] * v1 + f[2][0] * v2,
         f[0][1] * v0 + f[1][1] * v1 + f[2][1] * v2,
@@ -127,7 +127,7 @@ def out_of_frame(f, v0, v1, v2):
 
 @part
 def turn_entries(dim, f, inward, numbers, at, apart):
-    """Turn dim numbers, `apart` from each other, into a frame or out of it."""
+    """Rotate a vector of dim numbers with distance `apart` into the frame f, or back."""
     v0, v1 = numbers[at], numbers[at + apart]
     v2 = numbers[at + 2 * apart] if dim == 3 else 0.0
     u = into_frame(f, v0, v1, v2) if inward else out_of_frame(f, v0, v1, v2)
@@ -139,7 +139,7 @@ def turn_entries(dim, f, inward, numbers, at, apart):
 
 @part
 def turn_vector(shape, directions, inward, numbers):
-    """Turn a vector of all unknowns into the frames of the clamps, or back."""
+    """Rotate a vector of all unknowns into the frames of the clamps, or back."""
     dim = shape[layout.DIM]
     for k in range(shape[layout.HELD]):
         if clamps_here(shape, k):
@@ -149,8 +149,8 @@ def turn_vector(shape, directions, inward, numbers):
 
 @part
 def hold(shape, rows, columns, band):
-    """Turn the matrix into the frames of the clamps, and the equations of what is held into 'no
-    change' (their residual is 0 already). `rows`, `columns`: directions of the held rows.
+    """Rotate the matrix into the frames of the clamps, with directions `rows` for the equations and
+    `columns` for the unknowns, and set the corrections of fixed unknowns to 0 (`clear_held`).
     """
     dim, n = shape[layout.DIM], shape[layout.N]
     half, width = 4 * dim - 1, width_of(dim)
@@ -173,7 +173,7 @@ def hold(shape, rows, columns, band):
 
 @part
 def hold_unknown(dim, r, band):
-    """Equation r: no change."""
+    """Make row r of the matrix a row of the identity."""
     row = r * width_of(dim)
     for c in range(8 * dim):
         band[row + c] = 0.0
@@ -182,7 +182,7 @@ def hold_unknown(dim, r, band):
 
 @part
 def clear_held(shape, numbers):
-    """Set the entries of what is held to zero; the vector is in the frames of the clamps."""
+    """Set the entries of fixed unknowns to zero; the vector is in the frames of the clamps."""
     dim = shape[layout.DIM]
     for k in range(shape[layout.HELD]):
         i = own_point(shape, k)
@@ -198,11 +198,11 @@ def clear_held(shape, numbers):
 
 @part
 def eliminate(band, size, dim):
-    """LU in place without pivoting; false if a pivot vanishes or is not finite.
+    """LU factorisation in place without pivoting; false if a pivot is zero or not finite.
 
-    The matrix is inertia plus stiffness; where it is not close to positive definite the step is too
-    long anyway and is retried shorter. Rows are worked on in whole vectors: beyond the matrix there
-    are zeros.
+    The matrix is inertia plus stiffness. If it is far from positive definite, the step is too long
+    and is retried with a shorter one. Rows are processed in whole vectors, which the padding zeros
+    allow.
     """
     half, width = 4 * dim - 1, width_of(dim)
     for r in range(size):
@@ -227,10 +227,9 @@ def eliminate(band, size, dim):
 
 @part
 def substitute(band, size, dim, x):
-    """Solve with the factors of `eliminate`, in place.
+    """Forward and back substitution with the factors of `eliminate`, in place.
 
-    Before and behind x stand `PADDING` zeros each, so that all sums have a length that the compiler
-    knows.
+    x needs PADDING zeros before and after it, so that all sums have a length known to the compiler.
     """
     if dim == 2:
         substitute_rows(band, size, 7, 16, x)
@@ -242,10 +241,9 @@ def substitute(band, size, dim, x):
 
 @part
 def substitute_rows(band, size, half, width, x):
-    """`substitute` for one half bandwidth and width.
+    """`substitute` for one half bandwidth and row width.
 
-    Every sum ends with the newest unknown, so that the rest of it is done while that one is being
-    computed.
+    Every sum ends with the most recent unknown, to shorten the dependency chain.
     """
     for r in range(size):
         at, value = r * width, x[r]
@@ -261,7 +259,7 @@ def substitute_rows(band, size, half, width, x):
 
 @part
 def substitute_eight(band, size, dim, x):
-    """`substitute` for eight right-hand sides."""
+    """`substitute` for eight right-hand sides side by side; no padding needed."""
     half, width = 4 * dim - 1, width_of(dim)
     for r in range(size):
         value = load(x, r * LANES)

@@ -1,16 +1,16 @@
-"""Twist against the Bishop frame, assembled: strain theta' + tau; see `terms.bishop`.
+"""Twist relative to the Bishop frame, assembled: strain theta' + tau (`terms.bishop`).
 
-Within a step the frame of theta follows every tangent by the smallest rotation from its direction
-at the end of the last step, REFERENCE, and so twists by tau. At the end of the step `follow_shape`
-makes it rotation-minimising along the cable again: theta takes over the spline psi whose
-derivative is closest to tau. The part of tau that no spline represents is an error of the
-discretisation; it would grow with every turn of the cable, so it is dropped and its energy booked
-as lost. The angle at the end of the cable has a closed form, to which psi is bound.
+Within a step, the frame to which theta refers rotates with each tangent by the smallest rotation
+from its direction at the end of the last step (REFERENCE), and so has a twist rate tau along the
+cable. At the end of the step `follow_shape` makes the frame rotation-minimising again: theta += psi
+with the spline psi whose derivative fits tau best (least squares), corrected to the exact integral
+of tau at the end of the cable (`frame_turned`). The rest of tau is a discretisation error, which
+would accumulate with every turn of the cable; it is dropped, and its energy counts as dissipated.
 
-A gripper prescribes its own angle since its motion began, in a frame that follows the tangent
-directly. FRAME_TURN is the angle by which the frame of theta is behind that one: the angle that
-theta took over, less the area on the unit sphere between the two ways of the tangent. It is known
-at the end of a step, so the angle of a clamp that moves is one step late in that part.
+The angle that a gripper prescribes refers to a frame that follows the tangent directly from its
+direction at the start of the motion. FRAME_TURN is the lag of theta's frame behind that one: the
+psi added so far, minus the area on the unit sphere between the two paths of the tangent. It is
+known at the end of a step, so this part of the angle of a moving clamp is one step late.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from dlo_sim.compiling.lanes import LANES, first, load, shifted, store, zero
 from dlo_sim.compiling.pieces import YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
+    add_sample,
     bending_at,
     block_of,
     coefficients,
     curve,
-    gathered_sample,
     sample_of,
     scatter,
     scatter_lines,
@@ -56,16 +56,17 @@ def polynomial(a, xi):
 
 @part
 def add_polynomial(a, f, xi):
-    """f times 1, xi, xi^2 added."""
+    """a + f (1, xi, xi^2)."""
     return a[0] + f, a[1] + xi * f, a[2] + xi * xi * f
 
 
 @part
 def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
-    """out -= what tau adds to the discrete gradient of the twisting energy between x0 and x1: with
-    `turn` on theta, with `push` on the centerline. `viscous` is beta / time, 0 without.
+    """out -= discrete gradient, between x0 and x1, of the part of the twisting energy that depends
+    on tau: `turn` for the part on theta, `push` for the part on the centreline.
 
-    Returns the energy [J] that viscosity takes beyond that of theta alone, to be gathered.
+    `viscous` is beta / tau [-], 0 without damping. Returns the energy [J] dissipated beyond that of
+    theta alone, as partial sums.
     """
     stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
     taken, reference = zero(), shifted(state, shape[layout.REFERENCE])
@@ -94,9 +95,9 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
                 stress = w * (rate + 0.5 * (theta0 + theta1) + viscous * (change + own))
                 taken += w * viscous * change * (change + 2.0 * own)
                 g = bishop.mean_gradient(t0, k0, t1, k1)
-                g0 = gathered_sample(g0, stress * g[0], zero(), xi)
-                g1 = gathered_sample(g1, stress * g[1], zero(), xi)
-                g2 = gathered_sample(g2, stress * g[2], zero(), xi)
+                g0 = add_sample(g0, stress * g[0], zero(), xi)
+                g1 = add_sample(g1, stress * g[1], zero(), xi)
+                g2 = add_sample(g2, stress * g[2], zero(), xi)
         if push:
             scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
         if turn:
@@ -107,13 +108,13 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
 
 @piece(*FORCE)
 def force(shape, model, state, x0, x1, out):
-    """`couple_twist` on all that moves. Of a step `methods.twist_step` adds it."""
+    """`couple_twist` on all coordinates; within an implicit step `methods.twist_step` adds it."""
     couple_twist(shape, model, state, x0, x1, 0.0, YES, YES, out)
 
 
 @piece(*ENERGY)
 def energy(shape, model, state, x, out):
-    """What tau adds to the twisting energy of theta alone [J]."""
+    """Add the part of the twisting energy that depends on tau [J]."""
     stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
     sum_, reference = zero(), shifted(state, shape[layout.REFERENCE])
     for b in range(shape[layout.BLOCKS]):
@@ -135,7 +136,7 @@ def energy(shape, model, state, x, out):
 
 @part
 def add_rates(shape, model, state, x, rates, out):
-    """tau into the rows `rates`, one a sample; out += integral b' tau, on the line of the twist."""
+    """Write tau to the rows `rates`, one per sample; out += integral b' tau du, on the twist."""
     reference = shifted(state, shape[layout.REFERENCE])
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
@@ -155,7 +156,7 @@ def add_rates(shape, model, state, x, rates, out):
 
 @part
 def squares_lost(shape, model, state, x, rates, psi):
-    """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2, to be gathered."""
+    """Integral of (theta' + tau - rest)^2 - (theta' + psi' - rest)^2, as partial sums."""
     sum_ = zero()
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
@@ -173,7 +174,7 @@ def squares_lost(shape, model, state, x, rates, psi):
 
 @part
 def solve_line(shape, model, factors, x):
-    """Solve in place on one line with the factors at an offset of the model."""
+    """Solve in place on one line with the factors at offset `factors` of the model."""
     n, width = shape[layout.N], shape[layout.LINE]
     for k in range(layout.MARGIN, n + layout.MARGIN):
         f = factors + k
@@ -187,7 +188,7 @@ def solve_line(shape, model, factors, x):
 
 @part
 def edge(shape, x, own):
-    """Unit vector along the cable at the end where control point `own` is."""
+    """Unit tangent at the end of the cable with control point `own`."""
     width, at = shape[layout.LINE], layout.MARGIN + max(own, 1)
     v0, v1 = x[at] - x[at - 1], x[at + width] - x[at + width - 1]
     v2 = 0.0
@@ -199,9 +200,9 @@ def edge(shape, x, own):
 
 @part
 def half_area(a, b, c):
-    """Cosine and sine, times a number, of half the signed area of the triangle of three directions
-    on the unit sphere. By the area is a frame that goes by a -> b -> c with the smallest rotations
-    ahead of one that goes a -> c.
+    """Cosine and sine, times a common factor, of half the signed area of the spherical triangle of
+    unit vectors a, b, c. A frame transported a -> b -> c by the smallest rotations leads one
+    transported a -> c by this area.
     """
     triple = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
     triple += a[2] * (b[0] * c[1] - b[1] * c[0])
@@ -211,7 +212,7 @@ def half_area(a, b, c):
 
 @part
 def area(a, b, c):
-    """That area."""
+    """Signed area of the spherical triangle of unit vectors a, b, c."""
     cosine, sine = half_area(a, b, c)
     return 2.0 * np.arctan2(sine, cosine)
 
@@ -235,12 +236,13 @@ def span_tangent(shape, model, x, span, xi):
 
 @part
 def turn_by_arcs(shape, model, reference, x, last, end, arcs, guess):
-    """Integral of tau up to a local coordinate `end` of span `last`: the angle by which the frame
-    there, carried along in time, gets ahead of the one carried along the cable. Of the values that
-    the tangents between the spans allow, which repeat after two turns, that next to `guess`.
+    """Integral of tau up to the local coordinate `end` of span `last`: the angle by which the frame
+    carried along in time leads the one transported along the cable.
 
-    It is the area between the old and the new curve of tangents on the unit sphere, triangle by
-    triangle, for so many arcs a span: whatever shapes follow each other, nothing piles up.
+    It is the area between the old and the new tangent curve on the unit sphere, summed over
+    spherical triangles with `arcs` chords per span; the chord error depends on the shapes alone and
+    does not accumulate. The area is known up to multiples of two turns; of these values the one
+    closest to `guess` is returned.
     """
     cosine, sine = 1.0, 0.0
     old = span_tangent(shape, model, reference, 0, -1.0)
@@ -263,15 +265,15 @@ def turn_by_arcs(shape, model, reference, x, last, end, arcs, guess):
 
 @part
 def frame_turned(shape, model, reference, x, span, xi, guess):
-    """That integral by Richardson extrapolation: chords miss it by the second order in the arcs."""
+    """Integral of tau: Richardson extrapolation of `turn_by_arcs`, whose error is second order."""
     coarse = turn_by_arcs(shape, model, reference, x, span, xi, 1, guess)
     return (4.0 * turn_by_arcs(shape, model, reference, x, span, xi, 2, guess) - coarse) / 3.0
 
 
 @part
 def follow_springs(shape, model, inputs, state, psi, x):
-    """Take the angles to which springs turn the cable to the frame that x has now. What psi misses
-    there, and what the way of the tangent adds, is work of the grasp.
+    """Transform the anchors of the roll springs to the new frame of theta. The change of spring
+    energy, by the error of psi and by the path of the tangent, counts as work of the grasp.
     """
     reference, ledger = shifted(state, shape[layout.REFERENCE]), shape[layout.LEDGER]
     for k in range(shape[layout.SPRINGS]):
@@ -299,7 +301,7 @@ def follow_springs(shape, model, inputs, state, psi, x):
 
 @piece(*FLOW)
 def follow_shape(shape, model, inputs, state, scratch):
-    """Take theta, and what the grasps prescribe, to the Bishop frame of the present shape."""
+    """Transform theta and the angles of the grasps to the Bishop frame of the present shape."""
     n, line = shape[layout.N], shape[layout.DIM] * shape[layout.LINE]
     x, reference = shifted(state, shape[layout.X]), shifted(state, shape[layout.REFERENCE])
     booked, psi = shifted(state, shape[layout.BOOKED]), shifted(scratch, shape[layout.FRAME_SPARE])

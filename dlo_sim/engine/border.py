@@ -1,16 +1,17 @@
-"""Held rows between control points, as a border of the linear system of an implicit step.
+"""Constraints at points between control points: a bordered linear system for implicit steps.
 
-A row of four basis values cannot be held unknown by unknown. With the band matrix K, in which all
-else is held, the directions F along which the grasps push and the rows C that their end has, both
-in the frames of the clamps (`engine.band`), a correction y solves
+Such a held row couples four control points, so it cannot be imposed by fixing single unknowns. Let
+K be the band matrix with all other constraints imposed, and let F and C be the border rows with
+their directions at the middle and at the end of the step, in the frames of the clamps
+(`engine.band`). The constraint forces act along F^T, the constraints are C y = 0, and a Newton
+correction y for the residual r is
     K y = r + F^T f,   C y = 0:   y = (1 - Z (C Z)^-1 C) K^-1 r,   Z = K^-1 F^T.
-Multiples of F^T C do not change y; they are added to K, which without them is singular where a
-cable at rest hangs from such rows alone, and then counts as many negative pivots as there are
-unstable motions that keep the rows.
+Adding multiples of F^T C to K does not change y. It is done because K is singular if only such rows
+support a cable at rest; with it, negative pivots count the unstable modes within the constraints.
 
-What of r the rows can balance is no defect: f = - (F F^T)^-1 F r is the force of the grasps.
-
-They are the last rows of the list of what is held, `BORDER` of them.
+The part of r in the range of F^T is balanced by the forces of the grasps, the multipliers
+f = - (F F^T)^-1 F r, and so does not belong to the residual. The border rows are the last BORDER
+held rows.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from dlo_sim.engine.tables import first_of_point, line_of, point_of
 
 @part
 def begin_of(shape, k):
-    """First of the unknowns that border row k sees, 4 dim of them."""
+    """First of the 4 dim unknowns that border row k couples."""
     return shape[layout.DIM] * first_of_point(
         shape, point_of(shape, shape[layout.HELD] - shape[layout.BORDER] + k)
     )
@@ -32,7 +33,7 @@ def begin_of(shape, k):
 
 @part
 def along(shape, scratch, offset, k, y):
-    """Border row k of the forces or the conditions, times a vector of all unknowns."""
+    """Product of border row k of the matrix at `offset` (F or C) with a vector of all unknowns."""
     count, begin = 4 * shape[layout.DIM], begin_of(shape, k)
     value = 0.0
     for r in range(count):
@@ -42,8 +43,8 @@ def along(shape, scratch, offset, k, y):
 
 @part
 def write_rows(shape, model, scratch, directions, offset, free):
-    """Border rows with these directions, in the frames of the clamps; with `free` only what is not
-    held otherwise.
+    """Write the border rows with the given directions, in the frames of the clamps. `free`: zero at
+    the unknowns that other constraints fix.
     """
     dim = shape[layout.DIM]
     spare = shifted(scratch, shape[layout.BORDER_SPARE])
@@ -68,7 +69,7 @@ def write_rows(shape, model, scratch, directions, offset, free):
 
 @part
 def set_border(shape, model, scratch, pushed, kept):
-    """The rows F with directions `pushed` and C with directions `kept`, and (F F^T)^-1."""
+    """Set F, with directions `pushed`, and C, with directions `kept`, and (F F^T)^-1."""
     border, count = shape[layout.BORDER], 4 * shape[layout.DIM]
     if border == 0:
         return
@@ -92,7 +93,7 @@ def set_border(shape, model, scratch, pushed, kept):
 
 @part
 def invert_in_place(size, a):
-    """Inverse by Gauss-Jordan elimination; symmetric and positive definite, or nearly so."""
+    """Gauss-Jordan inverse without pivoting, for nearly symmetric positive definite matrices."""
     for k in range(size):
         pivot = 1.0 / a[size * k + k]
         a[size * k + k] = 1.0
@@ -108,7 +109,7 @@ def invert_in_place(size, a):
 
 @part
 def stiffen_border(shape, scratch, band):
-    """Add F^T C to the matrix, each row as stiff as the matrix is where it acts."""
+    """Add F^T C to the band matrix, each row scaled to the largest diagonal entry where it acts."""
     dim, count = shape[layout.DIM], 4 * shape[layout.DIM]
     half, width = 4 * dim - 1, width_of(dim)
     for k in range(shape[layout.BORDER]):
@@ -126,7 +127,7 @@ def stiffen_border(shape, scratch, band):
 
 @part
 def solve_border(shape, scratch, band):
-    """Z = K^-1 F^T and (C Z)^-1, for a matrix that is factorised."""
+    """Compute Z = K^-1 F^T and (C Z)^-1 with the LU factors of K."""
     dim, border = shape[layout.DIM], shape[layout.BORDER]
     size, count = shape[layout.N] * dim, 4 * dim
     for k in range(border):
@@ -151,7 +152,7 @@ def shift_of(shape, scratch, k):
 
 @part
 def keep_border(shape, scratch, y):
-    """y <- (1 - Z (C Z)^-1 C) y."""
+    """Project a correction onto the constraints: y <- (1 - Z (C Z)^-1 C) y."""
     border = shape[layout.BORDER]
     spare = shifted(scratch, shape[layout.BORDER_SPARE])
     for k in range(border):
@@ -167,9 +168,10 @@ def keep_border(shape, scratch, y):
 
 @part
 def balance_border(shape, scratch, residual, forces):
-    """Take out of the residual what border rows balance; their forces into the rows `forces`.
+    """Remove from the residual the part that border rows balance; write their forces to `forces`.
 
-    They push what is held otherwise, too: to be done before the forces of that are read.
+    These forces also act on unknowns that other constraints fix, so this comes before the reactions
+    there are read from the residual.
     """
     border, count = shape[layout.BORDER], 4 * shape[layout.DIM]
     spare = shifted(scratch, shape[layout.BORDER_SPARE])
@@ -185,7 +187,7 @@ def balance_border(shape, scratch, residual, forces):
 
 
 def border_rooms(unknowns: int, seen: int, border: int) -> dict[int, int]:
-    """Sizes of the scratch by its offset; a border row sees so many of the unknowns."""
+    """Sizes of the scratch arrays by offset; `seen` unknowns are coupled by each border row."""
     return {
         layout.BORDER_FORCES: border * seen,
         layout.BORDER_PUSHES: border * seen,

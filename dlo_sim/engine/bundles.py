@@ -1,4 +1,4 @@
-"""What travels together through the calls from Python: the arrays of a cable, and of a recorder."""
+"""Tuples of arrays that calls from Python pass together: of a cable, and of a recorder."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ BARE_RECORDS = bundle(NUMBERS, NUMBERS, NUMBERS, TABLE)
 
 @part
 def bared(cable):
-    """shape, model, inputs, state, scratch without their sizes."""
+    """shape, model, inputs, state, scratch as bare addresses (`compiling.lanes`)."""
     shape, model, inputs, state, scratch = cable
     return bare(shape), bare(model), bare(inputs), bare(state), bare(scratch)
 
 
 @part
 def bared_records(records):
-    """times, samples, energies, marks without their sizes."""
+    """times, samples, energies, marks as bare addresses."""
     times, samples, powers, marks = records
     return bare(times), bare(samples), bare(powers), bare(marks)

@@ -1,8 +1,8 @@
-"""Contact with planes, assembled: gaps at the samples of every span, less the cable's radius.
+"""Contact with planes, assembled from the gap g = n . r(u) - d at the samples of every span.
 
-The gap is linear in the control points: n . r(u) - d with the plane's normal n, so it is one
-polynomial a span. The mesh has derivatives of the basis as polynomials of the local coordinate;
-with their values at xi = 0 these are the basis itself.
+n is the plane's normal, and d includes the cable's radius. The gap is linear in the control points,
+hence a cubic polynomial on each span. The mesh stores the derivatives of the basis as polynomials
+of the local coordinate xi; with their values at xi = 0 these determine the basis.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from dlo_sim.terms import contact
 
 @part
 def plane_of(shape, k):
-    """Offset of the rows of plane k: its normal on the lines, and d [m]."""
+    """Offset of the rows of plane k: components of its normal n on the lines, then d [m]."""
     return shape[layout.PLANE] + layout.PLANE_ROWS * LANES * k
 
 
 @part
 def gap_polynomial(shape, model, x, b, plane):
-    """The gap on the spans of a block: value in the middle, and its derivative's coefficients."""
+    """The gap on the spans of a block, in the form of `elastic.line_polynomial`."""
     at, width, stride = (
         layout.MARGIN * shape[layout.STRIDE] + LANES * b,
         shape[layout.LINE],
@@ -79,7 +79,7 @@ def force(shape, model, state, x0, x1, out):
 
 @piece(*ENERGY)
 def energy(shape, model, state, x, out):
-    """Energy of contact [J]."""
+    """Add the contact energy [J]."""
     stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
     sum_ = zero()
     for k in range(shape[layout.PLANES]):
@@ -97,7 +97,7 @@ def energy(shape, model, state, x, out):
 
 @piece(*TANGENT)
 def tangent(shape, model, state, x0, x1, scale, scratch, band):
-    """band += scale times the Jacobian of that discrete gradient by x1; one cable only.
+    """band += scale times the Jacobian of the discrete gradient with respect to x1; one cable only.
 
     `scratch`: SAMPLES + 1 rows.
     """
@@ -134,7 +134,7 @@ def tangent(shape, model, state, x0, x1, scale, scratch, band):
 
 @part
 def add_block(shape, model, b, plane, first, other, numbers, at, band):
-    """Add n n^T times a number a span between two control points of every span of a block."""
+    """Add n n^T, times one number per span, between two control points of every span of a block."""
     for i in range(shape[layout.DIM]):
         for j in range(shape[layout.DIM]):
             product = model[plane + i * LANES] * model[plane + j * LANES]

@@ -15,11 +15,11 @@ from dlo_sim.compiling.lanes import LANES, load, root, total, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
+    add_sample,
     bending_at,
     block_of,
     curve,
     dot,
-    gathered_sample,
     sample_of,
     scatter_lines,
     span_strains,
@@ -37,7 +37,7 @@ def mean(a, b):
 
 @part
 def span_rates(shape, model, block, p, q, moved):
-    """Mean and linear part over the spans of the rate of strain in a motion `moved`."""
+    """m and l (`engine.elastic`) of the strain increment in a motion `moved`, at the midpoint."""
     average, slope = zero(), zero()
     share = load(model, block + layout.SHARE * LANES)
     for j in range(shape[layout.SAMPLES]):
@@ -56,9 +56,10 @@ def span_rates(shape, model, block, p, q, moved):
     *(NUMBERS, NUMBERS),
 )
 def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
-    """out -= discrete gradient between x0 and x1; the energy that viscosity takes into lost[0].
+    """out -= discrete gradient between x0 and x1, and viscous forces for the strain rates
+    `viscous` times the strain increments of `moved`; `viscous` is 1 / tau [1/s], 0 leaves them out.
 
-    The viscous stress is that of the motion `moved` times `viscous` = 1 / tau; 0 leaves it out.
+    lost[0] gets the energy dissipated by viscosity [J].
     """
     terms = shape[layout.TERMS]
     thinning = viscous * viscous * load(model, shape[layout.SCALES] + layout.THINNING * LANES)
@@ -124,8 +125,8 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
                     on_t = combined(1.0, on_t, 1.0, more_t)
                     on_k = combined(1.0, on_k, g, rho)
                     taken += energy
-            g0 = gathered_sample(g0, on_t[0], s * on_k[0], xi)
-            g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
-            g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
+            g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
+            g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
+            g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
     lost[0] = total(taken)

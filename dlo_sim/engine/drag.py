@@ -1,8 +1,8 @@
-"""Air drag by direction, assembled: what drag across the cable has more than drag along it.
+"""Anisotropic air drag, assembled: the excess of the normal over the tangential drag.
 
-The force per length is - c_t v - (c_n - c_t) (v - t (t . v)) with the unit tangent t. Its first
-part is the same in all directions, and linear damping (`simulation.external_damping`); this is the
-second, at the tangents of one shape. Both take energy from every motion.
+The force per length is - c_t v - (c_n - c_t) (v - t (t . v)) with the unit tangent t. The first
+part is isotropic and belongs to the linear damping (`simulation.external_damping`); the second part
+is here, with the tangents of a given shape. Both dissipate.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def drag_across(shape, model):
 
 @piece(*DAMPING)
 def drag_force(shape, model, x, moved, scale, out):
-    """out -= scale (c_n - c_t) integral b (v - t (t . v)) for a motion v = `moved` of shape x."""
+    """out -= scale (c_n - c_t) integral b (v - t (t . v)) du, for v = `moved` at shape x."""
     width, scale = shape[layout.LINE], scale * drag_across(shape, model)
     for b in range(shape[layout.BLOCKS]):
         block, at = block_of(shape, b), layout.MARGIN * shape[layout.STRIDE] + LANES * b
@@ -69,8 +69,8 @@ def drag_force(shape, model, x, moved, scale, out):
 
 @piece(*DAMPING_TANGENT)
 def drag_tangent(shape, model, x, scale, scratch, band):
-    """band += scale times the derivative of minus that force by the motion, at a fixed shape; one
-    cable only. What the turning of the tangents adds is left out.
+    """band += scale times the damping matrix of `drag_force`, minus its derivative with respect to
+    v. The derivative with respect to the shape is left out. One cable only.
 
     `scratch`: 4 SAMPLES + 1 rows.
     """
@@ -97,7 +97,7 @@ def drag_tangent(shape, model, x, scale, scratch, band):
 
 @part
 def add_pair(shape, b, first, other, scratch, band):
-    """Add the sum of shares times 1 - t t^T, for two control points of every span of a block."""
+    """Add sum_k w_k (1 - t_k t_k^T) between two control points of every span of a block."""
     dim, samples = shape[layout.DIM], shape[layout.SAMPLES]
     spare = 4 * samples * LANES
     for i in range(dim):

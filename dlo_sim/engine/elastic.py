@@ -1,15 +1,15 @@
-"""Assembly of what the terms are: through the samples of every span, eight spans at a time.
+"""Assembly of stretching and bending: a loop over the samples of every span, eight spans at a time.
 
-It forms t = r' and k = r'' at a sample, asks the terms for the derivatives of their densities, and
-gathers them on the control points. It knows the terms only by their bits; planar and spatial
-cables, one cable and eight side by side are one code.
+It evaluates t = r' and k = r'' at each sample, the derivatives of the energy densities (`terms`),
+and adds them up on the control points. The same code serves planar and spatial cables, and one
+cable or eight side by side.
 
-Stretching by span: a span that is bent cannot keep |r'| = 1 at all of its samples, and a thin
-cable, a million times stiffer along itself than across, would rather not bend at all (membrane
-locking). So the strain counts by its projection on one number a span, and on a linear function in
-the first and the last: n - 1 numbers, as many as r' has degrees of freedom along a straight cable.
+Stretching by span (bit SPAN_STRETCH) avoids membrane locking: a bent span cannot have |r'| = 1 at
+all of its samples, so with EA/EI of a thin cable the sampled stretching energy would suppress
+bending. The axial strain is therefore projected onto constants, and onto linear functions in the
+first and the last span: n - 1 numbers, as many as r' has degrees of freedom along a straight cable.
 With m = 1/h integral eps du, l = 1/h integral eps xi du, f = 3 where linear, else 0, the energy is
-EA h/2 (m^2 + f l^2) and the strain that counts at a sample m + f xi l.
+EA h/2 (m^2 + f l^2), and the projected strain at a sample is m + f xi l.
 
 Source: assumed natural strains, Bucalem & Bathe 1993, Int. J. Numer. Meth. Eng. 36, 3729-3754; for
 splines the B-bar projection of Elguedj et al. 2008, Comput. Methods Appl. Mech. Eng. 197,
@@ -38,7 +38,7 @@ def sample_of(block, j):
 
 @part
 def coefficients(x, at, stride, model, block):
-    """A, B, C of one line of r' (or theta') on the spans of a block."""
+    """Coefficients A, B, C of the derivative A + B xi + C xi^2 of one line on a block's spans."""
     q0, q1 = load(x, at), load(x, at + stride)
     q2, q3 = load(x, at + 2 * stride), load(x, at + 3 * stride)
     row = block
@@ -55,7 +55,7 @@ def coefficients(x, at, stride, model, block):
 
 @part
 def curve(shape, model, x, b, straight):
-    """A, B, C of all spatial lines; `straight` times a unit tangent where there is no span."""
+    """A, B, C of all spatial lines; `straight` times a unit tangent on lanes beyond the last."""
     at, width, stride = (
         layout.MARGIN * shape[layout.STRIDE] + LANES * b,
         shape[layout.LINE],
@@ -99,14 +99,14 @@ def dot(a, b):
 
 
 @part
-def gathered_sample(g, on_t, on_k, xi):
-    """Gradient on A, B, C of one line with that of one sample added; on_k carries the slope."""
+def add_sample(g, on_t, on_k, xi):
+    """g + gradient on A, B, C of one line from one sample's, on r' and (times d xi/du) on r''."""
     return g[0] + on_t, g[1] + (xi * on_t + on_k), g[2] + xi * (xi * on_t + 2.0 * on_k)
 
 
 @part
 def scatter(g, at, stride, model, block, scale, out):
-    """out += scale times the gradient g on A, B, C of one line."""
+    """out += scale times the gradient with respect to one line; g: with respect to A, B, C."""
     for k in range(4):
         row = block + 3 * k * LANES
         f = load(model, row) * g[0] + load(model, row + LANES) * g[1]
@@ -117,13 +117,13 @@ def scatter(g, at, stride, model, block, scale, out):
 
 @part
 def integrated(inverse_slope, p, xi):
-    """Value of a line: p0 + integral of p1 + p2 xi + p3 xi^2 from the middle of the span."""
+    """Value at xi of p0 + integral over u of p1 + p2 xi + p3 xi^2 from the middle of the span."""
     return p[0] + xi * inverse_slope * (p[1] + xi * (0.5 * p[2] + xi * p[3] * (1.0 / 3.0)))
 
 
 @part
 def line_polynomial(x, at, stride, model, block):
-    """One line itself on the spans of a block: value in the middle, A, B, C of its derivative."""
+    """One line on the spans of a block: value at xi = 0, then A, B, C of its derivative."""
     value = load(model, block + layout.VALUES * LANES) * load(x, at)
     for k in range(1, 4):
         value += load(model, block + (layout.VALUES + k) * LANES) * load(x, at + k * stride)
@@ -142,14 +142,14 @@ def basis_at(model, block, k, inverse_slope, xi):
 
 @part
 def add_cubic(a, f, xi):
-    """f times 1, xi, xi^2, xi^3 added: the gradient by a line's value, for `scatter_values`."""
+    """a + f (1, xi, xi^2, xi^3), with f a sample's gradient on a line's value: `scatter_values`."""
     g = xi * f
     return a[0] + f, a[1] + g, a[2] + xi * g, a[3] + xi * xi * g
 
 
 @part
 def scatter_values(f, at, stride, model, block, scale, out):
-    """out += scale times the gradient by the values of one line, gathered by `add_cubic`."""
+    """out += scale times the gradient with respect to one line; f: from `add_cubic`."""
     inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
     on_slopes = inverse * f[1], 0.5 * inverse * f[2], (1.0 / 3.0) * inverse * f[3]
     scatter(on_slopes, at, stride, model, block, scale, out)
@@ -176,7 +176,7 @@ def scatter_lines(shape, model, b, g0, g1, g2, scale, out):
 
 @part
 def span_strains(shape, model, block, p):
-    """m and l of the spans of a block."""
+    """m and l of the spans of a block (module docstring)."""
     mean, slope = zero(), zero()
     share = load(model, block + layout.SHARE * LANES)
     for j in range(shape[layout.SAMPLES]):
@@ -227,15 +227,15 @@ def elastic_force(shape, model, x, out):
             t0, k0 = on_c * t[0] + on_d * k[0], on_h * k[0] + on_d * t[0]
             t1, k1 = on_c * t[1] + on_d * k[1], on_h * k[1] + on_d * t[1]
             t2, k2 = on_c * t[2] + on_d * k[2], on_h * k[2] + on_d * t[2]
-            g0 = gathered_sample(g0, t0, s * k0, xi)
-            g1 = gathered_sample(g1, t1, s * k1, xi)
-            g2 = gathered_sample(g2, t2, s * k2, xi)
+            g0 = add_sample(g0, t0, s * k0, xi)
+            g1 = add_sample(g1, t1, s * k1, xi)
+            g2 = add_sample(g2, t2, s * k2, xi)
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
 
 
 @part
 def elastic_energy(shape, model, x):
-    """Stretching and bending energy [J], to be gathered."""
+    """Stretching and bending energy [J], as partial sums."""
     terms = shape[layout.TERMS]
     stretching, bent = zero(), zero()
     if not terms & (layout.STRETCH | layout.SPAN_STRETCH | layout.BEND):
@@ -251,7 +251,7 @@ def elastic_energy(shape, model, x):
         if terms & layout.SPAN_STRETCH:
             mean, slope = span_strains(shape, model, block, p)
             f = mean * mean + load(model, block + layout.LINEAR * LANES) * slope * slope
-            # lanes without a span have no length
+            # avoids 1/0 on lanes beyond the last span
             length = 1.0 / (
                 load(model, block + layout.SHARE * LANES)
                 + load(model, block + layout.PADDING * LANES)

@@ -1,5 +1,5 @@
-"""Forces at one configuration, and energies, of the terms that every scene has: stretching,
-bending, twist by itself, weight, springs. `engine.assembly` adds the others.
+"""Forces at one configuration, and energies, of the basic terms: stretching, bending, twisting
+theta'^2, weight, springs. `engine.assembly` adds the optional ones.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def add_weight(shape, model, out):
 
 @part
 def weight_energy(shape, model, x):
-    """Energy in the field of gravity [J], zero at the world's origin, and the sum of the sizes of
-    its parts; both to be gathered.
+    """Gravitational energy [J], zero at the world's origin, and the sum of the absolute values of
+    its summands, a measure of its round-off; both as partial sums.
     """
     f, large = zero(), zero()
     for d in range(shape[layout.DIM]):
@@ -52,8 +52,8 @@ def weight_energy(shape, model, x):
 
 @piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
 def energies(shape, model, state, x, out):
-    """Potential energies [J] by term (`layout.ENERGIES`) as rows of `out`; then the sum of the
-    sizes of the weight's parts.
+    """Potential energies [J] by term (`layout.ENERGIES`) as rows of `out`, then a row with the
+    second value of `weight_energy`.
     """
     terms = shape[layout.TERMS]
     for at in range((len(layout.ENERGIES) + 1) * LANES):

@@ -1,4 +1,4 @@
-"""Material frames along a curve: rotation-minimising frames turned by the twist angle."""
+"""Material frames along a curve: rotation-minimising frames rotated by the twist angle."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def curve_sample(points, columns, values, slopes, i):
 
 @part
 def transport(points, columns, values, slopes, reference, out):
-    """Points and material frames along a spline, quaternions x, y, z, w; x axis = tangent.
+    """Points and material frames along a spline; the x axis of a frame is the tangent.
 
     Rotation-minimising transport by double reflection (Wang, Juettler, Zheng & Liu 2008), fourth
-    order in the spacing, then a turn by theta - theta[0] about the tangent.
+    order in the spacing, then a rotation by theta - theta[0] about the tangent.
 
     Args:
         points: control points (n, 4). columns, values, slopes: active basis of m samples, (m, 4).
-        reference: vector that the second axis follows at the first sample (made normal to it).
-        out: point and quaternion of every sample, shape (m, 7).
+        reference: its part normal to the first tangent is the second axis at the first sample.
+        out: point [m] and quaternion (x, y, z, w) of every sample, shape (m, 7).
     """
     d0, d1, d2 = reference[0], reference[1], reference[2]
-    p0 = p1 = p2 = q0 = q1 = q2 = first_angle = 0.0  # tangent and point of the sample before
+    p0 = p1 = p2 = q0 = q1 = q2 = first_angle = 0.0  # p, q: tangent and point of the last sample
     for i in range(out.shape[0]):
         x0, x1, x2, t0, t1, t2, angle = curve_sample(points, columns, values, slopes, i)
         norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
@@ -80,7 +80,7 @@ def curve_frames(points, columns, values, slopes, reference, out):
 
 @piece(NOTHING, MATRIX, *BASIS, REALS, MATRIX)
 def control_poses(points, columns, values, slopes, reference, out):
-    """Every control point with the material frame at its material coordinate, shape (n, 7)."""
+    """Control points with the material frame at the material coordinate of each, shape (n, 7)."""
     transport(points, columns, values, slopes, reference, out)
     for i in range(points.shape[0]):
         for k in range(3):
@@ -89,7 +89,8 @@ def control_poses(points, columns, values, slopes, reference, out):
 
 @part
 def write_quaternion(x0, x1, x2, y0, y1, y2, z0, z1, z2, out):
-    """Quaternion of the rotation with columns x, y, z into out[3:7]; its largest entry is positive.
+    """Write to out[3:7] the quaternion of the rotation with columns x, y, z; its largest component
+    is positive.
 
     Source: Shepperd 1978 (the branch with the largest denominator).
     """

@@ -1,7 +1,7 @@
-"""Where a grasp is and how fast it moves: a gripper's path turned into what it prescribes.
+"""Kinematics of a grasp: attachment point, direction and twist angle from the gripper's path.
 
 A grasp is MOTION_SIZE numbers of the inputs:
-    0      1 once it moves or was moved, else 0 (what it holds stays where it is)
+    0      1 once it moves or was moved, else 0 (its rows keep their values)
     1, 2   start time and duration of the motion [s]
     3:12   position p0, p1, p2 [m, m/s, m/s^2]: p(s) = p0 + p1 s + p2 s^2
     12:21  rotation matrix R0 of the gripper at s = 0, row major
@@ -9,7 +9,7 @@ A grasp is MOTION_SIZE numbers of the inputs:
     27:30  attachment point in the gripper's frame [m]
     30:33  unit direction of the cable, from start to end, in the gripper's frame
     33     twist angle at s = 0 [rad]
-with s = clip(t - start, 0, duration). All are world coordinates.
+with s = clip(t - start, 0, duration). World coordinates unless stated.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, TWIST = (
 
 @part
 def rotate(w0, w1, w2, v0, v1, v2):
-    """exp([w]) v by Rodrigues' formula, well conditioned for small angles."""
+    """exp([w]) v by Rodrigues' formula, with a series for small angles."""
     angle2 = w0 * w0 + w1 * w1 + w2 * w2
     if angle2 == 0.0:
         return v0, v1, v2
@@ -60,7 +60,7 @@ def framed(m, at, v0, v1, v2):
 
 @part
 def turn_at(m, at, t):
-    """Rotation vector since s = 0."""
+    """Rotation vector w1 s + w2 s^2 at time t [rad]."""
     s = min(max(t - m[at + 1], 0.0), m[at + 2])
     return (
         s * (m[at + 21] + s * m[at + 24]),
@@ -71,7 +71,7 @@ def turn_at(m, at, t):
 
 @part
 def turned(m, at, t, v0, v1, v2):
-    """World direction at time t of a vector in the gripper's frame."""
+    """World components at time t of a vector in the gripper's frame."""
     w0, w1, w2 = turn_at(m, at, t)
     u0, u1, u2 = framed(m, at, v0, v1, v2)
     return rotate(w0, w1, w2, u0, u1, u2)
@@ -90,7 +90,7 @@ def place(m, at, t):
     twist = m[at + 33]
     if angle > 0.0:
         along = (w0 * u0 + w1 * u1 + w2 * u2) / angle
-        # The arctangent covers one turn of the half angle; the whole ones are counted.
+        # The arctangent is unique within one turn of the half angle; whole turns are added.
         turns = np.floor(angle / (4.0 * np.pi) + 0.5)
         half = 0.5 * angle - 2.0 * np.pi * turns
         twist += 2.0 * np.arctan2(np.sin(half) * along, np.cos(half))
@@ -105,9 +105,9 @@ def place(m, at, t):
 
 @part
 def rates(m, at, t):
-    """Velocity of the attachment point (3), twist rate, and angular velocity (3) at time t."""
+    """Velocity of the attachment point (3), twist rate and angular velocity (3) at time t."""
     s = t - m[at + 1]
-    slack = 1e-9 * m[at + 2]  # t is rounded: a step that ends with the motion still moves with it
+    slack = 1e-9 * m[at + 2]  # t is rounded, and a step may end exactly with the motion
     if s < -slack or s > m[at + 2] + slack:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     s = min(max(s, 0.0), m[at + 2])

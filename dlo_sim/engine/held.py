@@ -1,18 +1,18 @@
-"""What is held: rows of the form direction . sum_k b_k x_k = target, as many as a scene asks for.
+"""Holonomic constraints of the grasps: held rows direction . sum_k b_k x_k = target.
 
-A held point is four basis values b at a material coordinate (positions: they sum to 1; of r': to
-0), or a control point of its own. A held row is a point, a grasp, and a direction: of an axis, or
-one that turns with the grasp. So a fixed end is up to three rows of the first control point, a
-clamp two rows more across its tangent at the second one, whose distance along the tangent stays
-free, and a grasp in the middle the same with basis values. Nothing else knows about ends.
+A held point is four basis values b at a material coordinate (summing to 1 for a position, to 0 for
+r'), or a single control point. A held row is a point, a grasp and a direction, which is an axis or
+turns with the grasp. A fixed end is up to three rows at the first control point. A clamp has in
+addition two rows at the second one, normal to its tangent; the distance along the tangent stays
+free. A grasp along the cable has the same rows with basis values.
 
-The mass matrix is that of the free cable. With the rows B, the shifts Z = M^-1 B^T of the points
-and S = B Z, small and dense, Y = Z S^-1 carries the cable along with what is held, and
-P = 1 - Y B projects onto motions that leave it at rest. The momentum variable is w = P v: forces
-act on it as P M^-1 f, and v = w + Y (rates of the targets). For rows of fixed direction a drift
-over dt is exactly x += dt w + Y (change of the targets). Where directions turn, the impulses of a
-drift act along the directions at its begin so that it ends on the rows of its end, and w is
-projected onto those: RATTLE (Andersen 1983), symmetric and of second order.
+The mass matrix M is that of the free cable. With the matrix B of the held rows, Z = M^-1 B^T and
+S = B Z, small and dense, Y = Z S^-1 is the motion of the cable due to unit motions of the rows, and
+P = 1 - Y B projects onto motions that satisfy B v = 0. The momentum variable is w = P v: forces
+act on it as P M^-1 f, and v = w + Y (rates of the targets). For rows of constant direction a drift
+over dt is exactly x += dt w + Y (change of the targets). For turning directions, the constraint
+impulses of a drift act along the directions at its start and satisfy the constraints at its end,
+and w is projected with the directions at the end: RATTLE (Andersen 1983), symmetric, second order.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def point_value(shape, model, point, line, x):
 
 @part
 def row_value(shape, model, k, directions, at, x):
-    """direction . sum_k b_k x_k of row k; its direction is four rows of `directions` at `at`."""
+    """B_k x of row k; its direction, if it turns, is in `directions` from offset `at`."""
     point = point_of(shape, k)
     line = line_of(shape, k)
     if line >= 0:
@@ -64,7 +64,7 @@ def row_value(shape, model, k, directions, at, x):
 
 @part
 def shift_line(shape, model, point, line, scale, x):
-    """x += scale times the shift of a held point, on one line."""
+    """x += scale M^-1 b of a held point, on one line."""
     width, stride = shape[layout.LINE], shape[layout.STRIDE]
     at, start = shape[layout.HELD_SHIFT] + width * point, layout.MARGIN * stride
     if stride == 1:
@@ -80,7 +80,7 @@ def shift_line(shape, model, point, line, scale, x):
 
 @part
 def shift_row(shape, model, k, directions, at, scale, x):
-    """x += scale times the shift of row k along its direction."""
+    """x += scale Z_k, column k of Z = M^-1 B^T."""
     point = point_of(shape, k)
     line = line_of(shape, k)
     if line >= 0:
@@ -93,7 +93,7 @@ def shift_row(shape, model, k, directions, at, scale, x):
 
 @part
 def through_inverse(shape, matrix, at, values, scale, out, to):
-    """out = scale times the matrix times the rows `values`, at offset `to` of out."""
+    """Write scale times the matrix at `at` times the rows RATES of `values` to `out` at `to`."""
     held = shape[layout.HELD]
     for k in range(held):
         f = zero()
@@ -106,7 +106,7 @@ def through_inverse(shape, matrix, at, values, scale, out, to):
 
 @part
 def add_shifts(shape, model, state, scratch, scale, x):
-    """x += scale Y times the rows RATES."""
+    """x += scale Y RATES."""
     through_inverse(
         shape, state, shape[layout.INVERSE], scratch, scale, scratch, shape[layout.SYSTEM]
     )
@@ -117,7 +117,7 @@ def add_shifts(shape, model, state, scratch, scale, x):
 
 @part
 def project(shape, model, state, scratch, x, out, to):
-    """x <- P x; what was taken out, S^-1 B x, goes to the rows of `out` at `to`."""
+    """x <- P x. The rows of `out` at `to` get the multipliers S^-1 B x."""
     held, directions = shape[layout.HELD], shape[layout.DIRECTION]
     values_along(shape, model, state, scratch, x)
     through_inverse(shape, state, shape[layout.INVERSE], scratch, 1.0, out, to)
@@ -129,7 +129,7 @@ def project(shape, model, state, scratch, x, out, to):
 
 @part
 def pin(shape, k, value, x):
-    """Give a control point that row k holds along an axis its value to the last bit."""
+    """Set the coordinate exactly if row k fixes one coordinate of a control point."""
     line = line_of(shape, k)
     own = own_of(shape, point_of(shape, k))
     if line >= 0 and own >= 0:
@@ -142,8 +142,8 @@ def pin(shape, k, value, x):
 
 
 @part
-def aim(shape, model, inputs, state, scratch, t):
-    """Targets and directions of all rows at time t, into scratch."""
+def set_targets(shape, model, inputs, state, scratch, t):
+    """Write the targets and directions of all rows at time t to TARGETS and AHEAD."""
     dim = shape[layout.DIM]
     for k in range(shape[layout.HELD]):
         point = point_of(shape, k)
@@ -176,19 +176,19 @@ def aim(shape, model, inputs, state, scratch, t):
 
 @part
 def component(a, axis):
-    """One of the first three of four numbers."""
+    """Entry `axis` of a tuple of four, of which it is one of the first three."""
     return a[0] if axis == 0 else (a[1] if axis == 1 else a[2])
 
 
 @part
 def component3(a, axis):
-    """One of three numbers."""
+    """Entry `axis` of a tuple of three."""
     return a[0] if axis == 0 else (a[1] if axis == 1 else a[2])
 
 
 @part
 def directions_turn(shape, state, scratch):
-    """Whether the directions ahead differ from those of the state."""
+    """Whether the directions AHEAD differ from those of the state."""
     for k in range(shape[layout.HELD]):
         if line_of(shape, k) < 0:
             for d in range(shape[layout.DIM]):
@@ -200,7 +200,7 @@ def directions_turn(shape, state, scratch):
 
 @part
 def alignment(shape, k, j, a, at_a, b, at_b):
-    """Direction of row k among `a` . direction of row j among `b`, 0 between space and twist."""
+    """Direction of row k in `a` . direction of row j in `b`; 0 between space and twist."""
     line_k = line_of(shape, k)
     line_j = line_of(shape, j)
     to_k, to_j = at_a + layout.DIRECTION_ROWS * LANES * k, at_b + layout.DIRECTION_ROWS * LANES * j
@@ -221,7 +221,7 @@ def alignment(shape, k, j, a, at_a, b, at_b):
 
 @part
 def fill_system(shape, model, scratch, a, at_a, b, at_b):
-    """S of the rows of directions `a` and impulses of directions `b`, into scratch."""
+    """Write S = B M^-1 B^T to SYSTEM, with directions `a` on the left and `b` on the right."""
     held = shape[layout.HELD]
     for k in range(held):
         p = point_of(shape, k)
@@ -236,9 +236,9 @@ def fill_system(shape, model, scratch, a, at_a, b, at_b):
 
 @part
 def invert(shape, scratch, out, to):
-    """Inverse of the system in scratch into `out` at `to`, by Gauss-Jordan elimination.
+    """Write the inverse of SYSTEM to `out` at `to`; SYSTEM is overwritten.
 
-    It is nearly symmetric and positive definite, so it needs no pivoting.
+    Gauss-Jordan elimination without pivoting: S is close to symmetric positive definite.
     """
     held, at = shape[layout.HELD], shape[layout.SYSTEM]
     for k in range(held * held):
@@ -262,8 +262,8 @@ def invert(shape, scratch, out, to):
 
 
 @part
-def turn_to_aim(shape, model, state, scratch):
-    """Take over the directions ahead, and the inverse that belongs to them."""
+def take_directions(shape, model, state, scratch):
+    """DIRECTION = AHEAD, and INVERSE for these directions."""
     for at in range(shape[layout.HELD] * layout.DIRECTION_ROWS * LANES):
         state[shape[layout.DIRECTION] + at] = scratch[shape[layout.AHEAD] + at]
     directions = shape[layout.DIRECTION]
@@ -272,8 +272,8 @@ def turn_to_aim(shape, model, state, scratch):
 
 
 @part
-def defects(shape, model, directions, at, scratch, x):
-    """How far each row is from its target, into the rows RATES."""
+def target_residuals(shape, model, directions, at, scratch, x):
+    """RATES = TARGETS - B x, the constraint residuals, with the directions at `at`."""
     for k in range(shape[layout.HELD]):
         f = load(scratch, shape[layout.TARGETS] + k * LANES) - row_value(
             shape, model, k, directions, at, x
@@ -283,7 +283,7 @@ def defects(shape, model, directions, at, scratch, x):
 
 @part
 def values_along(shape, model, state, scratch, x):
-    """B x along the directions of the state, into the rows RATES."""
+    """RATES = B x with the directions of the state."""
     for k in range(shape[layout.HELD]):
         f = row_value(shape, model, k, state, shape[layout.DIRECTION], x)
         store(scratch, shape[layout.RATES] + k * LANES, f)

@@ -1,4 +1,4 @@
-"""How what is held moves: drifts that carry the cable along, rates, work done (`engine.held`)."""
+"""Prescribed motion of the held rows (`engine.held`): drift, target rates, work."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import MOTION_SIZE, place, rates, turned
 from dlo_sim.engine.held import (
     add_shifts,
-    aim,
     component,
     component3,
-    defects,
     directions_turn,
     fill_system,
     grasps_move,
@@ -19,7 +17,9 @@ from dlo_sim.engine.held import (
     pin,
     point_value,
     project,
-    turn_to_aim,
+    set_targets,
+    take_directions,
+    target_residuals,
     values_along,
 )
 from dlo_sim.engine.lines import kinetic
@@ -28,15 +28,15 @@ from dlo_sim.engine.tables import grasp_of, line_of, point_of
 
 @part
 def add_moved(shape, state, scratch, share):
-    """MOVED += a share of the rows RATES."""
+    """MOVED += share RATES."""
     for k in range(shape[layout.HELD]):
         at = shape[layout.MOVED] + k * LANES
         store(state, at, load(state, at) + share * load(scratch, shape[layout.RATES] + k * LANES))
 
 
 @part
-def forget_moved(shape, state):
-    """MOVED counts from here."""
+def clear_moved(shape, state):
+    """MOVED = 0."""
     for at in range(shape[layout.HELD] * LANES):
         state[shape[layout.MOVED] + at] = 0.0
 
@@ -46,11 +46,11 @@ def forget_moved(shape, state):
     *(NUMBERS, NUMBERS, REAL, REAL),
 )
 def carry(shape, model, inputs, state, scratch, x, w, t, dt):
-    """Drift over dt to time t: x += dt w, and what is held to its place, with all that hangs on it.
+    """Drift over dt to time t: x += dt w, then x += Y (targets - B x).
 
-    What is held moved by the rows MOVED (added to): the mean of its way along the directions before
-    and after. What the impulses along turning directions change in the energy of w is the work of
-    the grasps: booked here.
+    MOVED += displacement of the held rows, the mean of those along the directions before and after.
+    Where directions turn, the constraint impulses change the kinetic energy of w; this is added to
+    the work of the grasps. dt = 0 is a jump: x only moves onto the constraints.
     """
     held = shape[layout.HELD]
     width = shape[layout.LINE] * shape[layout.LINES]
@@ -58,9 +58,9 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
     turn = False
     energy = zero()
     if moves:
-        aim(shape, model, inputs, state, scratch, t)
+        set_targets(shape, model, inputs, state, scratch, t)
         turn = directions_turn(shape, state, scratch)
-        defects(shape, model, scratch, shape[layout.AHEAD], scratch, x)
+        target_residuals(shape, model, scratch, shape[layout.AHEAD], scratch, x)
         add_moved(shape, state, scratch, 0.5 if turn else 1.0)
         if turn:
             energy = kinetic(shape, model, w)
@@ -70,9 +70,9 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
         store(x, at, load(x, at) + dt * load(w, at))
     if not moves:
         return
-    defects(shape, model, scratch, shape[layout.AHEAD], scratch, x)
+    target_residuals(shape, model, scratch, shape[layout.AHEAD], scratch, x)
     if turn and dt == 0.0:
-        turn_to_aim(shape, model, state, scratch)  # a jump goes along the new directions
+        take_directions(shape, model, state, scratch)  # a jump uses the new directions
     elif turn:
         fill_system(
             shape, model, scratch, scratch, shape[layout.AHEAD], state, shape[layout.DIRECTION]
@@ -84,7 +84,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
             add_shifts(shape, model, state, scratch, 1.0 / dt, w)
         values_along(shape, model, state, scratch, x)
         add_moved(shape, state, scratch, 0.5)
-        turn_to_aim(shape, model, state, scratch)
+        take_directions(shape, model, state, scratch)
         project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
         at = shape[layout.LEDGER] + layout.DRIVE_WORK * LANES
         store(state, at, load(state, at) + kinetic(shape, model, w) - energy)
@@ -94,7 +94,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
 
 @part
 def target_rates(shape, model, inputs, state, scratch, x, t):
-    """Rates of the targets at fixed shape, into the rows RATES: s e.A' - e'.(b.x - s A)."""
+    """RATES = target rates s e.A' - e'.(b.x - s A); attachment A, direction e, s = sum of b."""
     for k in range(shape[layout.HELD]):
         point = point_of(shape, k)
         line = line_of(shape, k)
@@ -127,7 +127,7 @@ def target_rates(shape, model, inputs, state, scratch, x, t):
 
 @part
 def add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v):
-    """v += Y (rates of the targets at time t): the velocity from the momentum variable."""
+    """v += Y (rates of the targets at time t), which makes w the velocity."""
     if not grasps_move(shape, inputs):
         return
     target_rates(shape, model, inputs, state, scratch, x, t)
@@ -136,8 +136,8 @@ def add_velocity_of_held(shape, model, inputs, state, scratch, x, t, v):
 
 @part
 def pulled(shape, state, rows, at):
-    """The last pull times rows at `at`: minus the work that what moves the held rows by these does,
-    or minus its power if these are their rates.
+    """PULL . rows at `at`: minus the work of the grasps for displacements of the held rows, minus
+    their power for rates.
     """
     f = zero()
     for k in range(shape[layout.HELD]):

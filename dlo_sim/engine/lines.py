@@ -1,4 +1,7 @@
-"""Arithmetic on lines of control points: sums, band matrices of half bandwidth 3, solutions."""
+"""Vector and band-matrix operations on lines of control points; the half bandwidth is 3.
+
+'Partial sums' are one per lane; `gathered` adds them.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ def copy(shape, source, target):
 
 @part
 def add(shape, scale, x, out):
-    """out += scale x; scale is a number, or one of every cable."""
+    """out += scale x; `scale` is a number or a row."""
     for at in range(0, shape[SIZE], LANES):
         store(out, at, load(out, at) + scale * load(x, at))
 
@@ -37,13 +40,13 @@ def difference(shape, a, b, out):
 
 @part
 def kind_of(shape, line):
-    """0 for a spatial line, 1 for the twist."""
+    """0 for a spatial line, 1 for the line of the twist angle."""
     return 0 if line < shape[DIM] else 1
 
 
 @part
 def add_product(shape, model, matrix, line, scale, x, out):
-    """out += scale A x on one line; `matrix` is the offset of the seven lines of A."""
+    """out += scale A x on one line; `matrix` is the offset of the seven diagonals of A."""
     width, stride = shape[LINE], shape[STRIDE]
     start = line * width + MARGIN * stride
     for b in range(shape[PARTS]):
@@ -58,9 +61,9 @@ def add_product(shape, model, matrix, line, scale, x, out):
 
 @part
 def add_differences(shape, model, matrix, line, scale, x, out):
-    """out += scale A x on one line where the rows of A sum to zero: sum_j A_ij (x_j - x_i).
+    """out += scale A x on one line, for A with zero row sums: (A x)_i = sum_j A_ij (x_j - x_i).
 
-    Nothing cancels however far x is from zero, as in a cable that has turned a thousand times.
+    Free of cancellation for any offset of x, such as the angle after a thousand turns.
     """
     width, stride = shape[LINE], shape[STRIDE]
     start = line * width + MARGIN * stride
@@ -77,7 +80,7 @@ def add_differences(shape, model, matrix, line, scale, x, out):
 
 @part
 def gathered(shape, f):
-    """Sum of a line's vectors of one cable in all lanes; of eight cables, the sum of each."""
+    """Add partial sums: for one cable their total, in all lanes; for eight, one sum per lane."""
     if shape[STRIDE] == 1:
         return zero() + total(f)
     return f
@@ -85,7 +88,7 @@ def gathered(shape, f):
 
 @part
 def form(shape, model, matrix, line, x):
-    """x^T A x of one line, in lanes still to be gathered."""
+    """x^T A x of one line, as partial sums."""
     width, stride = shape[LINE], shape[STRIDE]
     start = line * width + MARGIN * stride
     sum_ = zero()
@@ -101,7 +104,7 @@ def form(shape, model, matrix, line, x):
 
 @part
 def difference_form(shape, model, matrix, line, x):
-    """x^T A x where the rows of A sum to zero: - sum_(i<j) A_ij (x_j - x_i)^2; to be gathered."""
+    """x^T A x for A with zero row sums: - sum_(i<j) A_ij (x_j - x_i)^2, as partial sums."""
     width, stride = shape[LINE], shape[STRIDE]
     start = line * width + MARGIN * stride
     sum_ = zero()
@@ -117,7 +120,7 @@ def difference_form(shape, model, matrix, line, x):
 
 @part
 def inner(shape, line, a, b):
-    """a . b of one line, to be gathered."""
+    """a . b of one line, as partial sums."""
     start = line * shape[LINE] + MARGIN * shape[STRIDE]
     sum_ = zero()
     for part_ in range(shape[PARTS]):
@@ -134,7 +137,7 @@ def mass_of(shape, line):
 
 @part
 def kinetic(shape, model, v):
-    """v^T M v / 2 [J], a row."""
+    """Kinetic energy v^T M v / 2 [J], a row."""
     sum_ = zero()
     for line in range(shape[LINES]):
         sum_ += form(shape, model, mass_of(shape, line), line, v)
@@ -143,7 +146,7 @@ def kinetic(shape, model, v):
 
 @part
 def solve_mass(shape, model, x):
-    """x <- M^-1 x by the factors of every line, in place."""
+    """x <- M^-1 x in place, by forward and back substitution with FACTORS."""
     if shape[STRIDE] == 1:
         solve_one(shape, model, x)
     else:
@@ -152,7 +155,7 @@ def solve_mass(shape, model, x):
 
 @part
 def solve_one(shape, model, x):
-    """`solve_mass` of one cable. Lines are interleaved, so that their chains overlap."""
+    """`solve_mass` of one cable. Lines are interleaved, so that their dependency chains overlap."""
     width, n, lines, dim = shape[LINE], shape[N], shape[LINES], shape[DIM]
     first = shape[FACTORS]
     for k in range(MARGIN, n + MARGIN):
@@ -198,7 +201,7 @@ def solve_eight(shape, model, x):
 
 @part
 def row_product(shape, a, b):
-    """a . b of all lines, a row."""
+    """a . b over all lines, a row."""
     sum_ = zero()
     for at in range(0, shape[SIZE], LANES):
         sum_ += load(a, at) * load(b, at)

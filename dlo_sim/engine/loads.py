@@ -1,4 +1,4 @@
-"""Point wrenches: forces and moments at material coordinates, as the inputs say.
+"""Point wrenches: forces and moments at material coordinates.
 
 A force F at u adds b_i(u) F. A moment m turns the tangent: its virtual work on
 d phi = t x dt / |t|^2 gives b_i'(u) (m x t) / |t|^2, and its axial part m.t / |t| turns theta.
@@ -17,7 +17,7 @@ TORQUE, FREQUENCY = 3, 6  # rows of a load behind its force
 
 @part
 def amplitude(frequency, t):
-    """1 for a constant load, sin(2 pi f t) otherwise."""
+    """sin(2 pi f t), or 1 for f = 0, a constant load."""
     return 1.0 if frequency == 0.0 else np.sin(2.0 * np.pi * frequency * t)
 
 
@@ -29,7 +29,7 @@ def load_force(shape, model, inputs, scratch, x, t, out):
     for k in range(shape[layout.LOADS]):
         at = shape[layout.LOAD] + layout.LOAD_ROWS * LANES * k
         factors = shape[layout.NOTES]
-        for lane in range(LANES):  # eight cables may have eight frequencies
+        for lane in range(LANES):  # each cable has its own frequency
             scratch[factors + lane] = amplitude(inputs[at + FREQUENCY * LANES + lane], t)
         factor = load(scratch, factors)
         basis = shape[layout.LOAD_BASIS] + width * k
@@ -45,14 +45,14 @@ def load_force(shape, model, inputs, scratch, x, t, out):
 
 @part
 def moment_of(shape, inputs, k):
-    """Amplitude of the moment of a load, world frame."""
+    """Amplitude of the moment of load k [N m], world frame; one cable only."""
     at = shape[layout.LOAD] + (layout.LOAD_ROWS * k + TORQUE) * LANES
     return inputs[at], inputs[at + LANES], inputs[at + 2 * LANES]
 
 
 @part
 def load_tangent(shape, model, x, k):
-    """r' (world) at the material coordinate of a load."""
+    """r' at the material coordinate of load k, world frame."""
     at = shape[layout.LOAD_POINT] + (layout.LOAD_POINT_ROWS * k + 4) * LANES
     to = layout.MARGIN + shape[shape[layout.LOAD_TABLE] + k]
     t0 = t1 = t2 = 0.0
@@ -72,7 +72,7 @@ def load_tangent(shape, model, x, k):
 
 @part
 def add_moment(shape, model, inputs, x, k, factor, out):
-    """out += generalised forces of the moment of one load of one cable."""
+    """out += generalised forces of the moment of load k; one cable only."""
     m = moment_of(shape, inputs, k)
     m0, m1, m2 = factor * m[0], factor * m[1], factor * m[2]
     if m0 == 0.0 and m1 == 0.0 and m2 == 0.0:
@@ -95,7 +95,7 @@ def add_moment(shape, model, inputs, x, k, factor, out):
 
 @part
 def add_load_stiffness(shape, model, inputs, x, t, scale, band):
-    """band -= scale times the derivative of the load forces: moments turn with the tangent."""
+    """band -= scale times the Jacobian of the load forces: that of moments, by the tangent."""
     dim = shape[layout.DIM]
     half, row = 4 * dim - 1, 16 * (dim - 1)
     for k in range(shape[layout.LOADS]):

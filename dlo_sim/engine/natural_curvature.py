@@ -1,9 +1,9 @@
-"""Natural curvature, assembled: its vector per sample is fixed in the world or the material frame.
+"""Natural curvature, assembled: one vector per sample, fixed in the world or the material frame.
 
-In the world it is what the state holds, until somebody turns it or plastic flow changes it. In the
-material frame (bit MATERIAL) the state holds it where the last step ended; within a step it turns
-with the tangent and with theta (`terms.material_frame`), so that natural curvature and theta act on
-each other.
+Fixed in the world, the vector in the state changes only if the caller rotates it or the cable
+yields. In the material frame (bit MATERIAL) the state holds the vector at the end of the last step;
+within a step it rotates with the tangent and with theta (`terms.material_frame`), which couples
+bending to twist.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.bundles import CABLE, bared
 from dlo_sim.engine.elastic import (
     add_cubic,
+    add_sample,
     basis_at,
     bending_at,
     block_of,
     curve,
-    gathered_sample,
     integrated,
     line_polynomial,
     sample_of,
@@ -33,20 +33,20 @@ from dlo_sim.terms.viscosity import combined, dot
 
 @part
 def rows_of(shape, b, j):
-    """Offset of the rows of sample j of block b: weight times EI kappa0 (3), rest twist [rad/m]."""
+    """Offset of the rows of sample j of block b: weight EI kappa0 (3), rest twist [rad/m]."""
     return shape[layout.NATURAL] + (b * shape[layout.SAMPLES] + j) * layout.NATURAL_ROWS * LANES
 
 
 @part
 def natural_at(shape, state, b, j):
-    """Weight EI times the natural curvature vector of sample j of block b."""
+    """Natural curvature vector of sample j of block b, times quadrature weight and EI."""
     at = rows_of(shape, b, j)
     return load(state, at), load(state, at + LANES), load(state, at + 2 * LANES)
 
 
 @part
 def rest_twist_at(shape, state, b, j):
-    """Twist [rad/m] of the unloaded cable at sample j of block b."""
+    """Twist rate [rad/m] of the unloaded cable at sample j of block b."""
     if shape[layout.TERMS] & layout.MATERIAL:
         return load(state, rows_of(shape, b, j) + 3 * LANES)
     return zero()
@@ -54,7 +54,7 @@ def rest_twist_at(shape, state, b, j):
 
 @part
 def turn_polynomial(shape, model, reference, x, b):
-    """theta since the last step on the spans of a block, as `elastic.line_polynomial`."""
+    """Change of theta since the last step on the spans of a block, as `elastic.line_polynomial`."""
     at = shape[layout.DIM] * shape[layout.LINE] + layout.MARGIN + LANES * b
     block = block_of(shape, b)
     p = line_polynomial(x, at, 1, model, block)
@@ -64,8 +64,7 @@ def turn_polynomial(shape, model, reference, x, b):
 
 @part
 def natural_force(shape, model, state, x0, x1, turn, push, out):
-    """out -= discrete gradient between x0 and x1: with `turn` on theta, with `push` on the
-    centerline."""
+    """out -= discrete gradient between x0 and x1, on theta (`turn`) and the centreline (`push`)."""
     follows = shape[layout.TERMS] & layout.MATERIAL != 0
     reference = x0
     if follows:
@@ -109,9 +108,9 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
                 on_t = combined(on_e, on_t, 2.0 * more_c, t)
                 on_t = combined(1.0, on_t, on_e, natural_curvature.cross(k, n))
                 on_k = combined(on_e, natural_curvature.cross(n, t), 0.0, t)
-                g0 = gathered_sample(g0, on_t[0], s * on_k[0], xi)
-                g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
-                g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
+                g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
+                g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
+                g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
         if push:
             scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
         if turn:
@@ -120,21 +119,21 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
 
 @piece(*FORCE)
 def force(shape, model, state, x0, x1, out):
-    """`natural_force` on all that moves."""
+    """`natural_force` on all coordinates."""
     follows = shape[layout.TERMS] & layout.MATERIAL != 0
     natural_force(shape, model, state, x0, x1, follows, YES, out)
 
 
 @piece(*FORCE)
 def gradient(shape, model, state, x0, x1, out):
-    """The same where it does not depend on theta, with which `methods.twist_step` solves it."""
+    """`natural_force` if fixed in the world; else `methods.twist_step` adds it with theta."""
     if not shape[layout.TERMS] & layout.MATERIAL:
         natural_force(shape, model, state, x0, x1, NO, YES, out)
 
 
 @piece(*ENERGY)
 def energy(shape, model, state, x, out):
-    """Energy of the natural curvature [J]; it counts as bending."""
+    """Add the energy of the natural curvature [J] to the bending energy."""
     sum_ = zero()
     follows = shape[layout.TERMS] & layout.MATERIAL != 0
     reference = x
@@ -160,14 +159,14 @@ def energy(shape, model, state, x, out):
 
 @part
 def vector_now(n, before, t, angle):
-    """A vector of the last step's end, for r' then and now and the angle since."""
+    """Rotate n by `angle` about the tangent `before`, then by the smallest rotation to t."""
     u = material_frame.unit(before)
     return material_frame.transported(material_frame.turned(n, u, angle), u, material_frame.unit(t))
 
 
 @part
 def follow_natural(shape, model, state, x):
-    """Take the vectors along to the end of a step."""
+    """Rotate the vectors in the state to the material frame at the end of a step."""
     reference = shifted(state, shape[layout.REFERENCE])
     for b in range(shape[layout.BLOCKS]):
         s = load(model, block_of(shape, b) + layout.SLOPE * LANES)
@@ -192,8 +191,8 @@ def follow_to_present(cable):
 
 @part
 def add_natural_stiffness(shape, model, state, x0, x1, matrix):
-    """matrix += derivative of that discrete gradient on theta by theta at x1, to first order in the
-    step; four lower diagonals, lines of n entries. One cable only.
+    """matrix += derivative with respect to theta at x1 of the discrete gradient on theta, to first
+    order in the step; four lower diagonals of n entries each. One cable only.
     """
     n = shape[layout.N]
     for b in range(shape[layout.BLOCKS]):
@@ -221,5 +220,5 @@ def add_natural_stiffness(shape, model, state, x0, x1, matrix):
                     store(matrix, to, load(matrix, to) + entry)
 
 
-# Its tangent is in that of bending, whose vectors it shares: `engine.tangent`.
+# Its Jacobian is assembled with that of bending, which uses the same vectors: `engine.tangent`.
 TERM = Term(layout.CURVED, force=force, gradient=gradient, energy=energy)

@@ -1,16 +1,15 @@
 """Plastic bending: a plastic curvature vector per quadrature point, with its flow rule.
 
 With the curvature vector kappa = C / |t|^3 (C = t x k, t = r', k = r'') and the plastic curvature p
-the stored energy per rest length is EI/2 |kappa - p|^2 + H/2 |p|^2. The bending term holds
-EI/2 |kappa|^2 and `terms.natural_curvature`, of the vector EI p, the mixed part; what remains is
-(EI + H)/2 |p|^2. Yield and flow (rate independent, linear kinematic hardening, return mapping) act
-once per step at the step's end configuration: an operator split, first order in the step.
+the stored energy per rest length is EI/2 |kappa - p|^2 + H/2 |p|^2. Of this, EI/2 |kappa|^2 is the
+bending term, and the mixed part is `terms.natural_curvature` with the vector EI p; the rest,
+(EI + H)/2 |p|^2, is here. The flow rule (rate independent, linear kinematic hardening, return
+mapping) is applied once per step at its end configuration: operator splitting, first order.
 
-Objectivity: p is kept in world coordinates, normal to the tangent, and is carried along by the
-smallest rotation that takes the old tangent to the new one. That follows every motion but a spin of
-the cable about its own axis, in which p keeps its direction in the world. Carrying changes the
-energy by second order in the rotation of one step; the ledger counts it as dissipated. Three
-dimensions only.
+Objectivity: p is stored in world coordinates, normal to the tangent, and rotates with it by the
+smallest rotation from the old tangent to the new one. Only in a spin of the cable about its own
+axis does p keep its direction in the world. This rotation changes the energy by second order in the
+rotation per step; the ledger counts the change as dissipated. Three dimensions only.
 """
 
 from __future__ import annotations
@@ -29,13 +28,13 @@ TINY = 1e-300
 
 @part
 def three(array, at):
-    """Three rows."""
+    """Load three rows as a vector."""
     return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
 
 
 @part
 def store_three(array, at, v):
-    """Write three rows."""
+    """Store a vector as three rows."""
     store(array, at, v[0])
     store(array, at + LANES, v[1])
     store(array, at + 2 * LANES, v[2])
@@ -43,7 +42,7 @@ def store_three(array, at, v):
 
 @piece(*ENERGY)
 def energy(shape, model, state, x, out):
-    """(EI + H)/2 |p|^2, integrated [J]."""
+    """Add the integral of (EI + H)/2 |p|^2 [J]."""
     sum_ = zero()
     hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
     for b in range(shape[layout.BLOCKS]):
@@ -61,7 +60,7 @@ def energy(shape, model, state, x, out):
 
 @piece(*FLOW)
 def plastic_flow(shape, model, inputs, state, scratch):
-    """Carry the plastic curvature to the present shape and let it flow."""
+    """Rotate p to the present tangents, then apply the return mapping."""
     x = shifted(state, shape[layout.X])
     hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
     yield_moment = load(model, shape[layout.SCALES] + layout.YIELD_MOMENT * LANES)
@@ -94,7 +93,7 @@ def plastic_flow(shape, model, inputs, state, scratch):
             m = combined(stiffness, kappa, -whole, p)
             moment = root(dot(m, m))
             over = moment - yield_moment
-            flow = 0.5 * (over + size(over)) / (whole + TINY)  # lanes without a span have none
+            flow = 0.5 * (over + size(over)) / (whole + TINY)  # TINY: lanes beyond the last span
             p = combined(1.0, p, flow / (moment + TINY), m)
             store_three(state, to, p)
             store_three(state, to + 3 * LANES, t)

@@ -1,4 +1,4 @@
-"""What a grasp does to the cable, as a force and a moment."""
+"""The wrench (force and moment) that a grasp exerts on the cable."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from dlo_sim.engine.tables import (
 
 @part
 def add_force(model, weights, points, begin, f, axis, about, out):
-    """out += forces b_k f along a world axis on four control points, and their moments about a
-    place.
+    """out += resultant of the forces b_k f along a world axis at four control points, and their
+    moment about the point `about`.
     """
     following, last = (axis + 1) % 3, (axis + 2) % 3
     for k in range(4):
@@ -36,19 +36,19 @@ def add_force(model, weights, points, begin, f, axis, about, out):
 
 @part
 def add_moment(shape, f, t, out):
-    """out += a moment f about a unit vector on the lines."""
+    """out += moment f about the unit vector t."""
     for d in range(shape[layout.DIM]):
         out[3 + shape[layout.AXES + d]] += f * component3(t, d)
 
 
 @piece(NOTHING, CABLE, WHOLE, REALS, MATRIX, REALS, REALS)
 def add_wrench(cable, grasp, rows, points, about, out):
-    """out += force [N] and moment [N m] of a grasp, world axes, (6).
+    """out += force [N] and moment [N m] of a grasp on the cable, world axes, shape (6,).
 
-    A row with the value F along its direction e (`rows`, one a held row) does Q = F e on the
-    quantity sum_k b_k x_k: it is a force (sum_k b_k) Q and a moment (sum_k b_k (x_k - x_e)) x Q
-    about the place x_e (`about` [m], (3,); `points` [m], (n, 4)). The row of the twist is a moment
-    about the tangent at its end. Springs count by what they do now.
+    A held row with multiplier F (`rows`, one per held row) and direction e applies Q = F e to
+    sum_k b_k x_k: the force (sum_k b_k) Q and the moment (sum_k b_k (x_k - x_e)) x Q about a point
+    x_e (`about` [m], (3,); `points` [m], (n, 4)). A twist row is a moment about the tangent at its
+    end. Springs contribute their present forces.
     """
     shape, model, _, state, _ = bared(cable)
     x = shifted(state, shape[layout.X])

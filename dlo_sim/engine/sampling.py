@@ -1,7 +1,7 @@
-"""Samples of the motion while stepping: cubic Hermite between the states at a step's two ends.
+"""Dense output: states at given times by cubic Hermite interpolation over the step.
 
-The recorder is three arrays: times [s] (T,), states (T, SIZE) as lines, energies (T, LANES) [J];
-`marks`: index of the next sample, number of samples.
+The recorder is four arrays: times [s] (T,), states (T, SIZE) as lines, energies (T, LANES) [J], and
+`marks` (2,): index of the next sample, number of samples T.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dlo_sim.engine.lines import copy
 
 @part
 def velocities(shape, model, inputs, state, scratch, t, out):
-    """Velocities of all control points at time t."""
+    """Velocities of all control points at time t: w plus the prescribed motion."""
     copy(shape, shifted(state, shape[W]), out)
     x = shifted(state, shape[X])
     add_velocity_of_held(shape, model, inputs, state, scratch, x, t, out)
@@ -26,7 +26,7 @@ def velocities(shape, model, inputs, state, scratch, t, out):
 
 @part
 def begin_sample(shape, model, inputs, state, scratch, records, t0, tau):
-    """Keep the state before a step if a sample falls into it; true if so."""
+    """Save the state at the start of a step that contains a sample time; return whether it does."""
     times, _, _, marks = records
     k = marks[0]
     if k < marks[1] and times[k] <= t0 + tau * (1.0 + 1e-9):
@@ -42,7 +42,7 @@ def begin_sample(shape, model, inputs, state, scratch, records, t0, tau):
     *(BARE_RECORDS, REAL, REAL),
 )
 def end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau):
-    """Store every sample time inside the step. The energy is that of the end of the step."""
+    """Record all samples of this step. Their energy is that at the end of the step."""
     times, samples, powers, marks = records
     v0, v1 = shifted(scratch, shape[V0]), shifted(scratch, shape[V1])
     before = shifted(scratch, shape[BEFORE])

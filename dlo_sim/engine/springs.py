@@ -1,9 +1,10 @@
-"""Rows that are held through a stiffness: k (target - sum_k b_k x_k) along an axis.
+"""Spring rows, by which a compliant grasp holds the cable: force k (anchor - sum_q b_q x_q).
 
-The target is where the grasp is; where grasps move, the anchors follow, and what that does is
-booked as their work. A tangent is held likewise, with slopes b'_k and the grasp's direction d as
-target: k/2 |r' - d|^2 is k (1 - cos) of the angle between them, as |r'| is all but 1. A roll is
-held on the line of the twist, by the angle that the grasp prescribes.
+A position spring acts along one axis, and its anchor is the attachment point of the grasp. A
+tangent spring has the slopes b'_q, and its anchor is the grasp's direction d: its energy
+k/2 |r' - d|^2 is k (1 - cos) of the angle between them, since |r'| is close to 1. A roll spring
+acts on the twist angle; its anchor is the prescribed angle. The work of moving anchors belongs to
+the work of the grasps in the energy ledger.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, place, turned
 from dlo_sim.engine.held import component, component3
 from dlo_sim.engine.tables import spring_first, spring_grasp, spring_line
 
-ROLL_DAMPING = 0.5  # of a step
+ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
 
 
 @part
 def spring_place(shape, k):
-    """Entry of a line array at which the four control points of spring row k begin."""
+    """Index in an array of lines of the first of the four coordinates of spring row k."""
     point = spring_first(shape, k)
     line = spring_line(shape, k)
     return line * shape[layout.LINE] + (layout.MARGIN + point) * shape[layout.STRIDE]
@@ -28,7 +29,7 @@ def spring_place(shape, k):
 
 @part
 def spring_value(shape, model, k, x):
-    """sum_k b_k x_k of spring row k."""
+    """sum_q b_q x_q of spring row k."""
     at, stride = spring_place(shape, k), shape[layout.STRIDE]
     f = zero()
     for q in range(4):
@@ -39,13 +40,13 @@ def spring_value(shape, model, k, x):
 
 @part
 def stiffness_of(shape, model, k):
-    """Stiffness [N/m], of a tangent or a roll [N m/rad]."""
+    """Stiffness: [N/m] for a position, [N m/rad] for a tangent or a roll."""
     return load(model, shape[layout.SPRING] + (layout.SPRING_ROWS * k + 4) * LANES)
 
 
 @part
 def push(shape, model, k, f, out):
-    """out += f on what spring row k holds. One cable's numbers stand at stride 1, one by one."""
+    """out += b_q f on the four coordinates of spring row k."""
     at, stride = spring_place(shape, k), shape[layout.STRIDE]
     for q in range(4):
         weight = shape[layout.SPRING] + (layout.SPRING_ROWS * k + q) * LANES
@@ -58,11 +59,11 @@ def push(shape, model, k, f, out):
 
 @part
 def spring_force(shape, model, state, x, share, rolling, out):
-    """out += forces of the springs, with anchors at a share of the way that is still to be booked.
+    """out += forces of the springs, with anchors at ANCHOR_BOOKED + share (ANCHOR - ANCHOR_BOOKED).
 
-    share 1: where they are. `rolling`: those that hold the roll, else all others. Implicit steps
-    take these at the end of the step, where a damping makes the moment of its middle that of its
-    end (`roll_loss`): so a stiff one does not ring.
+    `rolling` selects the roll springs, else all others. Implicit steps evaluate roll springs at the
+    end of the step, which equals the midpoint rule with damping of half a step (`roll_loss`): a
+    stiff one then does not ring.
     """
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k) != rolling:
@@ -77,14 +78,14 @@ def spring_force(shape, model, state, x, share, rolling, out):
 
 @part
 def rolls(shape, k):
-    """Whether spring row k holds the roll."""
+    """Whether spring row k is a roll spring."""
     return spring_line(shape, k) == shape[layout.DIM]
 
 
 @part
 def roll_loss(shape, model, state, change):
-    """Energy [J] that the damping of the springs that hold the roll takes in a step, ROLL_DAMPING
-    times stiffness and step, and what of it moving anchors put in.
+    """Energy [J] dissipated in a step by the damping of the roll springs (damping coefficient
+    ROLL_DAMPING times stiffness times step), and the work [J] of the anchors against it.
     """
     lost, driven = 0.0, 0.0
     for k in range(shape[layout.SPRINGS]):
@@ -100,7 +101,7 @@ def roll_loss(shape, model, state, change):
 
 @part
 def add_roll_stiffness(shape, model, matrix):
-    """matrix += stiffness of springs that hold the roll, as four lower diagonals of n entries."""
+    """matrix += stiffness of the roll springs; four lower diagonals of n entries each."""
     n = shape[layout.N]
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
@@ -115,7 +116,7 @@ def add_roll_stiffness(shape, model, matrix):
 
 @part
 def add_roll_change(shape, model, moved, out):
-    """out += what a further change of the twist line does to their moments."""
+    """out += change of the moments of the roll springs by a change `moved` of the twist line."""
     for k in range(shape[layout.SPRINGS]):
         if rolls(shape, k):
             stiffness = stiffness_of(shape, model, k)
@@ -124,7 +125,7 @@ def add_roll_change(shape, model, moved, out):
 
 @part
 def spring_energy(shape, model, state, x):
-    """Energy of the springs [J], a row."""
+    """Elastic energy of the springs [J], a row."""
     f = zero()
     for k in range(shape[layout.SPRINGS]):
         apart = spring_value(shape, model, k, x) - load(state, shape[layout.ANCHOR] + k * LANES)
@@ -134,8 +135,8 @@ def spring_energy(shape, model, state, x):
 
 @part
 def target_of(shape, model, inputs, state, k, t):
-    """What spring row k pulls to at time t: its grasp's angle, a coordinate of its place, or of its
-    direction.
+    """Anchor of spring row k at time t: twist angle of its grasp [rad], or one coordinate of its
+    attachment point [m] or of its direction.
     """
     grasp = shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)
     if rolls(shape, k):
@@ -153,7 +154,7 @@ def target_of(shape, model, inputs, state, k, t):
 
 @part
 def move_anchors(shape, model, inputs, state, t):
-    """Let the springs of grasps that move pull to where these are at time t."""
+    """Set the anchors of moving grasps to their values at time t."""
     for k in range(shape[layout.SPRINGS]):
         if inputs[shape[layout.MOTION] + MOTION_SIZE * spring_grasp(shape, k)] != 0.0:
             target = target_of(shape, model, inputs, state, k, t)
@@ -162,8 +163,8 @@ def move_anchors(shape, model, inputs, state, t):
 
 @part
 def anchor_work(shape, model, state, x0, x1):
-    """Work done on the springs by anchors that moved while the cable moved from x0 to x1, a row:
-    k (mean anchor - mean value) . (change of the anchor), exact for straight and even motion.
+    """Work [J] of the moving anchors while the cable moves from x0 to x1, a row:
+    k (mean anchor - mean value) (change of the anchor), exact if both change linearly in time.
     """
     done = zero()
     for k in range(shape[layout.SPRINGS]):
@@ -175,14 +176,14 @@ def anchor_work(shape, model, state, x0, x1):
 
 
 @part
-def book_anchors(shape, state):
-    """Nothing that anchors did is left to be booked."""
+def accept_anchors(shape, state):
+    """ANCHOR_BOOKED = ANCHOR: the ledger contains the work of the anchors up to here."""
     for at in range(shape[layout.SPRINGS] * LANES):
         state[shape[layout.ANCHOR_BOOKED] + at] = state[shape[layout.ANCHOR] + at]
 
 
 @part
 def restore_anchors(shape, state):
-    """Anchors as they were when work was booked last."""
+    """ANCHOR = ANCHOR_BOOKED: take back the motion of the anchors in a rejected step."""
     for at in range(shape[layout.SPRINGS] * LANES):
         state[shape[layout.ANCHOR] + at] = state[shape[layout.ANCHOR_BOOKED] + at]

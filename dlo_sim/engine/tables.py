@@ -1,4 +1,4 @@
-"""What is in the tables of whole numbers: a name for every column."""
+"""Named access to the tables of whole numbers (`engine.layout`)."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from dlo_sim.engine import layout
 
 @part
 def first_of_point(shape, point):
-    """First of the four control points of a held point."""
+    """Index of the first of the four control points that a held point depends on."""
     return shape[shape[layout.POINT_TABLE] + layout.POINT_ENTRIES * point]
 
 
 @part
 def is_twist(shape, point):
-    """1 for a held point of the twist, 0 in space."""
+    """1 for a held point of the twist angle, 0 in space."""
     return shape[shape[layout.POINT_TABLE] + layout.POINT_ENTRIES * point + 1]
 
 
 @part
 def own_of(shape, point):
-    """The control point that a held point is, -1 if it lies between."""
+    """Control point that coincides with a held point, -1 if there is none."""
     return shape[shape[layout.POINT_TABLE] + layout.POINT_ENTRIES * point + 2]
 
 
 @part
 def point_of(shape, k):
-    """Point of held row k."""
+    """Held point of row k."""
     return shape[shape[layout.ROW_TABLE] + layout.ROW_ENTRIES * k]
 
 
@@ -38,7 +38,7 @@ def grasp_of(shape, k):
 
 @part
 def line_of(shape, k):
-    """Line of held row k, -1 where its direction turns with its grasp."""
+    """Line of held row k, -1 if its direction turns with its grasp."""
     return shape[shape[layout.ROW_TABLE] + layout.ROW_ENTRIES * k + 2]
 
 

@@ -1,7 +1,7 @@
-"""Exact Jacobian of the discrete gradient by the new configuration, into a band matrix.
+"""Exact Jacobian of the discrete gradient with respect to the new configuration, as a band matrix.
 
-With both configurations the same it is half the Hessian of the elastic energy. What viscosity gains
-by the change of the geometry within the step is left out. One cable only.
+For equal configurations it is half the Hessian of the elastic energy. The dependence of the viscous
+forces on the geometry is left out. One cable only.
 
 Entry (r, c) of the matrix over all spatial unknowns, control point i and line d at i dim + d, is
 stored at r width + c - r + 4 dim - 1, width 16 in a plane and 32 in space, so that a row operation
@@ -27,19 +27,20 @@ from dlo_sim.engine.natural_curvature import natural_at
 from dlo_sim.terms import bend, natural_curvature, stretch, viscosity
 from dlo_sim.terms.viscosity import combined
 
-# Rows of the scratch of a sample: midpoint vectors and the factors of the Jacobian's dyads.
+# Rows of `scratch` per sample: midpoint vectors and the factors of the Jacobian's dyads.
 T, K, X1, Y1, X2, Y2, X3, DIAGONAL = 0, 3, 6, 9, 12, 15, 18, 21
-KN, NT, XE, SKEW = 24, 27, 30, 33  # of the natural curvature
-NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C = 36, 39, 40, 41, 42  # of viscosity
-THINNED_T, THINNED_K = 43, 46  # of its thinning, see `viscosity.thinned`
+KN, NT, XE, SKEW = 24, 27, 30, 33  # natural curvature
+NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C = 36, 39, 40, 41, 42  # viscosity
+THINNED_T, THINNED_K = 43, 46  # rate-thinning viscosity (`viscosity.thinned`)
 SAMPLE_ROWS = 49
-# Behind the samples: moments 1, xi, xi^2, xi^3 of the directions of force, strain and flow.
+# After the samples: moments with 1, xi, xi^2, xi^3 of the directions of force, strain and strain
+# rate, for the strain projected on a span.
 FORCE_MOMENTS, STRAIN_MOMENTS, FLOW_MOMENTS, MOMENT_ROWS = 0, 12, 24, 36
 
 
 @part
 def keep(array, at, v):
-    """Write three rows."""
+    """Store the three components of v as rows."""
     store(array, at, v[0])
     store(array, at + LANES, v[1])
     store(array, at + 2 * LANES, v[2])
@@ -47,7 +48,7 @@ def keep(array, at, v):
 
 @part
 def add_moments(array, at, f, t, xi):
-    """Add f t times 1, xi, xi^2, xi^3 to moments."""
+    """Add f t (1, xi, xi^2, xi^3) to twelve rows of moments."""
     for p in range(4):
         for i in range(3):
             to = at + (3 * p + i) * LANES
@@ -57,7 +58,7 @@ def add_moments(array, at, f, t, xi):
 
 @part
 def factor_samples(shape, model, state, b, p, q, viscous, scratch):
-    """Factors of the Jacobian's dyads at all samples of a block, and moments of its spans."""
+    """Compute the factors of the Jacobian's dyads at all samples of a block, and its moments."""
     terms = shape[layout.TERMS]
     block = block_of(shape, b)
     axial, bending = (
@@ -112,7 +113,7 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
             slopes = bend.mean_hessian(bending, c0, d0, h0, c1, d1, h1)
             cc += slopes[0]
             cd, ch, dc, dd, hc = slopes[1], slopes[2], slopes[3], slopes[4], slopes[5]
-        # d/dc1 of a function of (c1, d1, h1) is 2 r'_1 on r', and so on.
+        # Chain rule with dc1 = 2 t.dt, dd1 = k.dt + t.dk, dh1 = 2 k.dk at configuration 1.
         keep(scratch, z + T * LANES, t)
         keep(scratch, z + K * LANES, k)
         keep(scratch, z + X1 * LANES, combined(4.0 * w * cc, tb, 2.0 * w * cd, kb))
@@ -146,7 +147,7 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
 
 @part
 def factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
-    """What the natural curvature adds to the factors of a sample."""
+    """Add the natural curvature to the factors of sample j."""
     n = natural_at(shape, state, b, j)
     c0, c1 = dot(ta, ta), dot(tb, tb)
     e0, e1 = natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
@@ -171,9 +172,8 @@ def factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
     *(NUMBERS, NUMBERS),
 )
 def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
-    """band += scale times the Jacobian of the discrete gradient between x0 and x1 by x1.
-
-    `viscous` is 1 over the time in which x1 moves by one; 0 leaves viscosity out.
+    """band += scale times the Jacobian, with respect to x1, of the discrete gradient between x0 and
+    x1. The viscous part is `viscous` [1/s] times the damping matrix; 0 leaves it out.
     """
     dim = shape[layout.DIM]
     for b in range(shape[layout.BLOCKS]):
@@ -186,7 +186,7 @@ def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
 
 @part
 def four_rows(array, at):
-    """Four rows, three apart."""
+    """Load four rows with a distance of three."""
     step = 3 * LANES
     return (
         load(array, at),
@@ -208,7 +208,7 @@ def add_products(h, one, next_, r):
 
 @part
 def blocks_of(shape, z, i, j, viscous, scratch):
-    """Entry (i, j) of the Jacobian at a sample: of (t, k) by (t, k), as tt, tk, kt, kk."""
+    """Entry (i, j) of a sample's Jacobian blocks tt, tk, kt, kk: gradient on t or k by t or k."""
     unit = 1.0 if i == j else 0.0
     t, k = load(scratch, z + (T + i) * LANES), load(scratch, z + (K + i) * LANES)
     x2, y2 = load(scratch, z + (X2 + j) * LANES), load(scratch, z + (Y2 + j) * LANES)
@@ -258,7 +258,7 @@ def blocks_of(shape, z, i, j, viscous, scratch):
 
 @part
 def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
-    """Entry (i, j) of the Jacobian's blocks of all spans of a block, into the band matrix."""
+    """Add entry (i, j), between two lines, of the Jacobian of a block's spans to `band`."""
     terms, block = shape[layout.TERMS], block_of(shape, b)
     s = load(model, block + layout.SLOPE * LANES)
     h00 = h01 = h02 = h10 = h11 = h12 = h20 = h21 = h22 = zero()
@@ -300,7 +300,7 @@ def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
 
 @part
 def scatter_entry(shape, model, b, i, j, h0, h1, h2, scale, scratch, band):
-    """band += scale times an entry on A, B, C of two lines, on the control points of every span."""
+    """band += scale times the Jacobian (h0, h1, h2) in A, B, C of two lines, by control points."""
     dim, block = shape[layout.DIM], block_of(shape, b)
     half, width = 4 * dim - 1, 16 * (dim - 1)
     spans = min(LANES, shape[layout.N] - 3 - LANES * b)

@@ -1,8 +1,8 @@
-"""What a term that a scene may lack supplies, in a file of its own; `engine.assembly` lists them.
+"""Interface of the optional terms, each in a file of its own; `engine.assembly` lists them.
 
-Each is a function of a fixed signature that is called with all arrays, so that the assembly knows
-no term. For what a term does not have, and for a term that the scene lacks, there is one that does
-nothing: the machine code of what a scene does not need is never made.
+All functions of one kind have the same signature, so the assembly need not know the term. An empty
+function stands in for one that a term does not have, or whose term the scene lacks: code that a
+scene does not need is never compiled.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FLOW = NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS
 
 @part
 def add_energy(shape, energy, row, out):
-    """Add an energy [J] that is to be gathered to a row of `layout.ENERGIES`."""
+    """Add an energy [J], given as partial sums, to a row of `layout.ENERGIES`."""
     store(out, row * LANES, load(out, row * LANES) + gathered(shape, energy))
 
 
@@ -61,13 +61,13 @@ class Term(NamedTuple):
     """The functions of a term.
 
     Attributes:
-        bit: of `engine.layout`, set where a scene has the term.
-        force: out -= gradient at x0 = x1, where all forces at one configuration are asked for.
+        bit: of `engine.layout`, set if a scene has the term.
+        force: out -= gradient of the energy, called with x0 = x1.
         gradient: out -= discrete gradient between x0 and x1, for implicit steps.
         energy: adds energies [J] to the rows of `layout.ENERGIES` in out.
-        tangent: band += scale times the Jacobian of that discrete gradient by x1.
+        tangent: band += scale times the Jacobian of the discrete gradient with respect to x1.
         damping: out -= scale C(x) moved; damping_tangent: band += scale C(x).
-        flow: change of the term's own state at the shape after a step.
+        flow: update of the term's internal variables at the end of a step.
     """
 
     bit: int

@@ -1,4 +1,4 @@
-"""Twist against the Frenet torsion, assembled: strain theta' - gamma; see `terms.torsion`."""
+"""Twist relative to the Frenet torsion, assembled: strain theta' - gamma (`terms.torsion`)."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from dlo_sim.compiling.lanes import LANES, load, store, zero
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
+    add_sample,
     bending_at,
     block_of,
     coefficients,
     curve,
-    gathered_sample,
     sample_of,
     scatter,
     scatter_lines,
@@ -31,7 +31,7 @@ def torsion_scales(shape, model):
 
 @part
 def third_derivative(p, slope):
-    """r''' of the spans, constant on each."""
+    """r''', constant on each span."""
     f = 2.0 * slope * slope
     return f * p[0][2], f * p[1][2], f * p[2][2]
 
@@ -45,7 +45,7 @@ def angle_block(shape, model, x, b):
 
 @piece(*FORCE)
 def force(shape, model, state, _, x, out):
-    """out -= gradient of what the torsion adds to the plain twist term."""
+    """out -= gradient of the energy of `terms.torsion`."""
     stiffness, floor = torsion_scales(shape, model)
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
@@ -62,9 +62,9 @@ def force(shape, model, state, _, x, out):
                 w, floor, tangent_at(p, xi), bending_at(p, xi, s), third, rate
             )
             f = 2.0 * s * s
-            g0 = gathered_sample(g0, on_t[0], s * on_k[0], xi)
-            g1 = gathered_sample(g1, on_t[1], s * on_k[1], xi)
-            g2 = gathered_sample(g2, on_t[2], s * on_k[2], xi)
+            g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
+            g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
+            g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
             g0 = g0[0], g0[1], g0[2] + f * on_third[0]
             g1 = g1[0], g1[1], g1[2] + f * on_third[1]
             g2 = g2[0], g2[1], g2[2] + f * on_third[2]
@@ -80,7 +80,7 @@ def force(shape, model, state, _, x, out):
 
 @piece(*ENERGY)
 def energy(shape, model, state, x, out):
-    """What the torsion adds to the twisting energy [J]."""
+    """Add the energy of `terms.torsion` [J]."""
     stiffness, floor = torsion_scales(shape, model)
     total_ = zero()
     for b in range(shape[layout.BLOCKS]):
@@ -99,7 +99,7 @@ def energy(shape, model, state, x, out):
 
 @part
 def undefined_torsion(shape, model, scratch, x):
-    """Number of samples of one cable whose curvature |C| is below the floor."""
+    """Number of samples of one cable with |C| below the curvature floor (`terms.torsion`)."""
     _, floor = torsion_scales(shape, model)
     excess, count = shape[layout.NOTES], 0.0
     for b in range(shape[layout.BLOCKS]):

@@ -1,1 +1,1 @@
-"""Time integrators, a file per family: the step, what it may be combined with, its stable step."""
+"""Time integrators: one file per family of methods, and the parts of the implicit step."""

@@ -1,6 +1,4 @@
-"""What a simulator asks of its cable between steps: velocities, forces, stiffness, reactions, the
-account. Pieces for callers from Python.
-"""
+"""Pieces for calls from Python between steps: velocities, forces, stiffness, reactions, energy."""
 
 from __future__ import annotations
 
@@ -42,13 +40,13 @@ from dlo_sim.engine.bundles import CABLE, bared
 from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
 from dlo_sim.engine.held import (
     add_shifts,
-    aim,
-    defects,
     grasps_move,
     project,
     row_value,
+    set_targets,
+    take_directions,
+    target_residuals,
     through_inverse,
-    turn_to_aim,
 )
 from dlo_sim.engine.held_motion import carry, target_rates
 from dlo_sim.engine.lines import (
@@ -71,7 +69,7 @@ from dlo_sim.methods.works import evaluate
 
 @by_terms
 def energies_of(terms: int) -> Engine:
-    """All energies of a scene with these bits."""
+    """The energy functions of a scene with these bits."""
     return Engine(assembly(terms).energies)
 
 
@@ -80,28 +78,28 @@ ENERGIES = energies_of(0)  # of the type of all others
 
 @piece(NOTHING, CABLE, REAL)
 def turn_to(cable, t):
-    """Directions of the state: those of the grasps at time t."""
+    """Set DIRECTION and INVERSE to those of the grasps at time t."""
     shape, model, inputs, state, scratch = bared(cable)
     if shape[layout.HELD]:
-        aim(shape, model, inputs, state, scratch, t)
-        turn_to_aim(shape, model, state, scratch)
+        set_targets(shape, model, inputs, state, scratch, t)
+        take_directions(shape, model, state, scratch)
 
 
 @piece(NOTHING, CABLE, REAL)
 def place_held(cable, t):
-    """Move the cable by the least kinetic distance to where it is held at time t."""
+    """Project the configuration onto the constraints at time t, in the metric of the mass M."""
     shape, model, inputs, state, scratch = bared(cable)
     x = shifted(state, shape[layout.X])
     if shape[layout.HELD]:
-        aim(shape, model, inputs, state, scratch, t)
-        turn_to_aim(shape, model, state, scratch)
-        defects(shape, model, state, shape[layout.DIRECTION], scratch, x)
+        set_targets(shape, model, inputs, state, scratch, t)
+        take_directions(shape, model, state, scratch)
+        target_residuals(shape, model, state, shape[layout.DIRECTION], scratch, x)
         add_shifts(shape, model, state, scratch, 1.0, x)
 
 
 @piece(NOTHING, CABLE)
 def keep_free_motion(cable):
-    """W holds velocities: leave of them what keeps the grasps at rest."""
+    """w <- P w, for a W that holds velocities."""
     shape, model, _, state, scratch = bared(cable)
     if shape[layout.HELD]:
         project(
@@ -154,7 +152,7 @@ def grasp_place(inputs, at, t, out):
 
 @piece(NOTHING, REALS, WHOLE, REAL, REALS)
 def grasp_turn(inputs, at, t, direction):
-    """A direction in the gripper's frame <- in the world at time t, in place."""
+    """Transform a direction from the gripper's frame to the world at time t, in place."""
     v = turned(bare(inputs), at, t, direction[0], direction[1], direction[2])
     direction[0], direction[1], direction[2] = v[0], v[1], v[2]
 
@@ -171,7 +169,7 @@ def forces_now(cable, forces, t, out):
 
 @piece(NOTHING, CABLE, ANY.tangent)
 def stiffness(cable, tangent):
-    """Hessian of the potential energy of the spatial lines into BAND."""
+    """BAND = Hessian of the potential energy with respect to the spatial lines."""
     shape, model, _, state, scratch = bared(cable)
     band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     clear_band(shape, band)
@@ -182,7 +180,7 @@ def stiffness(cable, tangent):
 
 @piece(NOTHING, CABLE)
 def moment_stiffness(cable):
-    """Add the stiffness of moments at time zero, which turn with the cable, to BAND."""
+    """BAND += stiffness of the applied moments, which depend on the tangent, at time zero."""
     shape, model, inputs, state, scratch = bared(cable)
     band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     add_load_stiffness(shape, model, inputs, x, 0.0, 1.0, band)
@@ -190,9 +188,8 @@ def moment_stiffness(cable):
 
 @piece(WHOLE, CABLE, REALS)
 def solve_held(cable, unknowns):
-    """Solve BAND y = unknowns in place with what is held kept: number of negative pivots, or -1.
-
-    For a symmetric matrix that is the number of its negative eigenvalues.
+    """Solve BAND y = unknowns in place with the held rows fixed. Returns the number of negative
+    pivots, for a symmetric matrix that of negative eigenvalues, or -1 if a pivot is not usable.
     """
     shape, model, _, state, scratch = bared(cable)
     y = bare(unknowns)
@@ -224,7 +221,7 @@ def solve_held(cable, unknowns):
 
 @piece(NOTHING, CABLE, REALS, TRUTH)
 def free_acceleration(cable, lines, keep):
-    """P M^-1 f of forces in lines, in place; with `keep` false without P."""
+    """f <- P M^-1 f for forces in lines, in place; without P if `keep` is false."""
     shape, model, _, state, scratch = bared(cable)
     x = bare(lines)
     solve_mass(shape, model, x)
@@ -232,16 +229,16 @@ def free_acceleration(cable, lines, keep):
         project(shape, model, state, scratch, x, scratch, shape[layout.SYSTEM])
 
 
-RATE_STEP = 1e-6  # [s] of the difference that gives the acceleration of what is held
+RATE_STEP = 1e-6  # [s] for the finite differences of prescribed velocities
 
 
 @part
 def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
-    """out += accelerations of the held rows that their grasps prescribe at time t.
+    """out += prescribed accelerations of the held rows at time t.
 
-    Central differences of the rates inside the present motion of a grasp, one-sided at its borders:
-    a jump of velocity from one motion to the next is an impulse, not an acceleration to report.
-    With the rates R(x, t) of the rows e.(b x), e.(b x'') is the rate of R - e.(b v) at fixed v.
+    Central differences of the target rates inside the present motion of a grasp, one-sided at its
+    ends: a velocity jump from one motion to the next is an impulse, not a finite acceleration. With
+    the target rates R(x, t) of e.(b x), e.(b x'') is the time derivative of R - e.(b v) at fixed v.
     """
     x, v = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V0])
     moved = shifted(scratch, shape[layout.V1])
@@ -257,7 +254,7 @@ def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
             time = low + 2.0 * RATE_STEP * side
             copy(shape, x, moved)
             add(shape, time - t, v, moved)
-            aim(shape, model, inputs, state, scratch, time)
+            set_targets(shape, model, inputs, state, scratch, time)
             target_rates(shape, model, inputs, state, scratch, moved, time)
             for k in range(shape[layout.HELD]):
                 if grasp_of(shape, k) == g:
@@ -268,10 +265,10 @@ def add_held_accelerations(shape, model, inputs, state, scratch, t, out):
 
 @piece(NOTHING, CABLE, REAL, REALS, REALS)
 def held_force(cable, t, force, out):
-    """Forces [N] (moments [N m] of the twist) of the grasps on the held rows at one instant: `out`,
-    shape (held,). `force`: lines of all other forces f, overwritten.
+    """Reactions `out`, shape (held,), of the grasps on the held rows at time t: [N], twist [N m].
 
-    The rows ask for B M^-1 (f + B^T out) = the accelerations that the grasps prescribe.
+    They solve B M^-1 (f + B^T out) = prescribed accelerations. `force`: lines of all other forces
+    f, overwritten.
     """
     shape, model, inputs, state, scratch = bared(cable)
     f, out = bare(force), bare(out)
@@ -292,7 +289,7 @@ def held_force(cable, t, force, out):
 
 @piece(NOTHING, CABLE, ANY.gradient, REALS, REALS)
 def damping_forces(cable, gradient, v, out):
-    """out += forces of the linear damping and of the viscosity at velocities v, lines."""
+    """out += forces of linear damping, drag and viscosity at velocities v; both are lines."""
     shape, model, _, state, scratch = bared(cable)
     v, out = bare(v), bare(out)
     for line in range(shape[layout.LINES]):
@@ -316,8 +313,8 @@ def damping_forces(cable, gradient, v, out):
 
 @piece(NOTHING, CABLE, carry, REAL)
 def jump(cable, carry, t):
-    """Put what is held in no time where it is at t. What does that does the change of the potential
-    energy, which the caller books: the trapezoidal rule knows nothing of so long a way.
+    """Move the held rows and anchors to their targets at t instantaneously. The caller adds the
+    change of the potential energy to the work of the grasps, as the rule of `works` does not apply.
     """
     shape, model, inputs, state, scratch = bared(cable)
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
@@ -327,6 +324,6 @@ def jump(cable, carry, t):
 
 @piece(NOTHING, CABLE, evaluate, ANY.forces, REAL)
 def settle(cable, evaluate, forces, t):
-    """Book the work up to time t."""
+    """Add the work up to time t to the ledger."""
     shape, model, inputs, state, scratch = bared(cable)
     evaluate(shape, model, inputs, state, scratch, forces, t)

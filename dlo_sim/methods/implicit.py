@@ -1,17 +1,17 @@
 """Implicit steps: one Newton loop for the energy-momentum method, the implicit midpoint rule and
 the generalised-alpha method.
 
-All three are a momentum balance in the unknown q1, tested with motions that keep what is held,
+All three solve a momentum balance for q1, up to reactions of the grasps,
     M (a (q1 - q0) - b v0 - c a0) = f(q0, q1),
 where f is minus the discrete gradient (`energy_momentum`) or the force at q0 + theta (q1 - q0),
 plus loads and damping there. The midpoint rule and the energy-momentum method have theta = 1/2,
-a = 2 / tau^2, b = 2 / tau, c = 0; `core.methods` holds the generalised-alpha constants. Newton's
-method uses the exact tangent of everything but the geometry inside the viscosity. A step whose
-iteration does not converge is taken back and done in halves, quarters, ... of its length. The twist
-line is linear and always integrated by the midpoint rule.
+a = 2 / tau^2, b = 2 / tau, c = 0; `core.methods` has the generalised-alpha constants. Newton's
+method uses the exact Jacobian, except for the dependence of the viscous forces on the geometry. A
+step that does not converge is rejected and repeated in halves, quarters, ... of its length. The
+twist line is always integrated by the midpoint rule (`methods.twist_step`).
 
-Where a clamp turns, its force acts along its directions at the middle of the step, and its
-conditions hold at the end: symmetric, and exact in the energy account.
+Where a clamp turns, its reaction acts along its directions at the middle of the step, and its
+constraints hold at the end: symmetric, and exact in the energy account.
 """
 
 from __future__ import annotations
@@ -72,30 +72,30 @@ from dlo_sim.methods.twist_step import NO_TWIST, TWIST, TWIST_IN_FRAME
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
-CAREFUL_HALVINGS = 4  # of a step that turns a part of the cable over; then that is its motion
+CAREFUL_HALVINGS = 4  # of a step that folds the cable over; after these the fold is accepted
 SLOW = 0.02  # ratio of successive correction energies above which the matrix is renewed
-STALLED = 0.2  # ratio of correction energies from which small corrections are round-off
-GROWTH = 1.0  # of the residual along a correction beyond which the correction is shortened
-SMALLEST_SHARE = 1e-6  # of a correction; below, the step is halved
-NOISE = 1e-9  # largest share of the coordinates that such corrections may have
-BUDGET = 300_000  # unknowns times iterations per step, with all its pieces: some 30 ms
+STALLED = 0.2  # the same above which a correction counts as stalled
+GROWTH = 1.0  # of the residual along a correction, above which the correction is shortened
+SMALLEST_SHARE = 1e-6  # of a correction that shortening may leave
+NOISE = 1e-9  # stalled corrections below this share of the coordinates are round-off
+BUDGET = 300_000  # unknowns times iterations per step with all its parts: some 30 ms
 LEAST_BUDGET = 500  # iterations per step
-ROOM = 10.0  # tolerances that the energy account may be off by in the long run
-TIGHT = 1e-10  # tolerance of steps once it is
-SAFETY = 10.0  # on the shrinking of the next correction
+ROOM = 10.0  # error of the energy account in the long run, in tolerances
+TIGHT = 1e-10  # tolerance of a step once that is reached
+SAFETY = 10.0  # factor on the expected contraction
 MOST_WITH_KEPT = 3  # iterations with a matrix of an earlier step; with a new one two are usual
 MOST_SETBACKS = 5.0  # log2 of the longest wait [steps]
-SMALLEST_SHRINKING = 1e-3  # of corrections that is believed
-FORGETTING = 1.5  # growth of the remembered shrinking per step that does not measure it
+SMALLEST_SHRINKING = 1e-3  # lower bound on the measured contraction
+FORGETTING = 1.5  # growth of the remembered contraction per step that does not measure it
 ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 
 
 @part
-def allowed_defect(shape, state, tolerance, inertia):
-    """Energy [J] that this step may leave unaccounted for.
+def allowed_error(shape, state, tolerance, inertia):
+    """Energy error [J] allowed in this step: `tolerance` times the energy exchanged so far, reduced
+    to TIGHT times an energy scale as the error of the account approaches ROOM tolerances.
 
-    The errors of many steps do not add up: it falls to TIGHT as the account's error approaches ROOM
-    tolerances. What is no exchange of energy, inertia at the start or round-off, counts only so.
+    The scale includes FLOOR and the work against inertia, so that a run can start at rest.
     """
     ledger = shape[layout.LEDGER]
     exchanged = state[ledger + layout.EXCHANGED * LANES]
@@ -106,8 +106,8 @@ def allowed_defect(shape, state, tolerance, inertia):
 
 @part
 def weights(constants, newmark, tau):
-    """theta, a and c of the balance (b = a tau), and the weights rate and g of the velocity that
-    damping sees: tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0.
+    """theta, a, c of the momentum balance (b = a tau), and rate and g of the velocity that damping
+    acts on: tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0.
     """
     if not newmark:
         return 0.5, 2.0 / (tau * tau), 0.0, 1.0, 0.0
@@ -120,9 +120,9 @@ def weights(constants, newmark, tau):
 
 @part
 def may_keep(shape, state, ledger, a):
-    """Whether a step may begin with the matrix of an earlier one: it has this mass weight, and no
-    setback says otherwise. What is held between control points is eliminated with what scratch
-    holds of its own step.
+    """Whether a step may start with the matrix of an earlier one: it has the same factor a of the
+    mass, no wait is due (`judge_matrix`), and there are no border rows, whose part of the
+    factorisation is in scratch and so is lost after its step.
     """
     made = state[ledger + layout.MATRIX_WEIGHT * LANES] == a
     return made and state[ledger + layout.MATRIX_WAIT * LANES] == 0.0 and not shape[layout.BORDER]
@@ -130,10 +130,11 @@ def may_keep(shape, state, ledger, a):
 
 @part
 def judge_matrix(state, ledger, iterations, made):
-    """Note how a step went whose last matrix was made in this iteration (0: in an earlier step).
+    """Decide whether the next steps reuse their matrix; `made` is the iteration in which the last
+    matrix of this step was factorised, 0 if in an earlier step.
 
-    If a kept one cost more iterations than a new one would have, the next steps make their own: one
-    after the first setback in a row, two after the second, then four, ...
+    If reuse cost more iterations than a new matrix would have, the next steps factorise their own:
+    one step after the first such setback in a row, two after the second, then four, ...
     """
     shrinks = ledger + layout.MATRIX_SHRINKING * LANES
     wait, setbacks = ledger + layout.MATRIX_WAIT * LANES, ledger + layout.MATRIX_SETBACKS * LANES
@@ -152,7 +153,7 @@ def judge_matrix(state, ledger, iterations, made):
 
 PARTS = (begin_step, step_force, newton_matrix, finish_step)
 PARTS_OF_STEP = (PARTS, ANY.gradient, ANY.tangent, ANY.flow, NO_TWIST)
-"""The pieces of one implicit step, by their types."""
+"""The pieces of one implicit step, for its signature."""
 
 
 @piece(
@@ -174,21 +175,20 @@ def implicit_step(
     tolerance,
     careful,
 ):
-    """One step in place: whether it converged, and its iterations. On failure the state is
-    unchanged.
+    """One step in place; returns whether it converged, and the number of iterations. If not, x, w
+    and the constraints of the state are restored.
 
-    It is a part of a step of length `whole`, over which reactions are averaged. `careful`: one that
-    turns an edge of the control polygon over does not count as converged.
+    It is a part of a step of length `whole`, over which reactions are averaged. With `careful`, a
+    step that folds the cable over (`turned_over`) counts as not converged.
 
-    The matrix is kept, across steps too, while corrections shrink fast (`judge_matrix`). It is part
-    of the state, so that a run that is cut, saved or copied goes on with the same bits.
+    The matrix is reused, across steps too, while the iteration contracts fast (`judge_matrix`). It
+    belongs to the state, so that a run continues bitwise identically from a snapshot.
     """
     _, parts, gradient, tangent, flows, twisting = pieces
     _, begin_step, step_force, newton_matrix, finish_step = parts
     _, step_twist, end_twist = twisting
     ledger = shape[layout.LEDGER]
-    # The generalised-alpha method needs an acceleration; its first step is one by the midpoint
-    # rule.
+    # The generalised-alpha method needs an initial acceleration: its first step is a midpoint step.
     dissipates = constants[THETA] != 0.5
     newmark = dissipates and state[ledger + layout.KNOWN * LANES] > 0.0
     theta, a, c, rate, g = weights(constants, newmark, tau)
@@ -197,7 +197,7 @@ def implicit_step(
     x, start = shifted(state, shape[layout.X]), shifted(scratch, shape[START])
     change, residual = shifted(scratch, shape[CHANGE]), residual_of(shape, scratch)
     begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g)
-    reach = largest(shape, x)  # size of the configuration, for the iteration's round-off floor
+    reach = largest(shape, x)  # scale of the round-off of corrections
     moves = grasps_move(shape, inputs)
     coupled = shape[layout.TERMS] & layout.BISHOP != 0
     converged = False
@@ -205,11 +205,11 @@ def implicit_step(
     previous = np.inf
     linearize = not may_keep(shape, state, ledger, a)
     shrinks = ledger + layout.MATRIX_SHRINKING * LANES
-    made = 0  # iteration in which the matrix was made, 0: in an earlier step
+    made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # |residual . correction| before the last correction
-    share = 1.0  # of the last correction that is in x
-    stalls = 0  # corrections in a row that did not get smaller
-    known = np.int64(0)  # corrections since the matrix was made
+    share = 1.0  # of the last correction that x contains
+    stalls = 0  # successive stalled corrections
+    known = np.int64(0)  # corrections since the matrix was factorised
     lost = 0.0
     while True:
         lost = step_force(
@@ -225,7 +225,7 @@ def implicit_step(
             last = shifted(scratch, shape[CORRECTIONS] + (known - 1) * (size + 1))
             along = dot(residual, last, size)
             if not abs(along) <= GROWTH * slope and share > SMALLEST_SHARE:
-                # Too far: back on the way that the last correction went, and on with a new matrix.
+                # Overshoot: shorten the last correction and continue with a new matrix.
                 less = share * shortened(slope, along)
                 apply_step(shape, state, scratch, known - 1, less - share, x, change)
                 share = less
@@ -242,7 +242,7 @@ def implicit_step(
         if not energy < 1e300:
             break
         stalls = stalls + 1 if energy > STALLED * previous else 0
-        # The correction just made leaves about `shrinking` of the defect.
+        # The correction is expected to reduce the energy error by the factor `shrinking`.
         shrinking = 1.0
         if share == 1.0 and iterations > 1:
             shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
@@ -252,20 +252,20 @@ def implicit_step(
             shrinking = state[shrinks]
         share = 1.0
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
-        allowed = allowed_defect(shape, state, tolerance, inertia)
+        allowed = allowed_error(shape, state, tolerance, inertia)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if exhausted:
-            # The coordinates have no digits left: the account cannot be better than this.
+            # Corrections are round-off: the energy account cannot be more accurate than this.
             at = ledger + layout.FLOOR * LANES
             state[at] = max(state[at], RESOLUTION * defect)
-        # What moving grasps do is booked with the forces after the last correction, and the twist
-        # is that of the last shape.
+        # The work of moving grasps needs the forces, and the twist the shape, after the last
+        # correction: one more evaluation.
         if converged and not (moves or coupled):
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy
     judge_matrix(state, ledger, iterations, made)
-    # Newton's method may find a cable folded through itself, at no cost in energy.
+    # Newton's method may converge to a cable folded through itself, with the same energy.
     if converged and careful:
         converged = not turned_over(shape, x, start, change)
     if converged:
@@ -280,9 +280,9 @@ def implicit_step(
 
 
 @part
-def absorb_loss(shape, model, state, scratch):
-    """Book what the method itself dissipated, for energies just measured; energy it adds stays an
-    error."""
+def add_numerical_loss(shape, model, state, scratch):
+    """Add the numerical dissipation of the method, known from the energy balance after `measure`,
+    to DISSIPATED. Energy that the method adds remains an error."""
     at, notes = shape[layout.LEDGER], notes_of(shape, scratch)
     total = notes[0]
     for k in range(COUNT):
@@ -295,7 +295,7 @@ def absorb_loss(shape, model, state, scratch):
 
 @by_terms
 def engine_of(terms: int) -> Engine:
-    """The pieces that the loop calls, for a scene with these bits."""
+    """The pieces that `advance_implicit` calls, for a scene with these bits."""
     _, energies, gradient, tangent, flows = assembly(terms)
     twisting = NO_TWIST
     if terms & layout.TWISTED:
@@ -325,7 +325,7 @@ def advance_implicit(
 ):
     """Advance by whole steps; returns (status, steps done, Newton iterations).
 
-    `substeps` are the lengths of the parts that a step is composed of, in units of the step.
+    `substeps`: lengths of the substeps of a composition method, in units of the step.
     `halvings` (at most MAX_HALVINGS) is how often a step may be halved. The energy account is
     updated every step.
     """
@@ -346,8 +346,8 @@ def advance_implicit(
         at = 0.0
         for k in range(parts):
             part_t, part_tau = t0 + at * tau, substeps[k] * tau
-            # Done in smaller pieces where Newton's method does not converge.
-            level, done = 0, 0  # `done` in units of the part 2^-MAX_HALVINGS
+            # Halve where Newton's method does not converge.
+            level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
             while done < whole:
                 one = whole >> level
                 converged, used = implicit_step(
@@ -358,7 +358,7 @@ def advance_implicit(
                 iterations += used
                 if converged:
                     done += one
-                    # Grow again only where the larger piece is aligned, so that pieces nest.
+                    # Double again only where the longer piece is aligned, so that pieces nest.
                     if level > 0 and done % (2 * one) == 0:
                         level -= 1
                 elif level == halvings or iterations - begun > budget:
@@ -368,7 +368,7 @@ def advance_implicit(
             at += substeps[k]
         if constants[THETA] != 0.5:
             measure(shape, model, state, scratch, look)
-            absorb_loss(shape, model, state, scratch)
+            add_numerical_loss(shape, model, state, scratch)
         if not update(shape, model, state, scratch, look):
             return layout.DIVERGED, step - first_step, iterations
         if sampling:

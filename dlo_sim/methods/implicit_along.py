@@ -1,4 +1,4 @@
-"""Implicit steps along given motions of the grasps."""
+"""Implicit steps with a new motion of the grasps for every step."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def potential(shape, model, state, scratch, look):
 
 @part
 def turn_natural_shape(shape, rows, size, turns, at, state):
-    """The rows of the state: those given, their first three turned by the matrix at an offset."""
+    """NATURAL = `rows`, with each vector rotated by the 3 x 3 matrix at offset `at` of `turns`."""
     for start in range(0, size, layout.NATURAL_ROWS * LANES):
         for lane in range(start, start + LANES):
             x, y, z = rows[lane], rows[lane + LANES], rows[lane + 2 * LANES]
@@ -65,11 +65,11 @@ def advance_along(
     moments,
     turns,
 ):
-    """Steps, each with its own `width` numbers of the motions of all grasps, (steps, width), and
-    its own turn (steps, 9) of the rows of the natural shape; returns (status, steps done, Newton
-    iterations).
+    """Advance by whole steps; returns (status, steps done, Newton iterations).
 
-    What that turn changes in energy is work of the grasps.
+    `motions`, (steps, width): numbers of all grasps in each step. `turns`, (steps, 9): rotation, in
+    each step, of the natural curvature vectors `moments`, whose change of energy counts as work of
+    the grasps.
     """
     shape, model, inputs, state, scratch = bared(cable)
     used, at = 0, shape[layout.MOTION]

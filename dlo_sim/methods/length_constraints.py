@@ -1,13 +1,13 @@
-"""Constraints of an inextensible cable: that its length is kept, and the equations to keep it.
+"""Constraints of an inextensible cable, and the linear systems of their projections.
 
 Constraint j is g = (sum_d x_d^T A x_d - 1) / 2 = (|r'|^2 - 1) / 2, at an end or as a mean over a
 knot span, quadratic in its four control points with a constant A (CONSTRAINTS in model) whose rows
-sum to zero, so only differences of control points count. With G = dg/dq and the rows B of what is
-held (`engine.held`) a correction u solves
-    M u + G^T mu + B^T kappa = 0,    G u = - defects of the lengths,    B u = 0.
-Without the held rows that is a band matrix (`engine.band`) once every multiplier stands behind the
-last control point that its constraint touches; they, few and dense, are held by what unit forces on
-them do (RESPONSE).
+sum to zero, so g depends on differences of control points only. With G = dg/dq and the held rows B
+(`engine.held`) a correction u solves the saddle-point system
+    M u + G^T mu + B^T kappa = 0,    G u = - g,    B u = 0.
+Without B the matrix is banded (`engine.band`) if each multiplier is ordered after the last control
+point of its constraint. The few, dense rows B are eliminated by the Schur complement, HELD_SYSTEM,
+from the solutions for unit forces on them, RESPONSE.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from dlo_sim.methods.explicit_layout import (
 
 MAX_ITERATIONS = 40
 TOLERANCE = 1e-13  # on (|r'|^2 - 1) / 2
-ROUND_OFF = 1e-15  # times coordinates over control point distance: what r' is not known better than
-HOPELESS = 0.5  # violation from which iterations do not come back
+ROUND_OFF = 1e-15  # relative round-off of coordinates, for that of r'
+HOPELESS = 0.5  # violation at which the iteration counts as diverged
 
 
 @part
 def unknowns(shape):
-    """Coordinates and multipliers."""
+    """Number of coordinates and multipliers."""
     return shape[layout.N] * (shape[layout.DIM] + 1) + 1
 
 
 @part
 def slot(shape, j):
-    """Place of the multiplier of constraint j, behind the last control point that it touches."""
+    """Index of the multiplier of constraint j, after the last control point of the constraint."""
     dim, n = shape[layout.DIM], shape[layout.N]
     if j == 0:
         return 2 * dim + 1
@@ -91,7 +91,7 @@ def along_gradient(shape, model, x, moved, j):
 
 @part
 def prepare(shape, model, scratch):
-    """Write what never changes of the matrix into BLANK: masses, and ones in unused places."""
+    """Write the constant entries of the matrix to BLANK: masses, and ones for unused unknowns."""
     dim, n = shape[layout.DIM], shape[layout.N]
     apart, half, width = dim + 1, 4 * dim + 3, width_of(dim + 1)
     blank = shifted(scratch, shape[BLANK])
@@ -108,8 +108,8 @@ def prepare(shape, model, scratch):
 
 @part
 def factorize(shape, model, state, scratch, x):
-    """Matrix at configuration x, and RESPONSE to forces along the present directions; whether that
-    went well.
+    """Assemble and factorise the matrix at configuration x, and compute RESPONSE with the present
+    directions. Return whether all pivots were usable.
     """
     dim, n = shape[layout.DIM], shape[layout.N]
     apart, half, width = dim + 1, 4 * dim + 3, width_of(dim + 1)
@@ -126,13 +126,13 @@ def factorize(shape, model, state, scratch, x):
                 band[r * width + place - r + half] = value
                 band[place * width + r - place + half] = value
     good = eliminate(band, unknowns(shape), apart)
-    respond(shape, model, state, scratch)
+    solve_unit_forces(shape, model, state, scratch)
     return good
 
 
 @part
-def share(shape, model, k, directions, at, q, d):
-    """Coefficient of coordinate d of the q-th control point of held row k."""
+def coefficient(shape, model, k, directions, at, q, d):
+    """Coefficient in B of held row k and coordinate d of its q-th control point."""
     line = line_of(shape, k)
     point = point_of(shape, k)
     weight = model[shape[layout.HELD_WEIGHTS] + (layout.POINT_ROWS * point + q) * LANES]
@@ -166,19 +166,19 @@ def held_value(shape, model, state, k, u):
         for q in range(4):
             at = (first_held(shape, k) + q) * (dim + 1)
             for d in range(dim):
-                f += share(shape, model, k, state, shape[layout.DIRECTION], q, d) * u[at + d]
+                f += coefficient(shape, model, k, state, shape[layout.DIRECTION], q, d) * u[at + d]
     return f
 
 
 @part
 def column(shape, k):
-    """Offset of the response to a unit force on held row k."""
+    """Offset of the solution for a unit force on held row k."""
     return shape[RESPONSE] + k * (-(-unknowns(shape) // LANES) * LANES)
 
 
 @part
-def respond(shape, model, state, scratch):
-    """Solutions for a unit force on each held row, found eight at a time, into RESPONSE."""
+def solve_unit_forces(shape, model, state, scratch):
+    """Write the solutions for a unit force on each held row to RESPONSE, eight at a time."""
     dim, count, directions = shape[layout.DIM], unknowns(shape), shape[layout.DIRECTION]
     x = shifted(scratch, shape[EIGHT_SIDES])
     for start in range(0, shape[layout.HELD], LANES):
@@ -189,7 +189,7 @@ def respond(shape, model, state, scratch):
             for q in range(4):
                 for d in range(dim):
                     r = (first_held(shape, k) + q) * (dim + 1) + d
-                    value = share(shape, model, k, state, directions, q, d)
+                    value = coefficient(shape, model, k, state, directions, q, d)
                     x[r * LANES + k - start] += value
         substitute_eight(shifted(scratch, shape[SADDLE]), count, dim + 1, x)
         for k in range(start, end):
@@ -199,10 +199,10 @@ def respond(shape, model, state, scratch):
 
 
 @part
-def prepare_holding(shape, model, state, scratch):
-    """What unit forces on the held rows do to them along the present directions, factorised.
+def factorize_held(shape, model, state, scratch):
+    """Schur complement of the held rows with the present directions, factorised, in HELD_SYSTEM.
 
-    It is nearly symmetric and positive definite, so it needs no pivoting.
+    LU without pivoting: it is close to symmetric positive definite.
     """
     held, matrix = shape[layout.HELD], shifted(scratch, shape[HELD_SYSTEM])
     for k in range(held):
@@ -221,8 +221,8 @@ def prepare_holding(shape, model, state, scratch):
 
 
 @part
-def solve_holding(shape, scratch, x):
-    """Solve with the factors of `prepare_holding`, in place."""
+def solve_held_system(shape, scratch, x):
+    """Forward and back substitution with the factors of `factorize_held`, in place."""
     held, matrix = shape[layout.HELD], shifted(scratch, shape[HELD_SYSTEM])
     for r in range(held):
         for c in range(r):
@@ -237,14 +237,14 @@ def solve_holding(shape, scratch, x):
 def solve(shape, model, state, scratch, force_scale):
     """Solve for the right-hand side in MULTIPLIERS, in place, with B u = 0.
 
-    force_scale times the multipliers of the held rows is added to HOLDING_FORCE.
+    HOLDING_FORCE += force_scale times the multipliers of the held rows.
     """
     dim, held, count = shape[layout.DIM], shape[layout.HELD], unknowns(shape)
     u, forces = shifted(scratch, shape[MULTIPLIERS]), shifted(scratch, shape[layout.RATES])
     substitute(shifted(scratch, shape[SADDLE]), count, dim + 1, u)
     for k in range(held):
         forces[k] = held_value(shape, model, state, k, u)
-    solve_holding(shape, scratch, forces)
+    solve_held_system(shape, scratch, forces)
     for k in range(held):
         x = shifted(scratch, column(shape, k))
         for at in range(0, count, LANES):
@@ -276,7 +276,7 @@ def add_solution(shape, scratch, scale, out):
 
 @part
 def violation(shape, model, scratch, x):
-    """Write -g into the places of the multipliers; returns the largest |g|."""
+    """Write -g to the right-hand side of the multipliers; return the largest |g|."""
     worst = 0.0
     clear_multipliers(shape, scratch)
     for j in range(shape[layout.N] - 1):
@@ -287,8 +287,8 @@ def violation(shape, model, scratch, x):
 
 
 @part
-def resolution(shape, model, x):
-    """Violation that a cable at these coordinates is not known better than."""
+def tolerance(shape, model, x):
+    """Tolerance on |g|: TOLERANCE plus the round-off of g at these coordinates."""
     reach = 0.0
     for d in range(shape[layout.DIM]):
         for i in range(shape[layout.N]):
@@ -298,14 +298,13 @@ def resolution(shape, model, x):
 
 @part
 def keep_length(shape, model, state, scratch, x, force_scale):
-    """Move x onto its lengths by the matrix factorised last; true if that succeeded.
+    """Project x onto g = 0 by chord iteration with the last factors; return whether it converged.
 
-    Chord iteration. The sum of all corrections is left in CORRECTION: the difference of the
-    coordinates may have no digits.
+    CORRECTION gets the sum of all corrections, which the difference of x would lose to round-off.
     """
     correction = shifted(scratch, shape[CORRECTION])
     clear(shape, correction)
-    allowed = resolution(shape, model, x)
+    allowed = tolerance(shape, model, x)
     worst = violation(shape, model, scratch, x)
     for _ in range(MAX_ITERATIONS):
         if worst <= allowed:

@@ -1,5 +1,5 @@
-"""The iteration of an implicit step: first guess, sharpened corrections, search along them, and a
-look at what was found.
+"""Iteration of an implicit step: predictor, Newton and Broyden corrections, their line search, and
+a check of the solution.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dlo_sim.engine.band import own_point, substitute, turn_vector
 from dlo_sim.engine.border import keep_border
 from dlo_sim.methods.implicit_layout import BALANCE, CORRECTIONS, STEP, residual_of
 
-TRUSTED = 0.5  # largest share by which a correction may be repeated
-SMALLEST = 1e-300  # square of a correction
+TRUSTED = 0.5  # largest s_last.z / |s_last|^2 in Broyden's denominator
+SMALLEST = 1e-300  # lower bound on the square of a correction
 
 
 @part
 def parabola(tau, last, before):
-    """Weights of the present configuration, the last and the last but one in the value at tau of
-    the parabola through them; `last` and `before` are the lengths of the last two steps.
+    """Lagrange weights, at tau after the present, of the present configuration and the two before;
+    `last` and `before` are the lengths of the last two steps.
     """
     both = last + before
     return (
@@ -32,12 +32,11 @@ def parabola(tau, last, before):
 
 @part
 def predict(shape, state, x, w, tau):
-    """First guess of the spatial lines: the parabola through the last three configurations, the
-    last configuration where undamped motion, for which the step is far too long, turns its sign
-    from step to step, or constant w.
+    """Predictor of the spatial lines: quadratic extrapolation of the last three configurations, or
+    constant w if they are not known. If the motion alternates from step to step, as undamped stiff
+    modes do in steps far too long for them, the configuration before the present one.
 
-    Shifts the history: its first entry becomes the present configuration, the second the one
-    before.
+    Shifts the history by one configuration.
     """
     ledger, size = shape[layout.LEDGER], shape[layout.SIZE]
     near, far = shifted(state, shape[layout.HISTORY]), shifted(state, shape[layout.HISTORY] + size)
@@ -81,7 +80,7 @@ def largest(shape, x):
 
 @part
 def apply_step(shape, state, scratch, number, share, x, change):
-    """x and `change` += share of the correction of this number."""
+    """x and `change` += share times correction `number`."""
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     step = shifted(scratch, shape[STEP])
     correction = shifted(scratch, shape[CORRECTIONS] + number * (n * dim + 1))
@@ -97,15 +96,14 @@ def apply_step(shape, state, scratch, number, share, x, change):
 
 @part
 def correct(shape, state, scratch, known, x, change):
-    """Solve for the correction, sharpen it by the `known` ones since the matrix was made, apply it
-    to x and to `change`.
+    """Solve for the next correction by Broyden's method and add it to x and `change`.
 
-    Broyden's method: each correction tells what the matrix misses along it. With z the solution for
-    the present residual and s_j the corrections, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the
-    last, then s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
+    With z = K^-1 r of the present residual r and the `known` corrections s_j since K was
+    factorised, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the last, then
+    s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
 
-    Returns |residual . correction| entry by entry and as a whole, the energy defect
-    |residual . change| that the residual would leave, and the largest entry of the correction.
+    Returns sum |r_i s_i|, |r.s|, the energy error sum |r_i change_i| [J] before this correction,
+    and the largest entry of s.
     """
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     size = n * dim
@@ -147,7 +145,7 @@ def correct(shape, state, scratch, known, x, change):
 
 @part
 def shortened(before, after):
-    """Share of a correction at which the residual along it would vanish, by the secant."""
+    """Share of a correction at which the residual along it vanishes by the secant rule, limited."""
     share = before / (before - after)
     return min(max(share, 0.1), 0.5) if share > 0.0 and share < np.inf else 0.1
 
@@ -156,7 +154,7 @@ def shortened(before, after):
 def turned_over(shape, x, start, change):
     """Whether an edge of the control polygon turned by more than a right angle in the step.
 
-    Not where an end was put elsewhere in no time: smaller steps would not help.
+    False if a grasp jumped by more than half an edge: shorter steps would not help.
     """
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     jump, shortest = 0.0, np.inf
@@ -180,7 +178,7 @@ def turned_over(shape, x, start, change):
 
 @part
 def dot(a, b, size):
-    """a . b, in four sums that do not wait for each other."""
+    """a . b, as four independent sums."""
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
     whole = size - size % 4
     for r in range(0, whole, 4):

@@ -1,10 +1,10 @@
-"""RATTLE: an inextensible cable stepped explicitly, its length kept by constraints.
+"""RATTLE: explicit steps of an inextensible cable with length constraints.
 
-Stretching is left out and replaced by n - 1 constraints: the mean of g = (|r'|^2 - 1) / 2 over
-every knot span is 0, and so is g at u = 0 and u = L. That is one constraint per axial degree of
-freedom of a straight cable, so nothing stretches and bending does not lock. A step is one of the
-velocity Verlet method (`methods.splitting`, held rows included) with two corrections, of the
-positions behind the drift and of the velocities at the end,
+Stretching is replaced by n - 1 constraints: the mean of g = (|r'|^2 - 1) / 2 over every knot span
+is 0, and so is g at u = 0 and u = L. That is one constraint per axial degree of freedom of a
+straight cable, so that it is inextensible without locking in bending. A step is one of velocity
+Verlet (`methods.splitting`, held rows included) with two corrections, of the positions after the
+drift and of the velocities at the end,
     M u = - G(q0)^T mu - B0^T kappa,    g(q1 + u) = 0,    B1 u = 0;    q1 += u,  w += u / tau
     M u = - G(q1)^T nu - B1^T kappa,    G(q1) (v1 + u) = 0,    B1 u = 0;    w1 += u:
 second order, symmetric and symplectic on the constraint manifold. `methods.length_constraints`
@@ -27,7 +27,7 @@ from dlo_sim.compiling.pieces import (
     piece,
 )
 from dlo_sim.engine import layout
-from dlo_sim.engine.account import book
+from dlo_sim.engine.account import add_to_ledger
 from dlo_sim.engine.assembly import flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move
@@ -40,11 +40,11 @@ from dlo_sim.methods.length_constraints import (
     along_gradient,
     clear_multipliers,
     factorize,
+    factorize_held,
     first_point,
     gradient,
     keep_length,
     prepare,
-    prepare_holding,
     slot,
     solve,
 )
@@ -54,16 +54,16 @@ MOST_PROJECTIONS = 20
 
 
 @part
-def matrix_here(shape, model, state, scratch):
-    """All that a correction from the present configuration needs; whether that went well."""
+def factorize_present(shape, model, state, scratch):
+    """Factorise all systems at the present configuration; return whether all pivots were usable."""
     good = factorize(shape, model, state, scratch, shifted(state, shape[layout.X]))
-    prepare_holding(shape, model, state, scratch)
+    factorize_held(shape, model, state, scratch)
     return good
 
 
 @part
-def fix_velocity(shape, model, inputs, state, scratch, t, tau):
-    """Take out of w what would change lengths, with the matrix of the present configuration."""
+def project_velocity(shape, model, inputs, state, scratch, t, tau):
+    """Project w onto G v = 0 with the matrix of the present configuration."""
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     v = shifted(scratch, shape[MEAN])
     copy(shape, w, v)
@@ -80,19 +80,19 @@ def fix_velocity(shape, model, inputs, state, scratch, t, tau):
 
 
 @part
-def keep_moved(shape, state, scratch):
-    """How far what is held moved in this step, before it is booked."""
+def save_moved(shape, state, scratch):
+    """STEP_MOVED = MOVED: `evaluate` resets MOVED when it adds the work to the ledger."""
     for at in range(shape[layout.HELD] * LANES):
         scratch[shape[STEP_MOVED] + at] = state[shape[layout.MOVED] + at]
 
 
 @part
-def book_impulse(shape, state, scratch, tau):
-    """Book the work that grasps do against the constraint forces of one correction, a force over
-    tau, and forget these.
+def add_impulse_work(shape, state, scratch, tau):
+    """Add to the ledger the work of the grasps against the constraint forces of one correction,
+    HOLDING_FORCE over tau, and reset these.
 
-    An impulse works by the mean of the velocities before and after, the rates RATES_BEFORE and the
-    mean rate over the step: so what sets the cable in motion at once is booked exactly.
+    An impulse does work on the mean of the velocities before and after it: RATES_BEFORE and the
+    mean rate over the step. This is exact also if the cable is set in motion by a velocity jump.
     """
     f = zero()
     for k in range(shape[layout.HELD]):
@@ -101,7 +101,7 @@ def book_impulse(shape, state, scratch, tau):
             state, shape[layout.RATES_BEFORE] + at
         )
         f -= 0.5 * scratch[shape[HOLDING_FORCE] + at] * way
-    book(shape, state, layout.DRIVE_WORK, f)
+    add_to_ledger(shape, state, layout.DRIVE_WORK, f)
     clear_holding_force(shape, scratch)
 
 
@@ -114,7 +114,7 @@ def clear_holding_force(shape, scratch):
 
 @part
 def rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t0, tau):
-    """One step from a configuration whose matrix and forces are there; true if solved."""
+    """One step from a configuration with known matrix and forces; return whether it was solved."""
     x, w, force = (
         shifted(state, shape[layout.X]),
         shifted(state, shape[layout.W]),
@@ -123,21 +123,21 @@ def rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t
     add(shape, 0.5 * tau, force, w)
     moves = grasps_move(shape, inputs)
     drift(shape, model, inputs, state, scratch, carry, t0 + tau, tau)
-    keep_moved(shape, state, scratch)
+    save_moved(shape, state, scratch)
     clear_holding_force(shape, scratch)
     if moves:
-        prepare_holding(shape, model, state, scratch)
+        factorize_held(shape, model, state, scratch)
     if not keep_length(shape, model, state, scratch, x, 1.0 / (tau * tau)):
         return False
     if moves:
-        book_impulse(shape, state, scratch, tau)
+        add_impulse_work(shape, state, scratch, tau)
     add(shape, 1.0 / tau, shifted(scratch, shape[CORRECTION]), w)
     evaluate(shape, model, inputs, state, scratch, forces, t0 + tau)
     add(shape, 0.5 * tau, force, w)
-    good = matrix_here(shape, model, state, scratch)
-    fix_velocity(shape, model, inputs, state, scratch, t0 + tau, tau)
+    good = factorize_present(shape, model, state, scratch)
+    project_velocity(shape, model, inputs, state, scratch, t0 + tau, tau)
     if moves:
-        book_impulse(shape, state, scratch, tau)
+        add_impulse_work(shape, state, scratch, tau)
     return good
 
 
@@ -145,7 +145,7 @@ def rattle_step(shape, model, inputs, state, scratch, forces, carry, evaluate, t
 def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
 
-    A step whose constraints cannot be met ends the run.
+    A step whose constraints cannot be satisfied ends the run.
     """
     _, forces, look, flows, carry, evaluate, update, end_sample = engine.pieces
     shape, model, inputs, state, scratch = bared(cable)
@@ -154,7 +154,7 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
     if steps > 0:
         evaluate(shape, model, inputs, state, scratch, forces, first_step * tau)
         prepare(shape, model, scratch)
-        if not matrix_here(shape, model, state, scratch):
+        if not factorize_present(shape, model, state, scratch):
             return layout.NOT_CONVERGED, 0, 0
     for step in range(first_step, first_step + steps):
         t0 = step * tau
@@ -175,12 +175,12 @@ def advance_rattle(cable, engine, first_step, steps, tau, guard, records):
 
 @piece(TRUTH, CABLE)
 def to_rest_length(cable):
-    """Move a configuration to rest length by the least kinetic distance; true if done."""
+    """Project the configuration onto g = 0, in the metric of the mass matrix; return success."""
     shape, model, _, state, scratch = bared(cable)
     prepare(shape, model, scratch)
     x = shifted(state, shape[layout.X])
     for _ in range(MOST_PROJECTIONS):
-        if not matrix_here(shape, model, state, scratch):
+        if not factorize_present(shape, model, state, scratch):
             return False
         if keep_length(shape, model, state, scratch, x, 0.0):
             return True
@@ -189,16 +189,16 @@ def to_rest_length(cable):
 
 @piece(NOTHING, CABLE, REALS, REALS, REALS)
 def add_constraint_force(cable, v, acceleration, force):
-    """force += - G^T lambda of the present motion, all of them lines.
+    """force += - G^T lambda, the constraint forces of the present motion; arguments are lines.
 
-    `acceleration`: that of the cable without constraints of its length; lambda follows from
-    G a = - |dr'/dt|^2, the second derivative of the constraints.
+    `acceleration`: that without length constraints. lambda follows from the second time derivative
+    of the constraints, G a = - |dr'/dt|^2 (averaged like g).
     """
     shape, model, _, state, scratch = bared(cable)
     v, acceleration, force = bare(v), bare(acceleration), bare(force)
     x = shifted(state, shape[layout.X])
     prepare(shape, model, scratch)
-    matrix_here(shape, model, state, scratch)
+    factorize_present(shape, model, state, scratch)
     clear_multipliers(shape, scratch)
     for j in range(shape[layout.N] - 1):
         value = along_gradient(shape, model, v, v, j)

@@ -1,9 +1,9 @@
-"""The one loop that executes every explicit Runge-Kutta method (see `core.methods`).
+"""The time loop of all explicit Runge-Kutta methods (`core.methods`).
 
 It integrates x' = w + Y (rates of the targets), w' = P M^-1 f + P' v - decay w (`engine.held`,
-`methods.turning`). At the end of a step what is held is put to its place, which mends what the step
-was off by: x <- x + Y (targets - B x), w <- P w. The work of the grasps follows from the power at
-the stages. The forces at the end are the first stage of the next step.
+`methods.turning`). At the end of a step the state is projected onto the constraints:
+x <- x + Y (targets - B x), w <- P w. The work of the grasps is the quadrature of their power at the
+stages. The forces at the end serve the first stage of the next step.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, bare, load, shifted, store, zero
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.account import book
+from dlo_sim.engine.account import add_to_ledger
 from dlo_sim.engine.assembly import all_forces, flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
-from dlo_sim.engine.held_motion import add_velocity_of_held, forget_moved, pulled
+from dlo_sim.engine.held_motion import add_velocity_of_held, clear_moved, pulled
 from dlo_sim.engine.lines import add, copy, form, gathered, mass_of, solve_mass
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import W_BEGIN, W_RATES, X_BEGIN, X_RATES
 from dlo_sim.methods.splitting import ENGINE
-from dlo_sim.methods.turning import add_turning, face
+from dlo_sim.methods.turning import add_turning, set_directions
 
 
 @part
@@ -37,14 +37,14 @@ def add_decay(shape, model, state, out):
 
 
 @part
-def lose_energy(shape, model, state, dt):
-    """Book dt times the power of the external damping, decay w^T M w of every line."""
+def add_damping_loss(shape, model, state, dt):
+    """DISSIPATED += dt times the power of the external damping, decay w^T M w summed over lines."""
     if not shape[layout.TERMS] & layout.DAMPED:
         return
     w = shifted(state, shape[layout.W])
     for line in range(shape[layout.LINES]):
         power = gathered(shape, form(shape, model, mass_of(shape, line), line, w))
-        book(
+        add_to_ledger(
             shape,
             state,
             layout.DISSIPATED,
@@ -54,7 +54,7 @@ def lose_energy(shape, model, state, dt):
 
 @part
 def accelerate(shape, model, inputs, state, scratch, forces, t):
-    """Acceleration of w at the present configuration into FORCE, unknown to the account."""
+    """FORCE = P M^-1 f at the present configuration, without the ledger (`works.evaluate`)."""
     x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     all_forces(forces, shape, model, state, x, force)
     if shape[layout.LOADS]:
@@ -65,10 +65,10 @@ def accelerate(shape, model, inputs, state, scratch, forces, t):
 
 
 @part
-def keep_rates(shape, model, inputs, state, scratch, t, stage):
-    """Rates of (x, w) at the present state and acceleration into those of a stage.
+def store_rates(shape, model, inputs, state, scratch, t, stage):
+    """Store the rates of (x, w) at the present state, with FORCE, as those of a stage.
 
-    Returns the power of the grasps.
+    Returns the power of the grasps [W], a row.
     """
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     x_rate = shifted(scratch, shape[X_RATES] + stage * shape[layout.SIZE])
@@ -95,23 +95,23 @@ def add_rates(shape, scratch, rates, stages, table, row, scale, out):
 
 @part
 def to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau):
-    """State of a stage at time t."""
+    """Set the state to that of a stage at time t."""
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     copy(shape, shifted(scratch, shape[X_BEGIN]), x)
     copy(shape, shifted(scratch, shape[W_BEGIN]), w)
     add_rates(shape, scratch, X_RATES, stages, table, stage, tau, x)
     add_rates(shape, scratch, W_RATES, stages, table, stage, tau, w)
-    face(shape, model, inputs, state, scratch, t)
+    set_directions(shape, model, inputs, state, scratch, t)
     move_anchors(shape, model, inputs, state, t)
 
 
 @part
 def to_end(shape, model, inputs, state, scratch, carry, stages, table, t, tau):
-    """State at the end of the step, at time t, with what is held at its place."""
+    """Set the state to that at the end of the step, time t, projected onto the constraints."""
     to_stage(shape, model, inputs, state, scratch, stages, table, stages, t, tau)
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
-    forget_moved(shape, state)  # the stages know the work
+    clear_moved(shape, state)  # the ledger has this work from the stages
     if grasps_move(shape, inputs):
         project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
 
@@ -135,24 +135,24 @@ def advance_runge_kutta(cable, engine, table, nodes, first_step, steps, tau, gua
         sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
         if not fresh:
             evaluate(shape, model, inputs, state, scratch, forces, t0)
-            power = keep_rates(shape, model, inputs, state, scratch, t0, 0)
+            power = store_rates(shape, model, inputs, state, scratch, t0, 0)
             evaluations += 1
         copy(shape, shifted(state, shape[layout.X]), shifted(scratch, shape[X_BEGIN]))
         copy(shape, shifted(state, shape[layout.W]), shifted(scratch, shape[W_BEGIN]))
         weight = tau * table[stages * stages]
-        lose_energy(shape, model, state, weight)
-        book(shape, state, layout.DRIVE_WORK, weight * power)
+        add_damping_loss(shape, model, state, weight)
+        add_to_ledger(shape, state, layout.DRIVE_WORK, weight * power)
         for stage in range(1, stages):
             t = (step + nodes[stage]) * tau
             to_stage(shape, model, inputs, state, scratch, stages, table, stage, t, tau)
             accelerate(shape, model, inputs, state, scratch, forces, t)
-            power = keep_rates(shape, model, inputs, state, scratch, t, stage)
+            power = store_rates(shape, model, inputs, state, scratch, t, stage)
             weight = tau * table[stages * stages + stage]
-            lose_energy(shape, model, state, weight)
-            book(shape, state, layout.DRIVE_WORK, weight * power)
+            add_damping_loss(shape, model, state, weight)
+            add_to_ledger(shape, state, layout.DRIVE_WORK, weight * power)
         to_end(shape, model, inputs, state, scratch, carry, stages, table, t1, tau)
         evaluate(shape, model, inputs, state, scratch, forces, t1)
-        power = keep_rates(shape, model, inputs, state, scratch, t1, 0)
+        power = store_rates(shape, model, inputs, state, scratch, t1, 0)
         evaluations += stages
         fresh = not flow(flows, shape, model, inputs, state, scratch)
         if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):

@@ -1,4 +1,4 @@
-"""Eight cables side by side: the last good state of each. One that failed computes on in vain."""
+"""Eight cables side by side: the last valid state of each; lanes of failed cables run on unused."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dlo_sim.methods.explicit_layout import FAILED_STEP, GOOD, GOOD_LEDGER, GOOD
 
 @part
 def keep_sane(shape, state, scratch, step):
-    """Keep the state of every cable that was found sane so far, after `step` steps and a look at
-    the account; whether there is any.
+    """Save the state of every cable that passed all checks of the account so far, the present one
+    after `step` steps included. Return whether there is any.
     """
     size, good, ledger = shape[SIZE], shape[GOOD], shape[LEDGER]
     rows, found = good + 2 * size, notes_of(shape, scratch)

@@ -1,9 +1,9 @@
-"""The one loop that executes every drift/kick method (see `core.methods`).
+"""The time loop of all drift/kick methods (`core.methods`).
 
-A step is: for each stage, drift by c_i tau w, then kick w by d_i tau P M^-1 f. What is held is
-placed at the stage's own time, and the cable carried along exactly (`engine.held`). External
-damping is an exactly solved flow of its own, half before and half after the drift/kick step, and
-only offered for methods without negative weights.
+A step is, for each stage, a drift x += c_i tau w and a kick w += d_i tau P M^-1 f. A drift also
+moves the held rows to their targets at the time of the stage (`engine.held`). External damping is
+split off and solved exactly, half a step before and half after; methods with negative weights do
+not offer it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, REALS, WHOLE, Engine, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.account import book, update_account
+from dlo_sim.engine.account import add_to_ledger, update_account
 from dlo_sim.engine.assembly import assembly, by_terms, flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held_motion import carry
@@ -21,7 +21,7 @@ from dlo_sim.engine.lines import add, form, gathered, mass_of
 from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.sane_cables import keep_sane
-from dlo_sim.methods.works import evaluate, foresee_work, has_work
+from dlo_sim.methods.works import estimate_pending_work, evaluate, has_work
 
 
 @part
@@ -37,7 +37,7 @@ def decay_flow(shape, model, state, scratch, dt):
                 scratch[factors + lane] = np.exp(-model[rates + lane] * dt)
         factor = load(scratch, factors)
         energy = gathered(shape, form(shape, model, mass_of(shape, line), line, w))
-        book(shape, state, layout.DISSIPATED, 0.5 * energy * (1.0 - factor * factor))
+        add_to_ledger(shape, state, layout.DISSIPATED, 0.5 * energy * (1.0 - factor * factor))
         start = line * shape[layout.LINE] + layout.MARGIN * shape[layout.STRIDE]
         for b in range(shape[layout.PARTS]):
             at = start + LANES * b
@@ -46,7 +46,7 @@ def decay_flow(shape, model, state, scratch, dt):
 
 @by_terms
 def engine_of(terms: int) -> Engine:
-    """The pieces that a loop of an explicit method calls, for a scene with these bits."""
+    """The pieces that the loops of explicit methods call, for a scene with these bits."""
     forces, energies, _, _, flows = assembly(terms)
     return Engine(forces, energies, flows, carry, evaluate, update_account, end_sample)
 
@@ -56,7 +56,7 @@ ENGINE = engine_of(0)  # of the type of all others
 
 @part
 def drift(shape, model, inputs, state, scratch, carry, t, dt):
-    """Move every control point over dt to time t: at rate w, and what is held to its place."""
+    """Drift over dt to time t (`held_motion.carry`), and move the anchors of springs."""
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, dt)
     move_anchors(shape, model, inputs, state, t)
@@ -68,10 +68,10 @@ def advance_splitting(
 ):
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
 
-    A step begins and ends at (step + c) tau, so that the end of a step is the start of the next one
-    to the last bit. Every `guard` steps (counted from time zero, so that splitting a run into calls
-    changes nothing) the energy account is checked; of eight cables side by side also at the end,
-    and the loop goes on while one of them is sane.
+    Stage times are (step + sum of c_i) tau, so that the end of a step is bitwise the start of the
+    next. The energy account is checked every `guard` steps, counted from time zero so that
+    splitting a run into calls changes nothing; for eight cables also after the last step, and the
+    loop continues while one of them is sane.
     """
     _, forces, look, flows, carry, evaluate, update, end_sample = engine.pieces
     shape, model, inputs, state, scratch = bared(cable)
@@ -102,7 +102,7 @@ def advance_splitting(
                     fresh = True
                 add(shape, kick_weights[stage] * tau, force, w)
         if works and not fresh:
-            foresee_work(shape, model, inputs, state)
+            estimate_pending_work(shape, model, inputs, state)
         decay_flow(shape, model, state, scratch, 0.5 * tau)
         if flow(flows, shape, model, inputs, state, scratch):
             fresh = False

@@ -1,4 +1,4 @@
-"""The begin of an implicit step: first guess, what is held where it will be; and the way back."""
+"""The start of an implicit step: predictor and prescribed motion; and undoing a rejected step."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from dlo_sim.engine.band import (
 from dlo_sim.engine.border import set_border
 from dlo_sim.engine.held import (
     add_shifts,
-    aim,
-    defects,
     directions_turn,
     grasps_move,
     pin,
     project,
-    turn_to_aim,
+    set_targets,
+    take_directions,
+    target_residuals,
     values_along,
 )
 from dlo_sim.engine.held_motion import add_velocity_of_held
@@ -37,11 +37,11 @@ from dlo_sim.engine.springs import (
 from dlo_sim.engine.tables import line_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
-    COAST,
     MIDDLE,
     MIDDLE_DIRECTION,
     OLD_DIRECTION,
     OLD_INVERSE,
+    SEEN_FIXED,
     START,
     START_V,
     TRAVEL,
@@ -56,14 +56,14 @@ from dlo_sim.methods.newton import (
     *(REAL, REAL, REAL, REAL, REAL),
 )
 def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g):
-    """First guess: the history goes on, and what is held is placed where it is at the end.
+    """Predict the configuration at the end of the step and move its held rows to their targets.
 
-    START_V becomes the velocity at the begin, where nothing moves that of w; MIDDLE_DIRECTION and
-    DIRECTION the directions at the middle and at the end; CHANGE and COAST are set.
+    Sets START_V, the velocity at the start; MIDDLE_DIRECTION and DIRECTION, those at the middle and
+    at the end of the step; the anchors of springs; CHANGE and SEEN_FIXED.
     """
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     start, speed = shifted(scratch, shape[START]), shifted(scratch, shape[START_V])
-    coast, change = shifted(scratch, shape[COAST]), shifted(scratch, shape[CHANGE])
+    fixed, change = shifted(scratch, shape[SEEN_FIXED]), shifted(scratch, shape[CHANGE])
     directions = shape[layout.HELD] * layout.DIRECTION_ROWS * LANES
     moves = grasps_move(shape, inputs)
     copy(shape, x, start)
@@ -79,17 +79,17 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
     if not moves:
         keep_held(shape, model, state, scratch, start, x)
     if moves:
-        aim(shape, model, inputs, state, scratch, t0 + 0.5 * tau)
+        set_targets(shape, model, inputs, state, scratch, t0 + 0.5 * tau)
         for k in range(shape[layout.HELD]):
             if line_of(shape, k) < 0:
                 for at in range(
                     layout.DIRECTION_ROWS * LANES * k, layout.DIRECTION_ROWS * LANES * (k + 1)
                 ):
                     scratch[shape[MIDDLE_DIRECTION] + at] = scratch[shape[layout.AHEAD] + at]
-        aim(shape, model, inputs, state, scratch, t0 + tau)
+        set_targets(shape, model, inputs, state, scratch, t0 + tau)
         if directions_turn(shape, state, scratch):
-            turn_to_aim(shape, model, state, scratch)
-        defects(shape, model, state, shape[layout.DIRECTION], scratch, x)
+            take_directions(shape, model, state, scratch)
+        target_residuals(shape, model, state, shape[layout.DIRECTION], scratch, x)
         add_shifts(shape, model, state, scratch, 1.0, x)
         for k in range(shape[layout.HELD]):
             pin(shape, k, load(scratch, shape[layout.TARGETS] + k * LANES), x)
@@ -100,36 +100,36 @@ def begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, ra
     )
     set_border(shape, model, scratch, middle_rows, end_rows)
     difference(shape, x, start, change)
-    clear(shape, coast)
+    clear(shape, fixed)
     if newmark:
         acceleration = shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE])
         driven = shifted(scratch, shape[TRAVEL])
         clear(shape, driven)
-        # the change is the travel P (x - start) and what moving grasps carry along
-        copy(shape, change, coast)
+        # SEEN = rate P CHANGE + tau ((1 - rate) w + g tau acceleration + motion of the grasps)
+        copy(shape, change, fixed)
         if moves:
             time, middle = t0 + theta * tau, shifted(scratch, shape[MIDDLE])
             copy(shape, start, middle)
             add(shape, theta, change, middle)
-            aim(shape, model, inputs, state, scratch, time)
-            turn_to_aim(shape, model, state, scratch)
+            set_targets(shape, model, inputs, state, scratch, time)
+            take_directions(shape, model, state, scratch)
             add_velocity_of_held(shape, model, inputs, state, scratch, middle, time, driven)
-            project(shape, model, state, scratch, coast, scratch, shape[layout.SYSTEM])
-            aim(shape, model, inputs, state, scratch, t0 + tau)
-            turn_to_aim(shape, model, state, scratch)
+            project(shape, model, state, scratch, fixed, scratch, shape[layout.SYSTEM])
+            set_targets(shape, model, inputs, state, scratch, t0 + tau)
+            take_directions(shape, model, state, scratch)
         for at in range(shape[layout.SIZE]):
-            carried = change[at] - coast[at]
+            carried = change[at] - fixed[at]
             if at < shape[layout.DIM] * shape[layout.LINE]:
                 free = (1.0 - rate) * w[at] + g * tau * acceleration[at]
-                coast[at] = tau * (free + driven[at]) - rate * carried
+                fixed[at] = tau * (free + driven[at]) - rate * carried
             else:
-                coast[at] = (1.0 - rate) * carried
+                fixed[at] = (1.0 - rate) * carried
 
 
 @part
 def keep_held(shape, model, state, scratch, start, x):
-    """Leave what is held where it is: a parabola through equal numbers is not equal to them, and
-    what it is off by would grow from step to step.
+    """Restore the held rows after extrapolation, whose round-off would grow from step to step. For
+    grasps at rest.
     """
     width, dim = shape[layout.LINE], shape[layout.DIM]
     for k in range(shape[layout.HELD]):
@@ -152,7 +152,7 @@ def keep_held(shape, model, state, scratch, start, x):
 
 @part
 def undo_step(shape, state, scratch):
-    """The state at the begin of the step; what is known of the motion before is forgotten."""
+    """Restore the state at the start of the step; discard the history and the matrix."""
     copy(shape, shifted(scratch, shape[START]), shifted(state, shape[layout.X]))
     for at in range(shape[layout.HELD] * layout.DIRECTION_ROWS * LANES):
         state[shape[layout.DIRECTION] + at] = scratch[shape[OLD_DIRECTION] + at]

@@ -1,4 +1,4 @@
-"""The end of an implicit step: momentum, reactions, entries of the account."""
+"""The end of an implicit step: momentum variable, reactions, entries in the energy ledger."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dlo_sim.compiling.pieces import (
 )
 from dlo_sim.engine import layout
 from dlo_sim.engine.account import (
-    book,
+    add_to_ledger,
 )
 from dlo_sim.engine.held import (
     grasps_move,
@@ -26,8 +26,8 @@ from dlo_sim.engine.held import (
 )
 from dlo_sim.engine.lines import clear, copy, row_product
 from dlo_sim.engine.springs import (
+    accept_anchors,
     anchor_work,
-    book_anchors,
     roll_loss,
 )
 from dlo_sim.methods.implicit_layout import (
@@ -68,7 +68,7 @@ def finish_step(
     lost,
     dissipates,
 ):
-    """Momentum after the step, reactions, and the step's entries in the account."""
+    """Update w and the acceleration, the mean reactions, and the energy ledger."""
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
     travel, held = shifted(scratch, shape[TRAVEL]), shape[layout.HELD]
@@ -101,7 +101,7 @@ def finish_step(
         else:
             w[at] = ahead[at]
             if at >= shape[layout.DIM] * shape[layout.LINE] and static:
-                w[at] = change[at] / tau  # without inertia nothing damps what `ahead` alternates by
+                w[at] = change[at] / tau  # `ahead` would alternate, undamped without inertia
             if dissipates:
                 acceleration[at] = (w[at] - w0) / tau
     if moves:
@@ -109,13 +109,13 @@ def finish_step(
         if dissipates:
             project(shape, model, state, scratch, acceleration, scratch, shape[layout.SYSTEM])
     if not dissipates:
-        book(shape, state, layout.DISSIPATED, lost)
+        add_to_ledger(shape, state, layout.DISSIPATED, lost)
     loads, start = shifted(scratch, shape[layout.NEW_LOAD]), shifted(scratch, shape[START])
     if shape[layout.LOADS]:
-        book(shape, state, layout.LOAD_WORK, row_product(shape, loads, change))
+        add_to_ledger(shape, state, layout.LOAD_WORK, row_product(shape, loads, change))
     work += first(anchor_work(shape, model, state, start, x))
-    book(shape, state, layout.DRIVE_WORK, work + roll_loss(shape, model, state, change)[1])
-    book_anchors(shape, state)
+    add_to_ledger(shape, state, layout.DRIVE_WORK, work + roll_loss(shape, model, state, change)[1])
+    accept_anchors(shape, state)
     for k in range(held):
         at = shape[layout.REACTION] + k * LANES
         share = tau / whole * first(load(scratch, shape[FORCE_OF_HELD] + k * LANES))
@@ -126,8 +126,8 @@ def finish_step(
 
 @part
 def carry_inertia(shape, model, state, scratch, constants, tau):
-    """Add to FORCE_OF_HELD the inertia of what moving grasps carry: the accelerations of the
-    generalised-alpha method are those of the free motion alone.
+    """Add to FORCE_OF_HELD the inertia of the prescribed motion, which the accelerations of the
+    generalised-alpha method, those of the free motion, do not contain.
     """
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
     acceleration = shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE])
@@ -152,8 +152,8 @@ def carry_inertia(shape, model, state, scratch, constants, tau):
 
 @part
 def held_energy(shape, model, state, scratch, v, old):
-    """Kinetic energy [J] of the motion of what is held, (B v)^T S^-1 (B v) / 2, with the directions
-    at the begin of the step or those of the state.
+    """Kinetic energy [J] of the prescribed motion, (B v)^T S^-1 (B v) / 2, with the directions at
+    the start of the step (`old`) or at its end.
     """
     held = shape[layout.HELD]
     for k in range(held):

@@ -1,4 +1,4 @@
-"""The equations of an implicit step: forces, momentum balance, tangent."""
+"""The equations of an implicit step: forces, residual of the momentum balance, Newton matrix."""
 
 from __future__ import annotations
 
@@ -45,7 +45,6 @@ from dlo_sim.engine.springs import (
 from dlo_sim.engine.tables import line_of
 from dlo_sim.methods.implicit_layout import (
     CHANGE,
-    COAST,
     DAMPING_FORCE,
     FACTORS_OF_SAMPLES,
     FORCE_OF_HELD,
@@ -53,6 +52,7 @@ from dlo_sim.methods.implicit_layout import (
     MIDDLE,
     MIDDLE_DIRECTION,
     SEEN,
+    SEEN_FIXED,
     START,
     START_V,
     residual_of,
@@ -61,7 +61,7 @@ from dlo_sim.methods.implicit_layout import (
 
 @part
 def is_viscous(shape, model):
-    """Whether stretching or bending is damped inside the cable."""
+    """Whether stretching or bending has internal damping."""
     beta = shape[layout.BETA]
     return shape[layout.TERMS] & layout.DAMPED != 0 and model[beta] + model[beta + LANES] > 0.0
 
@@ -71,16 +71,18 @@ def is_viscous(shape, model):
     *(REAL, REAL, REAL, REAL, TRUTH),
 )
 def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, rate, discrete):
-    """All forces of the step between START and the present configuration into FORCE.
+    """FORCE = all forces of the step from START to the present configuration, START + CHANGE.
 
-    CHANGE is what is between the two. Damping sees the velocity at theta; tau times it is SEEN:
-    rate (q1 - q0) + COAST, which is q1 - q0 for the midpoint family. Returns the energy lost to
-    damping.
+    Damping acts on the velocity at theta, SEEN / tau with SEEN = rate CHANGE + SEEN_FIXED, which is
+    CHANGE for the midpoint family. Returns the energy dissipated by damping [J].
     """
     x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
     middle, seen = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[SEEN])
-    damping, coast = shifted(scratch, shape[DAMPING_FORCE]), shifted(scratch, shape[COAST])
+    damping, fixed = (
+        shifted(scratch, shape[DAMPING_FORCE]),
+        shifted(scratch, shape[SEEN_FIXED]),
+    )
     loads, notes = shifted(scratch, shape[layout.NEW_LOAD]), notes_of(shape, scratch)
     clear(shape, force)
     clear(shape, loads)
@@ -88,7 +90,7 @@ def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, ra
     for at in range(0, shape[layout.SIZE], LANES):
         moved = load(change, at)
         store(middle, at, load(start, at) + theta * moved)
-        store(seen, at, rate * moved + load(coast, at))
+        store(seen, at, rate * moved + load(fixed, at))
     viscous = 1.0 / tau if is_viscous(shape, model) else 0.0
     begin, end = (start, x) if discrete else (middle, middle)
     discrete_gradient(gradient, shape, model, state, begin, end, seen, viscous, force, notes)
@@ -111,8 +113,8 @@ def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, ra
 
 @part
 def balance(shape, model, state, scratch, a, b, c):
-    """Residual of the momentum balance into RESIDUAL, in the frames of the clamps, and what is
-    missing on held rows into FORCE_OF_HELD. Returns the size of the work against inertia.
+    """Compute the residual of the momentum balance, in the frames of the clamps (`residual_of`),
+    and the reactions, FORCE_OF_HELD. Returns the sum |INERTIA_i CHANGE_i| [J].
     """
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
@@ -148,7 +150,7 @@ def balance(shape, model, state, scratch, a, b, c):
     *(REAL, REAL, REAL, REAL, REAL, TRUTH),
 )
 def newton_matrix(shape, model, inputs, state, scratch, tangent, t, tau, a, theta, rate, discrete):
-    """Tangent of the momentum balance into MATRIX, factorised; whether that went well."""
+    """MATRIX = LU factors of the Jacobian of the momentum balance; return whether they exist."""
     band, x = shifted(state, shape[layout.MATRIX]), shifted(state, shape[layout.X])
     start, middle = shifted(scratch, shape[START]), shifted(scratch, shape[MIDDLE])
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])

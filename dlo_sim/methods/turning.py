@@ -1,7 +1,7 @@
-"""Directions of what is held, for methods that evaluate forces at times of their own.
+"""Turning constraint directions, for methods that evaluate forces at stage times.
 
-Where a grasp turns, so do the rows that it holds, and with them the projection P = 1 - Y B: the
-momentum variable w = P v follows w' = P M^-1 f + P' v with
+Where a grasp turns, its held rows B and the projection P = 1 - Y B depend on time, so the momentum
+variable w = P v satisfies w' = P M^-1 f + P' v with
     P' v = - P M^-1 B'^T S^-1 B v - Y B' w.
 """
 
@@ -12,37 +12,37 @@ from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import MOTION_SIZE, rates, turned
 from dlo_sim.engine.held import (
-    aim,
     component3,
     directions_turn,
     grasps_move,
     project,
     row_value,
+    set_targets,
     shift_row,
+    take_directions,
     through_inverse,
-    turn_to_aim,
 )
 from dlo_sim.engine.tables import grasp_of, line_of
 
 
 @part
-def face(shape, model, inputs, state, scratch, t):
-    """Take over the directions that what is held has at time t."""
+def set_directions(shape, model, inputs, state, scratch, t):
+    """Set DIRECTION and INVERSE to those at time t."""
     if grasps_move(shape, inputs):
-        aim(shape, model, inputs, state, scratch, t)
+        set_targets(shape, model, inputs, state, scratch, t)
         if directions_turn(shape, state, scratch):
-            turn_to_aim(shape, model, state, scratch)
+            take_directions(shape, model, state, scratch)
 
 
 @part
 def turns(shape, k):
-    """Whether row k has a direction that turns with its grasp."""
+    """Whether the direction of row k turns with its grasp."""
     return line_of(shape, k) < 0
 
 
 @part
 def direction_rates(shape, model, inputs, scratch, t):
-    """e' = omega x e of the rows that turn, into the rows AHEAD; whether any does."""
+    """AHEAD = e' = omega x e of the turning rows; return whether any is not zero."""
     found = False
     for k in range(shape[layout.HELD]):
         grasp = shape[layout.MOTION] + MOTION_SIZE * grasp_of(shape, k)
@@ -62,10 +62,10 @@ def direction_rates(shape, model, inputs, scratch, t):
 
 @part
 def add_turning(shape, model, inputs, state, scratch, w, t, out):
-    """out += P' v, for an acceleration P M^-1 f and the directions of time t.
+    """out += P' v, for out = P M^-1 f and the directions at time t.
 
-    `add_velocity_of_held` has left S^-1 B v in the rows SYSTEM. Returns the power w^T M P' v =
-    - (B' w) . (S^-1 B v) that the motion w takes from the grasps.
+    SYSTEM must hold S^-1 B v, from `add_velocity_of_held`. Returns the power of the grasps
+    w^T M P' v = - (B' w) . (S^-1 B v), a row.
     """
     power = zero()
     if not grasps_move(shape, inputs):

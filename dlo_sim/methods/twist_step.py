@@ -1,8 +1,8 @@
-"""The twist line of an implicit step by the midpoint rule: one symmetric solve, since it is linear
-but for natural curvature in the material frame, whose moment takes Newton corrections.
+"""The twist line of an implicit step, by the midpoint rule.
 
-In the Bishop frame it depends on the new shape and the shape on it: `step_twist` solves it for
-every guess of the shape, so that it is eliminated from the iteration.
+Its equations are linear, one symmetric solve, unless there is natural curvature in the material
+frame, for which Newton's method is used. In the Bishop frame twist and shape are coupled:
+`step_twist` solves for the twist at every iterate of the shape and so eliminates it.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ from dlo_sim.methods.implicit_layout import (
     TWIST_SUM,
 )
 
-REFINEMENTS = 3  # of the solution for a cable that is free to spin
-MOST_CORRECTIONS = 8  # of the angles, where natural curvature makes them nonlinear
+REFINEMENTS = 3  # iterative refinements for a cable that is free to spin
+MOST_CORRECTIONS = 8  # Newton corrections with natural curvature in the material frame
 WITHIN = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH
 END = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL
-TURNED = 1e-13  # of 1 rad and the angle, correction after which they are solved
+TURNED = 1e-13  # tolerance on corrections, relative to 1 rad plus the angle
 
 
 @part
 def damping_share(shape, model, tau):
-    """Internal damping of the twist over the step. Half a step of it makes the moment that of the
-    end of the step, so that twist without inertia is at rest there.
+    """Internal damping of the twist, beta / tau. Without inertia, additional damping of half a step
+    turns the midpoint moment into that at the end of the step, where the twist is in equilibrium.
     """
     share = 0.5 if shape[layout.TERMS] & layout.STATIC_TWIST else 0.0
     if shape[layout.TERMS] & layout.DAMPED:
@@ -63,7 +63,7 @@ def damping_share(shape, model, tau):
 
 @part
 def mark_held(shape, held):
-    """1 in `held` at control points whose twist is held, else 0; whether an end of the cable is."""
+    """held = 1 at control points with prescribed twist, else 0; return whether an end is held."""
     n = shape[layout.N]
     for i in range(n):
         held[i] = 0.0
@@ -76,8 +76,8 @@ def mark_held(shape, held):
 
 @part
 def factorize(shape, is_held, matrix):
-    """LDL^T in place of the matrix (4 lower diagonals, lines of n entries); what is held becomes
-    the identity with a right-hand side of zero: its inverse diagonal is 0."""
+    """LDL^T factorisation in place of a matrix given by 4 lower diagonals of n entries each. The
+    inverse pivots of held unknowns are 0, so that `solve` returns 0 for them."""
     n = shape[layout.N]
     for i in range(n):
         held = is_held[i] != 0.0
@@ -96,7 +96,7 @@ def factorize(shape, is_held, matrix):
 
 @part
 def solve(shape, matrix, x):
-    """Solve in place with the factors; entries of what is held become 0."""
+    """Forward and back substitution in place; held unknowns become 0."""
     n = shape[layout.N]
     for i in range(n):
         value = x[i]
@@ -112,7 +112,7 @@ def solve(shape, matrix, x):
 
 @part
 def system(shape, model, tau, beta, matrix):
-    """2 / tau^2 M + (1/2 + beta / tau) K + C / tau and springs as lower diagonals."""
+    """2 / tau^2 M + (1/2 + beta) K + C / tau + roll springs, as lower diagonals."""
     n, width = shape[layout.N], shape[layout.LINE]
     damped = 1.0 / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
     for k in range(4):
@@ -125,8 +125,8 @@ def system(shape, model, tau, beta, matrix):
 
 
 @part
-def moments_of_middle(shape, model, inputs, scratch, t0, tau):
-    """The moments of the midpoint, whose method this line has, into FORCE and NEW_LOAD."""
+def midpoint_moments(shape, model, inputs, scratch, t0, tau):
+    """Replace the applied moments on the twist in FORCE and NEW_LOAD by those at the midpoint."""
     at, width = shape[layout.DIM] * shape[layout.LINE], shape[layout.LINE]
     force, load = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[layout.NEW_LOAD])
     start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
@@ -144,9 +144,9 @@ def moments_of_middle(shape, model, inputs, scratch, t0, tau):
 def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins):
     """One Newton correction of the twist line of x and CHANGE for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),   d = CHANGE,
-    where f is what FORCE holds: loads, twist of the frame, and damping and springs for the d
-    before. It makes FORCE complete and keeps these two up to date in TWIST_OWN. Returns the largest
-    entry of the correction as a share of 1 rad and the angle.
+    where f is FORCE: loads, twist of the frame, and damping and springs for the previous d. Adds
+    the remaining moments to FORCE, and the change of damping and springs to TWIST_OWN. Returns the
+    largest entry of the correction relative to 1 rad plus the angle.
     """
     own = shifted(scratch, shape[TWIST_OWN])
     line, width = shape[layout.DIM], shape[layout.LINE]
@@ -173,8 +173,8 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
     add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, rest)
     add_product(shape, model, mass, line, -a, change, rest)
     add_product(shape, model, mass, line, 2.0 / tau, speed, rest)
-    # The inertia of a free spin is lost beside a large stiffness in the factors, but not in the
-    # residual, whose differences do not see a spin: refinements bring it back.
+    # In the factors the inertia of a rigid spin is lost to round-off beside a large stiffness. The
+    # residual is exact, as its differences vanish for a spin: iterative refinement corrects it.
     for _ in range(1 + REFINEMENTS if spins else 1):
         for k in range(at, at + width):
             latest[k] = rest[k]
@@ -202,12 +202,12 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
 
 @part
 def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
-    """Step of the twist line from t0. Returns the energy lost in that line beyond what the part
-    that grasps prescribe already lost.
+    """Solve for the twist line at the end of the step from t0. Returns the energy [J] dissipated in
+    it, less that of the external damping in the initial CHANGE, which `step_force` counted.
 
-    CHANGE holds that part; FORCE the forces of the new shape. It completes the line of x, CHANGE,
-    FORCE and NEW_LOAD. `begin`, `end`: between which the discrete gradient of the natural curvature
-    is taken, which alone makes the line nonlinear.
+    On entry CHANGE has the prescribed part and FORCE the forces at the new shape; the twist lines
+    of x, CHANGE, FORCE and NEW_LOAD are completed. `begin`, `end`: configurations of the discrete
+    gradient of the natural curvature.
     """
     line, width = shape[layout.DIM], shape[layout.LINE]
     at, natural = line * width, shape[layout.TERMS] & layout.MATERIAL != 0
@@ -215,7 +215,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     force, change = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[CHANGE])
     own, middle = shifted(scratch, shape[TWIST_OWN]), shifted(scratch, shape[MIDDLE])
     if shape[layout.LOADS]:
-        moments_of_middle(shape, model, inputs, scratch, t0, tau)
+        midpoint_moments(shape, model, inputs, scratch, t0, tau)
     beta = damping_share(shape, model, tau)
     spins = not mark_held(shape, shifted(scratch, shape[TWIST_HELD]))
     viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
@@ -243,8 +243,8 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
 
 @piece(*WITHIN)
 def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
-    """`solve_twist` in the Bishop frame of the present guess of the shape, and what the twist adds
-    to the forces on the centerline in FORCE. Returns the energy lost, likewise.
+    """`solve_twist` in the Bishop frame of the present iterate of the shape, then add the forces of
+    the twist on the centreline to FORCE. Returns the energy dissipated [J].
     """
     x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     begin, end = shifted(scratch, shape[START]), x
@@ -260,8 +260,8 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
 
 
 @part
-def hold_of_twist(shape, model, scratch, tau):
-    """What is missing on held rows of the twist, into FORCE_OF_HELD."""
+def twist_reactions(shape, model, scratch, tau):
+    """FORCE_OF_HELD of the twist rows: the reactions, from their momentum balance."""
     line, dim = shape[layout.DIM], shape[layout.DIM]
     at = line * shape[layout.LINE]
     row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
@@ -279,12 +279,12 @@ def hold_of_twist(shape, model, scratch, tau):
 
 @piece(*END)
 def end_twist(shape, model, inputs, state, scratch, t0, tau):
-    """The twist line at the end of a step, and what grasps do to it. Returns the energy lost."""
+    """The twist, unless `step_twist` solved for it, and its reactions. Returns the energy lost."""
     lost = 0.0
     if not shape[layout.TERMS] & layout.BISHOP:
         x = shifted(state, shape[layout.X])
         lost = solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau)
-    hold_of_twist(shape, model, scratch, tau)
+    twist_reactions(shape, model, scratch, tau)
     return lost
 
 
@@ -303,4 +303,4 @@ def no_end_twist(shape, model, inputs, state, scratch, t0, tau):
 NO_TWIST = no_step_twist, no_end_twist
 TWIST = no_step_twist, end_twist
 TWIST_IN_FRAME = step_twist, end_twist
-"""Within a step and at its end: without theta, with it, with it in the Bishop frame."""
+"""Functions for the iteration and the end of a step: without theta, with it, in a Bishop frame."""

@@ -5,23 +5,23 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, shifted, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.account import book, write
+from dlo_sim.engine.account import add_to_ledger, set_ledger
 from dlo_sim.engine.assembly import ANY, all_forces
 from dlo_sim.engine.held import grasps_move, project
-from dlo_sim.engine.held_motion import forget_moved, pulled
+from dlo_sim.engine.held_motion import clear_moved, pulled
 from dlo_sim.engine.lines import add, clear, copy, gathered, solve_mass
 from dlo_sim.engine.loads import load_force
-from dlo_sim.engine.springs import anchor_work, book_anchors
+from dlo_sim.engine.springs import accept_anchors, anchor_work
 
 
 @part
 def has_work(shape, inputs):
-    """Whether anything but the cable's own energy does work."""
+    """Whether loads or moving grasps do work on the cable."""
     return shape[layout.LOADS] > 0 or grasps_move(shape, inputs)
 
 
 @part
-def way_times(shape, force, x, before):
+def force_work(shape, force, x, before):
     """force . (x - before), a row."""
     sum_ = zero()
     for at in range(0, shape[layout.SIZE], LANES):
@@ -31,7 +31,7 @@ def way_times(shape, force, x, before):
 
 @piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, ANY.forces, REAL)
 def evaluate(shape, model, inputs, state, scratch, forces, t):
-    """Acceleration of w at the present configuration into FORCE; work into the ledger."""
+    """FORCE = P M^-1 f at the present configuration; the work up to it goes into the ledger."""
     x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
     loaded, before = shifted(state, shape[layout.LOADED]), shifted(state, shape[layout.BOOKED])
     is_booked = state[shape[layout.LEDGER] + layout.IS_BOOKED * LANES] != 0.0
@@ -43,8 +43,8 @@ def evaluate(shape, model, inputs, state, scratch, forces, t):
         load_force(shape, model, inputs, scratch, x, t, new)
         add(shape, 1.0, new, force)
         if is_booked:
-            done = way_times(shape, new, x, before) + way_times(shape, loaded, x, before)
-            book(shape, state, layout.LOAD_WORK, 0.5 * done)
+            done = force_work(shape, new, x, before) + force_work(shape, loaded, x, before)
+            add_to_ledger(shape, state, layout.LOAD_WORK, 0.5 * done)
         copy(shape, new, loaded)
     solve_mass(shape, model, force)
     half = zero()
@@ -57,28 +57,28 @@ def evaluate(shape, model, inputs, state, scratch, forces, t):
             done = -0.5 * (half + pulled(shape, state, state, shape[layout.MOVED]))
             if shape[layout.SPRINGS]:
                 done += anchor_work(shape, model, state, before, x)
-            book(shape, state, layout.DRIVE_WORK, done)
-        remember(shape, state, x, before)
+            add_to_ledger(shape, state, layout.DRIVE_WORK, done)
+        reset_work(shape, state, x, before)
 
 
 @part
-def remember(shape, state, x, before):
-    """Work counts from here."""
+def reset_work(shape, state, x, before):
+    """Mark the ledger as containing all work up to the present configuration."""
     copy(shape, x, before)
-    forget_moved(shape, state)
-    book_anchors(shape, state)
-    write(shape, state, layout.IS_BOOKED, 1.0)
-    write(shape, state, layout.PENDING, 0.0)
+    clear_moved(shape, state)
+    accept_anchors(shape, state)
+    set_ledger(shape, state, layout.IS_BOOKED, 1.0)
+    set_ledger(shape, state, layout.PENDING, 0.0)
 
 
 @part
-def foresee_work(shape, model, inputs, state):
-    """Work since the last evaluation with the forces of that: for a step that ends with a drift."""
+def estimate_pending_work(shape, model, inputs, state):
+    """PENDING = work since the last evaluation, with its forces: for steps ending in a drift."""
     if has_work(shape, inputs):
         x, before = shifted(state, shape[layout.X]), shifted(state, shape[layout.BOOKED])
         done = -pulled(shape, state, state, shape[layout.MOVED])
         if shape[layout.LOADS]:
-            done += way_times(shape, shifted(state, shape[layout.LOADED]), x, before)
+            done += force_work(shape, shifted(state, shape[layout.LOADED]), x, before)
         if shape[layout.SPRINGS]:
             done += anchor_work(shape, model, state, before, x)
-        write(shape, state, layout.PENDING, done)
+        set_ledger(shape, state, layout.PENDING, done)

@@ -1,8 +1,8 @@
-"""The loop of Zhai's explicit two-step method (see `core.zhai`).
+"""The time loop of Zhai's explicit two-step method (`core.zhai`).
 
-One force evaluation per step. The acceleration of the step before is part of the state; the first
-step takes the present one in its place. What is held drifts as in `engine.held`; the accelerations
-go along, projected onto the directions at the end of the step.
+One force evaluation per step. The acceleration of the previous step is part of the state; the first
+step uses the present one instead. Held rows drift as in `engine.held`; the accelerations are
+projected with the directions at the end of the step.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, shifted, store
 from dlo_sim.compiling.pieces import COUNTS, REAL, WHOLE, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.account import write
+from dlo_sim.engine.account import set_ledger
 from dlo_sim.engine.assembly import flow
 from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
 from dlo_sim.engine.held import grasps_move, project
@@ -18,21 +18,21 @@ from dlo_sim.engine.lines import add
 from dlo_sim.engine.sampling import begin_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.explicit_layout import MEAN
-from dlo_sim.methods.runge_kutta import add_decay, lose_energy
+from dlo_sim.methods.runge_kutta import add_damping_loss, add_decay
 from dlo_sim.methods.splitting import ENGINE
 
 
 @part
 def accelerate(shape, model, inputs, state, scratch, evaluate, forces, t):
-    """P M^-1 f and the external damping into FORCE; work into the ledger."""
+    """FORCE = P M^-1 f - decay w; adds the work to the ledger."""
     evaluate(shape, model, inputs, state, scratch, forces, t)
     add_decay(shape, model, state, shifted(scratch, shape[layout.FORCE]))
 
 
 @part
 def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
-    """Positions and w at time t, the end of the step; the present acceleration becomes the one
-    before.
+    """Advance x and w to time t, the end of the step; the present acceleration becomes the previous
+    one.
     """
     x, w, mean = (
         shifted(state, shape[layout.X]),
@@ -50,7 +50,7 @@ def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
         store(mean, at, v + tau * ((0.5 + psi) * a - psi * b))
         store(w, at, tau * ((0.5 + phi - psi) * a - (phi - psi) * b))
         store(before, at, a)
-    write(shape, state, layout.KNOWN, 1.0)
+    set_ledger(shape, state, layout.KNOWN, 1.0)
     carry(shape, model, inputs, state, scratch, x, mean, t, tau)
     move_anchors(shape, model, inputs, state, t)
     if grasps_move(shape, inputs):
@@ -75,9 +75,9 @@ def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records
         if not fresh:
             accelerate(shape, model, inputs, state, scratch, evaluate, forces, t0)
             evaluations += 1
-        lose_energy(shape, model, state, 0.5 * tau)
+        add_damping_loss(shape, model, state, 0.5 * tau)
         two_step(shape, model, inputs, state, scratch, carry, psi, phi, t1, tau)
-        lose_energy(shape, model, state, 0.5 * tau)
+        add_damping_loss(shape, model, state, 0.5 * tau)
         accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
         evaluations += 1
         fresh = not flow(flows, shape, model, inputs, state, scratch)

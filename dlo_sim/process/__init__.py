@@ -1,1 +1,1 @@
-"""The process: signals that end it, and files that are whole or absent however it ends."""
+"""Process control: signals that end the process, and files that are written atomically."""

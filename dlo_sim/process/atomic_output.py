@@ -1,8 +1,8 @@
-"""Outputs that are whole or absent: written beside their place, then put there.
+"""Atomic outputs: written to a temporary folder beside the target, then moved into place.
 
-What a killed process leaves is removed by the next one that writes the same output. Whether a
-process is still writing shows by a lock, which ends with it, and not by its number, which another
-process may have by now, or have in another container.
+Leftovers of a killed process are removed by the next one that writes the same output. A lock, which
+ends with its process, shows whether a folder is in use; a process id may have been reused, or may
+belong to another container.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from pathlib import Path
 from dlo_sim.process.stopping import cleanup
 
 _SUFFIX = ".dlo_sim"
-# What is written has always the same name: bags hold theirs, and their bytes must not depend on it.
+# Always the same name: a bag contains its name, and its bytes must not depend on chance.
 _NAME = "dlo_sim_0"
 
 
 class AtomicOutput:
-    """A place beside an output in which it is written.
+    """A temporary folder beside an output, removed also when the process is ended.
 
     Args:
         target: file or directory that will be the output; its parent must exist.
 
     Attributes:
-        path: where to write it meanwhile.
+        path: temporary path to write to.
 
     Raises:
         OSError: the parent cannot be written.
@@ -45,16 +45,16 @@ class AtomicOutput:
         self._promise.enter_context(cleanup(self._remove))
 
     def commit(self) -> None:
-        """Make what was written the output; a file that is there is replaced.
+        """Move the written file or directory to the target; an existing file is replaced.
 
         Raises:
-            OSError: the disk refuses, or a directory is there.
+            OSError: it cannot be moved, or the target is an existing directory.
         """
         self.path.replace(self._target)
         self.discard()
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Remove the temporary folder."""
         self._promise.close()
 
     def _remove(self) -> None:
@@ -63,10 +63,10 @@ class AtomicOutput:
 
 
 def write_atomically(target: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` make a file at the path that it is given, and put it in the target's place.
+    """Let `write` create a file at a temporary path, then move it to the target.
 
     Raises:
-        OSError: the disk refuses; what was there before is kept.
+        OSError: it cannot be written; an existing file is kept.
     """
     output = AtomicOutput(target)
     try:
@@ -77,7 +77,7 @@ def write_atomically(target: Path, write: Callable[[Path], object]) -> None:
 
 
 def remove_leftovers(target: Path) -> None:
-    """Remove what killed processes have left of an output; never what is not ours, or in use."""
+    """Remove leftovers of killed processes, except folders of others and folders in use."""
     pattern = re.compile(re.escape(f".{target.name}.") + r"[a-z0-9_]{8}" + re.escape(_SUFFIX))
     with contextlib.suppress(OSError):  # a parent that cannot be read
         for folder in target.parent.iterdir():
@@ -97,7 +97,7 @@ def _remove_leftover(folder: Path) -> None:
 
 
 def _locked_folder(target: Path) -> tuple[Path, int]:
-    """A new folder beside the target, and the descriptor that holds its lock."""
+    """A new folder beside the target, and the descriptor with its lock."""
     while True:
         folder = Path(
             tempfile.mkdtemp(prefix=f".{target.name}.", suffix=_SUFFIX, dir=target.parent)
@@ -105,8 +105,8 @@ def _locked_folder(target: Path) -> tuple[Path, int]:
         try:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         except FileNotFoundError:
-            continue  # taken for a leftover before it was locked
-        with contextlib.suppress(OSError):  # no locks here: nobody will remove it
+            continue  # removed as a leftover before it was locked
+        with contextlib.suppress(OSError):  # no locks on this file system: nobody removes it
             fcntl.flock(lock, fcntl.LOCK_EX)
         if folder.exists():
             return folder, lock

@@ -1,13 +1,13 @@
 """SIGINT, SIGTERM and SIGHUP: recorded when they arrive, handled between pieces of work.
 
-Nothing is ever raised by a signal handler: an exception inside a callback that a library calls from
-C, as compilers do, is lost or ends in a crash. Instead
-- the interpreter's own handler writes the signal's number to a pipe, whatever the process is doing;
+Signal handlers raise no exceptions: inside a callback that a library calls from C, as compilers do,
+an exception is lost or ends in a crash. Instead
+- the interpreter's own handler writes the signal's number to a pipe at any time;
 - a thread reads it there and records it;
-- the work looks at the record between two pieces (`check`, `requested`) and ends itself;
-- work that does not look in time, such as compiling, is ended from that thread after its cleanup
-  (`cleanup`): temporary files removed, other processes ended. Work that is known to end itself
-  (`disable_forced_exit`) is ended so by a second signal alone.
+- the work checks the record between two pieces (`check`, `requested`) and ends itself;
+- work that does not check in time, such as compiling, is ended by that thread after its cleanup
+  (`cleanup`): temporary files removed, other processes ended. After `disable_forced_exit` only a
+  second signal has this effect.
 
 Child processes do not see the SIGINT and SIGHUP that a terminal sends to all: this process ends
 them.
@@ -25,17 +25,17 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-GRACE = 2.0  # [s] for the work to look at the record, before it is ended from outside
-_AFTERWARDS = 0.2  # [s] for the work to end itself after all, when some cleanup has been done
+GRACE = 2.0  # [s] for the work to check the record, before it is ended from outside
+_AFTERWARDS = 0.2  # [s] for the work to end itself after each cleanup
 
 _requested = 0
 _forced_exit_disabled = False
 _cleanups: dict[object, Callable[[], object]] = {}
-_said = threading.Lock()  # held once it has been said that the process is interrupted
+_said = threading.Lock()  # held once the message 'interrupted' has been printed
 
 
 def request(number: int) -> None:
-    """Ask the work to end because of a signal; the first one counts."""
+    """Ask the work to end because of a signal; the first one is recorded."""
     global _requested
     _requested = _requested or number
 
@@ -49,7 +49,7 @@ def check() -> None:
     """End the work here if a signal asked for it.
 
     Raises:
-        KeyboardInterrupt: from here and nowhere else.
+        KeyboardInterrupt: raised here only.
     """
     if _requested:
         raise KeyboardInterrupt
@@ -61,8 +61,8 @@ def exit_status() -> int:
 
 
 def disable_forced_exit() -> None:
-    """From now on the work looks often enough, and what it keeps takes the time that it takes: only
-    a second signal, more than GRACE after the first, ends it from outside.
+    """Declare that the work checks often enough from now on and may take its time to finish: only a
+    second signal, more than GRACE after the first, ends it from outside.
     """
     global _forced_exit_disabled
     _forced_exit_disabled = True
@@ -70,7 +70,7 @@ def disable_forced_exit() -> None:
 
 @contextlib.contextmanager
 def cleanup(action: Callable[[], object]) -> Iterator[None]:
-    """Do something at the end of the block, also when the process is ended inside it."""
+    """Run `action` at the end of the block, also if the process is ended inside it."""
     key = object()
     _cleanups[key] = action
     try:
@@ -81,13 +81,13 @@ def cleanup(action: Callable[[], object]) -> Iterator[None]:
 
 
 def supervised(work: Callable[[], int], status: Callable[[], int] = exit_status) -> int:
-    """Do the work of a process under these rules; the process is to exit with the result.
+    """Run the work of a process under these rules; the process must exit with the result.
 
-    A launcher that starts the process with the signals blocked loses none that come earlier.
+    Signals that arrive earlier are not lost if the launcher starts the process with them blocked.
 
     Args:
         work: returns the exit status.
-        status: the exit status where a signal broke the work off.
+        status: returns the exit status if a signal interrupted the work.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
@@ -105,20 +105,20 @@ def supervised(work: Callable[[], int], status: Callable[[], int] = exit_status)
     except BaseException as error:
         if not _requested or isinstance(error, SystemExit):
             raise
-        _say_interrupted()  # and what fails on the way, such as a process that ended before us
+        _say_interrupted()  # errors on the way, such as a child that ended first, are not reported
         return status()
     finally:
         finished.set()
-        for number in SIGNALS:  # it is ending; handlers would be taken away while it does
+        for number in SIGNALS:  # the process ends, and the interpreter removes its handlers
             signal.signal(number, signal.SIG_IGN)
 
 
 def _handler(number: int, frame: FrameType | None) -> None:
-    """Nothing: the interpreter has written the number to the pipe."""
+    """Do nothing: the interpreter has written the number to the pipe."""
 
 
 def _watch(reading: int, finished: threading.Event, status: Callable[[], int]) -> None:
-    """Record a signal, and end a process whose work does not."""
+    """Record a signal, and end the process if its work does not end."""
     request(_next_signal(reading))
     if not finished.wait(GRACE) and _forced_exit_disabled:
         if select.select([reading], (), (), 0.0)[0]:
@@ -129,14 +129,14 @@ def _watch(reading: int, finished: threading.Event, status: Callable[[], int]) -
     while _cleanups:
         with contextlib.suppress(Exception):  # the other thread may be faster
             _cleanups.popitem()[1]()
-        if finished.wait(_AFTERWARDS):  # what it waited for was, say, a process that has ended now
+        if finished.wait(_AFTERWARDS):  # e.g. it waited for a process that the cleanup has ended
             return
     _say_interrupted()
     os._exit(status())
 
 
 def _next_signal(reading: int) -> int:
-    """Wait for the next of our signals; libraries may handle others, whose numbers come too."""
+    """Wait for the next of SIGNALS; the pipe also gets signals that libraries handle."""
     while (number := os.read(reading, 1)[0]) not in SIGNALS:
         pass
     return number
@@ -144,7 +144,7 @@ def _next_signal(reading: int) -> int:
 
 def _say_interrupted() -> None:
     if not _said.acquire(blocking=False):
-        return  # work that breaks off while it is ended from outside: both threads say so
-    wipe = "\r\033[K" if sys.stderr.isatty() else ""  # what may be left of a progress bar
-    with contextlib.suppress(OSError):  # a terminal that is gone
+        return  # both threads get here if the work ends while it is ended from outside
+    wipe = "\r\033[K" if sys.stderr.isatty() else ""  # clears a progress bar
+    with contextlib.suppress(OSError):  # the terminal is closed
         os.write(2, f"{wipe}dlo_sim: interrupted\n".encode())

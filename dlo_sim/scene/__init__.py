@@ -1,4 +1,4 @@
-"""What is simulated: the parameter table, the frozen description, and the loader of scene files.
+"""The scene: parameter table, frozen description, and the loader of scene files.
 
-This room knows no numerics, no ROS and no other room of the package.
+This package contains no numerics and no ROS, and imports no other package of `dlo_sim`.
 """

@@ -1,7 +1,7 @@
-"""What is simulated: the cable, its loads, what it touches. Groups of parameters in SI units.
+"""The cable, its loads and obstacles: groups of parameters in SI units.
 
-A field's annotation gives the type, `parameter(...)` default, description, unit and bounds; ROS
-declarations, checks and the reference in config/README.md are made from them.
+A field's annotation gives the type, `parameter(...)` the default, description, unit and bounds; ROS
+declarations, checks and the reference in config/README.md are generated from them.
 """
 
 import math
@@ -15,7 +15,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Cable:
-    """Material and section. Direct values of 0 mean: derived from modulus, density and diameter."""
+    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter."""
 
     length: float = parameter(1.0, "Rest length L.", "m", (1.0e-4, 1.0e4))
     diameter: float = parameter(0.005, "Diameter D of the round section.", "m", (1.0e-6, 1.0))
@@ -62,7 +62,7 @@ class Cable:
 
     @property
     def natural_shape(self) -> tuple[tuple[float, ...], ...]:
-        """Two curvatures [1/m] and twist [rad/m] of the unloaded cable along it."""
+        """Two curvatures [1/m] and twist rate [rad/m] along the unloaded cable."""
         return self.rest_curvature, self.rest_curvature_2, self.rest_twist
 
     @property
@@ -72,7 +72,7 @@ class Cable:
 
     @property
     def area(self) -> float:
-        """Section area A = pi D^2 / 4 [m^2]."""
+        """Cross-sectional area A = pi D^2 / 4 [m^2]."""
         return math.pi * self.diameter**2 / 4.0
 
     @property
@@ -141,7 +141,7 @@ class Damping:
 
     @property
     def drag_across(self) -> float:
-        """What air drag across the cable has more than along it [N s/m^2]."""
+        """Normal minus tangential air drag c_n - c_t [N s/m^2]."""
         return self.air_drag * (1.0 - self.air_drag_ratio)
 
 
@@ -178,7 +178,7 @@ class Torsion:
 
 @dataclass(frozen=True)
 class Contact:
-    """How the cable and obstacles press on each other; there is no friction."""
+    """Frictionless contact between the cable and obstacles."""
 
     stiffness: float = parameter(
         0.0,
@@ -206,7 +206,7 @@ class Obstacle:
 
     @property
     def normal(self) -> Vector:
-        """Its z axis, a unit vector: out of the obstacle."""
+        """Outward unit normal, its z axis."""
         size = math.hypot(*self.orientation)
         x, y, z, w = (part / size for part in self.orientation)
         return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
@@ -260,7 +260,7 @@ class Load:
 
     @property
     def input_topic(self) -> str:
-        """The topic that drives this load, the default one if none is named; empty for a signal."""
+        """The topic of this load, the default if none is given; empty for a signal."""
         if self.signal != "none":
             return ""
         if self.topic:

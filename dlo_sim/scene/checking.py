@@ -1,4 +1,4 @@
-"""Whether a value is possible for its parameter, and a name for a load or a grasp.
+"""Validation of single values against their parameters, and of names of loads and grasps.
 
 Every refusal is one line that names the key, the value and the cure.
 """
@@ -15,9 +15,9 @@ _LONGEST_TEXT = 255
 
 
 def check_value(row: Parameter, value: object) -> Value:
-    """The value as this parameter's type: float, int, bool, str or a tuple of them.
+    """The value converted to this parameter's type: float, int, bool, str or a tuple of them.
 
-    Integers become floats where a double is meant; NumPy and `array` values are taken as lists.
+    Integers become floats for a double; NumPy and `array` values count as lists.
 
     Raises:
         SceneError: wrong type, not finite, out of range, wrong number of elements.
@@ -40,7 +40,7 @@ def check_value(row: Parameter, value: object) -> Value:
 
 
 def _wanted(row: Parameter) -> str:
-    """What to give for a parameter, for people."""
+    """The expected value of a parameter, as text."""
     if not row.is_array:
         return _wanted_element(row)
     count = "" if row.length is None else f"{row.length} "
@@ -97,10 +97,10 @@ def _check_number(row: Parameter, value: object, key: str) -> float | int:
 
 
 def check_names(key: str, names: Sequence[str], reserved: Sequence[str] = ()) -> None:
-    """Refuse names given by this key that cannot be part of a key, and duplicates.
+    """Refuse duplicates and names that cannot be part of a key.
 
     Raises:
-        SceneError: naming the first bad one.
+        SceneError: naming the first invalid one.
     """
     for name in names:
         taken = ("names", *reserved)
@@ -115,7 +115,7 @@ def check_names(key: str, names: Sequence[str], reserved: Sequence[str] = ()) ->
 
 
 def unknown_key(key: str, value: object, known: Mapping[str, Parameter]) -> SceneError:
-    """The refusal of a key that is in no table: a group, an unnamed load, a misspelling."""
+    """The refusal of a key that is not a parameter: a group, an unnamed load, a misspelling."""
     members = [name for name in known if name.startswith(f"{key}.")]
     if members:
         return refusal(key, value, f"stands for a group of keys; give {members[0]} and so on")

@@ -1,11 +1,11 @@
-"""How it is simulated: terms, mesh, time integration, inputs and outputs. See `cable.py`."""
+"""Terms, mesh, time integration, inputs and outputs: groups of parameters, as in `cable.py`."""
 
 from dataclasses import dataclass
 
 from dlo_sim.scene.parameter import parameter
 
 SWITCH = ("auto", "on", "off")
-LEAST_BY_SPAN = 9  # control points from which stretching by span is at least as good everywhere
+LEAST_BY_SPAN = 9  # control points from which stretching by span is never less accurate
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Discretization:
 
     @property
     def stretch_by_span(self) -> bool:
-        """Whether the stretching energy comes from the mean stretch of the spans."""
+        """Whether the stretching energy uses the strain projected on each span."""
         enough = self.quadrature == "gauss" and self.control_points >= LEAST_BY_SPAN
         return self.stretch == "span" or (self.stretch == "auto" and enough)
 
@@ -63,7 +63,7 @@ class Discretization:
 
 @dataclass(frozen=True)
 class Terms:
-    """Which parts of the model are there: `auto`, `on`, `off`, or a variant of the term."""
+    """Terms of the model: `auto`, `on`, `off`, or a variant of the term."""
 
     stretch: str = parameter(
         "auto",
@@ -106,7 +106,7 @@ class Initial:
 
 @dataclass(frozen=True)
 class Integrator:
-    """Time integration: method, step, and what a failure does."""
+    """Time integration: method, step, and the reaction to a failure."""
 
     method: str = parameter("auto", "Time integration method; see `dlo_sim methods`.")
     step: float = parameter(
@@ -147,7 +147,7 @@ class Integrator:
 
 @dataclass(frozen=True)
 class Inputs:
-    """How messages are taken in: time base, latency, limits, catching up."""
+    """Processing of input messages: time base, latency, limits, catching up."""
 
     latency: float = parameter(
         0.06,
@@ -182,7 +182,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Measured:
-    """Points seen on the cable, by which the prediction is corrected."""
+    """Measured points on the cable that correct the prediction."""
 
     type: str = parameter(
         "none",
@@ -214,7 +214,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is put out besides the control points."""
+    """Outputs other than the control points."""
 
     centerline_samples: int = parameter(
         50, "Number of centerline points in markers and recordings.", "", (2, 10_000)
@@ -255,7 +255,7 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Forecasts:
-    """Plans taken in, and what is put out of the future along them."""
+    """Forecasts of the cable along received plans."""
 
     processes: int = parameter(
         0,
@@ -272,7 +272,7 @@ class Forecasts:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Position error that is acceptable, and whether the error is estimated."""
+    """Acceptable position error, and whether the error is estimated."""
 
     target: float = parameter(
         0.001, "Acceptable position error; a larger estimate causes a warning.", "m", (1e-9, 1e3)
@@ -287,7 +287,7 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class State:
-    """What outlives the node's process."""
+    """State that is kept across restarts of the node."""
 
     save_to: str = parameter(
         "",

@@ -1,4 +1,4 @@
-"""Whether values that are possible one by one are possible together.
+"""Consistency checks across parameters whose values are valid one by one.
 
 Every refusal is one line that names the key, the value and the cure.
 """
@@ -13,16 +13,16 @@ from dlo_sim.scene.holders import End, Grasp, Holder
 from dlo_sim.scene.refusal import SceneError, refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-LEAST_STEP = 1e-9  # [s]; 0 is a step that is chosen
-LEAST_DENSITY = 1e-15  # [kg/m], of the thinnest and lightest cable that can be given
-LEAST_QUATERNION = 1e-3  # norm of an orientation that is surely meant
-_LARGEST_STRETCH = 2.0  # held ends farther apart than this many lengths are surely a mistake
+LEAST_STEP = 1e-9  # [s]; 0 has the step chosen
+LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
+LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
+_LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake
 
 Holders = Mapping[str, Holder]
 
 
 def _refusals(prefix: str, group: object) -> Callable[[str, str], SceneError]:
-    """Refusals of the parameters of a group, from their names, what is wrong and the cure."""
+    """A function that makes the refusal of a group's parameter from its name and problem."""
     return lambda name, problem: refusal(f"{prefix}.{name}", getattr(group, name), problem)
 
 
@@ -31,7 +31,7 @@ def _norm(vector: Vector) -> float:
 
 
 def check_cable(cable: Cable) -> None:
-    """Refuse an empty natural curvature, an axis that is no unit vector, a mass next to none."""
+    """Refuse an empty natural shape, an axis that is not a unit vector, and a negligible mass."""
     axis = cable.rest_curvature_axis
     if 0.0 < cable.linear_density < LEAST_DENSITY:
         cure = f"give {LEAST_DENSITY:g} kg/m or more, or 0 for rho pi D^2 / 4"
@@ -46,7 +46,7 @@ def check_cable(cable: Cable) -> None:
 
 
 def check_discretization(discretization: Discretization) -> None:
-    """Refuse quadratures that do not suit the knots or leave motions without energy."""
+    """Refuse quadratures that do not fit the knots or admit zero-energy modes."""
     refused = _refusals("discretization", discretization)
     samples, gauss = discretization.samples, discretization.quadrature == "gauss"
     by_span = discretization.stretch == "span"
@@ -71,7 +71,7 @@ def check_discretization(discretization: Discretization) -> None:
 
 
 def check_holder(name: str, end: Holder, length: float) -> None:
-    """Refuse springs, clamps and topics that would do nothing."""
+    """Refuse springs, clamps and topics that would have no effect."""
     for axis in range(3):
         if end.fixed[axis] and end.spring[axis] > 0.0:
             raise refusal(
@@ -114,7 +114,7 @@ def check_holder(name: str, end: Holder, length: float) -> None:
 
 
 def check_tf_frame(name: str, end: Holder, world: str) -> None:
-    """Refuse a frame beside a topic, and a frame that tf2 cannot have or that never moves."""
+    """Refuse a frame in addition to a topic, and a frame that tf2 cannot have or never moves."""
     if not end.tf_frame:
         return
     reason = ""
@@ -129,7 +129,7 @@ def check_tf_frame(name: str, end: Holder, world: str) -> None:
 
 
 def check_obstacles(obstacles: Sequence[Obstacle]) -> None:
-    """Refuse an orientation that is no rotation."""
+    """Refuse an orientation that is not a rotation."""
     for obstacle in obstacles:
         if math.hypot(*obstacle.orientation) < LEAST_QUATERNION:
             raise refusal(
@@ -140,7 +140,9 @@ def check_obstacles(obstacles: Sequence[Obstacle]) -> None:
 
 
 def check_placement(ends: Mapping[str, End], length: float, shape: str) -> None:
-    """Refuse ends that give the initial shape or a clamp no direction, or are too far apart."""
+    """Refuse ends that leave the direction of the initial shape or a clamp undefined, or that are
+    too far apart.
+    """
     start, end = ends["start"], ends["end"]
     refused = _refusals("end", end)
     gap = math.dist(start.position, end.position)
@@ -167,7 +169,7 @@ def check_placement(ends: Mapping[str, End], length: float, shape: str) -> None:
 
 
 def check_frames(world: str, holders: Holders) -> None:
-    """Refuse a frame name that means two of the world and the end-effectors."""
+    """Refuse a frame name shared by two end-effectors, or by one and the world."""
     seen = {world: "frame_id"}
     for name, holder in holders.items():
         frame = holder.frame
@@ -193,7 +195,7 @@ def check_load(load: Load) -> None:
 
 
 def check_topics(holders: Holders, loads: Sequence[Load]) -> None:
-    """Refuse topic names that are not well formed, and topics with two meanings."""
+    """Refuse malformed topic names, and topics read as two types."""
     inputs = [(f"{n}.pose_topic", e.pose_topic, e.pose_type) for n, e in holders.items()]
     inputs += [
         (f"{n}.taken_topic", e.taken_topic, "taken")
@@ -215,7 +217,7 @@ def check_topics(holders: Holders, loads: Sequence[Load]) -> None:
 
 
 def check_times(rate: float, step: float, catch_up: float) -> None:
-    """Refuse a step below the resolution of stamps, and less catching up than a timer period."""
+    """Refuse a step below the resolution of stamps, and a catch-up below the timer period."""
     if 0.0 < step < LEAST_STEP:
         raise refusal(
             "integrator.step",
@@ -232,7 +234,7 @@ def check_times(rate: float, step: float, catch_up: float) -> None:
 
 
 def check_colors(outputs: Outputs, without_tension: str) -> None:
-    """Refuse a range that is upside down, and the colours of a tension that is not known."""
+    """Refuse a decreasing colour range, and colours by a tension that is not known."""
     low, high = outputs.color_range
     if low > high:
         raise refusal(

@@ -1,7 +1,7 @@
-"""A scene: everything that decides a simulation, as frozen dataclasses in SI units.
+"""A scene: the complete definition of a simulation, as frozen dataclasses in SI units.
 
 The path of an attribute is the key of its parameter (`scene.cable.length` is `cable.length`).
-Scenes are made by `scene_from_values`, so that every scene has passed the checks.
+Scenes are built by `scene_from_values`, so that every scene has passed the checks.
 """
 
 import math
@@ -40,11 +40,11 @@ from dlo_sim.scene.parameter import Parameter, parameter, parameters_of, with_pa
 from dlo_sim.scene.refusal import SceneError, brief
 
 EARTH = 9.81  # [m/s^2]
-DEPTH = 1e-3  # diameters that weight on earth presses a cable into an obstacle
+DEPTH = 1e-3  # penetration of a cable into an obstacle under its weight on earth, in diameters
 Names = tuple[str, ...]
-# Groups with a block for each name, and the names that mean something else.
+# Groups with a block for each name, and their reserved names.
 _NAMED: dict[str, Names] = {"loads": (), "grasps": ("start", "end"), "obstacles": ()}
-# Parameters of the node, not of the scene, which a scene file may set all the same.
+# Parameters of the node, not of the scene, that a scene file may contain.
 _NODE_KEYS = re.compile(
     r"(use_sim_time|start_type_description_service|qos_overrides\..*|lifecycle|cables)"
 )
@@ -94,19 +94,19 @@ class Scene:
 
     @property
     def curvature_floor(self) -> float:
-        """Floor of the Frenet torsion [1/m]: as given, or 1 % of the curvature of the ring that the
-        cable can be bent to, 0.01 * 2 pi / L."""
+        """Curvature floor of the Frenet torsion [1/m]: as given, or 1 % of the curvature of the
+        cable bent to a closed ring, 0.01 * 2 pi / L."""
         return self.torsion.curvature_floor or 0.02 * math.pi / self.cable.length
 
     @property
     def drag_across(self) -> float:
-        """What air drag across the cable has more than along it [N s/m^2]; 0 without damping."""
+        """Normal minus tangential air drag c_n - c_t [N s/m^2]; 0 without damping."""
         return 0.0 if self.terms.damping == "off" else self.damping.drag_across
 
     @property
     def contact_stiffness(self) -> float:
-        """Force per length of cable and depth in an obstacle [N/m^2]: as given, or so that the
-        weight on earth presses the cable in by DEPTH."""
+        """Contact force per length of cable and penetration depth [N/m^2]: as given, or such that
+        the weight on earth leads to the penetration DEPTH."""
         return self.contact.stiffness or self.cable.mu * EARTH / (DEPTH * self.cable.diameter)
 
     @property
@@ -116,7 +116,7 @@ class Scene:
 
     @cached_property
     def holders(self) -> dict[str, Holder]:
-        """All that can hold the cable by name: both ends, then the grasps."""
+        """Both ends, then the grasps, by name."""
         return {**self.ends, **{grasp.name: grasp for grasp in self.grasps}}
 
     def load(self, name: str) -> Load:
@@ -140,31 +140,31 @@ class Scene:
         return {grasp.name: grasp for grasp in self.grasps}[name]
 
     def holder_keys(self) -> list[tuple[str, Holder]]:
-        """`holders` by the keys of their blocks."""
+        """`holders` with the keys of their blocks."""
         return [*self.ends.items(), *((f"grasps.{grasp.name}", grasp) for grasp in self.grasps)]
 
     @property
     def tf_keys(self) -> Names:
-        """Keys of the parameters that ask for tf2."""
+        """Keys of the parameters that require tf2."""
         asked: dict[str, object] = {"inputs.tf": self.inputs.tf, "outputs.tf": self.outputs.tf}
         asked |= {f"{key}.tf_frame": holder.tf_frame for key, holder in self.holder_keys()}
         return tuple(key for key, value in asked.items() if value)
 
     def with_values(self, values: Mapping[str, object]) -> "Scene":
-        """A scene with these parameters changed, all checked together.
+        """A copy of the scene with these parameters changed, all checked together.
 
         Args:
             values: dotted key -> value, for example `{"cable.length": 2.0}`; loads, grasps
                 and obstacles that are no longer named are dropped.
 
         Raises:
-            SceneError: if a key is unknown or the scene would be impossible.
+            SceneError: an unknown key or an invalid scene.
         """
         return scene_from_values(overridden(scene_values(self), mapping("values", values)))
 
     @property
     def without_tension(self) -> str:
-        """Why the tension cannot be told from the shape; empty if it can."""
+        """Why the tension does not follow from the shape; empty if it does."""
         if self.terms.stretch == "off" or self.integrator.method == "rattle":
             return "is not known of a cable that does not stretch"
         if self.cable.shaped or self.plasticity.yield_curvature:
@@ -172,7 +172,7 @@ class Scene:
         return ""
 
     def check(self) -> None:
-        """Refuse values that are possible one by one but not together.
+        """Refuse values that are valid one by one but not together.
 
         Raises:
             SceneError: naming the key, the value and the cure of the first conflict.
@@ -200,7 +200,7 @@ class Scene:
 def default_scene(
     load_names: Names = (), grasp_names: Names = (), obstacle_names: Names = ()
 ) -> Scene:
-    """The scene of an empty file, with these loads, grasps and obstacles."""
+    """The scene with default values and these loads, grasps and obstacles."""
     return replace(
         Scene(),
         loads=tuple(Load(name, position=0.0 if name == "start" else 1.0) for name in load_names),
@@ -229,18 +229,18 @@ def parameters_of_scene(scene: Scene) -> tuple[Parameter, ...]:
 
 
 def is_node_key(key: str) -> bool:
-    """Whether a scene file sets something of the node by this key that the scene does not need."""
+    """Whether this key of a scene file is a parameter of the node that is not part of the scene."""
     return _NODE_KEYS.fullmatch(key) is not None
 
 
 def scene_from_values(values: Mapping[str, object]) -> Scene:
-    """Build a scene from flat values; what is not given has its default.
+    """Build a scene from flat values; missing keys have their defaults.
 
     Args:
         values: dotted key -> value, as in `{"cable.length": 2.0, "start.fixed": [True] * 3}`.
 
     Raises:
-        SceneError: unknown key, wrong type, out of range, or an impossible scene.
+        SceneError: unknown key, wrong type, out of range, or an inconsistent scene.
     """
     given = mapping("values", values)
     names = [_names(group, given) for group in _NAMED]
@@ -270,7 +270,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
-    """The values with changes, without the blocks of names that are gone."""
+    """The values with changes applied, without the blocks of names that are dropped."""
     left = dict(values)
     for group in _NAMED:
         if f"{group}.names" in changes:
@@ -281,10 +281,10 @@ def overridden(values: Mapping[str, object], changes: Mapping[str, object]) -> d
 
 
 def mapping(name: str, values: object) -> dict[str, object]:
-    """Values by key, as a dictionary of its own.
+    """A copy of a mapping as a dictionary; `name` appears in the error.
 
     Raises:
-        TypeError: no mapping.
+        TypeError: not a mapping.
     """
     if not isinstance(values, Mapping):
         raise TypeError(f"{name}: needs a mapping, {{'cable.length': 2.0}}, got {brief(values)}")
@@ -292,7 +292,7 @@ def mapping(name: str, values: object) -> dict[str, object]:
 
 
 def _names(group: str, values: Mapping[str, object]) -> Names:
-    """The names that values give to a group."""
+    """The names of a group's blocks, from `<group>.names` in the values."""
     row = next(row for row in scene_parameters() if row.key == f"{group}.names")
     names = check_value(row, values.get(row.key, row.default))
     texts = tuple(str(name) for name in names)  # type: ignore[union-attr]

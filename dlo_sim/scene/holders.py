@@ -1,4 +1,4 @@
-"""What can hold the cable: its ends and grasps. Groups of parameters in SI units."""
+"""Ends and grasps, which hold the cable. Groups of parameters in SI units."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ Switches = tuple[bool, bool, bool]
 
 @dataclass(frozen=True)
 class Holder:
-    """What holds the cable at one place."""
+    """An end-effector that holds the cable at one place."""
 
     position: Vector = parameter(
         ORIGIN,
@@ -106,7 +106,7 @@ class Holder:
 
     @property
     def held(self) -> bool:
-        """Whether anything (a fixed axis or a spring) ties the cable to the end-effector."""
+        """Whether a fixed axis or a spring connects the cable to the end-effector."""
         return any(self.fixed) or any(self.spring) or self.tangent_spring > 0.0
 
     @property
@@ -127,7 +127,7 @@ class Holder:
 
 @dataclass(frozen=True)
 class End(Holder):
-    """One end of the cable, `start` (u = 0) or `end` (u = L), and what holds it."""
+    """One end of the cable, `start` (u = 0) or `end` (u = L), and its end-effector."""
 
     mass: float = parameter(0.0, "Point mass at this end.", "kg", (0.0, 1.0e4))
 
@@ -139,7 +139,7 @@ class End(Holder):
 
 @dataclass(frozen=True)
 class Grasp(Holder):
-    """A gripper that holds the cable between its ends, and can take and release it."""
+    """A gripper that can hold the cable between its ends, and take and release it."""
 
     name: str = ""
     at: float = parameter(

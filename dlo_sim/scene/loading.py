@@ -1,7 +1,8 @@
-"""Scene files and values in, checked scenes out.
+"""Loading of scenes from files and values, with all checks.
 
-A scene file is a ROS 2 parameter file; this reads it without ROS, as YAML 1.2. Every key, type and
-range is checked against the parameter table, then the scene as a whole (see `checking.py`).
+A scene file is a ROS 2 parameter file, read here without ROS, as YAML 1.2. Every key, type and
+range is checked against the parameter table (`checking`), then the scene as a whole
+(`consistency`).
 """
 
 import os
@@ -37,12 +38,12 @@ def load_scene(
         source: the name of a shipped scene, such as "two_grippers"; the path of a ROS 2 parameter
             file with a block for `/**`, `dlo_sim` or a single other node; or a mapping as in such a
             file, or of its keys alone, nested or dotted: `{"cable": {"length": 2.0}}`.
-        overrides: dotted key -> value, applied over the source; naming `loads.names` here drops the
-            blocks of the source's other loads.
+        overrides: dotted key -> value, replaces values of the source; `loads.names` here also
+            drops the blocks of loads that it does not name.
 
     Raises:
-        SceneError: one line that names the file, the key, the value and the cure. TypeError:
-            neither a name nor a path nor a mapping.
+        SceneError: one line that names the file, the key, the value and the cure.
+        TypeError: neither a name nor a path nor a mapping.
     """
     wanted = mapping("overrides", {} if overrides is None else overrides)
     if isinstance(source, Mapping):
@@ -56,13 +57,13 @@ def load_scene(
 
 
 def scene_file_values(source: str | os.PathLike[str]) -> dict[str, object]:
-    """What a scene file says, dotted key -> value, before any check of it.
+    """The values of a scene file, dotted key -> value, before any check.
 
     Args:
-        source: as of `load_scene`, a name or a path.
+        source: a name or a path, as for `load_scene`.
 
     Raises:
-        SceneError: the file cannot be read or holds no scene.
+        SceneError: the file cannot be read or contains no scene.
     """
     path = find_scene(source)
     try:
@@ -72,10 +73,10 @@ def scene_file_values(source: str | os.PathLike[str]) -> dict[str, object]:
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
-    """Split `key=value`; the value is read as YAML, as in a scene file.
+    """Split `key=value`; the value is parsed as YAML, as in a scene file.
 
     Raises:
-        SceneError: without `=`, or if the value is not YAML.
+        SceneError: `=` is missing, or the value is not YAML.
     """
     from dlo_sim.scene.plain_yaml import parse_yaml
 
@@ -92,18 +93,18 @@ def parse_assignment(text: str) -> tuple[str, object]:
 
 
 def shipped_scenes() -> dict[str, Path]:
-    """The scenes that come with the package, by name; empty if they were not installed."""
+    """Paths of the scenes shipped with the package, by name; empty if not installed."""
     folder = _config_folder()
     return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def shipped_scene(name: str) -> Path:
-    """The file of a scene that comes with the package, for example `paper_wire`.
+    """Path of a scene shipped with the package, for example `paper_wire`.
 
     Works from a checkout, from `pip install` (also editable) and from a colcon workspace.
 
     Raises:
-        SceneError: if there is no such scene; the message lists those there are.
+        SceneError: if there is no such scene; the message lists all names.
     """
     scenes = shipped_scenes()
     if name in scenes:
@@ -116,10 +117,11 @@ def shipped_scene(name: str) -> Path:
 
 
 def find_scene(text: str | os.PathLike[str]) -> Path:
-    """The file that a user means: a path, or the bare name of a shipped scene.
+    """Path of a scene given as a path or as the bare name of a shipped scene.
 
     Raises:
-        SceneError: if it is neither. TypeError: no text and no path.
+        SceneError: a bare name that is neither a file nor a shipped scene.
+        TypeError: neither text nor a path.
     """
     name = os.fspath(text) if isinstance(text, str | os.PathLike) else None
     if not isinstance(name, str) or "\0" in name:
@@ -132,7 +134,7 @@ def find_scene(text: str | os.PathLike[str]) -> Path:
 
 
 def _config_folder() -> Path | None:
-    """Where the scenes are: beside the checkout, else in share/ of the prefix we live in."""
+    """The directory of the scenes: in a checkout, else in share/ of the installation prefix."""
     package = Path(__file__).resolve().parents[1]
     if (package.parent / "package.xml").is_file():
         return package.parent / "config"

@@ -1,4 +1,4 @@
-"""What a scene needs: the one place that decides which terms exist in its step, and why not."""
+"""The terms of the model that a scene needs, decided here alone, and why the others are absent."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Needs:
     Attributes:
         stretch, bend, twist, plasticity, contact, gravity, springs, loads, drive, damping: present
             or not.
-        frenet, bishop: twist is measured against the Frenet torsion, or in the Bishop frame.
-        axes: world axes that the motion needs: all three, or the two of a coordinate plane.
+        frenet, bishop: twist is relative to the Frenet torsion, or to the Bishop frame.
+        axes: world axes of the motion: all three, or the two of a coordinate plane.
         left_out: name of each absent term -> reason.
         warnings: one line for each term that is switched off although the scene needs it: the key,
-            what is lost, the cure. Needs are compared without them.
+            what is lost, the cure. Not part of comparisons.
     """
 
     stretch: bool
@@ -45,11 +45,11 @@ class Needs:
     warnings: tuple[str, ...] = field(default=(), compare=False)
 
     def with_drive(self) -> Needs:
-        """The same needs with ends that move."""
+        """These needs with prescribed motion of ends or grasps."""
         return self if self.drive else self._without("drive", drive=True)
 
     def with_twist(self, scene: Scene) -> Needs:
-        """The same needs once something twists the cable; `terms.twist: off` stays and warns."""
+        """These needs once something twists the cable; `terms.twist: off` stays and warns."""
         if self.twist:
             return self
         if scene.terms.twist == "off":
@@ -57,7 +57,7 @@ class Needs:
         return self._without("twist", twist=True)
 
     def spatial(self, scene: Scene) -> Needs:
-        """The same needs once something leaves their plane: all three dimensions;
+        """These needs once something acts out of their plane: all three dimensions, but
         `terms.out_of_plane: off` keeps the plane and warns.
         """
         if len(self.axes) == 3:
@@ -76,7 +76,7 @@ class Needs:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Names of the terms that are there."""
+        """Names of the terms that are present."""
         return tuple(name for name in TERMS if getattr(self, name))
 
 
@@ -84,7 +84,7 @@ TERMS = tuple(member.name for member in fields(Needs) if member.type == "bool")
 
 
 def needs_of(scene: Scene) -> Needs:
-    """Decide every term of a scene from what is in it."""
+    """Decide for every term whether a scene needs it."""
     axes, leaves = _axes(scene)
     lost = _lost(scene, axes)
     reasons: dict[str, str] = {}
@@ -102,7 +102,7 @@ def needs_of(scene: Scene) -> Needs:
         return False
 
     terms = scene.terms
-    # Switched off, it is missed once something does twist the cable (`Needs.with_twist`).
+    # If off, warn now only for twist from the start; later twist warns in `Needs.with_twist`.
     twisting = _twisted(scene, axes) if terms.twist == "off" else _may_twist(scene)
     if len(axes) == 2:
         decide("out_of_plane", terms.out_of_plane, leaves, f"everything lies in {_plane(axes)}")
@@ -134,7 +134,7 @@ def needs_of(scene: Scene) -> Needs:
 
 
 def _lost(scene: Scene, axes: tuple[int, ...]) -> dict[str, str]:
-    """What a scene that needs a term loses with its switch off: key, loss, cure; one line each."""
+    """The warning for each term that is switched off but needed: key, loss and cure on one line."""
     cable = scene.cable
     no_rattle = _without_constraint(scene)
     if no_rattle:
@@ -162,8 +162,8 @@ def _lost(scene: Scene, axes: tuple[int, ...]) -> dict[str, str]:
 
 
 def inextensible(scene: Scene) -> bool:
-    """Whether constraints keep the length: as the method says; or stretching is switched off, the
-    method is open, and nothing in the scene is against constraints.
+    """Whether constraints keep the length: method rattle, or method auto with stretching switched
+    off and nothing in the scene that excludes constraints.
     """
     if scene.integrator.method == "auto":
         return scene.terms.stretch == "off" and not _without_constraint(scene)
@@ -186,7 +186,7 @@ def _without_constraint(scene: Scene) -> str:
 
 
 def _taut(scene: Scene) -> bool:
-    """Whether both ends are fixed along the line between them, the whole length apart."""
+    """Whether both ends are fixed along the line between them, at least the rest length apart."""
     ends = [np.add(end.position, end.offset) for end in (scene.start, scene.end)]
     line = ends[1] - ends[0]
     along = [axis for axis in range(3) if line[axis]]
@@ -195,12 +195,12 @@ def _taut(scene: Scene) -> bool:
 
 
 def frenet_wanted(scene: Scene) -> bool:
-    """Whether twist is measured against the Frenet torsion."""
+    """Whether twist is relative to the Frenet torsion."""
     return scene.terms.twist == "frenet"
 
 
 def plasticity_wanted(scene: Scene) -> bool:
-    """Whether bending can leave a set."""
+    """Whether bending can be plastic."""
     switch = scene.terms.plasticity
     return switch == "on" or (switch == "auto" and _yields(scene))
 
@@ -218,7 +218,7 @@ def needs_of_load(needs: Needs, scene: Scene, force: Vector | None, torque: Vect
 
 
 def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool) -> Needs:
-    """Needs once an end moves like this."""
+    """Needs once an end or grasp moves, out of the plane or with a twist if so flagged."""
     needs = needs.with_drive()
     if leaves_plane:
         needs = needs.spatial(scene)
@@ -226,9 +226,9 @@ def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool
 
 
 def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
-    """All three axes, or the two of a plane; and whether anything can leave that plane."""
+    """All three axes, or the two of a plane; and whether anything can act out of that plane."""
     switch = scene.terms.out_of_plane
-    # Both frames of the twist, and plasticity, exist in space only.
+    # Frenet and Bishop frames, and plasticity, are implemented in three dimensions only.
     framed = scene.terms.twist in ("frenet", "bishop", "quasistatic")
     in_space = switch == "on" or framed or plasticity_wanted(scene)
     free_to_leave = (
@@ -242,7 +242,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     planes = [normal for normal in leaving if not _ends_leave(scene, normal)]
     calm = [normal for normal in planes if not leaving[normal]]
     if calm or (planes and switch == "off"):
-        # Switched off: weight counts for more than loads.
+        # Switched off: prefer a plane that contains gravity, even if loads act out of it.
         upright = sorted(planes, key=lambda normal: scene.gravity[normal] != 0.0)
         (normal, *_) = calm or upright
         axes = tuple(axis for axis in _SPACE if axis != normal)
@@ -251,7 +251,7 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
 
 
 def _ends_leave(scene: Scene, normal: int) -> bool:
-    """Whether ends and grasps do not lie, and point, in one plane across axis `normal`."""
+    """Whether positions or directions of ends and grasps leave a plane normal to axis `normal`."""
     holders = [*scene.ends.values(), *(grasp for grasp in scene.grasps if grasp.taken)]
     places = [one.position[normal] + one.offset[normal] for one in holders if one.held]
     apart = [max(places) - min(places)] if places else []
@@ -262,7 +262,7 @@ def _ends_leave(scene: Scene, normal: int) -> bool:
 
 
 def _forces_leave(scene: Scene, normal: int) -> bool:
-    """Whether weight, loads, obstacles or natural curvature bend the cable to axis `normal`."""
+    """Whether weight, loads, obstacles or natural curvature act along axis `normal`."""
     leaving = [scene.gravity[normal]]
     around = [axis for axis in range(3) if axis != normal]
     leaving += [obstacle.normal[normal] for obstacle in scene.obstacles]
@@ -280,23 +280,23 @@ def _plane(axes: tuple[int, ...]) -> str:
 
 
 def _may_twist(scene: Scene) -> bool:
-    """Something can turn the cable about its own axis: a gripper that clamps it, or a moment."""
+    """Whether anything can twist the cable: a moving clamp, a moment, or a held roll."""
     turned = any(end.clamped and end.driven for end in scene.ends.values())
     moments = any(load.type == "wrench" for load in scene.loads)
     return turned or moments or _rolled(scene)
 
 
 def _rolled(scene: Scene) -> bool:
-    """Something but a clamp holds the roll: on purpose, and by a spring that decides on explicit
-    steps.
+    """Whether the roll is held by anything other than a clamp at an end: a spring, whose stiffness
+    limits explicit steps.
     """
     springs = any(holder.roll_spring for holder in scene.holders.values())
     return springs or any(grasp.roll for grasp in scene.grasps)
 
 
 def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
-    """A moment turns the cable from the beginning (across a plane it bends it), or its roll is held
-    on purpose.
+    """Whether a moment twists the cable from the start (in a plane it only bends it), or its roll
+    is held by `_rolled`.
     """
     return _rolled(scene) or (len(axes) == 3 and any(any(load.torque) for load in scene.loads))
 

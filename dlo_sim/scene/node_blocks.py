@@ -1,4 +1,4 @@
-"""The layout of ROS 2 parameter files: nodes, or wildcards for them, and below each its keys."""
+"""The structure of ROS 2 parameter files: names or wildcards of nodes, each with its keys."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -31,7 +31,7 @@ def node_values(document: object) -> dict[str, object]:
 
 
 def has_nodes(document: Mapping[str, object], depth: int = 0) -> bool:
-    """Whether keys stand below the names of nodes, as in a file."""
+    """Whether keys are grouped by nodes, as in a file."""
     return depth <= _DEEPEST and any(
         key == "ros__parameters" or (isinstance(value, Mapping) and has_nodes(value, depth + 1))
         for key, value in document.items()
@@ -44,10 +44,10 @@ def flat_keys(
     """Nested and dotted keys as one flat mapping.
 
     Args:
-        strings: refuse keys that are no strings, as no scene has them; other nodes may.
+        strings: refuse keys that are not strings; no scene has such keys, other nodes may.
 
     Raises:
-        SceneError: a key given both ways, not a string, or no mapping at all.
+        SceneError: a key given both ways, a key that is not a string, or not a mapping.
     """
     if not isinstance(block, Mapping) or depth > _DEEPEST:
         key = prefix.rstrip(".") or "ros__parameters"
@@ -68,10 +68,10 @@ def flat_keys(
 
 
 def nodes_with_parameters(document: object) -> list[str]:
-    """The nodes that a parsed parameter file holds parameters for: full names, or wildcards.
+    """Full names or wildcards of the nodes that have parameters in a parsed parameter file.
 
     Raises:
-        SceneError: the file holds something else than nodes, or a key twice, nested and dotted.
+        SceneError: the file contains something other than nodes, or a key both nested and dotted.
     """
     blocks = () if document is None else _node_blocks(document, ())
     return list(
@@ -80,9 +80,9 @@ def nodes_with_parameters(document: object) -> list[str]:
 
 
 def is_for_node(block: str, node: str) -> bool:
-    """Whether ROS gives the parameters under this name in a file to the node of this full name.
+    """Whether ROS applies a block of this name in a file to the node of this full name.
 
-    `*` is one part of the name and `/**` any number of parts, also none.
+    `*` matches one part of the name and `/**` any number of parts, including none.
     """
     rules = {"/**": "(/.*)?", "*": "[^/]+"}
     parts = re.split(r"(/\*\*|\*)", block)

@@ -1,4 +1,4 @@
-"""Parameters as fields of dataclasses: each field carries what people and checks need to know.
+"""Parameters as fields of dataclasses: each field carries its description, unit and bounds.
 
     length: float = parameter(1.0, "Rest length L.", "m", (1.0e-4, 1.0e4))
 
@@ -27,14 +27,14 @@ class Parameter:
 
     Attributes:
         key: dotted name as in the scene file, for example `cable.length`.
-        kind: type as ROS names it; integers are accepted wherever a double is meant.
-        default: value when the file does not say; arrays are tuples.
-        unit: SI unit for people, empty when there is none.
+        kind: ROS name of the type; integers are accepted for a double.
+        default: value if the file has none; arrays are tuples.
+        unit: SI unit, empty for a dimensionless value.
         low: smallest value allowed (each element of an array), None = unbounded.
         high: largest value allowed, None = unbounded.
         choices: the values allowed, empty = any value in the range.
         length: number of elements of an array, None = any number.
-        description: one sentence for people, without the unit.
+        description: one sentence, without the unit.
         read_only: fixed when the node starts.
     """
 
@@ -61,7 +61,7 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """The values it may take, for people: `0.0 to 1.0`, `auto, on, off`, or empty."""
+        """The allowed values as text: `0.0 to 1.0`, `auto, on, off`, or empty."""
         if self.choices:
             return ", ".join(shown(choice) for choice in self.choices)
         if self.low is not None and self.high is not None:
@@ -80,10 +80,10 @@ def parameter(
     choices: tuple[Scalar, ...] = (),
     read_only: bool = False,
 ) -> Any:
-    """A dataclass field that is a parameter; its kind is that of the annotation.
+    """A dataclass field that is a parameter; its kind follows from the annotation.
 
     Args:
-        bounds: smallest and largest value, of each element of an array.
+        bounds: smallest and largest value, for each element of an array.
     """
     low, high = bounds or (None, None)
     words = {"description": description, "unit": unit, "read_only": read_only}
@@ -92,7 +92,7 @@ def parameter(
 
 
 def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:
-    """The parameters of a group and of the groups in it, each with its present value as default."""
+    """The parameters of a group and its subgroups, each with its present value as default."""
     for member in fields(group):
         key, value = f"{prefix}{member.name}", getattr(group, member.name)
         if is_dataclass(value):
@@ -110,7 +110,7 @@ def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:
 
 
 def with_parameters(group: Group, values: Mapping[str, Any], prefix: str = "") -> Group:
-    """The group with other values of some parameters, by their keys."""
+    """A copy of the group with new values for some parameters, given by their keys."""
     changes: dict[str, Any] = {}
     for member in fields(group):  # type: ignore[arg-type]
         key, value = f"{prefix}{member.name}", getattr(group, member.name)

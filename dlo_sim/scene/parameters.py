@@ -1,4 +1,4 @@
-"""The parameters of a scene as people read them: `dlo_sim parameters`, config/README.md."""
+"""The parameter table for people: `dlo_sim parameters`, config/README.md."""
 
 from dlo_sim.scene.description import placeholder_parameters, scene_parameters
 from dlo_sim.scene.parameter import Parameter
@@ -7,7 +7,7 @@ from dlo_sim.scene.refusal import shown
 __all__ = ["PARAMETERS", "markdown_table", "placeholder_parameters", "scene_parameters"]
 
 PARAMETERS: tuple[Parameter, ...] = scene_parameters()
-"""Every parameter but those of loads and grasps, which depend on their names."""
+"""All parameters except those of loads, grasps and obstacles, whose keys contain their names."""
 
 
 def markdown_table() -> str:

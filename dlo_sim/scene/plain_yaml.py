@@ -1,8 +1,8 @@
-"""YAML as parameter files hold it: one document of plain values, read within bounds.
+"""YAML of parameter files: one document of plain values, read within limits.
 
-A file may come from anywhere. So it must be a regular file of a limited size, may nest only so deep
-and hold only so many values, and may not hold aliases, which ROS refuses as well: a page of them
-stands for more values than fit into memory.
+The source of a file may not be trusted. It must be a regular file of limited size, with limited
+nesting and a limited number of values, and without aliases: a page of them can expand to more
+values than fit into memory, and ROS refuses them as well.
 """
 
 import os
@@ -31,7 +31,7 @@ _DEEPEST = 32
 
 
 class FileRefused(SceneError):
-    """A file that cannot be used: what is wrong, without the cure in `problem`."""
+    """A file that cannot be used; `problem` is the message without the cure."""
 
     def __init__(self, problem: str, cure: str) -> None:
         super().__init__(f"{problem}; {cure}")
@@ -42,7 +42,7 @@ def read_text(source: Path) -> str:
     """The text of a file.
 
     Raises:
-        FileRefused: missing, not a regular file (a pipe would be waited for), too large, not UTF-8.
+        FileRefused: missing, not a regular file (reading a pipe may block), too large, not UTF-8.
     """
     try:
         mode = source.stat().st_mode
@@ -50,7 +50,7 @@ def read_text(source: Path) -> str:
             raise FileRefused("is a folder", "give a scene file")
         if not stat.S_ISREG(mode):
             raise FileRefused("is not a regular file", "give a scene file")
-        # Should it have become a pipe meanwhile, nobody waits for it.
+        # Non-blocking, in case it has become a pipe since the check.
         with open(os.open(source, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
             data = file.read(_LARGEST_FILE + 1)
         if len(data) > _LARGEST_FILE:
@@ -71,14 +71,14 @@ def parse_yaml(
 
     Args:
         text: YAML.
-        kind: `safe`: as Python's own types; `rt`: with comments and formats, to be dumped again.
-        most_values: keys and values that it may hold.
+        kind: `safe`: built-in types; `rt`: with comments and formatting, for a round trip.
+        most_values: largest number of keys and values.
 
     Raises:
         FileRefused: what is wrong, and where.
     """
     yaml = YAML(typ=kind, pure=True)
-    yaml.composer.warn_double_anchors = False  # anchors mean nothing without aliases
+    yaml.composer.warn_double_anchors = False  # anchors have no effect without aliases
     try:
         _check_bounds(YAML(typ="safe", pure=True).parse(text), most_values)
         return yaml.load(text)
@@ -91,12 +91,12 @@ def parse_yaml(
         where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         problem = f"is not valid YAML{where}: {error.problem}"
         raise FileRefused(problem, "correct the line") from None
-    except Exception as error:  # the library raises whatever a hostile text provokes
+    except Exception as error:  # malformed text raises many types in the library
         raise FileRefused(f"is not valid YAML: {error}", "correct it") from None
 
 
 def _check_bounds(events: Iterator[Any], most_values: int) -> None:
-    """Refuse aliases, deep nesting and too many values, before anything is built of them."""
+    """Refuse aliases, deep nesting and too many values before any object is constructed."""
     level = values = 0
     for event in events:
         level -= isinstance(event, CollectionEndEvent)

@@ -1,4 +1,4 @@
-"""The exception for everything that a scene or a value for one is refused for, and its wording."""
+"""The exception for invalid scenes and values, and the wording of its messages."""
 
 import difflib
 import reprlib
@@ -11,34 +11,32 @@ _LONGEST_LINE = 2000
 
 
 class SceneError(ValueError):
-    """A scene, or a value for one, that is refused: one line with key, value and cure."""
+    """An invalid scene or value: one line with key, value and cure."""
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
 
 
 def refusal(key: str, value: object, problem: str) -> SceneError:
-    """The refusal of a key's value; `problem` says what is wrong with it and the cure."""
+    """The refusal of a key's value; `problem` is what is wrong with it, and the cure."""
     text = shown(value) if isinstance(value, bool | float | tuple) else brief(value)
     return SceneError(f"{key}: {text} {problem}")
 
 
 def one_line(message: str) -> str:
-    """A message that may quote a file or another message: one line, without escape sequences or
-    endless words, and not endless itself.
-    """
+    """A message as one printable line of limited length; it may quote files and other messages."""
     words = [w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in message.split()]
     line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(words))
     return line if len(line) <= _LONGEST_LINE else f"{line[:600]} ... {line[-300:]}"
 
 
 def brief(value: object) -> str:
-    """A value for an error message: short, on one line, whatever it is."""
+    """Any value for an error message, shortened to one line."""
     return _brief.repr(value)
 
 
 def shown(value: object) -> str:
-    """A value as a scene file would hold it: `true`, `[0.0, 1.0]`, `auto`, `''`."""
+    """A value as it is written in a scene file: `true`, `[0.0, 1.0]`, `auto`, `''`."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, tuple | list):

@@ -1,4 +1,4 @@
-"""The studies by name: what each is for and where it is. Nothing heavy is imported here."""
+"""The studies by name, with their purpose and module. Heavy imports are deferred."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from dlo_sim.batch.workers import Workers
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a study leaves behind: the path of report.md, names of the files beside it, tables with
-    their numbers of rows, and verdicts, what was asked -> the answer in a few words.
+    """Results of a study: path of report.md, names of the files beside it, tables with their
+    numbers of rows, and verdicts, question -> short answer.
     """
 
     report: str
@@ -25,9 +25,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Request:
-    """What a study is asked to do: where the results go, whether runs are shorter (with every table
-    and figure), what the user typed, workers for what is not timed, whether other simulators are
-    measured too, the folder of recordings for validation, and what is told the fraction done.
+    """A request to run a study.
+
+    Attributes:
+        folder: of the results. quick: shorter runs, with all tables and figures.
+        command: as typed by the user. workers: for runs that are not timed.
+        peers: measure other simulators too. data: folder of recordings, for validation.
+        progress: called with the fraction done.
     """
 
     folder: Path
@@ -39,13 +43,13 @@ class Request:
     progress: Callable[[float], None] = field(default=lambda fraction: None)
 
     def part(self, low: float, high: float) -> Callable[[float], None]:
-        """The progress of a part of the study that goes from one fraction of it to another."""
+        """Progress callback of a part of the study, between two fractions of the whole."""
         return lambda fraction: self.progress(low + (high - low) * fraction)
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study, its name and what it is for. Its module has `run_study(request) -> Outcome`."""
+    """A study, its name and purpose. Its module has `run_study(request) -> Outcome`."""
 
     name: str
     what: str

@@ -1,4 +1,4 @@
-"""The figures of studies: lines from the columns of a data file, heat maps, animations."""
+"""Figures of the studies: lines from the columns of a data file, heat maps, animations."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class Panel:
         log: which axes are logarithmic: "", "x", "y" or "xy".
         marker: of all lines. looks: line -> keywords of matplotlib; a line named after a method has
             its colour anyway.
-        levels: label -> height in SI of a dotted line across; uprights: likewise down.
-        band: draw many oscillations as a band from least to largest, with their mean.
+        levels: label -> y in SI of a dotted horizontal line; uprights: x of a vertical line.
+        band: draw fast oscillations as a band from least to largest, with their mean.
     """
 
     x: str
@@ -97,7 +97,7 @@ class Panel:
             axes.axvline(place * x_axis.scale, color="gray", linestyle=":", label=label)
         for axis in self.log:
             axes.set(**{f"{axis}scale": "log"})
-            # Of the minor ticks two have labels, and only on an axis of less than two decades.
+            # Two minor ticks per decade have labels, and only on an axis of less than two decades.
             ticks = getattr(axes, f"{axis}axis")
             ticks.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
             ticks.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 2.0)))
@@ -119,7 +119,7 @@ def chart(
     size: tuple[float, float] = (8.5, 4.6),
     rows: int = 1,
 ) -> None:
-    """A figure of panels, side by side in so many rows, with the data that they are drawn from."""
+    """Add to the report a figure of panels, in `rows` rows, with the data they are drawn from."""
     figure, all_axes = new_figure(rows, len(panels) // rows, *size)
     for axes, panel in zip(all_axes, panels, strict=True):
         panel.draw(axes, data)
@@ -154,11 +154,11 @@ def _band(axes: Axes, x: Array, y: Array, look: Mapping[str, Any], windows: int 
 def heat_map(
     report: Report, name: str, data: Mapping[str, Array], label: str, caption: str, form: str
 ) -> None:
-    """A figure of a table as coloured cells with their numbers, where these are not 0.
+    """Add to the report a heat map with the number in each cell that is not 0.
 
     Args:
-        data: two columns that span the table, rows and columns of it, and the values in SI.
-        label: what the values are, with the unit they are shown in. form: of the numbers.
+        data: three columns: coordinate of the rows, coordinate of the columns, values in SI.
+        label: of the values, with the unit they are shown in. form: format of the numbers.
     """
     (y_name, y), (x_name, x), (_, values) = data.items()
     rows, cols = np.unique(y), np.unique(x)
@@ -187,5 +187,5 @@ def animate(
             draw(frame)
             if frame == 0:
                 figure.draw_without_rendering()
-                figure.set_layout_engine("none")  # all frames keep that of the first
+                figure.set_layout_engine("none")  # all frames keep the layout of the first
             writer.grab_frame()

@@ -32,9 +32,9 @@ class Column:
     """A column of a table, or an axis of a figure: values in SI, shown in a unit.
 
     Attributes:
-        header: `name [unit]`. scale: by which values are multiplied, that of the unit up to the
-            first slash (`us/step` is that of `us`); 1 for units not in `SCALES`.
-        form: of what is not a whole number, in the report; by default see `shown`.
+        header: `name [unit]`. scale: factor from SI to the unit, of which only the part before the
+            first slash counts (`us/step` as `us`); 1 for units not in `SCALES`.
+        form: format of numbers that are not whole, in the report; default: `shown`.
     """
 
     header: str
@@ -43,26 +43,26 @@ class Column:
 
     @classmethod
     def of(cls, words: str, form: str = "") -> Column:
-        """The column written `step [us]`, or `spread [%] {:.0f}` with a form of its own."""
+        """The column for a header `step [us]`, or `spread [%] {:.0f}` with its own format."""
         header, _, own = words.removesuffix("}").partition(" {:")
         unit = header.removesuffix("]").rpartition(" [")[2] if header.endswith("]") else ""
         return cls(header, SCALES.get(unit.partition("/")[0], 1.0), own or form)
 
     def scaled(self, cell: Cell) -> Cell:
-        """A cell in the unit; text and what is not there stay as they are."""
+        """A cell converted to the unit; text and missing values are unchanged."""
         if self.scale == 1.0 or cell is None or isinstance(cell, str):
             return cell
         return cell * self.scale
 
     def shown(self, cell: Cell) -> str:
-        """A scaled cell for people."""
+        """A scaled cell as text."""
         plain = cell is None or isinstance(cell, str | int) or not math.isfinite(cell)
         return shown(cell) if plain or not self.form else format(cell, self.form)
 
 
 class Report:
-    """Collects text, tables and figures in a folder, made if it is not there; `outcome` puts
-    report.md beside them. `figures`, `data` and `tables` are what was written so far.
+    """Collects text, tables and figures in a folder, created if missing; `outcome` writes
+    report.md. `figures`, `data` and `tables` list what has been written so far.
     """
 
     def __init__(self, folder: Path, title: str, command: str, scenes: Mapping[str, Path]) -> None:
@@ -81,11 +81,11 @@ class Report:
         self._body: list[str] = []
 
     def section(self, title: str, level: int = 2) -> None:
-        """A heading."""
+        """Add a heading."""
         self._body.append(f"{'#' * level} {title}")
 
     def text(self, *paragraphs: str) -> None:
-        """Paragraphs of markdown."""
+        """Add paragraphs of markdown."""
         self._body += [" ".join(paragraph.split()) for paragraph in paragraphs]
 
     def table(
@@ -96,12 +96,12 @@ class Report:
         caption: str,
         form: str = "",
     ) -> None:
-        """A table with its caption above, also as `<name>.csv` with all digits.
+        """Add a table with its caption, also as `<name>.csv` with all digits.
 
         Args:
-            header: columns as of `Column.of`, `method | step [us]`, or a list of them.
+            header: columns as for `Column.of`, `method | step [us]`, or a list of them.
             rows: one cell per column, in SI; None is shown as a dash.
-            form: of columns without one of their own.
+            form: format of columns without their own.
         """
         words = header if isinstance(header, str) else " | ".join(header)
         columns = [Column.of(one, form) for one in words.split(" | ")]
@@ -117,12 +117,12 @@ class Report:
     def figure(
         self, name: str, figure: Figure, columns: Mapping[str, ArrayLike], caption: str
     ) -> None:
-        """A picture `<name>.png`, its data `<name>.csv`, column with unit -> values, a caption."""
+        """Add a figure `<name>.png`, its data `<name>.csv` (header -> values) and a caption."""
         figure.savefig(self.folder / f"{name}.png", dpi=110)
         self.attach(f"{name}.png", columns, caption)
 
     def attach(self, file: str, columns: Mapping[str, ArrayLike], caption: str) -> None:
-        """A picture that is already in the folder, and its data; see `figure`."""
+        """Add a picture that is already in the folder, and its data; see `figure`."""
         name = file.rpartition(".")[0]
         values = [np.asarray(column).ravel() for column in columns.values()]
         lengths = {len(value) for value in values}
@@ -156,7 +156,7 @@ class Report:
 
 
 def shown(cell: Cell) -> str:
-    """A cell for people: four digits, a dash for what is not there."""
+    """A cell as text: four digits, a dash for a missing value."""
     if cell is None:
         return "-"
     if isinstance(cell, str):
@@ -179,14 +179,14 @@ def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, l
 
 
 def _plain(cell: object) -> object:
-    """A cell of a CSV: all digits, text without markdown's emphasis."""
+    """A cell of a CSV file: all digits, text without markdown emphasis."""
     if isinstance(cell, float | np.floating):
         return repr(float(cell))
     return cell.replace("**", "").replace("`", "") if isinstance(cell, str) else cell
 
 
 def _portable(path: Path) -> str:
-    """A shipped scene by its place in the checkout, anything else by its name."""
+    """A shipped scene by its path in the checkout, any other by its name."""
     try:
         return f"`{path.resolve().relative_to(ROOT)}`"
     except ValueError:
@@ -217,7 +217,7 @@ def processor() -> str:
 
 
 def commit() -> str:
-    """Commit of the checkout that runs; says so if there is none or files were changed."""
+    """Commit of this checkout, with a note on uncommitted changes; or why it is not known."""
     if not (ROOT / ".git").exists():
         return "not run from a checkout"
     git, words = ["git", "-C", str(ROOT)], ["status", "--porcelain", "--untracked-files=no"]

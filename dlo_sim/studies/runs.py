@@ -1,5 +1,5 @@
-"""What studies run: scenes with a method and a step, recorded, compared, tried for stability, timed
-(warm, repeated, the minimum with its spread)."""
+"""Runs of the studies: scenes with a method and a step, recorded, compared and timed (after a
+warm-up, repeated, the minimum with its spread)."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ def shipped(name: str, **values: object) -> Scene:
 
 
 def at_method(scene: Scene, method: str, step: float = 0.0) -> Scene:
-    """The scene with this method and step [s]; 0 = its own, a share of the stability limit."""
+    """The scene with this method and step [s]; 0 = the step that the method chooses."""
     return scene.with_values({"integrator.method": method, "integrator.step": step})
 
 
 def each(
     workers: Workers, function: Callable[..., Result], cases: Iterable[Case]
 ) -> dict[Case, Result]:
-    """Case -> what a function of a module gives for it, done by workers; not for what is timed. A
-    case is the arguments of a call, hashable, as those of `product(methods, steps)`.
+    """Case -> result of a module-level function for it, computed by workers; not for timing. A case
+    is the hashable tuple of the arguments of one call, as from `product(methods, steps)`.
     """
     asked = list(dict.fromkeys(cases))
     return dict(zip(asked, workers.map(partial(_called, function), asked), strict=True))
@@ -50,10 +50,10 @@ def _called(function: Callable[..., Result], case: tuple[Hashable, ...]) -> Resu
 
 
 def run(scene: Scene, duration: float, every: float) -> Recording:
-    """A recorded run that has to reach its end.
+    """Record a run that must reach its end.
 
     Raises:
-        RuntimeError: it failed, with the simulator's own line.
+        RuntimeError: it failed, with the simulator's message.
     """
     recording = record(scene, duration, every)
     if not recording.ok:
@@ -69,8 +69,8 @@ def distance(one: Recording, other: Recording) -> Array:
 
 
 def bisected(fine: Callable[[float], bool], low: float, high: float, tolerance: float) -> float:
-    """Largest value for which `fine` holds, within a relative error, between a positive one for
-    which it does and one for which it does not.
+    """Largest value with `fine(value)`, by bisection to a relative tolerance, between a positive
+    `low` for which it holds and `high` for which it does not.
     """
     while high / low > 1.0 + tolerance:
         middle = float(np.sqrt(low * high))
@@ -92,8 +92,8 @@ class Cost:
 
 
 def in_turn(repeats: int, *works: Callable[[], object]) -> Array:
-    """Times [s] of works done in turn, as what else the machine does then hits all of them; each
-    is called once before to warm up. Shape (repeats, len(works)).
+    """Times [s] of functions called in turn, so that other load affects all of them alike; each is
+    called once before to warm up. Shape (repeats, len(works)).
     """
     for work in works:
         work()
@@ -101,16 +101,16 @@ def in_turn(repeats: int, *works: Callable[[], object]) -> Array:
 
 
 def least(work: Callable[[], object], repeats: int) -> float:
-    """Least time [s] of a work; see `in_turn`."""
+    """Least time [s] of a function; see `in_turn`."""
     return float(in_turn(repeats, work).min())
 
 
 def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
-    """Cost of a step of a simulator, which is reset before and after, in pieces of about `seconds`
-    [s]: on a busy machine some of many short ones run undisturbed, of few long ones none.
+    """Cost of a step of a simulator, which is reset before and after, timed in pieces of about
+    `seconds` [s]: on a busy machine some of many short pieces run undisturbed.
 
     Raises:
-        RuntimeError: a step failed; a cost of steps that were not done means nothing.
+        RuntimeError: a step failed.
     """
 
     def piece(steps: int) -> float:

@@ -1,7 +1,7 @@
-"""Energies as densities per rest length, a file each, in local invariants of the centerline.
+"""Energy densities per rest length, one file each, as functions of invariants of the centreline.
 
-With t = r'(u), k = r''(u): c = t.t, d = t.k, h = k.k. A term gives its energy, its gradient, and
-for the discrete gradient between configurations 0 and 1 its divided differences (`mean_gradient`)
-and their derivatives by configuration 1 (`mean_hessian`), all without cancellation. Terms know
-nothing of meshes, samples or methods.
+With t = r'(u), k = r''(u): c = t.t, d = t.k, h = k.k. A term has its energy, its gradient, the
+divided differences of the discrete gradient between configurations 0 and 1 (`mean_gradient`) and
+their derivatives with respect to configuration 1 (`mean_hessian`), all without cancellation. Terms
+do not depend on meshes, samples or methods.
 """

@@ -1,4 +1,4 @@
-"""Bending: EI/2 kappa^2 = EI/2 (h / c^2 - d^2 / c^3), kappa the curvature of the centerline."""
+"""Bending: EI/2 kappa^2 = EI/2 (h / c^2 - d^2 / c^3), kappa the curvature of the centreline."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dlo_sim.compiling.pieces import part
 
 @part
 def energy(stiffness, t, k, c):
-    """EI/2 |t x k|^2 / c^3, from the vectors: h and d would cancel for a straight cable."""
+    """EI/2 |t x k|^2 / c^3; in terms of h and d it would cancel for a straight cable."""
     b0 = t[1] * k[2] - t[2] * k[1]
     b1 = t[2] * k[0] - t[0] * k[2]
     b2 = t[0] * k[1] - t[1] * k[0]
@@ -42,9 +42,9 @@ def mean_gradient(stiffness, c0, d0, h0, c1, d1, h1):
 
 @part
 def mean_hessian(stiffness, c0, d0, h0, c1, d1, h1):
-    """Of the divided differences (c, d, h) by (c1, d1, h1): cc, cd, ch, dc, dd, hc.
+    """Derivatives of the divided differences (c, d, h) by (c1, d1, h1): cc, cd, ch, dc, dd, hc.
 
-    Not symmetric; d of h by d1 and h1 vanish, and so does d of d by h1.
+    Not symmetric; hd, hh and dh are zero.
     """
     half = 0.5 * stiffness
     i0, i1 = 1.0 / c0, 1.0 / c1

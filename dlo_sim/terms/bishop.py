@@ -1,16 +1,16 @@
-"""Twist against a rotation-minimising (Bishop) frame: what couples it to the centerline.
+"""Twist relative to a rotation-minimising (Bishop) frame: its coupling to the centreline.
 
-A frame along the cable that follows the tangent T in time by the smallest rotations twists about
-it at a rate tau(u) [rad/m], which changes between two shapes by
+Frames along the cable that follow the unit tangent T in time by the smallest rotations have a twist
+rate tau(u) [rad/m] along it, which changes between two shapes by
     (t1 x t0) . (k0 / s0 + k1 / s1) / (s0 s1 + t0 . t1),   s = |r'|,
-exactly where T turns by less than half a turn. The twist is theta' + tau with the angle theta of
-the material frame in that one, and GJ/2 (theta' + tau)^2 its energy. With the divided difference
-(t1 - t0) . G of that change a motion of the cable works against the twisting moment M as M G; for
-equal shapes G is the binormal curvature t x k / s^3.
+exactly if T turns by less than half a turn. With the angle theta from that frame to the material
+frame, the twist is theta' + tau and its energy GJ/2 (theta' + tau)^2. The change of tau equals
+(t1 - t0) . G, so the twisting moment M acts on r' as M G; for equal shapes G is the binormal
+curvature t x k / s^3.
 
-theta is a coordinate of the frames that the motion itself carries, so tau has no derivative by r'':
-the coupling does no work but what the moments at the ends do (Bergou et al. 2008, ACM Trans. Graph.
-27 (3), 63; Langer & Singer 1996, SIAM Review 38, 605-618).
+theta is an angle in frames that move with the cable, so tau has no derivative by r'': the coupling
+does no work except that of the moments at the ends (Bergou et al. 2008, ACM Trans. Graph. 27 (3),
+63; Langer & Singer 1996, SIAM Review 38, 605-618).
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ def sum_of_curvatures(t0, k0, t1, k1):
 
 @part
 def change(t0, k0, t1, k1):
-    """Change of tau from one shape to another."""
+    """Change of tau [rad/m] from shape 0 to shape 1."""
     v, scale = sum_of_curvatures(t0, k0, t1, k1)
     return dot(cross(t1, t0), v) / scale
 
 
 @part
 def mean_gradient(t0, k0, t1, k1):
-    """G."""
+    """G, such that the twisting moment M acts on r' as M G."""
     v, scale = sum_of_curvatures(t0, k0, t1, k1)
     g = cross(combined(0.5, t0, 0.5, t1), v)
     return g[0] / scale, g[1] / scale, g[2] / scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import size
 from dlo_sim.compiling.pieces import part
 
-TINY = 1e-300  # two gaps of zero
+TINY = 1e-300  # avoids 0/0 for two gaps of zero
 
 
 @part
@@ -23,14 +23,14 @@ def energy(stiffness, g):
 
 @part
 def share_inside(g0, g1):
-    """Share of the way from g0 to g1 that lies inside the obstacle."""
+    """Share of the interval from g0 to g1 that is negative, inside the obstacle."""
     return size(depth(g0) + depth(g1)) / (size(g0) + size(g1) + TINY)
 
 
 @part
 def mean_gradient(stiffness, g0, g1):
-    """Divided difference of the energy: k times the mean depth, times that share; without
-    cancellation, and for g0 = g1 the derivative.
+    """Divided difference of the energy: k times the mean depth times `share_inside`, without
+    cancellation; for g0 = g1 the derivative.
     """
     return 0.5 * stiffness * (depth(g0) + depth(g1)) * share_inside(g0, g1)
 

@@ -1,9 +1,9 @@
-"""A vector that is fixed in the material frame, normal to the tangent, within a step.
+"""Rotation, within a step, of a vector fixed in the material frame and normal to the tangent.
 
-With n where the tangent's direction was T, and phi the angle by which the frame has twisted since,
-in the Bishop frame, the vector is now
+The vector n at the unit tangent T becomes, for the tangent T' and the angle phi by which theta has
+changed,
     P a = a - (T'.a) / (1 + T.T') (T + T'),   a = R(phi) n:
-turned about T, then by the smallest rotation from T to the new direction T'.
+the rotation R by phi about T, then the smallest rotation P from T to T'.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from dlo_sim.terms.viscosity import combined, dot
 
 @part
 def sine_share(z):
-    """sin(phi) / phi of z = phi^2: to 1e-12 up to phi = 1, to 1e-4 up to 3; larger turns of one
-    step are out of reach.
+    """sin(phi) / phi by its series in z = phi^2: error 1e-12 up to phi = 1, 1e-4 up to 3; not valid
+    for larger rotations in one step.
     """
     f = 1.0 - z * (1.0 / 156.0)
     f = 1.0 - z * (1.0 / 110.0) * f
@@ -29,7 +29,7 @@ def sine_share(z):
 
 @part
 def cosine(z):
-    """cos(phi) of z = phi^2, likewise."""
+    """cos(phi) by its series in z = phi^2, likewise."""
     f = 1.0 - z * (1.0 / 182.0)
     f = 1.0 - z * (1.0 / 132.0) * f
     f = 1.0 - z * (1.0 / 90.0) * f
@@ -47,22 +47,22 @@ def unit(t):
 
 @part
 def turned(n, t, angle):
-    """R(angle) n about the unit vector t."""
+    """R(angle) n, the rotation about the unit vector t; n is normal to t."""
     z = angle * angle
     return combined(cosine(z), n, angle * sine_share(z), cross(t, n))
 
 
 @part
 def transported(a, before, t):
-    """P a, from one unit tangent to another."""
+    """P a, by the smallest rotation from the unit tangent `before` to t."""
     return combined(1.0, a, -dot(t, a) / (1.0 + dot(before, t)), combined(1.0, before, 1.0, t))
 
 
 @part
 def discrete_gradient(n, before, angle0, angle1, t0, t1, b):
-    """The vector at two shapes, n0 and n1, for b = the mean of t x k, and the divided differences
-        b.(n1 - n0) = G.(t1 - t0) + g (angle1 - angle0),
-    exactly: a product rule with symmetric means. Returns n0, n1, G, g.
+    """The vector at two shapes, n0 and n1, and the divided differences G and g of
+        b.(n1 - n0) = G.(t1 - t0) + g (angle1 - angle0),   b = mean of t x k,
+    exact, by the product rule with symmetric means. Returns n0, n1, G, g.
     """
     s0, s1 = root(dot(t0, t0)), root(dot(t1, t1))
     u0, u1 = combined(1.0 / s0, t0, 0.0, t0), combined(1.0 / s1, t1, 0.0, t1)
@@ -79,11 +79,11 @@ def discrete_gradient(n, before, angle0, angle1, t0, t1, b):
     along0, along1 = dot(u0, a0), dot(u1, a1)
     along, both = 0.5 * (along0 + along1), 0.5 * (dot(h0, b) + dot(h1, b))
     u = combined(0.5, u0, 0.5, u1)
-    # On T1 - T0, with T = t / |t|
+    # with respect to T1 - T0, T = t / |t|
     f = along * (dot(before, b) + dot(u, b)) * i0 * i1
     g = combined(-both, a, f, before)
     g = combined(1.0, g, -0.5 * along * (i0 + i1), b)
-    # and on t1 - t0
+    # with respect to t1 - t0
     t = combined(0.5, t0, 0.5, t1)
     f = -2.0 * dot(t, g) / (s0 * s1 * (s0 + s1))
     return (

@@ -1,7 +1,7 @@
 """Natural curvature: - e / c^(3/2) with e = n . (r' x r'') and the vector n = EI kappa0 [N m].
 
-It is what bending gains by a cable that is bent at rest, or by plastic flow:
-EI/2 |kappa - kappa0|^2 without its constant EI/2 kappa0^2.
+This is the mixed term of EI/2 |kappa - kappa0|^2, with the curvature kappa0 of the unloaded cable
+or the plastic curvature. The constant EI/2 |kappa0|^2 is left out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def energy(n, t, k, c):
 
 @part
 def gradient(n, t, k, c):
-    """d/dc, and d/de by which e's own gradients k x n (on r') and n x t (on r'') are multiplied."""
+    """d/dc and d/de; de/dr' = k x n, de/dr'' = n x t."""
     inverse = 1.0 / c
     f = inverse * root(inverse)
     return 1.5 * f * triple(n, t, k) * inverse, -f
@@ -51,7 +51,7 @@ def mean_gradient(c0, c1, e0, e1):
 
 @part
 def mean_hessian(c0, c1, e0, e1):
-    """Of the divided differences by (c1, e1): cc, ce, ec."""
+    """Derivatives of the divided differences (c, e) by (c1, e1): cc, ce, ec; ee is zero."""
     s0, s1 = root(c0), root(c1)
     numerator = c0 + s0 * s1 + c1
     denominator = c0 * s0 * c1 * s1 * (s0 + s1)

@@ -8,7 +8,7 @@ from dlo_sim.compiling.pieces import part
 
 @part
 def strain(c):
-    """|r'| - 1 without cancellation for nearly unstretched cables."""
+    """|r'| - 1 from c = |r'|^2, without cancellation near 1."""
     return (c - 1.0) / (root(c) + 1.0)
 
 
@@ -21,21 +21,20 @@ def energy(stiffness, c):
 
 @part
 def gradient(stiffness, c, counted):
-    """d/dc of EA/2 eps^2 where the strain that counts is `counted`."""
+    """EA eps d eps/dc with eps = `counted`, the local or the projected strain (see `elastic`)."""
     return 0.5 * stiffness * counted / root(c)
 
 
 @part
 def mean_gradient(stiffness, s0, s1, counted):
-    """Divided difference in c, with the mean of the strains that count and the lengths s = |r'|."""
+    """Divided difference in c; `counted` is the mean strain, s = |r'|."""
     return stiffness * counted / (s0 + s1)
 
 
 @part
 def mean_hessian(stiffness, s0, s1, counted):
-    """d/dc1 of `mean_gradient` at a fixed strain that counts, and by that strain alone.
-
-    The strain of a sample changes by 1 / (2 s1) per c1, and its mean of both by half of that.
+    """d/dc1 of `mean_gradient` in two parts: at fixed `counted`, and through the mean of the local
+    strains, d counted/dc1 = 1 / (4 s1).
     """
     inverse = 1.0 / (s0 + s1)
     return (

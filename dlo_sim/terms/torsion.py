@@ -1,15 +1,15 @@
-"""Twist measured against the Frenet torsion: what gamma adds to the plain twisting energy.
+"""Twist relative to the Frenet torsion gamma: the part of its energy that depends on gamma.
 
-With t = r', k = r'', c = r''' and C = t x k the torsion of the centerline is gamma = C.c / |C|^2,
-which is 0/0 on a straight cable and at an inflection. Here
+With t = r', k = r'', c = r''' and C = t x k the torsion of the centreline is gamma = C.c / |C|^2,
+which is 0/0 on a straight cable and at an inflection. It is regularised as
     gamma = C.c / (|C|^2 + delta^2)
-with the curvature floor delta [1/m]: the true torsion times |C|^2 / (|C|^2 + delta^2). It is
-smooth, zero on a straight cable, and bounded by |c| / (2 delta). The price: where the curvature is
-below delta, torsion is suppressed by more than half; those samples are counted. The jump of the
-Frenet frame by half a turn at an inflection is not seen at all.
+with the curvature floor delta [1/m]: the true torsion times |C|^2 / (|C|^2 + delta^2). This is
+smooth, zero on a straight cable, and bounded by |c| / (2 delta). The limits: where |C| is below
+delta, torsion is reduced by more than half; those samples are counted. The jump of the Frenet frame
+by half a turn at an inflection does not appear at all.
 
-GJ/2 (theta' - gamma)^2 is GJ/2 theta'^2, the plain twist term, and GJ (gamma^2 / 2 - theta' gamma),
-which is here. Three dimensions only.
+GJ/2 (theta' - gamma)^2 is GJ/2 theta'^2, the plain twist term, plus
+GJ (gamma^2 / 2 - theta' gamma), which is here. Three dimensions only.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def energy(stiffness, floor, t, k, third, rate):
 
 @part
 def gradient(stiffness, floor, t, k, third, rate):
-    """Gradients on r', r'', r''' and theta'."""
+    """Gradients with respect to r', r'', r''' and theta'."""
     gamma, b, inverse, _ = torsion(floor, t, k, third)
     f = stiffness * (gamma - rate) * inverse  # dU = f (C.dc + e.dC), e = c - 2 gamma C
     e = (
@@ -49,6 +49,6 @@ def gradient(stiffness, floor, t, k, third, rate):
 
 @part
 def excess(floor, t, k):
-    """|C|^2 - delta^2: negative where torsion is suppressed."""
+    """|C|^2 - delta^2: negative where torsion is reduced by more than half."""
     b = cross(t, k)
     return b[0] * b[0] + b[1] * b[1] + b[2] * b[2] - floor

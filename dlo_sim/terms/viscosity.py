@@ -1,10 +1,10 @@
-"""Kelvin-Voigt damping: the stress of each strain is k (eps + beta d eps/dt). That of bending
-may thin with the rate w of the curvature, beta EI w / sqrt(1 + (lambda w)^2), as friction between
-strands does (Carreau's law of viscosity with the exponent 0).
+"""Kelvin-Voigt damping: stress k (eps + beta d eps/dt) for each strain. The viscous moment of
+bending may thin with the rate w of the curvature, beta EI w / sqrt(1 + (lambda w)^2), a model of
+friction between strands (Carreau's law with exponent 0).
 
-The rate of the curvature vector is the corotational one, so a rigid motion costs nothing and every
-other dissipates. With P the projector normal to t = r', the curvature vector n = P k / c and
-q = t.k / c, a motion (dt, dk) of (r', r'') has the corotational increment
+The rate of the curvature vector is corotational, so that a rigid motion does not dissipate. With
+the projector P normal to t = r', the curvature vector n = P k / c and q = t.k / c, a motion
+(dt, dk) of (r', r'') has the corotational increment
 rho = (P (dk - q dt) - 2 n (t.dt)) / c.
 """
 
@@ -36,7 +36,7 @@ def curvature_of(t, k):
 
 @part
 def corotational(q, n, inverse, t, moved_t, moved_k):
-    """rho of a motion."""
+    """rho of the motion (moved_t, moved_k)."""
     a = combined(1.0, moved_k, -q, moved_t)
     rho = combined(1.0, a, -dot(t, a) * inverse, t)
     return combined(inverse, rho, -2.0 * dot(t, moved_t) * inverse, n)
@@ -44,8 +44,8 @@ def corotational(q, n, inverse, t, moved_t, moved_k):
 
 @part
 def bending(stiffness, thinning, t, k, moved_t, moved_k):
-    """Stress on r' and on r'' of beta EI / tau times rho, and the energy that it takes;
-    `thinning` is (lambda / tau)^2.
+    """Viscous stress for a motion: that on r'; g and rho, of which g rho is that on r''; and the
+    energy dissipated. `stiffness`: beta EI / tau; `thinning`: (lambda / tau)^2.
     """
     q, n, inverse = curvature_of(t, k)
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
@@ -57,8 +57,8 @@ def bending(stiffness, thinning, t, k, moved_t, moved_k):
 
 @part
 def thinned(stiffness, thinning, q, n, inverse, t, moved_t, moved_k):
-    """beta EI / tau at the rate of a motion, and a vector on r' and on r'': by the motion, the
-    derivative of the stress is that at this stiffness (`tangent_blocks`) less the vector's dyad.
+    """Thinned beta EI / tau at the rate of a motion, and vectors on r' and r''. The derivative of
+    the stress by the motion is `tangent_blocks` at this stiffness minus the dyad of these vectors.
     """
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
     share = 1.0 / root(thinning * dot(rho, rho) + 1.0)
@@ -69,9 +69,9 @@ def thinned(stiffness, thinning, q, n, inverse, t, moved_t, moved_k):
 
 @part
 def tangent_blocks(g, q, n_i, n_j, t_i, t_j, unit, inverse):
-    """Entry (i, j) of the derivatives of that stress by the motion: tt, tk, kt, kk.
+    """Entry (i, j) of the derivatives of the viscous stress by the motion: tt, tk, kt, kk.
 
-    g is beta EI / tau / c^2. The change of the geometry within the step is left out.
+    g is beta EI / tau / c^2. The dependence on the geometry (t, k) is left out.
     """
     project = unit - t_i * t_j * inverse
     normal = n_i * t_j + t_i * n_j

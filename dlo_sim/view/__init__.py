@@ -1,1 +1,1 @@
-"""A run to look at: read from a recording or a bag; as a page, as pictures, as a film."""
+"""Visualisation of a run from a recording or a bag: as a page, pictures or a film."""

@@ -1,4 +1,4 @@
-"""A run as a film, a still, or plots; the only file of this room that knows matplotlib."""
+"""A run as a film, a still picture, or plots; the only file of `view` that imports matplotlib."""
 
 from __future__ import annotations
 
@@ -21,29 +21,30 @@ from dlo_sim.view.run import Run
 
 Array = NDArray[np.float64]
 
-_RATES = {"gif": 10, "mp4": 30}  # pictures a second of the run's time
+_RATES = {"gif": 10, "mp4": 30}  # frames per second of simulated time
 _MOST_PICTURES = 900
 _FILM_DPI = 70
-_VIEWS = (-25.0, -65.0)  # azimuth [deg] of a run that is wider along y, along x
+_VIEWS = (-25.0, -65.0)  # azimuth [deg] for a run that is wider along y, along x
 _STILLS = 9  # cables in a still
 _SCALE = ListedColormap(colors(np.linspace(0.0, 1.0, 256)))
 
 
 class NoFilm(Exception):
-    """A film that cannot be made here: one line with the cure."""
+    """A film cannot be made on this system: one line with the cure."""
 
 
 def write_film(
     run: Run, path: Path, kind: str, progress: Callable[[float], None] | None = None
 ) -> None:
-    """Write the motion in its own time.
+    """Write the motion as a film in real time.
 
     Args:
         kind: gif or mp4.
         progress: called now and then with the fraction done.
 
     Raises:
-        NoFilm: there is no ffmpeg for an mp4. OSError: the disk refuses.
+        NoFilm: there is no ffmpeg for an mp4.
+        OSError: the file cannot be written.
     """
     if kind == "mp4" and not FFMpegWriter.isAvailable():
         raise NoFilm("an mp4 needs ffmpeg, which is not installed; install it, or make a gif")
@@ -54,7 +55,7 @@ def write_film(
     FigureCanvasAgg(figure)
     clock = figure.text(0.02, 0.03, "", family="monospace")
     writer: Any = {"gif": PillowWriter, "mp4": FFMpegWriter}[kind](fps=count / max(span, 1e-3))
-    # The writers go by the end of the name, which a file that is being written does not have.
+    # The writers choose the format by the suffix, which a temporary name does not have.
     named = path.with_name(f"{path.name}.{kind}")
     with writer.saving(figure, str(named), _FILM_DPI):
         for k, frame in enumerate(frames):
@@ -68,10 +69,10 @@ def write_film(
 
 
 def write_still(run: Run, path: Path) -> None:
-    """Write a PNG of the cable at equal time steps, the earlier the paler, and its end's path.
+    """Write a PNG of the cable at equal time intervals, earlier ones paler, and its end's path.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: the file cannot be written.
     """
     figure, axes, tint = _stage(run, (8.0, 6.0), 100)
     wanted = np.linspace(run.time[0], run.time[-1], _STILLS)
@@ -84,10 +85,10 @@ def write_still(run: Run, path: Path) -> None:
 
 
 def write_plots(run: Run, path: Path) -> None:
-    """Write a PNG of everything over time.
+    """Write a PNG with all plots over time.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: the file cannot be written.
     """
     plots = run.plots
     figure = Figure(figsize=(10.0, 1.9 * len(plots) + 0.4), dpi=100, layout="constrained")
@@ -106,7 +107,7 @@ def write_plots(run: Run, path: Path) -> None:
 def _stage(
     run: Run, size: tuple[float, float], dpi: int
 ) -> tuple[Figure, Any, Callable[[int], Array | str]]:
-    """Figure, axes that hold all that moves, and the colours of the segments of a frame."""
+    """Figure, axes that contain the whole motion, and a function for the colours of a frame."""
     figure = Figure(figsize=size, dpi=dpi)
     axes: Any = figure.add_axes((0.03, 0.02, 0.76 if run.colors else 0.94, 0.96), projection="3d")
     points = run.centerline.reshape(-1, 3)

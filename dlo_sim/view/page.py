@@ -1,4 +1,4 @@
-"""A run as one HTML page that needs nothing else: 3D view, controls and plots."""
+"""A run as one self-contained HTML page: 3D view, controls and plots."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def write_page(run: Run, path: Path) -> None:
     """Write the page.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: the file cannot be written.
     """
     here = files(__package__)
     page = Template((here / "page.html").read_text(encoding="utf-8"))
-    # Nothing that a file's name or the data could hold ends the script before its end.
+    # Escaped so that no text in the data can close the script element.
     data = json.dumps(page_data(run), allow_nan=False).replace("<", "\\u003c")
     script = (here / "page.js").read_text(encoding="utf-8")
     text = page.substitute(title=escape(run.name), data=data, script=script)
@@ -36,7 +36,7 @@ def write_page(run: Run, path: Path) -> None:
 
 
 def page_data(run: Run) -> dict[str, Any]:
-    """What page.js reads; tables are base64 of little endian 32-bit floats, frame after frame."""
+    """The input of page.js; arrays are base64 of little-endian 32-bit floats, frame by frame."""
     kept = thinned(len(run.time), _MOST_FRAMES)
     return {
         "time": _packed(run.time[kept]),
@@ -60,7 +60,7 @@ def page_data(run: Run) -> dict[str, Any]:
 
 
 def thinned(count: int, most: int) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Indices of at most so many of `count` entries, with the first and the last."""
+    """Evenly spaced indices of at most `most` of `count` entries, with the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 

@@ -1,4 +1,4 @@
-"""A recorded run read back: the shape over time, what colours it, and curves to plot."""
+"""A recorded run read back: shape over time, values for its colours, and curves to plot."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 TENSION, CURVATURE = "tension [N]", "curvature [1/m]"
 _POINTS = 60  # of the centerline of a bag
 _ENERGY, _ERROR = "energy [J]", "error estimate [m]"  # keys of the diagnostics
-_LARGEST = float(np.finfo("f4").max)  # of the numbers in a page
+_LARGEST = float(np.finfo("f4").max)  # a page has 32-bit floats
 _LAST = CONTROL_POINTS.removeprefix("~")
-# What every output of `dlo_sim simulate` holds.
+# In every output of `dlo_sim simulate`.
 _NEEDED = ("time", "control_points", "centerline")
 
 
@@ -43,16 +43,16 @@ class Curve:
 
 @dataclass(frozen=True)
 class Run:
-    """What is to be seen of a run.
+    """The data of a run that are shown.
 
     Attributes:
         name: of the file. time: [s], shape (T,).
         centerline: points of the cable from start to end [m], shape (T, m, 3).
         control_points: [m], shape (T, n, 3).
-        colors: title with the unit -> a value for each point of the centerline, shape (T, m).
+        colors: title with the unit -> a value for each point of the centreline, shape (T, m).
         frames: material frames of start and end, quaternions x, y, z, w, shape (T, 2, 4), or None.
         reactions: end -> force on the cable by the end effector [N], shape (T, 3).
-        curves: what else there is to plot.
+        curves: further quantities to plot.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Run:
 
     @property
     def plots(self) -> tuple[Curve, ...]:
-        """Everything over time: the free or far end, forces, extremes, and the other curves."""
+        """All plots over time: position of the end, reactions, largest colour values, `curves`."""
         axes = dict(zip("xyz", self.centerline[:, -1].T, strict=True))
         found = [Curve("end of the cable [m]", self.time, axes)]
         for end, force in self.reactions.items():
@@ -82,20 +82,20 @@ def read_run(path: Path, scene: Scene | None = None, node: str = "") -> Run:
 
     Args:
         path: file or folder.
-        scene: of a bag: gives the knots and the tension.
-        node: of a bag with several cables: whose cable.
+        scene: for a bag, gives the knots and the tension.
+        node: for a bag with several cables, selects one.
 
     Raises:
-        RunError: it holds no run, or not that of the scene or the node.
+        RunError: it contains no run, or none of this scene or node.
     """
     return read_bag(path, scene, node) if path.is_dir() else read_recording(path)
 
 
 def read_recording(path: Path) -> Run:
-    """Read what `dlo_sim simulate --output` has written.
+    """Read an output of `dlo_sim simulate`.
 
     Raises:
-        RunError: it is no such file.
+        RunError: it is not such a file.
     """
     try:
         with zipfile.ZipFile(path), np.load(path) as file:
@@ -128,8 +128,8 @@ def _checked(found: dict[str, Array]) -> dict[str, Array]:
     """The arrays of a run as floats.
 
     Raises:
-        TypeError, ValueError: one is no finite numbers, its shape does not fit the others, it is
-            more than a page can hold, or the times do not rise.
+        TypeError, ValueError: values are not finite or exceed 32-bit floats, shapes do not match,
+            or times do not increase.
     """
     time = arguments.numbers("time", found["time"], (None,), "s")
     if not np.all(np.diff(time) > 0.0):
@@ -154,12 +154,12 @@ def _checked(found: dict[str, Array]) -> dict[str, Array]:
 def read_bag(
     path: Path, scene: Scene | None = None, node: str = "", origin_ns: int | None = None
 ) -> Run:
-    """Read what the node or a replay has published.
+    """Read the outputs of a node or a replay from a bag.
 
-    Without a scene the knots are taken to be uniform.
+    Without a scene the knots are assumed uniform.
 
     Args:
-        origin_ns: stamp that counts as time zero [ns]; default: the first.
+        origin_ns: stamp of time zero [ns]; default: the first.
 
     Raises:
         RunError: as `read_run`.
@@ -196,7 +196,7 @@ def read_bag(
         control_points=points,
         colors=colors,
         frames=poses[:, [0, -1], 3:],
-        # A reaction that is missing, as the first of a late subscriber, is the one before it.
+        # A missing reaction is replaced by the previous one, or the first if there is none.
         reactions={end: _at(stamps, found) for end, found in forces.items() if found},
         curves=curves,
     )
@@ -221,7 +221,7 @@ def _only_node(path: Path, bag: Bag) -> str:
 def _read(
     bag: Bag, node: str, origin_ns: int | None
 ) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...]]:
-    """Poses and forces by their stamps, and what the diagnostics say."""
+    """Poses and forces by their stamps, and curves from the diagnostics."""
     poses = f"{node}{_LAST}"
     before, _, after = f"{node}{REACTION.removeprefix('~')}".partition("{}")
     ends = {
@@ -281,14 +281,14 @@ def _knots(path: Path, scene: Scene | None, n: int) -> Array:
             f"{path}: has {n} control points, the scene {scene.discretization.control_points}; "
             "give the scene of that run"
         )
-    # Here, because it brings the compiler along.
+    # Imported here, because it also imports the compiler.
     from dlo_sim.simulation.simulator import Simulator
 
     return Simulator(scene).model.knots
 
 
 def _at(stamps: NDArray[np.int64], found: dict[int, Array]) -> Array:
-    """Of values by their stamps those that hold at these."""
+    """The latest of the values `found` (by stamp) at each of `stamps`."""
     known = np.array(sorted(found))
     index = np.clip(np.searchsorted(known, stamps, side="right") - 1, 0, None)
     return np.array([found[stamp] for stamp in known])[index]

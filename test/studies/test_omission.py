@@ -129,7 +129,7 @@ def test_a_run_that_fails_at_its_own_step_is_done_at_a_smaller_one(monkeypatch):
     assert full.ok and full.setting.step == 0.0
     assert bare.ok and 0.0 < bare.setting.step < 2e-4
     row = study_module.row_of("hanging_cable", stretch, full, bare)
-    assert row.note.endswith("; without it: fails at its own step, so at 0.1 of it")
+    assert row.note.endswith("; without it: fails at its own step, run at 0.1 of it")
     assert 0.0 < row.error < 1e-3
 
 

@@ -151,7 +151,7 @@ def test_tables_of_the_report(outcome):
     assert 0.0 < float(rows[0]["error [mm]"]) < 50.0
     extremes = {row["scene"]: row for row in rows_of(folder, "extremes")}
     assert set(extremes) == {*KEPT, "wrong"}
-    assert extremes["n_u = 4"]["of what"] == "energy balance, share of the energy exchanged"
+    assert extremes["n_u = 4"]["error of"] == "energy balance, share of the energy exchanged"
 
 
 def test_what_falls_short_is_said(outcome):

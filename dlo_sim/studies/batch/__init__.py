@@ -1,1 +1,1 @@
-"""`dlo_sim study batch`: what running many cables at once gains."""
+"""`dlo_sim study batch`: speed-up of simulating many cables at once."""

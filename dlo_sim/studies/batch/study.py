@@ -1,4 +1,4 @@
-"""`dlo_sim study batch`: vector lanes against one by one, all cores against one."""
+"""`dlo_sim study batch`: speed-up by vector lanes, and by all cores."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from dlo_sim.studies.runs import advance, at_method, in_turn, shipped
 
 RESOLUTIONS = {True: (9, 13, 25), False: (7, 9, 11, 13, 17, 25, 41)}
 REPEATS = {True: 15, False: 60}
-PIECE = 512  # steps of one timed piece: some milliseconds, which run undisturbed now and then
-# Many: shared machines give two processes anything from 1.5 to 2 times one.
+PIECE = 512  # steps of one timed piece: some milliseconds, short enough to run undisturbed at times
+# Many, because on shared machines two processes run 1.5 to 2 times as fast as one.
 CORE_REPEATS = {True: 3, False: 15}
 CORE_SCENES = {True: 64, False: 128}
 CORE_DURATION = 0.25  # [s]
@@ -44,7 +44,7 @@ def run_study(request: Request) -> Outcome:
 
 
 def scenes_of(kind: str, n: int, count: int) -> list[Scene]:
-    """Cables of rising diameter, Gauss quadrature with three points per span."""
+    """Cables of increasing diameter, Gauss quadrature with three points per span."""
     name, method = kind.split(", ")
     rule = {"discretization__quadrature": "gauss", "discretization__samples": 3}
     base = at_method(shipped(name, discretization__control_points=n, **rule), method)
@@ -55,14 +55,14 @@ def scenes_of(kind: str, n: int, count: int) -> list[Scene]:
 def _compared(
     repeats: int, first: Callable[[], None], second: Callable[[], None]
 ) -> tuple[float, float, float, float]:
-    """Least time of each [s], their ratio, and the median of the ratios of neighbours."""
+    """Least time of each [s], their ratio, and the median of the ratios of successive pairs."""
     times = in_turn(repeats, first, second)
     one, other = times.min(axis=0).tolist()
     return one, other, one / other, float(np.median(times[:, 0] / times[:, 1]))
 
 
 def _one_vector(scenes: list[Scene], repeats: int) -> tuple[float, float, float, float]:
-    """Time of a step of LANES scenes [s] one by one and on the lanes, on this core."""
+    """Time of a step per scene [s], one by one and on the lanes, and ratios (`_compared`)."""
     simulators = [Simulator(scene) for scene in scenes]
     step = min(simulator.step for simulator in simulators)
     lanes = [new_lane(simulator) for simulator in simulators]
@@ -89,16 +89,16 @@ def _vectors(report: Report, request: Request) -> dict[str, str]:
         request.progress(0.6 * len(rows) / len(pieces))
     report.section("Eight scenes on the vector lanes of one core")
     report.text(
-        """Each scene on a lane of its own against the same eight scenes one by one, whose vector
-        lanes are the knot spans of one cable. Same core, in turn, 512 steps a piece, the least of
-        the repeats; packing and unpacking the lanes is in their time. The last column is the median
-        of the ratios of neighbouring pieces."""
+        """Eight scenes, one per lane, compared with the same scenes one by one, where the vector
+        lanes are the knot spans of one cable. Same core, in turn, 512 steps per piece, least of the
+        repeats; the time of the lanes includes packing and unpacking. The last column is the median
+        of the ratios of successive pieces."""
     )
     header = f"scenes | n_u | one by one [us/step] | lanes [us/step] | {TIMES}"
     report.table("vectors", header, rows, "Time of a step of one scene")
     data = columns(("scenes", "n_u", "times faster"), [(*row[:2], row[4]) for row in rows])
     panel = Panel("n_u", "times faster", ["times faster"], by="scenes", marker="o")
-    chart(report, "gain", data, [panel], "How many times faster the lanes are, per core")
+    chart(report, "gain", data, [panel], "Speed-up by vector lanes, per core")
     gains = {kind: [row[4] for row in rows if row[0] == kind] for kind in KINDS}
     return {
         f"vector lanes, {kind}": f"{min(own):.2f} to {max(own):.2f} times as fast as one by one"
@@ -110,8 +110,8 @@ def _cores(report: Report, request: Request) -> dict[str, str]:
     count = request.workers.count
     report.section("All workers against one")
     if count < 2:
-        report.text("There is one worker only: nothing to compare.")
-        return {"all workers": "not measured: there is one only"}
+        report.text("There is only one worker: nothing to compare.")
+        return {"all workers": "not measured: there is only one"}
     scenes = scenes_of("paper_wire, forest_ruth", CORE_CONTROL_POINTS, CORE_SCENES[request.quick])
     results = {}
 
@@ -121,13 +121,13 @@ def _cores(report: Report, request: Request) -> dict[str, str]:
     def all_of_them() -> None:
         results["all"] = simulate_batch(scenes, CORE_DURATION, workers=request.workers)
 
-    for _ in range(3):  # every worker has then loaded its machine code
+    for _ in range(3):  # so that every worker has loaded its machine code
         all_of_them()
     times = _compared(CORE_REPEATS[request.quick], one, all_of_them)
     same = results["one"].control_points.tobytes() == results["all"].control_points.tobytes()
     report.text(
         """Wires by `simulate_batch`, from scenes to results, in turn in this process and on workers
-        that are already there; whether the numbers are equal to the last bit."""
+        that are already running; and whether the results are bitwise equal."""
     )
     header = f"workers | scenes | n_u | simulated [s] | one [s] | all [s] | {TIMES} | same bits"
     row: list[Cell] = [count, len(scenes), CORE_CONTROL_POINTS, CORE_DURATION, *times, str(same)]

@@ -1,1 +1,1 @@
-"""What a sceptical user runs before the node is trusted."""
+"""Endurance tests of session and node: long runs, bad input, disturbances, overload."""

@@ -1,5 +1,5 @@
-"""Random bad messages for a session: nothing may raise, no number that is not finite may come out,
-and every refusal is one line.
+"""Random invalid messages for a session: nothing may raise, all outputs must be finite, and every
+refusal must be one line.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import PLAN
 from dlo_sim.studies.endurance.fuzz import REALS, T0, TICK, Broken, Progress, check_line, repeatable
 
-# Every kind of input. Clouds of points in one scene, arrays of poses in the other.
+# All kinds of input; measured points are a point cloud in one scene, a pose array in the other.
 ALL_INPUTS: dict[str, object] = {
     "cable.diameter": 0.01,
     "cable.youngs_modulus": 1e6,
@@ -54,7 +54,7 @@ _GOOD = ("/pose", "/points", "/wrench")
 
 
 def messages(count: int, seed: int, progress: Progress = lambda share: None) -> Counter[str]:
-    """Messages of every type, one in four as it should be, given to a session that ticks on."""
+    """Send messages of every type, one in four valid, to a running session; count the outcomes."""
     made, done = Counter[str](), 0
     for kind in ("point_cloud", "pose_array"):
         world = _World(kind, random.Random(f"{seed} {kind}"))
@@ -68,7 +68,7 @@ def messages(count: int, seed: int, progress: Progress = lambda share: None) -> 
 
 
 class _World:
-    """A session on a clock of its own, and messages for it."""
+    """A session with a simulated clock, and messages for it."""
 
     def __init__(self, kind: str, rng: random.Random) -> None:
         self.rng, self.now = rng, T0
@@ -77,7 +77,7 @@ class _World:
         self.made = _templates(kind)
 
     def send(self) -> str:
-        """One message and, now and then, a tick; what became of the message."""
+        """Send one message, sometimes followed by a tick; returns the outcome."""
         rng = self.rng
         topic = rng.choice(list(self.made))
         raw = self.made[topic](self.now - rng.choice((0, 0, TICK, -TICK)))
@@ -103,8 +103,8 @@ class _World:
         return "waits for its time"
 
     def recover(self) -> None:
-        """After all that, good messages are used and the prediction goes on: once it is decided, by
-        them, what becomes of those that wait.
+        """Check that the session then accepts valid messages and runs; the first second is not
+        checked, because earlier messages may still be waiting.
         """
         self.session.reset()
         records = {topic: self.session.journal.topics[topic] for topic in _GOOD}
@@ -135,7 +135,7 @@ class _World:
 
 
 def _templates(kind: str) -> dict[str, Callable[[int], bytes]]:
-    """Topic -> a good message with a stamp [ns]."""
+    """Topic -> function that makes a valid message with a stamp [ns]."""
     pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
     wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "tool")
     force = cdr.StampedEncoder(cdr.VECTOR3_STAMPED, "world")
@@ -172,7 +172,7 @@ def _templates(kind: str) -> dict[str, Callable[[int], bytes]]:
 
 
 def damaged_message(rng: random.Random, raw: bytes) -> bytes:
-    """Numbers that are none, lengths that lie, stamps from anywhere, bits flipped, cut, grown."""
+    """Damage a message: invalid numbers, wrong lengths or stamps, flipped bits, cut, extended."""
     data = bytearray(raw)
     kind, at = rng.randrange(8), rng.randrange(len(data))
     if kind == 0 and len(data) > 16:
@@ -193,7 +193,7 @@ def damaged_message(rng: random.Random, raw: bytes) -> bytes:
     elif kind == 6:
         data[at:at] = rng.randbytes(rng.choice((1, 8, 100, 100_000)))
     else:
-        data[20 : 20 + rng.randrange(12)] = rng.randbytes(8)  # in the name of the frame
+        data[20 : 20 + rng.randrange(12)] = rng.randbytes(8)  # in the frame id
     return bytes(data)
 
 

@@ -1,8 +1,8 @@
-"""Random bad input: parameters, damaged bags, signals; messages are in `bad_messages`. Nothing may
-raise, and every refusal is one line.
+"""Random invalid input: parameters, damaged bags, signals; messages are in `bad_messages`. Nothing
+may raise, and every refusal must be one line.
 
-Each function returns what became of its pieces, counted by outcome, and raises `Broken` on the
-first that breaks a rule, with what it takes to repeat it.
+Each function returns the number of cases by outcome, and raises `Broken` at the first violation,
+with the input that reproduces it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SMALL: dict[str, object] = {
     "discretization.control_points": 6,
     "start.clamped": True,
     "start.pose_topic": "/pose",
-    "rate": 20.0,  # bit errors in times make gaps of minutes
+    "rate": 20.0,  # low, because bit errors in stamps cause gaps of minutes
 }
 REALS = (float("nan"), float("inf"), -float("inf"), 1e308, -1e300, 1e7, 1e-320, -0.0, 1.0)
 ENDINGS = {0, 129, 130, 143}
@@ -48,12 +48,12 @@ ASKED_TO_END = (signal.SIGINT, signal.SIGTERM)
 
 
 class Broken(Exception):
-    """Something that may never happen."""
+    """A violated rule, with the input that reproduces it."""
 
 
 def parameters(count: int, seed: int, progress: Progress = lambda share: None) -> Counter[str]:
-    """Sets of random values, some impossible, for a session that runs; every 25th of those that it
-    takes is kept for a while.
+    """Set random parameter values, some invalid, on a running session, which is replaced after a
+    failed run and now and then.
     """
     rng, made = random.Random(seed), Counter[str]()
     first = scene_from_values({**SMALL, "start.pose_topic": ""})
@@ -81,7 +81,7 @@ def parameters(count: int, seed: int, progress: Progress = lambda share: None) -
 
 
 def _value(rng: random.Random, row: Parameter) -> object:
-    """A value for a parameter: possible, at a limit, beyond, of another type."""
+    """A value for a parameter: valid, at a limit, out of range, or of another type."""
     if rng.random() < 0.25:
         return rng.choice((*REALS, -1, 2**70, "", "x" * 999, True, [], [1.0] * 3, {}, None, "\n"))
     if row.is_array:
@@ -105,8 +105,8 @@ def _element(rng: random.Random, row: Parameter) -> object:
 def bags(
     count: int, seed: int, folder: Path, progress: Progress = lambda share: None
 ) -> Counter[str]:
-    """Damaged bags, replayed."""
-    from dlo_sim.replay.bags import BagError  # here and below: rosbags is not always there
+    """Replay damaged bags."""
+    from dlo_sim.replay.bags import BagError  # here and below: rosbags may not be installed
     from dlo_sim.replay.replay import ReplayError, replay_bag
 
     rng, made, scene = random.Random(seed), Counter[str](), scene_from_values(SMALL)
@@ -131,7 +131,7 @@ def bags(
 
 
 def write_bag(path: Path, storage: str) -> Path:
-    """Poses of a gripper at 30 Hz for 1.5 s."""
+    """Write a bag with poses of a gripper at 30 Hz for 1.5 s."""
     from dlo_sim.replay.bags import BagWriter
 
     pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
@@ -146,7 +146,7 @@ def write_bag(path: Path, storage: str) -> Path:
 
 
 def damage_bag(rng: random.Random, path: Path) -> None:
-    """Change bytes of one of the two files of a bag."""
+    """Damage one of the two files of a bag."""
     (recorded,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
     file = rng.choice([recorded] * 3 + [path / "metadata.yaml"])
     data = bytearray(file.read_bytes())
@@ -169,7 +169,7 @@ def damage_bag(rng: random.Random, path: Path) -> None:
 def signals(
     count: int, seed: int, folder: Path, progress: Progress = lambda share: None
 ) -> Counter[str]:
-    """One signal to each of so many commands, at any time of its life, four at a time."""
+    """Send one signal to each of `count` commands at a random time, four commands in parallel."""
     rng, made = random.Random(seed), Counter[str]()
     write_bag(folder / "bag", "mcap")
     scene = scene_text(scene_from_values(SMALL), [])
@@ -186,7 +186,7 @@ def signals(
 
 
 def _signalled(case: tuple[Path, int, str, signal.Signals, float]) -> str:
-    """What a command leaves behind that gets a signal after so many seconds."""
+    """Run a command that gets a signal after a delay, check what it leaves; returns the outcome."""
     folder, number, name, kind, delay = case
     output, scene = folder / f"out_{number}", str(folder / "scene.yaml")
     output.mkdir()
@@ -208,8 +208,8 @@ def _signalled(case: tuple[Path, int, str, signal.Signals, float]) -> str:
 
 
 def _ended(words: list[str], kind: signal.Signals, delay: float) -> tuple[int, str]:
-    """Exit status and stderr of a command that gets a signal. Until it can handle one the signal is
-    blocked, as a launcher can have it.
+    """Exit status and stderr of a command that gets a signal; it starts with signals blocked, as a
+    launcher may start it.
     """
     held = signal.pthread_sigmask(signal.SIG_BLOCK, ASKED_TO_END)
     try:
@@ -232,7 +232,7 @@ def _ended(words: list[str], kind: signal.Signals, delay: float) -> tuple[int, s
 
 @contextlib.contextmanager
 def repeatable(what: str) -> Iterator[None]:
-    """Say what was given when something breaks."""
+    """Turn any exception in the block into `Broken` with the input `what`."""
     try:
         yield
     except Exception as error:
@@ -240,6 +240,6 @@ def repeatable(what: str) -> Iterator[None]:
 
 
 def check_line(text: str) -> None:
-    """A refusal is one line that a terminal can show."""
+    """Check that a refusal is one printable line."""
     if len(text) > 2000 or not text.isprintable():
         raise Broken(f"not one line: {text[:500]!r}")

@@ -1,4 +1,6 @@
-"""The node in a process, played to and read by others: what they note, and what the system says."""
+"""The node in a process of its own, with peer processes that publish to it and record its outputs,
+and measurements of its processor time, memory, files and threads.
+"""
 
 from __future__ import annotations
 
@@ -33,21 +35,21 @@ CONTROL_POINTS = "/dlo_sim/control_points"
 WRENCH = "/dlo_sim/hand/wrench"
 ENVIRONMENT = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # no shared memory that a stopped process keeps
+    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # a stopped process would keep shared memory locked
 }
 LATE = 2.5  # periods between two outputs
 
 
 @dataclass(frozen=True)
 class Case:
-    """A node and what is done to it. Times [s] count from when the messages begin.
+    """A run of the node with its inputs and disturbances. Times [s] count from the first message.
 
     Attributes:
-        rate: of ticks [Hz]. n: control points. poses, wrenches: how often each comes [Hz].
-        seconds: how long. values: more parameters. task: more for the peer that plays.
-        stops: (begin, end, period, share): within each period the process is stopped for so long a
-            share; a period of 0 is one stop.
-        slow_reader: whether another process subscribes to everything and reads nothing.
+        rate: of ticks [Hz]. n: control points. poses, wrenches: rates of the messages [Hz].
+        seconds: duration. values: further parameters. task: further tasks of the publishing peer.
+        stops: (begin, end, period, share): within each period the process is stopped for this share
+            of it; a period of 0 is one stop.
+        slow_reader: whether another process subscribes to all topics without reading.
     """
 
     rate: float
@@ -62,7 +64,7 @@ class Case:
 
     @property
     def scene(self) -> Scene:
-        """A cable between two moving grippers, a hand at its middle."""
+        """A cable between two moving grippers, with a force at its middle."""
         values: dict[str, object] = {
             "discretization.control_points": self.n,
             "rate": self.rate,
@@ -74,7 +76,7 @@ class Case:
 
     @property
     def messages(self) -> list[tuple[str, str, float, bytes]]:
-        """Topic, type, time [s] and message of a lap, in order."""
+        """Topic, type, time [s] and data of the messages of one lap, in order."""
         pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
         wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
         found = []
@@ -93,10 +95,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Played:
-    """What was noted of a case.
+    """Records of a case.
 
     Attributes:
-        source, reader: see `ros.peer`.
+        source, reader: records of the peers (`ros.peer`).
         system: time [s], processor time [s], resident memory [B], open files, threads of the node.
         status: exit status of the node.
     """
@@ -115,7 +117,9 @@ class Played:
 
     @property
     def age(self) -> tuple[float, float]:
-        """Arrival minus stamp of the control points [s], without the first second: median, 99 %."""
+        """Median and 99th percentile of arrival minus stamp of the control points [s], without the
+        first second.
+        """
         noted = self.reader[CONTROL_POINTS][round(self.case.rate) :]
         median, most = np.percentile((noted[:, 0] - noted[:, 1]) * 1e-9, [50.0, 99.0]).tolist()
         return median, most
@@ -127,7 +131,7 @@ class Played:
 
     @property
     def late(self) -> int:
-        """Gaps of more than 2.5 periods."""
+        """Number of gaps of more than LATE periods."""
         return int(np.sum(self.gaps > LATE / self.case.rate))
 
     def said(self, status: str, key: str) -> list[tuple[float, str]]:
@@ -147,10 +151,10 @@ class Played:
 
 
 def play(case: Case, folder: Path, domain: int, progress: Callable[[float], None]) -> Played:
-    """Start node and peers, wait until they are done.
+    """Start node and peers, and wait for their end.
 
     Raises:
-        RuntimeError: the node, or a peer, ended on its own; with what it said.
+        RuntimeError: the node or a peer ended unexpectedly; with its output.
     """
     folder.mkdir(parents=True)
     (folder / "scene.yaml").write_text(scene_text(case.scene, []), encoding="utf-8")
@@ -189,7 +193,7 @@ def play(case: Case, folder: Path, domain: int, progress: Callable[[float], None
 def _starting(
     environment: Mapping[str, str], log: Path
 ) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
-    """What starts modules as processes, which end with the block; their stderr goes to a file."""
+    """Function that starts modules as processes with stderr in a file; killed after the block."""
     with contextlib.ExitStack() as started:
         errors = started.enter_context(log.open("wb"))
 
@@ -225,7 +229,7 @@ def _watch(
     begin: float,
     progress: Callable[[float], None],
 ) -> NDArray[np.float64]:
-    """Stop and continue the node; look at it once a second."""
+    """Stop and continue the node as the case says; measure it once a second."""
     looks: list[tuple[float, ...]] = []
     stops = sorted(itertools.chain.from_iterable(_pieces(*stop) for stop in case.stops))
     while (now := time.time() - begin) < case.seconds:
@@ -257,8 +261,8 @@ def _look(pid: int, now: float) -> tuple[float, ...]:
 
 
 def same_offline(played: Played) -> tuple[int, int]:
-    """States after the last silence, which holds a ~/reset, that a session offline has in the same
-    bits, given the messages that were sent since; and how many were compared.
+    """Compare the states after the last silence, which contains a ~/reset, with a session offline
+    that gets the same messages. Returns how many are bitwise equal, and how many were compared.
     """
     made, sent = played.case.messages, list(played.source["sent"])
     times = np.array([time_ns for _, _, time_ns in sent])

@@ -1,4 +1,4 @@
-"""A day of a cable between two moving grippers, messages in and out, as fast as it goes."""
+"""A simulated day of a cable between two moving grippers, with messages, as fast as possible."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ CHANGES: dict[str, object] = {
 
 
 class Look(NamedTuple):
-    """What is looked at while it runs: simulated time [s], share of the energy exchanged that is
-    not accounted for, resident memory [B], open files, threads, Python's blocks, messages refused.
+    """A sample of the run: simulated time [s], energy error as a share of the energy exchanged,
+    resident memory [B], open files, threads, allocated blocks of Python, messages refused.
     """
 
     time: float
@@ -47,7 +47,7 @@ class Look(NamedTuple):
 
 
 def gripper(end: str, time: float) -> tuple[float, ...]:
-    """Pose of a gripper of two_grippers, x, y, z [m] and quaternion: it swings and turns."""
+    """Pose of a swinging and rotating gripper of two_grippers: x, y, z [m] and quaternion."""
     turn, side = 2.0 * np.pi * time / LAP, 1.0 if end == "start" else -1.0
     x = (0.0 if end == "start" else 0.8) + side * 0.05 * np.sin(3 * turn)
     half = 0.15 * np.sin(2 * turn)
@@ -56,18 +56,18 @@ def gripper(end: str, time: float) -> tuple[float, ...]:
 
 
 def scene() -> Scene:
-    """The cable that is run for a day."""
+    """The scene of the run."""
     return shipped("two_grippers", **CHANGES)
 
 
 def soaked(quick: bool, progress: Callable[[float], None]) -> list[Look]:
-    """Run it and look."""
+    """Run the scene and return its samples."""
     session, encoder = Session(scene()), cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
     begin, period = 1000 * SECOND, SECOND // RATE
     count = round(DURATION[quick] * RATE)
     poses = [[gripper(end, k / RATE) for end in ("start", "end")] for k in range(round(LAP) * RATE)]
     looks = np.zeros((LOOKS + 1, len(Look._fields)))  # holds no Python objects
-    gc.freeze()  # as the node does: looks are not to search what start-up has allocated
+    gc.freeze()  # as the node does: collections then skip the objects from start-up
     for k in range(count + 1):
         now = begin + k * period
         for end, pose in zip(("start", "end"), poses[k % len(poses)], strict=True):
@@ -97,30 +97,30 @@ def _look(session: Session) -> Look:
 
 
 def describe(report: Report, looks: list[Look]) -> dict[str, str]:
-    """Section, table and figure; returns the verdict."""
+    """Add section, table and figure; returns the verdict."""
     used = scene()
     report.section("A day of messages, offline")
     report.text(
         f"""`two_grippers` with {used.discretization.control_points} control points and a step of
-        {used.integrator.step:g} s, both grippers swinging and turning, poses and ticks at {RATE}
-        Hz, every output made once a second, in one process. A hundred looks; the first ten are the
+        {used.integrator.step:g} s, both grippers swinging and rotating, poses and ticks at {RATE}
+        Hz, all outputs once a second, in one process. A hundred samples; the first ten are the
         warm-up."""
     )
     warm, last = looks[WARM], looks[-1]
     header = (
-        "look | simulated [s] | energy error | resident [KB] | open files | threads | "
+        "sample | simulated [s] | energy error | resident [KB] | open files | threads | "
         "Python's blocks | refused"
     )
     rows = [("first", *looks[0]), ("after the warm-up", *warm), ("last", *last)]
-    report.table("soak_looks", header, rows, "The run at three looks")
+    report.table("soak_looks", header, rows, "The run at three times")
     hours = "simulated time [h]"
     seen = [(x.time / 3600.0, (x.resident - warm.resident) / 1024.0, x.energy_error) for x in looks]
     data = columns((hours, "change [KiB]", "energy error [-]"), seen)
     panels = [
         Panel(hours, "resident memory, change [KiB]", ["change [KiB]"]),
-        Panel(hours, "energy not accounted for, share", ["energy error [-]"]),
+        Panel(hours, "energy error, share of the energy exchanged", ["energy error [-]"]),
     ]
-    caption = "Resident memory against that after the warm-up, and the energy account"
+    caption = "Change of resident memory after the warm-up, and error of the energy account"
     chart(report, "soak", data, panels, caption, (9.0, 3.6))
     grown = (last.resident - warm.resident) / 1024.0
     return {

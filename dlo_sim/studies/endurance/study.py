@@ -1,4 +1,4 @@
-"""`dlo_sim study endurance`: what a sceptical user runs before the node is trusted."""
+"""`dlo_sim study endurance`: long runs, invalid input, disturbances and overload."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
 
 SEED = 1
-PIECES = {  # of the fuzzing
+PIECES = {  # numbers of random inputs
     True: {"messages": 4_000, "parameters": 200, "bags": 50, "signals": 20},
     False: {"messages": 100_000, "parameters": 10_000, "bags": 1_000, "signals": 1_000},
 }
 SOAK = {True: 40.0, False: 1800.0}  # [s]
-ROUND = {True: 24.0, False: 60.0}  # [s] from one disturbance to its next
-REST = 10.0  # [s] undisturbed at the end, to be compared with offline
+ROUND = {True: 24.0, False: 60.0}  # [s], period of each disturbance
+REST = 10.0  # [s] undisturbed at the end, for the comparison with offline
 TIMED = {True: 8.0, False: 60.0}
 LATENCIES = (0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.06)
 SWEPT = {True: 4.0, False: 15.0}
@@ -45,15 +45,15 @@ def run_study(request: Request) -> Outcome:
     looks = soak.soaked(request.quick, request.part(0.3, 0.5))
     verdicts |= soak.describe(report, looks)
     if importlib.util.find_spec("rclpy") is None:
-        report.text("The node was not run: there is no rclpy here.")
-        verdicts["the node"] = "not run: there is no rclpy"
+        report.text("The node was not run: rclpy is not installed.")
+        verdicts["the node"] = "not run: rclpy is not installed"
     else:
         verdicts |= _live(report, request.quick, request.part(0.5, 1.0))
     return report.outcome(verdicts)
 
 
 def _share(progress: Callable[[float], None], k: int, of: int) -> Callable[[float], None]:
-    """Progress of part k of so many equal ones."""
+    """Progress callback of part k of `of` equal parts."""
     return lambda fraction: progress((k + fraction) / of)
 
 
@@ -66,22 +66,22 @@ def _fuzz(report: Report, quick: bool, progress: Callable[[float], None]) -> dic
         found["parameters"] = fuzz.parameters(counts["parameters"], SEED, parts[1])
         found["bags"] = fuzz.bags(counts["bags"], SEED, folder, parts[2])
         found["signals"] = fuzz.signals(counts["signals"], SEED, folder, parts[3])
-    report.section("Bad input at random")
+    report.section("Random invalid input")
     report.text(
-        """Messages of every type, three in four with numbers that are none, lengths that lie,
-        stamps from anywhere, bits flipped, cut off or grown; sets of random values for parameters
-        of a running session; bags with changed bytes; SIGINT or SIGTERM to `simulate`, `replay` and
-        `node` within their first 2.5 s. The study ends with the first that raises, publishes a
-        number that is not finite, is refused in more than a line, or leaves half a file."""
+        """Messages of every type, three in four with non-finite numbers, wrong lengths, arbitrary
+        stamps, flipped bits, truncated or extended; sets of random values for parameters of a
+        running session; bags with changed bytes; SIGINT or SIGTERM to `simulate`, `replay` and
+        `node` within their first 2.5 s. The study fails at the first input that raises, leads to a
+        non-finite output, is refused in more than one line, or leaves an incomplete file."""
     )
     rows = [(what, *one) for what, made in found.items() for one in made.most_common()]
-    report.table("fuzz", ["input", "outcome", "count"], rows, "What became of it")
+    report.table("fuzz", ["input", "outcome", "count"], rows, "Outcomes")
     total = ", ".join(f"{sum(made.values())} {what}" for what, made in found.items())
-    return {"bad input": f"{total}: none raised, each refusal one line"}
+    return {"invalid input": f"{total}: none raised, each refusal one line"}
 
 
 def soak_case(seconds: float, every: float) -> Case:
-    """A parameter a second; in each round a hold-up, a lost publisher and stamps that jump."""
+    """One parameter change per second; in each round a stop, a silent publisher, jumping stamps."""
     rounds = [every * k for k in range(int((seconds - REST) / every))]
     changes = [OTHER, *KINDS, USUAL]
     task = {
@@ -97,7 +97,7 @@ def soak_case(seconds: float, every: float) -> Case:
 
 
 def rate_cases(seconds: float) -> dict[str, Case]:
-    """What is timed."""
+    """The cases whose rates are measured."""
     return {
         "1 kHz, 13 control points": Case(1000.0, 13, seconds, 500.0, 500.0),
         "200 Hz, 50 control points": Case(200.0, 50, seconds),
@@ -106,7 +106,7 @@ def rate_cases(seconds: float) -> dict[str, Case]:
 
 
 def latency_cases(seconds: float) -> dict[float, Case]:
-    """Poses at 500 Hz, a latency each."""
+    """Poses at 500 Hz, one case per latency."""
     values = {"accuracy.estimate": "off"}
     return {
         latency: Case(500.0, 13, seconds, 500.0, values={**values, "inputs.latency": latency})
@@ -115,7 +115,7 @@ def latency_cases(seconds: float) -> dict[float, Case]:
 
 
 def overload_case(begin: float, end: float, seconds: float) -> Case:
-    """The process runs for 4 ms in 50 for a while: it needs a sixth of a core."""
+    """For a while the process runs only 4 ms in 50; it would need a sixth of a core."""
     return Case(200.0, 50, seconds, stops=[(begin, end, 0.05, 0.92)])
 
 
@@ -140,7 +140,7 @@ def _live(report: Report, quick: bool, progress: Callable[[float], None]) -> dic
 
 
 def describe_soak(report: Report, played: Played) -> dict[str, str]:
-    """Section, table and figure of the live soak; returns the verdicts."""
+    """Add section, tables and figure of the live soak; returns the verdicts."""
     case, system = played.case, played.system.copy()
     equal, compared = same_offline(played)
     refused, other = _refused(played)
@@ -148,18 +148,18 @@ def describe_soak(report: Report, played: Played) -> dict[str, str]:
     report.section("The node, disturbed")
     report.text(
         f"""{case.seconds:.0f} s at {case.rate:.0f} Hz with two grippers at {case.poses:.0f} Hz and
-        a wrench at {case.wrenches:.0f} Hz; every second a parameter is changed. In each round the
-        process is stopped for 1.5 s, a publisher vanishes, and all stamps jump by an hour and
-        back. At the end all publishers stop, `~/reset` is called, and what follows is compared with
-        a session offline that is given the same messages."""
+        a wrench at {case.wrenches:.0f} Hz; one parameter is changed every second. In each round the
+        process is stopped for 1.5 s, a publisher falls silent, and all stamps jump by an hour and
+        back. At the end all publishers pause, `~/reset` is called, and the following states are
+        compared with those of a session offline that gets the same messages."""
     )
     system[:, 2] *= 1e-6  # MB
     warm = len(system) // 5
-    header = "look | time [s] | processor [s] | resident [MB] | open files | threads"
+    header = "sample | time [s] | processor [s] | resident [MB] | open files | threads"
     rows = [("after a fifth", *system[warm]), ("last", *system[-1])]
     report.table("node", header, rows, "The process")
     events = [(k, int(v)) for k, v in _counters(played) if int(v)]
-    report.table("events", ["counted", "times"], events, "What /diagnostics counted")
+    report.table("events", ["event", "count"], events, "Events counted in /diagnostics")
     data = {"time [s]": system[:, 0], "resident memory [MB]": system[:, 2]}
     panel = Panel("time [s]", "resident memory [MB]", ["resident memory [MB]"])
     chart(report, "node_memory", data, [panel], "Resident memory of the node", (8.0, 3.2))
@@ -167,15 +167,15 @@ def describe_soak(report: Report, played: Played) -> dict[str, str]:
     return {
         f"{case.seconds:.0f} s live": (
             f"memory {grown[0]:+.2f} MB, files {grown[1]:+.0f}, threads {grown[2]:+.0f} after a "
-            f"fifth; exit status {played.status}; {taken} changes taken, {turned_down} refused; "
+            f"fifth; exit status {played.status}; {taken} changes accepted, {turned_down} refused; "
             f"{refused} messages refused, {other} of them not within 2 s of a jump"
         ),
-        "live = offline after it": f"{equal} of {compared} states in the same bits",
+        "live = offline afterwards": f"{equal} of {compared} states bitwise equal",
     }
 
 
 def _counters(played: Played) -> Iterator[tuple[str, str]]:
-    """What the last /diagnostics of the session counted."""
+    """Event and message counters in the last /diagnostics of the session."""
     last = json.loads(next(x for x in reversed(played.source["log"]) if ": session" in x))
     for key, value in last["/dlo_sim: session"].items():
         if key.startswith(("event ", "messages ")):
@@ -183,7 +183,7 @@ def _counters(played: Played) -> Iterator[tuple[str, str]]:
 
 
 def _refused(played: Played) -> tuple[int, int]:
-    """Messages refused, and those of them that came when no stamp had just jumped."""
+    """Number of messages refused, and of those refused more than 2 s after a jump of the stamps."""
     jumps = played.case.task.get("jumps", ())
     edges = np.array([at for begin, end, _ in jumps for at in (begin, end)])  # type: ignore[attr-defined]
     total = other = 0
@@ -195,7 +195,7 @@ def _refused(played: Played) -> tuple[int, int]:
 
 
 def describe_overload(report: Report, played: Played) -> dict[str, str]:
-    """Section, table and figure of the overload; returns the verdict."""
+    """Add section, table and figure of the overload; returns the verdict."""
     stop = played.case.stops[0]
     begin, end, period, share = stop
     report.section("Too little processor time")
@@ -211,29 +211,29 @@ def describe_overload(report: Report, played: Played) -> dict[str, str]:
             if count != seen:
                 rows.append((at, name, int(count)))
             seen = count
-    rows.sort(key=lambda row: row[0])  # within a second as they are shed
-    header = "time [s] {:.0f} | counted in /diagnostics | times so far"
-    report.table("shed", header, rows, "What was shed and taken up, to a second")
+    rows.sort(key=lambda row: row[0])  # stable: within a second in the order of `names`
+    header = "time [s] {:.0f} | event in /diagnostics | count so far"
+    report.table("shed", header, rows, "Load shed and resumed, to the second")
     lags = played.said("session", "lag [s]")
     data = {"time [s]": [at for at, _ in lags], "lag [s]": [float(lag) for _, lag in lags]}
     first = {name: next((at for at, what, _ in rows if what == name), None) for name in names}
     uprights = {name: at for name, at in first.items() if at is not None}
     panel = Panel("time [s]", "lag [s]", ["lag [s]"], uprights=uprights)
-    caption = "How far the prediction was behind, and when it first shed and took up what"
+    caption = "Lag of the prediction, and the first time of each event"
     chart(report, "overload", data, [panel], caption, (8.0, 3.4))
     order = ", ".join(f"{name} after {at - begin:.0f} s" for at, name, _ in rows)
     return {"overload": order or "nothing was shed: the machine was fast enough"}
 
 
 def describe_rates(report: Report, played: dict[str, Played]) -> dict[str, str]:
-    """Section and table of what was timed; returns the verdicts."""
-    report.section("Rates, read by another process")
+    """Add section and table of the rates; returns the verdicts."""
+    report.section("Rates, measured in another process")
     report.text(
-        f"""Poses, a wrench and every output; a third process plays, a fourth reads. Age is arrival
-        minus stamp of `~/control_points`, jitter how far the time between two arrivals is from the
-        period, late are arrivals more than 2.5 periods apart, late ticks those that the node
-        counted. Load in the last of these minutes: {os.getloadavg()[0]:.1f} of {os.cpu_count()}
-        cores."""
+        f"""Poses, a wrench and all outputs; a third process publishes, a fourth subscribes. Age is
+        arrival minus stamp of `~/control_points`; jitter is the deviation of the time between two
+        arrivals from the period; late arrivals are more than 2.5 periods after the previous one;
+        late ticks are counted by the node. Load average of the last minute:
+        {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores."""
     )
     rows, verdicts = [], {}
     for name, one in played.items():
@@ -256,11 +256,11 @@ def describe_rates(report: Report, played: dict[str, Played]) -> dict[str, str]:
 
 
 def describe_latencies(report: Report, played: dict[float, Played]) -> dict[str, str]:
-    """Section, table and figure of the latencies; returns the verdict."""
-    report.section("How small inputs.latency can be")
+    """Add section, table and figure of the latencies; returns the verdict."""
+    report.section("Smallest useful inputs.latency")
     report.text(
-        """Poses at 500 Hz, ticks at 500 Hz. Below some latency the next pose is not there when its
-        state is due: the prediction waits for it, and the age falls no further."""
+        """Poses at 500 Hz, ticks at 500 Hz. Below some latency the next pose has not arrived when
+        its state is due: the prediction waits for it, and the age decreases no further."""
     )
     rows = []
     for latency, one in played.items():

@@ -1,1 +1,1 @@
-"""What leaving a term out saves, and what it costs."""
+"""Time saved and error made by omitting a term of the model."""

@@ -1,4 +1,4 @@
-"""`dlo_sim study omission`: a scene with and without each of its terms, time per step and error."""
+"""`dlo_sim study omission`: time per step of scenes with and without each term, and the error."""
 
 from __future__ import annotations
 
@@ -22,36 +22,37 @@ from dlo_sim.tuning.search import present_setting
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, timed_again
 
 Values = dict[str, object]
-Change = Values | Callable[[Scene], Values]  # for every scene the same, or by scene
+Change = Values | Callable[[Scene], Values]  # the same for every scene, or a function of the scene
 
-TINY = 1e-9  # a damping, drag or spring that is there and does nothing that can be seen
-NEVER = 1.0e5  # [1/m] of a curvature at which nothing yields
-FLOOR = 10.0  # [1/m] of curvature, below which the Frenet torsion fades
-DEEP = 1.0e3  # [m] of a plane that is never touched
-STIFF = 1.0e6  # [N/m] of a spring that holds as well as a fixed axis
+TINY = 1e-9  # a damping, drag or spring that is present without visible effect
+NEVER = 1.0e5  # [1/m], a yield curvature that is never reached
+FLOOR = 10.0  # [1/m], curvature floor of the Frenet torsion
+DEEP = 1.0e3  # [m], depth of a plane that is never touched
+STIFF = 1.0e6  # [N/m], a spring that holds as well as a fixed axis
 FREE: Values = {"start.spring": [0.0] * 3, "end.spring": [0.0] * 3}
 STILL: Values = {"start.pose_topic": "", "end.pose_topic": ""}
 SPACE: Values = {"terms.out_of_plane": "on"}
-# What both runs of a term may need because not every method knows it: the first that will do.
+# Changes to both runs of a term that its method does not support: the first that works is used.
 VERLET: Values = {"integrator.method": "velocity_verlet", "integrator.step": 0.0}
 PLAIN: Values = {"damping.stiffness": 0.0, "damping.air_drag": 0.0}
 UNBENT: Values = {"cable.rest_curvature": [0.0]}
 METHODS: tuple[Values, ...] = ({}, VERLET, {**VERLET, **PLAIN}, {**VERLET, **PLAIN, **UNBENT})
-# What grippers do, from rest and ever faster: a jump of their speed is no motion of a cable that
-# cannot stretch. [m], [rad], [s]
+# Accelerated motion of grippers from rest, as an inextensible cable does not admit a velocity jump:
+# [m], [rad], [s]
 MOVED, TURNED, MOVING = 0.15, 1.0, 1.0
 DURATION = {True: 0.1, False: 1.0}  # [s]
 BUDGET = {True: 0.05, False: 0.4}  # [s] of repeats
 QUICK_SCENES, QUICK_TERMS = ("paper_wire",), ("stretch", "bend", "gravity", "loads", "out_of_plane")
-SMALLER = 0.1  # share of its own step that a run is given which fails at that
+SMALLER = 0.1  # factor on the step of a run that failed
 TURNS = 2  # with, without, with, without
-Piece = tuple[Scene, bool, float]  # a scene, whether its grippers stand still, how long [s]
+Piece = tuple[Scene, bool, float]  # a scene, whether its grippers are at rest, duration [s]
 
 
 @dataclass(frozen=True)
 class Term:
-    """What puts a term into a scene and what takes it out; what both runs need so that nothing else
-    differs, tried in order; and why a scene may lack it, where `needs_of` has no words for it.
+    """Changes that add a term to a scene and remove it; `alone`: changes to both runs, tried in
+    order, so that they differ in this term alone; `reason`: why a scene may lack the term, if
+    `needs_of` does not say.
     """
 
     put_in: Change
@@ -65,9 +66,9 @@ class Variant:
     """A term of a scene, with and without.
 
     Attributes:
-        automatic: whether the scene's own step contains it. reason: why not, or empty.
-        shared: what both scenes, `full` with it and `bare` without it, have and the scene has not.
-        still: whether driven ends stay where they are in both runs.
+        automatic: whether the original scene's step contains it. reason: why not, or empty.
+        shared: changes of the original scene common to `full`, with the term, and `bare`, without.
+        still: whether driven ends are at rest in both runs.
     """
 
     term: str
@@ -80,7 +81,7 @@ class Variant:
 
     @property
     def note(self) -> str:
-        """Why the term is not in the scene's step, and what both runs have in addition."""
+        """Why the term is not in the scene's step, and the changes common to both runs."""
         both = ", ".join(
             f"{key} {'empty' if value == '' else value}" for key, value in self.shared.items()
         )
@@ -98,10 +99,10 @@ def has(scene: Scene, term: str) -> bool:
 
 
 def variants(scene: Scene, terms: Iterable[str] = ()) -> list[Variant]:
-    """Terms of a scene (default: all) with and without, in the order of `TERMS`.
+    """Pairs of scenes with and without each of some terms (default: all), in the order of `TERMS`.
 
     Raises:
-        RuntimeError: no two scenes differ in one of them alone.
+        RuntimeError: no pair of scenes differs in one of them alone.
     """
     needs = needs_of(scene)
     found = []
@@ -114,7 +115,7 @@ def variants(scene: Scene, terms: Iterable[str] = ()) -> list[Variant]:
 
 
 def job(scene: Scene, duration: float, still: bool = False) -> Job:
-    """A scene's run: grippers that are driven move sideways and turn about the cable."""
+    """A scene's run, in which driven grippers move sideways and rotate about the cable."""
     motions = []
     if scene.start.driven and scene.start.held and not still:
         path = np.zeros((3, 3))
@@ -129,7 +130,7 @@ def job(scene: Scene, duration: float, still: bool = False) -> Job:
 
 
 def _pair(scene: Scene, name: str, term: Term) -> tuple[Values, Scene, Scene]:
-    """The first way to have the scene with and without a term: what both share, with, without."""
+    """The first pair of scenes that differs in this term alone: common changes, with, without."""
     for method, alone in product(METHODS, term.alone):
         shared = {**_values(alone, scene), **method}
         try:
@@ -140,7 +141,7 @@ def _pair(scene: Scene, name: str, term: Term) -> tuple[Values, Scene, Scene]:
             continue
         full, bare = (base, other) if present else (other, base)
         if has(full, name) and not has(bare, name):
-            # What was changed for both and is the same in both, unlike in the scene.
+            # Changed values that are equal in both, but differ from the original scene.
             own, ours, theirs = map(scene_values, (scene, full, bare))
             common = {k: v for k, v in shared.items() if own[k] != ours[k] == theirs[k]}
             return common, full, bare
@@ -152,7 +153,7 @@ def _values(change: Change, scene: Scene) -> Values:
 
 
 def _changed(scene: Scene, values: Values) -> Scene:
-    """The scene with these values; refused like by a simulator if no method of its own suits it."""
+    """The scene with these values; refused, as by a simulator, if no method supports them."""
     if not values:
         return scene
     changed = scene.with_values(values)
@@ -162,33 +163,33 @@ def _changed(scene: Scene, values: Values) -> Scene:
 
 
 def _spatial(scene: Scene) -> Values:
-    """Space, where the scene is in a plane."""
+    """Three dimensions, if the scene is planar."""
     return {} if has(scene, "out_of_plane") else SPACE
 
 
 def _driven(scene: Scene) -> Values:
-    """What a driven end brings along: space, and twist if it is clamped."""
+    """What a driven end requires: three dimensions, and twist if it is clamped."""
     return {**SPACE, **({"terms.twist": "on"} if needs_of(scene).twist else {})}
 
 
 def _turning(scene: Scene) -> Values:
-    """Twist in space."""
+    """Twist in three dimensions."""
     return {"terms.twist": "on", **_spatial(scene)}
 
 
 def _twisted(scene: Scene) -> Values:
-    """Twist in space, from a shape that needs no equilibrium: none is known with torsion."""
+    """Twist in three dimensions, starting straight: no equilibria with torsion are computed."""
     shape = {"initial.shape": "straight"} if scene.initial.shape == "equilibrium" else {}
     return {**_turning(scene), **shape}
 
 
 def _loaded(scene: Scene) -> Values:
-    """What loads bring along: space, if they push out of the plane."""
+    """What loads require: three dimensions, if they act out of the plane."""
     return SPACE if scene.loads and has(scene, "out_of_plane") else {}
 
 
 def _sprung(scene: Scene) -> Values:
-    """A spring on a free axis, too soft to be felt; or one instead of a fixed axis, as stiff."""
+    """A very soft spring on a free axis, or a very stiff one in place of a fixed axis."""
     for name, end in scene.ends.items():
         if not all(end.fixed):
             return {f"{name}.spring": [0.0 if held else TINY for held in end.fixed]}
@@ -196,7 +197,7 @@ def _sprung(scene: Scene) -> Values:
 
 
 def _flat(scene: Scene) -> Values:
-    """No motion along y, and no load that would push there."""
+    """No motion along y, and no load that acts there."""
     across = any(load.force[1] or load.torque[0] or load.torque[2] for load in scene.loads)
     return {"terms.out_of_plane": "off", **({"loads.names": []} if across else {})}
 
@@ -215,7 +216,7 @@ YIELDING: Values = {"plasticity.yield_curvature": NEVER, "terms.plasticity": "on
 TERMS = {
     "stretch": Term({"terms.stretch": "on"}, RATTLE),
     "bend": Term({"terms.bend": "on"}, {"terms.bend": "off"}),
-    # In a plane nothing can twist, whatever terms.twist says.
+    # A planar cable has no twist, whatever terms.twist says.
     "twist": Term({"terms.twist": "on"}, {"terms.twist": "off"}, (_spatial,)),
     "frenet": Term(FRENET, {"terms.twist": "on"}, (_twisted,), "terms.twist is not frenet"),
     "bishop": Term(BISHOP, {"terms.twist": "on"}, (_turning,), "terms.twist is not bishop"),
@@ -233,9 +234,9 @@ TERMS = {
 
 @dataclass(frozen=True)
 class Row:
-    """A term of a scene: whether the scene's own step contains it, time per step [s] with it and
-    without it and the largest distance [m] between the two motions, nan if a run failed, and why it
-    was left out or failed.
+    """Result for a term of a scene: whether the scene's own step contains it, time per step [s]
+    with and without it, largest distance [m] between the two motions (nan if a run failed), and
+    notes.
     """
 
     scene: str
@@ -254,7 +255,7 @@ def run_study(request: Request) -> Outcome:
     report = Report(request.folder, title, request.command, scenes)
     terms = QUICK_TERMS if quick else tuple(TERMS)
     found = {name: variants(load_scene(path), terms) for name, path in scenes.items()}
-    # Motions by workers first; what is timed then has this machine to itself.
+    # Motions by workers first, then the timed runs alone on the machine.
     asked = [p for some in found.values() for v in some for p in pieces(v, DURATION[quick])]
     motions = each(request.workers, motion, asked)
     rows: list[Row] = []
@@ -269,9 +270,9 @@ def run_study(request: Request) -> Outcome:
 
 
 def verdicts_of(rows: list[Row]) -> dict[str, str]:
-    """Scene -> largest error that leaving terms out automatically makes.
+    """Scene -> largest error due to terms that are left out automatically.
 
-    The Frenet torsion does not count: it is another model of the twist, which a scene asks for.
+    The Frenet torsion does not count: it is another model of the twist, used only on request.
     """
     verdicts = {}
     for scene in dict.fromkeys(row.scene for row in rows):
@@ -283,12 +284,12 @@ def verdicts_of(rows: list[Row]) -> dict[str, str]:
 
 
 def pieces(variant: Variant, duration: float) -> list[Piece]:
-    """With the term, and without."""
+    """The runs with and without the term."""
     return [(scene, variant.still, duration) for scene in (variant.full, variant.bare)]
 
 
 def motion(scene: Scene, still: bool, duration: float) -> Trial:
-    """A scene's motion, at a smaller step where its own one fails; a function for workers."""
+    """A scene's motion, at a smaller step if its own step fails; a function for workers."""
     whole, setting = job(scene, duration, still), present_setting(scene)
     trial = attempt(whole, setting, timed=False)
     if trial.status != "diverged":
@@ -298,7 +299,7 @@ def motion(scene: Scene, still: bool, duration: float) -> Trial:
 
 
 def _side_by_side(both: list[Piece], motions: Mapping[Piece, Trial], budget: float) -> list[Trial]:
-    """Both timed here in turn, so that the machine is the same for the two."""
+    """Time both runs in turn, so that other load affects both alike."""
     timed = [replace(motions[piece], wall=float("inf"), repeats=0) for piece in both]
     for _ in range(TURNS):
         for k, (scene, still, duration) in enumerate(both):
@@ -309,7 +310,7 @@ def _side_by_side(both: list[Piece], motions: Mapping[Piece, Trial], budget: flo
 
 
 def row_of(name: str, variant: Variant, full: Trial, bare: Trial) -> Row:
-    """The row of a term from its two trials."""
+    """The result for a term from its two trials."""
     notes, off = [variant.note] if variant.note else [], np.nan
     times = {"with it": np.nan, "without it": np.nan}
     sides = (("with it", variant.full, full), ("without it", variant.bare, bare))
@@ -319,7 +320,7 @@ def row_of(name: str, variant: Variant, full: Trial, bare: Trial) -> Row:
             continue
         times[which] = trial.wall * trial.step
         if trial.setting != present_setting(scene):
-            notes.append(f"{which}: fails at its own step, so at {SMALLER:g} of it")
+            notes.append(f"{which}: fails at its own step, run at {SMALLER:g} of it")
     if full.ok and bare.ok:
         off = farthest(bare.points, full.points)
     full_s, bare_s = times.values()
@@ -329,15 +330,16 @@ def row_of(name: str, variant: Variant, full: Trial, bare: Trial) -> Row:
 def _describe(report: Report, rows: list[Row]) -> None:
     report.section("Every term of every shipped scene")
     report.text(
-        """Time per step with the term and without it, compiled and warm, the least of the repeats,
-        in turn on this machine; the error is the largest distance between the two motions. Each run
-        takes its own stable step; what a term needs besides, as a method that knows it, both have,
-        see the note. Driven grippers move sideways and turn about the cable, ever faster. What a
-        scene leaves out by itself has a reason and an error of zero, or round-off; terms that it
-        lacks are put in such that they do nothing that can be seen. Left out, *stretch* is the
-        inextensible cable (rattle, another method), *frenet* twist against a frame that does not
-        turn with the curve, *drive* leaves grippers where they are, and *out of plane* takes loads
-        across the plane along. *Air drag* is a part of damping."""
+        """Time per step with and without the term, compiled, least of the repeats, in turn on this
+        machine; the error is the largest distance between the two motions. Each run has its own
+        stable step; other changes that a term requires, such as a method that supports it, are made
+        in both runs, see the note. Driven grippers move sideways and rotate about the cable with
+        constant acceleration. A term that a scene leaves out automatically has a reason, and an
+        error of zero or round-off; terms that it lacks are added without visible effect. Without
+        *stretch* the cable is inextensible (rattle, another method), without *frenet* twist is
+        relative to a frame that does not follow the torsion, without *drive* grippers are at rest,
+        and without *out of plane* loads normal to the plane are removed. *Air drag* is a part of
+        damping."""
     )
     cells: list[list[Cell]] = []
     for row in rows:
@@ -370,7 +372,7 @@ def _figure(report: Report, rows: list[Row]) -> None:
     floor = 1e-10  # [mm]: exact agreement on a logarithmic axis
     right.barh(place, np.maximum(1e3 * error, floor), 0.6, color="gray", left=floor)
     right.set(xscale="log", xlim=(floor, None), yticks=place, yticklabels=[])
-    right.set_xlabel(f"error made by leaving it out [mm]; {floor:g} stands for none")
+    right.set_xlabel(f"error without it [mm]; {floor:g} stands for zero")
     for axes in (left, right):
         axes.grid(alpha=0.3, axis="x")
     caption = "Time per step with and without each term, and the error without it"

@@ -1,1 +1,1 @@
-"""Khalifa & Palli reproduced: their tables and figures beside ours, their claims judged."""
+"""Reproduction of Khalifa & Palli: tables and figures side by side, and verdicts on the claims."""

@@ -1,4 +1,4 @@
-"""Order on a nonlinear scene, accuracy for the time spent, error against the reference model."""
+"""Order on a nonlinear scene, accuracy against run time, error against the reference model."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DURATION = 0.08
 STEPS = (400, 566, 800, 1131)
 FINE = 6400
 SPAN = {True: 0.25, False: 10.0}  # [s], of runs whose error is compared with their run time
-# Shares of the largest step, and a time [s] that every step divides: samples are at ends of steps.
+# Divisors of the largest step, and a time [s] that is a multiple of every step, for the samples.
 REAL, SOFT = ((1, 2, 4), 2e-5), ((1, 2, 4, 8), 4e-3)
 BESIDE_RK4 = (
     "cost of a step, Forest-Ruth / RK4",
@@ -48,7 +48,7 @@ METHOD = "velocity_verlet"
 POINTS, INSTANTS = 10, 20
 LENGTH = 2.0  # [m], of the wire
 U = (np.arange(POINTS) + 0.5) / POINTS * LENGTH
-NINE, COLUMN = CONTROL_POINTS.index(9), SAMPLES.index(101)  # the model that is shown
+NINE, COLUMN = CONTROL_POINTS.index(9), SAMPLES.index(101)  # the model in the figures
 ERROR = "rms error, n_u = {} [mm]".format
 CHANGE = "change of the error over n_s from {} up, n_u = {} [%]".format
 CENTRE = "error beside the centre / largest, n_u = {}".format
@@ -63,7 +63,7 @@ def _strip_end(method: str, steps: int) -> Array:
 
 
 def add(paper: Paper) -> None:
-    """Order table, work-precision of the real and of the softened wire."""
+    """Add the table of orders, and work-precision diagrams of the real and the softened wire."""
     wanted = [("forest_ruth", FINE), ("rk4", FINE)]
     wanted += [(method, n) for method in COMPARED for n in STEPS]
     ends = each(paper.workers, _strip_end, wanted)
@@ -85,7 +85,7 @@ def add(paper: Paper) -> None:
 
 
 def _work_precision(paper: Paper) -> None:
-    """Error against run time; run time at equal error over Forest-Ruth's, on the softened wire."""
+    """Add error against run time, and the ratios of run times at equal error, softened wire."""
     real, changed = scenario(1), f"EA and springs CHANGED: / {paper.factor:.0f}"
     wires = {"real wire": (real, *REAL), changed: (softened(real, paper.factor), *SOFT)}
     rows = [row for name, wire in wires.items() for row in _curves(paper, name, *wire)]
@@ -96,15 +96,15 @@ def _work_precision(paper: Paper) -> None:
         Panel(TIME, y, [GAP], name, x, by="method", where={"wire": name}, log="xy", looks=looks)
         for name in wires
     ]
-    caption = "Accuracy for the time spent, scenario 1; left ends: 0.9 of the stability limits"
+    caption = "Accuracy against run time, scenario 1; left ends: 0.9 of the stability limits"
     chart(paper.report, "work_precision", data, panels, caption, (11.0, 4.6))
     ratios = _time_ratios(panels[1].curves(data))
     paper.report.table(
         "time_at_equal_error",
         ["method", "run time / Forest-Ruth's"],
         [[method, ratio] for method, ratio in ratios.items()],
-        "Run time for the same position error (the geometric middle of what both fourth-order "
-        "methods reach), softened wire; none: not so near at any step tried",
+        "Run time for the same position error (the geometric mean of the range that both "
+        "fourth-order methods reach), softened wire; none: not reached at any step tried",
     )
     paper.found[BESIDE_RK4[2]] = ratios["rk4"]
 
@@ -112,7 +112,7 @@ def _work_precision(paper: Paper) -> None:
 def _curves(
     paper: Paper, name: str, scene: Scene, shares: tuple[int, ...], grid: float
 ) -> list[tuple[str, str, float, float, float]]:
-    """Rows of the figure's data; errors from runs by workers, cost of a step from this machine."""
+    """Rows of the figure's data; errors by workers, cost of a step timed in this process."""
     duration = SPAN[paper.quick]
     every = grid * max(1, round(duration / 200 / grid))  # some 200 samples
     own = {method: Simulator(at_method(scene, method)).step for method in COMPARED}
@@ -129,8 +129,8 @@ def _curves(
 
 
 def _time_ratios(curves: dict[str, tuple[Array, Array]]) -> dict[str, float]:
-    """Run time over Forest-Ruth's at the middle of the errors that it and RK4 reach; infinite for
-    a method that does not come so near."""
+    """Run time relative to Forest-Ruth's at the middle of the range of errors that it and RK4
+    reach; infinite for a method that does not reach it."""
     reached = [curves[method][1] for method in ("forest_ruth", "rk4")]
     goal = np.log([max(e.min() for e in reached), min(e.max() for e in reached)]).mean()
     times = {}
@@ -154,12 +154,12 @@ def _equal_step(paper: Paper) -> None:
 
 
 def add_resolution(paper: Paper) -> None:
-    """Run every resolution, compare at fixed points and instants, draw the four figures."""
+    """Run all resolutions, compare them at fixed points and times, add the four figures."""
     paper.report.text(
         """The error is the distance between the two centerlines at fixed material points and
-        instants, scenario 1, `velocity_verlet` at each model's own stable step, whose time error is
+        times, scenario 1, `velocity_verlet` at each model's own stable step, whose time error is
         far below the differences shown. Reference: n_u = 19, n_s = 251 (the text of the paper says
-        256, its tables end at 251); smaller errors than its own are not known."""
+        256, its tables end at 251); errors below its own error are not resolved."""
     )
     duration = paper.comparison
     grid = list(product(CONTROL_POINTS, SAMPLES))
@@ -174,7 +174,7 @@ def add_resolution(paper: Paper) -> None:
 
 
 def track(n: int, samples: int, duration: float) -> Array:
-    """Centerline at the fixed points and instants, shape (INSTANTS, POINTS, 3)."""
+    """Centreline at the fixed points and times, shape (INSTANTS, POINTS, 3)."""
     scene = scenario(1, discretization__control_points=n, discretization__samples=samples)
     recording = run(at_method(scene, METHOD), duration, duration / INSTANTS)
     basis = bspline.evaluate(np.eye(n), bspline.clamped_knots(n, scene.cable.length), U)
@@ -186,7 +186,7 @@ def _rms(errors: Array, axis: int | tuple[int, ...] | None = None) -> Array:
 
 
 def _table(paper: Paper, errors: Array, own: Array) -> None:
-    # The caption has the unit, so that the headers are the sample counts; values in mm therefore.
+    # In mm, as in the caption, because the headers are numbers of samples without a unit.
     rms = 1e3 * _rms(errors, (2, 3))
     rows: list[list[Cell]] = [[n, *row] for n, row in zip(CONTROL_POINTS, rms, strict=True)]
     rows.append(["reference itself", *([None] * (len(SAMPLES) - 1)), 1e3 * float(own)])

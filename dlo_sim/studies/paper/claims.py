@@ -1,4 +1,4 @@
-"""What the paper claims: where and in which words, what decides, and the verdict."""
+"""The claims of the paper: section, quotation, criterion and verdict."""
 
 from __future__ import annotations
 
@@ -15,17 +15,16 @@ from dlo_sim.studies.report import Cell, Report, shown
 Found = Mapping[str, float]
 INTEGRATOR, RESULTS, CONCLUSIONS = "Symplectic Integrator", "Simulation Results", "Conclusions"
 COARSER = [n for n in CONTROL_POINTS if n != REFERENCE[0]]
-NOTICEABLE = 5.0  # [%], change of an error that a plot shows
-SMALL = 10.0  # [%], one that is little beside the factors between control points
-NEAR = 0.98  # of the largest error, near enough to it
-FASTER = 0.8  # of the other's time, at most
+NOTICEABLE = 5.0  # [%], change of an error that is visible in a plot
+SMALL = 10.0  # [%], small compared with the effect of n_u
+NEAR = 0.98  # share of the largest error that counts as equal to it
+FASTER = 0.8  # share of the other's time below which a method counts as faster
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, judged: its section and words in the paper, whether it holds, holds in part or
-    does not hold, the findings that this rests on, the decisive one first, and the names of the
-    tables and figures with the evidence.
+    """A claim with its verdict: section and words in the paper; holds, holds in part or does not
+    hold; the findings that decide, the decisive one first; tables and figures with the evidence.
     """
 
     name: str
@@ -37,20 +36,20 @@ class Claim:
 
     @property
     def evidence(self) -> str:
-        """What was measured, in words."""
+        """The measured findings as text."""
         return "; ".join(f"{name}: {shown(value)}" for name, value in self.measured.items())
 
     @property
     def row(self) -> list[Cell]:
-        """The row of the table."""
+        """Row of the table of claims."""
         where = ", ".join(f"`{name}`" for name in self.shown)
         words, verdict = f'"{self.words}"', f"**{self.verdict}**"
         return [self.name, self.section, words, verdict, self.evidence, where]
 
 
 class Question(NamedTuple):
-    """A claim to be judged by what was found: the conditions under which it holds, or holds in
-    part, and names of findings; the rest as in `Claim`.
+    """A claim with its criteria: conditions on the findings under which it holds, or holds in part,
+    and the names of the findings; the rest as in `Claim`.
     """
 
     name: str
@@ -70,21 +69,21 @@ class Question(NamedTuple):
 
 
 def add(report: Report, claims: list[Claim]) -> str:
-    """The table of claims; and a line of markdown for each, verdict and evidence."""
+    """Add the table of claims; returns a line of markdown for each, with verdict and evidence."""
     header = "claim | section | in the paper's words | verdict | measured | shown in"
-    caption = "What the paper claims, in which section, and what this run measured"
+    caption = "The claims of the paper, their sections, and the results of this run"
     report.table("claims", header, [claim.row for claim in claims], caption)
     return "\n".join(f"- {c.name}: **{c.verdict}**. {c.evidence}." for c in claims)
 
 
 def _stuck(found: Found) -> int:
-    """How many methods are stopped in scenario 2 where Forest-Ruth is not."""
+    """Number of methods that are stopped in scenario 2; 0 if Forest-Ruth is stopped too."""
     forest_ruth, *others = (found[limits.STOPPED(PLAIN, m)] for m in ("forest_ruth", "rk4", "zhai"))
     return 0 if forest_ruth else sum(map(bool, others))
 
 
 def _gains(found: Found) -> int:
-    """In how many ways of comparing Forest-Ruth takes clearly less time than RK4."""
+    """Number of comparisons in which Forest-Ruth takes clearly less time than RK4."""
     cost, _, slower = (found[name] for name in accuracy.BESIDE_RK4)
     shares = (cost, 1.0 / slower, found[timing.TIME("forest_ruth")] / found[timing.TIME("rk4")])
     return sum(share < FASTER for share in shares)
@@ -185,7 +184,7 @@ QUESTIONS = (
         lambda f: max(f[accuracy.CHANGE(51, n)] for n in COARSER) < NOTICEABLE,
         (accuracy.CHANGE(51, 9), *(accuracy.CHANGE(81, n) for n in COARSER)),
         ("error_by_size", "error_over_samples_and_points"),
-        # Beyond the fewest samples, at the paper's own n_u.
+        # Without the smallest n_s, at the paper's own n_u.
         partly=lambda f: f[accuracy.CHANGE(81, 9)] < SMALL,
     ),
     Question(

@@ -16,8 +16,8 @@ from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import Array, at_method, distance, run
 
-FINE = 8  # the reference of the real wire has a step so many times smaller
-OFF_STEP = 0.01037  # [s] between samples of energies: no multiple of any step
+FINE = 8  # ratio of a method's step to that of the reference, real wire
+OFF_STEP = 0.01037  # [s] between samples of energies: not a multiple of any step
 EXPONENT = "exponent of position errors, regular wire, {}".format
 ADDED = "energy added by the slope, regular wire, {}".format
 SWING = "swing of the energy, regular wire, {}".format
@@ -30,16 +30,16 @@ HEADER = (
     "position error [m] | exponent of its growth | run time [s]"
 )
 CAPTION = (
-    "energy relative to the largest exchanged; swing: standard deviation about the slope; drifts: "
-    "the slope leads out of three times that"
+    "energy relative to the largest exchanged; swing: standard deviation about the linear fit; "
+    "drifts: the fit changes by more than three times the swing"
 )
 
 
 @dataclass(frozen=True)
 class Conservation:
-    """Of one run, relative to the largest energy exchanged: the largest energy error, what the
-    fitted slope of the energy adds over the run, the standard deviation about it; and the largest
-    position error [m] at every sample, the exponent of time in its growth.
+    """Conservation in one run. Relative to the largest energy exchanged: largest energy error,
+    change of the linear fit of the energy over the run, standard deviation about the fit. Also the
+    largest position error [m] at every sample, and the exponent of time in its growth.
     """
 
     recording: Recording
@@ -51,7 +51,7 @@ class Conservation:
 
     @property
     def row(self) -> list[Cell]:
-        """The row of a table with `HEADER`."""
+        """Row of a table with `HEADER`."""
         run, slope = self.recording, self.added / float(self.recording.time[-1])
         drifts = "yes" if abs(self.added) > 3.0 * self.swing else "no"
         energy: list[Cell] = [self.error, slope, self.swing, drifts]
@@ -59,14 +59,14 @@ class Conservation:
 
 
 def add(paper: Paper) -> None:
-    """The identity of the Legendre transform; error, drift and growth of two wires."""
+    """Add the check of the Legendre transform, and energy and position errors of two wires."""
     paper.report.text(
-        """Momenta are p = M v with the consistent mass matrix, as the Lagrangian asks; the paper's
-        p = J v (its eqs. 12-13) is the momentum per length of the continuous cable and not
+        """Momenta are p = M v with the consistent mass matrix, as follows from the Lagrangian; the
+        paper's p = J v (its eqs. 12-13) is the momentum per length of the continuous cable and not
         conjugate to a control point. On the real wire stability sets the step, and coupled modes
-        drive neighbouring runs apart: exponents of position errors do not sort the symplectic
-        methods from the others. What the textbooks say shows on a wire that moves regularly: four
-        control points, softened until 2 ms is stable. Positions of `zhai` are those of
+        make neighbouring trajectories diverge: the exponents of position errors do not distinguish
+        symplectic methods from others. The textbook result appears on a wire with regular motion:
+        four control points, softened until 2 ms is stable. Positions of `zhai` are those of
         `velocity_verlet`."""
     )
     paper.found["largest |H(q, p) - (K + U)| / K along scenario 2"] = _legendre()
@@ -93,7 +93,7 @@ def _legendre() -> float:
 def _conservation(recording: Recording, fine: Recording, start: float) -> Conservation:
     time, error = recording.time, recording.energy - recording.energy[0]
     slope, offset = np.polyfit(time, error, 1)
-    # The recorded energies are absolute; the run's own account knows the largest exchange.
+    # Scale the recorded energies to the largest exchange, which only the energy account has.
     largest = recording.energy_error_max or 0.0
     scale = largest / max(float(np.abs(error).max()), 1e-300)
     swing = float(np.std(error - slope * time - offset)) * scale

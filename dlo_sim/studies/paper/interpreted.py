@@ -1,10 +1,10 @@
-"""The forces on the paper's wire in plain interpreted numpy: what stands in for MATLAB.
+"""The forces on the paper's wire in interpreted numpy, as a substitute for MATLAB.
 
-Nothing is shared with the compiled step but the scene and the spline. An interpreter's speed is
-that of how the elastic force is written: sample by sample, the oracle of `core.elasticity`, a loop
-over the quadrature points with a linear solve per evaluation as the paper describes it; or with one
-numpy call per operation for all samples. It knows ends held per axis or on springs, and constant
-and sine forces; no twist, damping or moved ends.
+Only the scene and the spline are shared with the compiled step. The speed of an interpreter depends
+on how the elastic force is written: sample by sample, the oracle of `core.elasticity`, a loop over
+the quadrature points with a linear solve per evaluation as in the paper; or with one numpy call per
+operation for all samples. Supported are ends held per axis or on springs, and constant and sine
+forces; not twist, damping or moving ends.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from dlo_sim.studies.runs import Array
 
 
 class Wire:
-    """A scene as dense numpy arrays; `sample_by_sample`: which of the two ways.
+    """A scene as dense numpy arrays; `sample_by_sample` selects one of the two ways.
 
     Raises:
-        ValueError: the scene has something that this twin does not know.
+        ValueError: the scene has something that is not supported here.
     """
 
     def __init__(self, scene: Scene, sample_by_sample: bool) -> None:
@@ -39,7 +39,7 @@ class Wire:
         self._slopes = bspline.evaluate(np.eye(n), self.knots, u, 1)
         self._curls = bspline.evaluate(np.eye(n), self.knots, u, 2)
         self._loop = sample_by_sample
-        # Held coordinates have a mass of their own that no force moves.
+        # Held coordinates are decoupled, with unit mass and no force.
         self._masses = [np.where(np.outer(f, f), self._mass, np.eye(n)) for f in self.free.T]
         self._inverses = [np.linalg.inv(one) for one in self._masses]
         where = np.array([load.position for load in scene.loads]) * scene.cable.length
@@ -83,7 +83,7 @@ class Wire:
 
 
 def _check(scene: Scene) -> None:
-    """Refuse what `acceleration` leaves out."""
+    """Refuse what `acceleration` does not support."""
     ends, cable = scene.ends.values(), scene.cable
     absent = {
         "damping": any((scene.damping.mass, scene.damping.stiffness, scene.damping.air_drag)),
@@ -97,4 +97,4 @@ def _check(scene: Scene) -> None:
     }
     present = [name for name, there in absent.items() if there]
     if present:
-        raise ValueError(f"the interpreted twin does not know: {', '.join(present)}")
+        raise ValueError(f"the interpreted forces do not support: {', '.join(present)}")

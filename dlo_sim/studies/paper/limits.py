@@ -1,4 +1,4 @@
-"""How large a step may be, what 2 ms would need, and what could stop a method in scenario 2."""
+"""Largest stable steps, requirements of a step of 2 ms, and causes of divergence in scenario 2."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import Array, at_method, bisected, distance, each, run
 
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
-PIECE = 100  # steps between two looks at the energy
-TOLERANCE = 2e-3  # of the observed limit
+PIECE = 100  # steps between two energy checks
+TOLERANCE = 2e-3  # relative, of the observed limit
 LIMIT = "largest stable step, {}, scenario {} [us]".format
 STOPPED = "softened wire, {}: {} stopped in scenario 2 at step (0: never)".format
 RATIO = "2 ms / largest stable step of Forest-Ruth"
@@ -36,7 +36,9 @@ PLAIN, TORSION, SOFT_TORSION = "no torsion", "torsion theta' - gamma", "the same
 
 
 def add(paper: Paper) -> None:
-    """Limits of the methods, terms that cause them, rows at the paper's step, torsion, Zhai."""
+    """Add the limits of the methods, the terms that cause them, runs at the paper's step, torsion
+    and Zhai's parameters.
+    """
     keys = list(product(SCENARIOS, COMPARED))
     predicted = [wires.step_limit(scenario(number), method) for number, method in keys]
     steps = 2000 if paper.quick else 20_000
@@ -59,7 +61,7 @@ def add(paper: Paper) -> None:
         rows,
         "Largest stable step of the real wire (n_u = 9, n_s = 101): predicted from the linearised "
         "wire, observed by bisection; last column: a run at the paper's 2 ms, nothing changed. "
-        "Forces per omega tau: the price of simulated time where stability sets the step",
+        "Forces per omega tau: cost of simulated time if stability sets the step",
     )
     _limit_figure(paper)
     _term_table(paper)
@@ -69,7 +71,7 @@ def add(paper: Paper) -> None:
 
 
 def _observed(number: int, method: str, predicted: float, steps: int) -> float:
-    """Largest step [s] at which a run of so many steps is not stopped."""
+    """Largest step [s] at which a run of `steps` predicted steps is not stopped."""
     scene = scenario(number)
 
     def fine(step: float) -> bool:
@@ -80,8 +82,8 @@ def _observed(number: int, method: str, predicted: float, steps: int) -> float:
 
 
 def stopped_at(scene: Scene, method: str) -> int:
-    """Step at which a run of 10 s at 2 ms is stopped, or its kinetic energy exceeds that of a fall
-    through the wire's own length; 0 if neither happens."""
+    """Number of the step at which a run of 10 s at 2 ms is stopped, or its kinetic energy exceeds
+    that of a fall by the wire's length; 0 if neither happens."""
     simulator = Simulator(at_method(scene, method, published.STEP), unchecked_step=True)
     fall = scene.cable.mu * scene.cable.length**2 * float(np.linalg.norm(scene.gravity))
 
@@ -114,12 +116,12 @@ def _limit_figure(paper: Paper) -> None:
     axes.set_xticks(range(len(COMPARED)), COMPARED)
     axes.set_title("Largest stable step of the paper's aluminium wire, n_u = 9, n_s = 101")
     axes.legend(fontsize="small", loc="upper left")
-    caption = "Bending alone would bear the paper's 2 ms; its axial stiffness and springs do not"
+    caption = "2 ms would be stable with bending alone, but not with axial stiffness and springs"
     paper.report.figure("stable_steps_chart", figure, data, caption)
 
 
 def _term_table(paper: Paper) -> None:
-    """Which constant sets the limit: one stiffness at a time."""
+    """Add the limits with one stiffness at a time."""
     scene = scenario(1)
     axial: Changes = {"cable.axial_stiffness": scene.cable.EA * NEGLIGIBLE}
     bending: Changes = {"cable.bending_stiffness": scene.cable.EI * NEGLIGIBLE}
@@ -137,13 +139,13 @@ def _term_table(paper: Paper) -> None:
         limit = wires.step_limit(scene.with_values(changes))
         omega = METHODS["forest_ruth"].stability_limit / limit
         rows.append([name, omega, limit, published.STEP / limit])
-    header = "what is there | largest frequency [rad/s] | Forest-Ruth limit [us] | 2 ms / limit"
-    caption = "Which term forbids 2 ms (scenario 1, n_u = 9)"
+    header = "terms | largest frequency [rad/s] | Forest-Ruth limit [us] | 2 ms / limit"
+    caption = "Terms that limit the step (scenario 1, n_u = 9)"
     paper.report.table("limit_by_term", header, rows, caption)
 
 
 def _paper_rows(paper: Paper) -> None:
-    """Runs at 2 ms: constants changed until it is stable; other methods with nothing changed."""
+    """Add runs at 2 ms, with constants changed until it is stable, or other methods."""
     scene, duration, factor = scenario(1), paper.comparison, paper.factor
     fine = run(at_method(scene, "forest_ruth"), duration, 0.01)
     soft, heavy = wires.softened(scene, factor), {"cable.linear_density": scene.cable.mu * factor}
@@ -178,8 +180,8 @@ def _paper_rows(paper: Paper) -> None:
         rows,
         f"Rows AT THE PAPER'S STEP of 2 ms, {duration:g} s; bold: constants that were changed; "
         f"distance: largest from the real wire at its own step, whose sag is "
-        f"{-1e3 * float(fine.centerline[:, :, 2].min()):.3g} mm. Only an implicit method takes "
-        "2 ms with nothing changed",
+        f"{-1e3 * float(fine.centerline[:, :, 2].min()):.3g} mm. With nothing changed, only "
+        "implicit methods are stable at 2 ms",
     )
 
 
@@ -206,12 +208,12 @@ def _torsion_table(paper: Paper) -> None:
         f"AT THE PAPER'S STEP of 2 ms, {published.DURATION:g} s, constants CHANGED: EA and springs "
         f"/ {paper.factor:.0f}, in the last rows GJ as well. A wire that stays in a plane has "
         "gamma = 0 and is never twisted; torsional waves are too fast for 2 ms, and only a force "
-        "out of the plane stirs them",
+        "out of the plane excites them",
     )
 
 
 def _zhai_map(paper: Paper) -> None:
-    """Stability of Zhai's method over its two parameters; best pair, distance from Verlet."""
+    """Add the stability of Zhai's method over its parameters, best pair, distance from Verlet."""
     psi, phi, limit = zhai.best_pair(4 if paper.quick else 9)
     pairs = list(product(np.round(np.linspace(0.0, 1.0, 11), 2).tolist(), repeat=2))
     limits = [stability_limit(METHODS["zhai"], *pair) for pair in pairs]

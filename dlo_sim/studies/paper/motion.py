@@ -1,4 +1,4 @@
-"""The motion of both scenarios: the paper's figures of control points and of shapes."""
+"""The motion in both scenarios: the paper's figures of control points and shapes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dlo_sim.studies.runs import Array, at_method, distance, each, run
 DURATION = {True: 2.0, False: 10.0}  # [s]
 EVERY = 0.005  # [s] between samples
 SHAPES = 40  # shapes in a still
-START = 1.0  # [s] shown larger
+START = 1.0  # [s], start of the motion shown enlarged
 OTHERS = ("rk4", "velocity_verlet")  # whose runs of scenario 2 are compared with Forest-Ruth's
 APART = 1e-3  # [m]
 PLANE = "largest |y| in scenario 1, computed in space [m]"
@@ -28,12 +28,12 @@ SIDEWAYS = {1: (("z", 2),), 2: (("z", 2), ("y", 1))}
 
 
 def add(paper: Paper) -> None:
-    """Run both scenarios with Forest-Ruth and draw them."""
+    """Run both scenarios with Forest-Ruth and add their figures."""
     paper.report.text(
         """Forest-Ruth at its own step; x is drawn as the displacement from the start. Scenario 2 is
-        chaotic: differences of rounding size between two fourth-order methods grow exponentially,
-        and later positions are one of many equally good motions, whatever the integrator; mirrored
-        control points part then as well."""
+        chaotic: differences of the size of round-off between two fourth-order methods grow
+        exponentially, so later positions are one of many equally valid motions, whatever the
+        integrator; then mirrored control points diverge too."""
     )
     spatial = scenario(1, terms__out_of_plane="on")
     wanted = [(number, "forest_ruth") for number in SCENARIOS] + [(2, m) for m in OTHERS]
@@ -57,7 +57,7 @@ def add(paper: Paper) -> None:
 
 
 def _parting(paper: Paper, time: Array, gaps: dict[str, Array]) -> None:
-    """How runs of scenario 2 part: when they are apart, and the exponential rate before that."""
+    """Add the divergence of runs of scenario 2: when they are APART, and the exponential rate."""
     data = {"time [s]": time[1:]} | {method: gap[1:] for method, gap in gaps.items()}
     y = "largest distance from forest_ruth [m]"
     panel = Panel("time [s]", y, list(gaps), log="y", levels={"1 mm": APART})

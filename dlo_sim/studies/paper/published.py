@@ -1,6 +1,6 @@
-"""Numbers that Khalifa & Palli print: run times [s] of their Tables 1 to 8.
+"""Published run times [s] of Khalifa & Palli, Tables 1 to 8.
 
-MATLAB and C++ on an Intel i5-3210M (2012). Tables 1 to 4 have a step of 2 ms, 5 to 8 of 0.8 ms.
+MATLAB and C++ on an Intel i5-3210M (2012). The step is 2 ms in Tables 1 to 4, 0.8 ms in 5 to 8.
 """
 
 from __future__ import annotations

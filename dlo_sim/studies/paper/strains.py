@@ -1,4 +1,4 @@
-"""The strains the paper writes but does not show: Frenet torsion and plastic bending."""
+"""Strains that the paper defines without results: Frenet torsion and plastic bending."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FLOORS = {
     True: (1.0, 0.1, 0.0314159, 0.01),
     False: (10.0, 1.0, 0.3, 0.1, 0.0314159, 0.01, 0.003, 0.001),
 }  # [1/m]
-SMALLEST_SHARE = 0.125  # of the linear bound that is tried
+SMALLEST_SHARE = 0.125  # of the linear bound, smallest step tried
 PEAK = 4.0  # curvature to which the strip is bent [1/m]
 STRIP = {
     "cable.length": 1.0,
@@ -40,14 +40,14 @@ STRIP = {
 
 
 def add(paper: Paper) -> None:
-    """Breakdown of the Frenet torsion; plastic bending against its closed form."""
+    """Add the breakdown of the Frenet torsion, and plastic bending against its closed form."""
     paper.report.text(
-        """gamma = C.r'''/|C|^2 is 0/0 on a straight cable, as the paper's wire is at first; here it
-        is C.r'''/(|C|^2 + delta^2) with a curvature floor delta, by default 1 % of the curvature of
-        the ring that the cable can be bent to. Samples below the floor are counted, and a run never
+        """gamma = C.r'''/|C|^2 is 0/0 on a straight cable, such as the paper's wire initially; here
+        it is C.r'''/(|C|^2 + delta^2) with a curvature floor delta, by default 1 % of the curvature
+        of the cable bent to a closed ring. Samples below the floor are counted, and a run never
         yields a NaN. The stable step is proportional to the floor, the force per torque to 1 /
-        delta^2: far down even the bound of the linearised wire is not enough. Unless a scene asks
-        for this, twist is measured against a rotation-minimising frame.""",
+        delta^2: for small floors even the bound of the linearised wire is not sufficient. Without
+        an explicit request, twist is relative to a rotation-minimising frame.""",
         """The paper has no evolution law for its plastic strain eps0. Here every quadrature point
         has a plastic curvature vector with a yield curvature and linear kinematic hardening,
         updated once per step by return mapping.""",
@@ -78,13 +78,13 @@ def _frenet(paper: Paper) -> None:
     caption = "Breakdown of the Frenet torsion, scenario 2"
     chart(paper.report, "frenet_breakdown", data, panels, caption, (10.0, 4.2))
     whole = floors[shares == 1.0].min()
-    paper.found["least curvature floor that bears its linear bound [1/m]"] = float(whole)
+    paper.found["least curvature floor stable at its linear bound [1/m]"] = float(whole)
 
 
 def _surviving(floor: float, duration: float) -> tuple[float, float, float, float, float]:
-    """Scenario 2 at a curvature floor [1/m] over a time [s]: the floor, the step from the linear
-    bound [s], the largest share of it, by halves, that survived (0 = none), the energy error then,
-    and the mean share of samples without torsion."""
+    """Scenario 2 with a curvature floor [1/m] over a time [s]: the floor, the step from the linear
+    bound [s], the largest share of it, by halving, that was stable (0 = none), the energy error,
+    and the mean share of samples with suppressed torsion."""
     scene = scenario(2, terms__twist="frenet", torsion__curvature_floor=floor)
     first = Simulator(at_method(scene, "velocity_verlet")).step
     share = 1.0
@@ -98,8 +98,8 @@ def _surviving(floor: float, duration: float) -> tuple[float, float, float, floa
 
 
 def _bend(scene: Scene, law: Law, quick: bool) -> tuple[Array, Array, int]:
-    """Moment [N m] and mean curvature [1/m] of a strip bent slowly to PEAK and released, and how
-    many of them load it."""
+    """Moments [N m] and mean curvatures [1/m] of a strip bent slowly to PEAK and released, and the
+    number of loading steps."""
     simulator = Simulator(scene)
     knots = bspline.clamped_knots(scene.discretization.control_points, scene.cable.length)
     up = [law.moment(k) for k in np.linspace(0.0, PEAK, 17 if quick else 33)[1:]]

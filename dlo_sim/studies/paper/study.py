@@ -1,4 +1,4 @@
-"""`dlo_sim study paper`: every section in turn, then the verdicts on top of the report."""
+"""`dlo_sim study paper`: all sections in turn, and the verdicts at the top of the report."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from dlo_sim.studies.paper.published import CPP_1, MATLAB_1, STEP
 from dlo_sim.studies.paper.wires import SCENES, Paper, scenario, softening
 from dlo_sim.studies.report import Report
 
-# What is timed comes first, while nothing else keeps the machine warm.
+# Timed sections come first, before other load heats the machine.
 SECTIONS = (
     ("Run time against simulated time (Tables 1 to 4)", timing.add),
     ("Cost over n_u and n_s (Tables 5 to 8)", timing.add_sizes),
-    ("The largest stable step, and what 2 ms would need", limits.add),
+    ("Largest stable step, and requirements of 2 ms", limits.add),
     ("The motion", motion.add),
     ("Energy, its drift, and the growth of position errors", energy.add),
-    ("Order and accuracy for the time spent", accuracy.add),
+    ("Order, and accuracy against run time", accuracy.add),
     ("Error against the reference model", accuracy.add_resolution),
-    ("Torsion and plasticity, which the paper writes but does not show", strains.add),
+    ("Torsion and plasticity, which the paper defines without results", strains.add),
 )
 OPENING = """A. Khalifa and G. Palli model a deformable linear object (an aluminium wire 2 m long
     and 2 mm thick, both ends guided along x on springs of 10 kN/m) by a cubic B-spline with n_u
     control points and n_s quadrature samples, and compare three time integrators: a fourth-order
     symplectic one (Forest-Ruth/Neri), classical Runge-Kutta and Zhai's two-step method, in MATLAB
     and C++, in two scenarios: gravity alone, and gravity with a sinusoidal force at the centre.
-    This report repeats all of it with the constants that the paper prints, its tables beside ours,
-    and judges what it claims. Its step of 2 ms cannot be repeated: explicit methods are stable up
-    to some 20 us, so ours run at their own steps, and whatever is shown at 2 ms is marked."""
-QUICK = """**Quick study:** rows that were extrapolated say so. Growth over time and errors against
-    the reference rest on 1 s instead of 10 s; verdicts can differ from the full study's."""
+    This report repeats all of it with the published constants, with the tables side by side, and
+    gives verdicts on the claims. The step of 2 ms cannot be reproduced: explicit methods are stable
+    up to some 20 us, so they run at their own steps here, and results at 2 ms are marked."""
+QUICK = """**Quick study:** extrapolated rows are marked. Growth over time and errors against the
+    reference are from 1 s instead of 10 s; verdicts can differ from those of the full study."""
 
 
 @dataclass(frozen=True)
 class PaperOutcome(Outcome):
-    """What the study leaves behind, and the judged claims."""
+    """Results of the study, and the claims with their verdicts."""
 
     claims: list[claims.Claim]
 

@@ -1,5 +1,5 @@
 """Tables 1 to 8: run time against simulated time, and over n_u and n_s, interpreted and compiled,
-beside the paper's.
+compared with the paper's.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ SAMPLES_COST, POINTS_COST = "least cost of 251 samples / 51", "least cost of the
 SHAPE = (len(CONTROL_POINTS), len(SAMPLES))
 SIZES = ["n_u \\ n_s", *map(str, SAMPLES)]
 INTERPRETED = ("MATLAB / numpy sample by sample / numpy whole arrays", [1, 2])
-COMPILED = ("C++ / compiled", [0])  # and which numbers of a cell it shows, see `_cell`
-SWEEPS = {  # table -> scenario, the paper's numbers, what they are
+COMPILED = ("C++ / compiled", [0])  # label, and indices of the values of `_cell` that it shows
+SWEEPS = {  # table -> scenario, published numbers, label, indices
     5: (1, published.SWEEP_MATLAB_1, *INTERPRETED),
     6: (2, published.SWEEP_MATLAB_2, *INTERPRETED),
     7: (1, published.SWEEP_CPP_1, *COMPILED),
@@ -66,7 +66,7 @@ class Timing:
 
 
 def add(paper: Paper) -> None:
-    """Measure all methods in both scenarios; Tables 1 to 4 and the cost of a step."""
+    """Time all methods in both scenarios; add Tables 1 to 4 and the cost of a step."""
     timings = {
         (number, method): _measure(scenario(number), method, paper)
         for number in SCENARIOS
@@ -74,13 +74,13 @@ def add(paper: Paper) -> None:
     }
     paper.report.text(
         """Methods run at 0.9 of their stability limits for the real wire: the paper's 2 ms is not
-        stable for any of them (next section). Interpreted numpy stands for MATLAB: *sample by
-        sample*, a loop over the quadrature points with a linear solve per force evaluation as the
-        paper describes it, and *whole arrays*, one numpy call per operation; run times are the
-        measured cost of a step times the number of steps. Compiled functions stand for C++. The
-        paper's step is more than a hundred times as long as ours: compare the cost of a step, in
-        the table after the four, or the last row of each table, at 2 ms with axial stiffness and
-        end springs divided by a factor so that it is stable."""
+        stable for any of them (next section). Interpreted numpy is the counterpart of MATLAB:
+        *sample by sample*, a loop over the quadrature points with a linear solve per force
+        evaluation as in the paper, and *whole arrays*, one numpy call per operation; run times are
+        the measured cost of a step times the number of steps. Compiled functions are the
+        counterpart of C++. The paper's step is more than a hundred times as long as ours: compare
+        the cost of a step, in the fifth table, or the last row of each table, at 2 ms with axial
+        stiffness and end springs divided by a factor that makes it stable."""
     )
     if paper.quick:
         paper.report.text(f"Quick study: compiled rows beyond {QUICK_MARK:g} s are extrapolated.")
@@ -146,7 +146,7 @@ def _deviation(scene: Scene, steps: int = 20) -> float:
 
 
 def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
-    """Interpreted and compiled run times of a scenario, the last row at 2 ms."""
+    """Add the tables of interpreted and compiled run times of a scenario, the last row at 2 ms."""
     changed = f"**10, at 2 ms; EA and springs CHANGED: / {paper.factor:.0f}**"
     matlab, cpp = (
         {method: np.append(times, times[-1]) for method, times in printed[number].items()}
@@ -189,7 +189,7 @@ def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
         f"compiled [us/step] | spread [%] {{:.0f}} | {LOOP} / compiled | {ARRAYS} / compiled | "
         "compiled, s per simulated s",
         rows,
-        "Cost of a step: the least of 40 short pieces, and how far the median lies above it",
+        "Cost of a step: the least of 40 short pieces, and the excess of the median over it",
     )
 
 
@@ -207,18 +207,20 @@ def _figure(paper: Paper, own: dict[str, Timing]) -> None:
     looks["real time [s]"] = {"color": "black", "linewidth": 0.8}
     lines = list(data)[1:]
     panel = Panel("simulated time [s]", "run time [s]", lines, log="xy", looks=looks)
-    caption = "Run time over simulated time, scenario 1; below the black line: faster than real"
+    caption = (
+        "Run time over simulated time, scenario 1; below the black line: faster than real time"
+    )
     chart(paper.report, "run_time", data, [panel], caption, (9.0, 5.0))
 
 
 def add_sizes(paper: Paper) -> None:
-    """Measure every cell; Tables 5 to 8, run times at the stable step."""
+    """Time all cells; add Tables 5 to 8, and run times at the stable step."""
     report = paper.report
     report.text(
         """The paper runs 10 s at 0.8 ms in every cell. The cost of a step does not depend on its
         length: each cell shows *paper / ours* for the same 12500 steps of Forest-Ruth, ours from
-        the measured cost of one. At 0.8 ms the real wire is unstable in every cell; the run time of
-        10 s at a stable step and what 0.8 ms would need follow."""
+        the measured cost of one. At 0.8 ms the real wire is unstable in every cell; the next tables
+        show the run time of 10 s at a stable step, and the changes that 0.8 ms would require."""
     )
     grids = {number: _grid(number, paper.quick) for number in SCENARIOS}
     for table, (number, printed, what, kinds) in SWEEPS.items():
@@ -236,8 +238,8 @@ def add_sizes(paper: Paper) -> None:
 
 
 def _grid(number: int, quick: bool) -> Array:
-    """Every cell, shape (n_u, n_s, 4); the least of rounds over the whole grid, so that a busy
-    moment of the machine does not stay in a few cells."""
+    """All cells, shape (n_u, n_s, 4): least of several rounds over the whole grid, so that a short
+    load on the machine does not distort a few cells."""
     grid: Array = np.full((*SHAPE, 4), np.inf)
     for _ in range(1 if quick else 3):
         for i, n in enumerate(CONTROL_POINTS):
@@ -247,7 +249,7 @@ def _grid(number: int, quick: bool) -> Array:
 
 
 def _cell(number: int, n: int, samples: int, quick: bool) -> tuple[float, ...]:
-    """Cost of a step compiled, in numpy sample by sample, by whole arrays [s]; stable step [s]."""
+    """Cost of a step [s]: compiled, numpy sample by sample, numpy whole arrays; stable step [s]."""
     size = {"discretization__control_points": n, "discretization__samples": samples}
     scene = at_method(scenario(number, **size), SIZED)
     simulator = Simulator(scene)
@@ -272,12 +274,12 @@ def _stable_table(paper: Paper, grid: Array) -> None:
 
 
 def _paper_step_table(paper: Paper) -> None:
-    """Rows at 0.8 ms: limits, what would have to change, a run with that changed."""
+    """Add the rows at 0.8 ms: limits, required change, and a run with it."""
     rows: list[list[Cell]] = []
     for n in CONTROL_POINTS:
         scene = scenario(1, discretization__control_points=n)
         limit, factor = wires.step_limit(scene), wires.softening(scene, published.SWEEP_STEP)
-        change, outcome = "nothing helps: bending alone forbids it", "-"
+        change, outcome = "impossible: unstable with bending alone", "-"
         if np.isfinite(factor):
             change = f"**EA and springs / {factor:.0f}**"
             soft = at_method(wires.softened(scene, factor), SIZED, published.SWEEP_STEP)

@@ -1,4 +1,4 @@
-"""The paper's two scenarios, how they are changed, and what the sections of the study share."""
+"""The paper's two scenarios, their variants, and the data shared by the sections of the study."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from dlo_sim.studies.runs import at_method, bisected, shipped
 SCENES = {1: "paper_wire", 2: "paper_wire_force"}
 SCENARIOS = {1: "scenario 1 (gravity)", 2: "scenario 2 (gravity and a force)"}
 COMPARED = ("forest_ruth", "rk4", "zhai", "velocity_verlet")
-NEGLIGIBLE = 1e-12  # a stiffness times this is as good as absent
+NEGLIGIBLE = 1e-12  # factor that makes a stiffness negligible
 
 
 @dataclass
 class Paper:
-    """One run of the study: the factor by which axial stiffness and springs must fall for
-    Forest-Ruth to bear 2 ms, and what was found by its name with the unit, which claims rest on.
+    """One run of the study. `factor`: division of axial stiffness and springs that makes 2 ms
+    stable with Forest-Ruth; `found`: findings, name with unit -> value, on which verdicts rest.
     """
 
     report: Report
@@ -53,7 +53,7 @@ def springs_over(scene: Scene, factor: float) -> dict[str, object]:
 
 
 def bending_alone(scene: Scene) -> Scene:
-    """The scene with axial stiffness and end springs as good as absent: constants CHANGED."""
+    """The scene with negligible axial stiffness and end springs: constants CHANGED."""
     return softened(scene, 1.0 / NEGLIGIBLE)
 
 
@@ -63,9 +63,9 @@ def step_limit(scene: Scene, method: str = "forest_ruth") -> float:
 
 
 def softening(scene: Scene, step: float) -> float:
-    """Factor by which axial stiffness and springs must fall for Forest-Ruth to bear a step [s].
+    """Division of axial stiffness and springs that makes a step [s] stable with Forest-Ruth.
 
-    Infinite if bending alone forbids the step.
+    Infinite if the step is unstable with bending alone.
     """
     if step_limit(bending_alone(scene)) < step:
         return float("inf")

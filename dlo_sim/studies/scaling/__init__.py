@@ -1,1 +1,1 @@
-"""What a step costs as the cable gets finer, what it keeps, how near it comes to the bound."""
+"""Time of a step and memory against the number of control points."""

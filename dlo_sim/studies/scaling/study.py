@@ -26,17 +26,17 @@ SCENE = "paper_wire"
 SAMPLES_PER_SPAN = 3
 IMPLICIT_STEP = 2e-3  # [s], the paper's
 SPEED = 0.3  # [m/s] of mid-span, downwards, at the start
-SIZE = 9  # control points of the runs whose memory is watched
+SIZE = 9  # control points of the runs whose memory is measured
 WATCHED = {
     True: {"forest_ruth": 1_000_000, "energy_momentum": 100_000},
     False: {"forest_ruth": 10_000_000, "energy_momentum": 2_000_000},
 }
 LOOKS = 100
-WARM = 10  # of the looks
+WARM = 10  # samples of the warm-up
 CALLS = 2000
 ROUNDS, WARM_ROUNDS = 7, 5
 Counts = NDArray[np.int64]
-Grown = tuple[str, Counts, Counts, int]  # method, steps and bytes [B] of the looks, blocks left
+Grown = tuple[str, Counts, Counts, int]  # method, steps and memory [B] of the samples, blocks left
 METHODS_TIMED = {
     True: ("forest_ruth", "rattle", "energy_momentum"),
     False: (
@@ -48,16 +48,15 @@ SIZES = {True: (9, 40, 100, 400), False: (9, 13, 19, 40, 80, 200, 500, 1000, 200
 REPEATS = {True: 7, False: 25}
 FINE = 100  # control points from which the second exponent is fitted
 PIECE = 0.004  # [s] of steps timed at once
-LEAST_STEPS = 64  # of an explicit piece: a multiple of the steps between two looks at the energy
-IMPLICIT_STEPS = 100  # the same motion at every size, 0.2 s, timed in pieces of so many steps:
+LEAST_STEPS = 64  # of an explicit piece: a multiple of the steps between two energy checks
+IMPLICIT_STEPS = 100  # 0.2 s, the same motion at every size, timed in pieces of this length:
 IMPLICIT_PIECES = (1, 2, 5, 10, 20, 50, 100)
 
 
 @dataclass
 class Run:
-    """One method at one size: steps of a run and of a timed piece of it, force evaluations (of an
-    implicit method iterations) per step, time per step [s] of every piece of every run, and why it
-    failed.
+    """One method at one size: steps of a run and of a timed piece of it, force evaluations per step
+    (iterations for implicit methods), time per step [s] of every piece of every run, and a failure.
     """
 
     method: str
@@ -71,7 +70,7 @@ class Run:
 
     @property
     def cost(self) -> Cost:
-        """Time per step [s], mean of the pieces, each the least and the median of the runs."""
+        """Time per step [s]: least and median over the runs of each piece, averaged over pieces."""
         times = np.array(self.times)
         return Cost(float(times.min(axis=0).mean()), float(np.median(times, axis=0).mean()))
 
@@ -93,11 +92,11 @@ def run_study(request: Request) -> Outcome:
     title, files = "Cost and memory as the cable gets finer", {SCENE: shipped_scene(SCENE)}
     report = Report(request.folder, title, request.command, files)
     report.text(
-        """The scene is `paper_wire` with Gauss quadrature, three points per span, straight at first
-        and moving downwards with half a sine wave of 0.3 m/s. All of it ran on this machine, in one
-        process, whatever `--scheduler` says."""
+        """The scene is `paper_wire` with Gauss quadrature, three points per span, initially
+        straight, with half a sine wave of 0.3 m/s as downward velocity. Everything ran on this
+        machine in one process, whatever `--scheduler` is."""
     )
-    # Memory first: what the timed simulators leave to the allocator would blur it.
+    # Memory first: memory freed by the timed simulators would distort it.
     grown = watch(request.quick, request.part(0.0, 0.3))
     found, failed = measured(request.quick, request.part(0.3, 1.0))
     verdicts = describe(report, found, failed) | describe_memory(report, grown)
@@ -105,8 +104,8 @@ def run_study(request: Request) -> Outcome:
 
 
 def measured(quick: bool, progress: Callable[[float], None]) -> tuple[list[Run], list[str]]:
-    """Every method at every size, the sizes and methods in turn within each repeat; and lines about
-    those that were refused or failed.
+    """Time every method at every size, in turn within each repeat; also messages of those that were
+    refused or failed.
     """
     found, failed = [], []
     for size, method in product(SIZES[quick], METHODS_TIMED[quick]):
@@ -124,7 +123,7 @@ def measured(quick: bool, progress: Callable[[float], None]) -> tuple[list[Run],
 
 
 def _prepared(method: str, size: int) -> Run:
-    """Build, find out how many steps are timed at once, and whether they go well."""
+    """Build the simulator, choose the number of steps timed at once, and check for failures."""
     run = Run(method, size, moving(size, method))
     implicit = METHODS[method].family == IMPLICIT
     if implicit:
@@ -152,15 +151,15 @@ def slope(sizes: Sequence[int], values: Sequence[float], least: int = 0) -> floa
 
 
 def describe(report: Report, found: list[Run], failed: list[str]) -> dict[str, str]:
-    """Section, tables and figure; returns the verdicts."""
+    """Add section, tables and figure; returns the verdicts."""
     report.section("Time of a step against the number of control points")
     report.text(
-        """Compiled and warm, stepping only, in pieces of some milliseconds: the least of the
-        repeats, sizes and methods in turn within each, and the spread (median over least, minus
-        one). Implicit methods make 100 steps of 2 ms, so that every size goes through the same 0.2
-        s of motion; the others take the step chosen for them. An evaluation is one of the force, of
-        an implicit method an iteration of Newton's method, of `rattle` its step. Spans go through
-        the vector lanes by eights, and a block that is not full costs what a full one costs."""
+        """Compiled, stepping only, in pieces of some milliseconds: least of the repeats, with sizes
+        and methods in turn within each, and the spread (median over least, minus one). Implicit
+        methods take 100 steps of 2 ms, so that every size covers the same 0.2 s of motion; the
+        others use their automatic step. An evaluation is one of the force, for implicit methods an
+        iteration of Newton's method, for `rattle` a step. Vector lanes process eight spans at a
+        time, and an incomplete block costs as much as a full one."""
     )
     rows, data = [], []
     for run in found:
@@ -194,7 +193,7 @@ def describe(report: Report, found: list[Run], failed: list[str]) -> dict[str, s
 
 
 def _exponents(report: Report, timed_rows: list[tuple[Any, ...]]) -> dict[str, str]:
-    """The fitted exponents of every method, over the sizes at which it ran."""
+    """Add the table of fitted exponents of every method, over the sizes at which it ran."""
     rows: list[list[Cell]] = []
     verdicts = {}
     for method in dict.fromkeys(row[0] for row in timed_rows):
@@ -216,13 +215,13 @@ def _exponents(report: Report, timed_rows: list[tuple[Any, ...]]) -> dict[str, s
 
 
 def moving(control_points: int, method: str) -> Simulator:
-    """The straight wire, released with half a sine wave of downward velocity.
+    """The straight wire with half a sine wave of downward velocity.
 
-    Every method can start so, an inextensible one too, and iterations have something to do in the
-    short steps of a fine wire. Explicit methods take the step chosen for them.
+    This initial state is valid for every method, including inextensible ones, and needs iterations
+    even in the short steps of a fine wire. Explicit methods use their automatic step.
 
     Raises:
-        SceneError: the method cannot hold the wire at this size.
+        SceneError: the method does not support the wire at this size.
     """
     wire = shipped(
         SCENE,
@@ -251,9 +250,9 @@ def resident_bytes() -> int:
 
 
 def watched(simulator: Simulator, steps: int, looks: int = LOOKS) -> tuple[Counts, Counts]:
-    """Resident memory [B] before the first step and at `looks` moments of a run: (steps, bytes)."""
+    """Resident memory [B] before the first step and at `looks` times of a run: (steps, bytes)."""
     piece, resident = steps // looks, np.zeros(looks + 1, dtype=np.int64)
-    for _ in range(500):  # the first hundred readings take a few pages themselves
+    for _ in range(500):  # the first hundred readings themselves allocate a few pages
         resident[0] = resident_bytes()
     for look in range(1, looks + 1):
         advance(simulator, piece)
@@ -262,9 +261,9 @@ def watched(simulator: Simulator, steps: int, looks: int = LOOKS) -> tuple[Count
 
 
 def blocks_left(simulator: Simulator, calls: int, steps: int = 1) -> int:
-    """Python's allocated blocks that so many calls of `advance_steps` leave behind: the median of a
-    few rounds, as a progress bar or a late release adds or takes something in some. The first
-    rounds, in which the interpreter fills its own stores, do not count.
+    """Allocated blocks of Python that `calls` calls of `advance_steps` leave: the median of a few
+    rounds, because a progress bar or a late release changes the count in some. The first rounds, in
+    which the interpreter fills its free lists, do not count.
     """
     counts = np.zeros(WARM_ROUNDS + ROUNDS, dtype=np.int64)  # holds no Python objects
     for k in range(len(counts)):
@@ -276,7 +275,7 @@ def blocks_left(simulator: Simulator, calls: int, steps: int = 1) -> int:
 
 
 def watch(quick: bool, progress: Callable[[float], None]) -> list[Grown]:
-    """One run of each method."""
+    """Measure the memory of one run of each method."""
     found = []
     for k, (method, steps) in enumerate(WATCHED[quick].items()):
         simulator = moving(SIZE, method)
@@ -287,14 +286,14 @@ def watch(quick: bool, progress: Callable[[float], None]) -> list[Grown]:
 
 
 def describe_memory(report: Report, found: list[Grown]) -> dict[str, str]:
-    """Section, table and figure; returns the verdicts."""
+    """Add section, table and figure; returns the verdicts."""
     report.section("Memory over many steps")
     report.text(
-        """Resident memory of the process (9 control points), looked at a hundred times in a run;
-        the first ten looks are the warm-up. Its resolution is a page, and the interpreter's own
-        pages are in it. Separately, the blocks of Python's allocator that two thousand calls of one
-        step each leave behind. A call makes its report and one test for finite numbers, which are
-        released."""
+        """Resident memory of the process (9 control points), sampled a hundred times in a run; the
+        first ten samples are the warm-up. Its resolution is a page, and it includes the pages of
+        the interpreter. Separately, the blocks of Python's allocator that remain after two thousand
+        calls of one step each. A call allocates its report and one test for finite numbers, which
+        are released."""
     )
     rows, curves, verdicts, looks = [], [], {}, {}
     for k, (method, steps, resident, blocks) in enumerate(found):
@@ -314,13 +313,13 @@ def describe_memory(report: Report, found: list[Grown]) -> dict[str, str]:
         "method | steps | resident after warm-up [KB] | growth after it [B] | most above it [B] | "
         "blocks left by calls",
         rows,
-        "Memory: growth over a run, and what calls leave behind",
+        "Memory: growth over a run, and blocks left by calls",
     )
     share, change = "share of the run's steps", "change [KiB]"
     panel = Panel(share, f"resident memory, {change}", [change], by="method", looks=looks)
     page, warm = {"one page": os.sysconf("SC_PAGE_SIZE") / 1024.0}, {"end of warm-up": WARM / LOOKS}
     panel = replace(panel, levels=page, uprights=warm)
     data = columns(("method", share, change), curves)
-    caption = "Resident memory against that after the warm-up"
+    caption = "Change of resident memory after the warm-up"
     chart(report, "resident_memory", data, [panel], caption, (8.5, 3.8))
     return verdicts

@@ -1,1 +1,1 @@
-"""`dlo_sim study stability`: how far methods go, extreme cables, random scenes."""
+"""`dlo_sim study stability`: stability limits and energy errors of the methods, extreme cables."""

@@ -1,4 +1,4 @@
-"""Errors of finished runs of extreme scenes; the first line of a docstring is shown in the table.
+"""Errors of finished runs of extreme scenes. The first line of each docstring appears in the table.
 
 Lengths are shares of the cable's length L, other errors are relative.
 """
@@ -25,7 +25,7 @@ def energy_balance(run: Run) -> float:
 
 
 def lasting(run: Run) -> float:
-    """move, share of L; energy balance"""
+    """displacement, share of L; energy balance"""
     return max(_moved(run), run.energy_error)
 
 
@@ -40,7 +40,7 @@ def hangs_as_catenary(run: Run) -> float:
 
 
 def sags_as_cantilever(run: Run) -> float:
-    """tip, relative to q L^4 / 8 EI"""
+    """tip deflection, relative to q L^4 / 8 EI"""
     cable = run.scene.cable
     expected = cable.mu * -run.scene.gravity[2] * cable.length**4 / (8.0 * cable.EI)
     return _off(-run.simulator.control_points[-1, 2], expected)
@@ -55,15 +55,15 @@ def pulls_as_string(run: Run) -> float:
 def swings_about_string(run: Run) -> float:
     """energy balance, share of the energy exchanged
 
-    Infinite unless it moved by a percent of the length.
+    Infinite if it moved by less than 1 % of the length.
     """
     return run.energy_error if _moved(run) > 1e-2 else np.inf
 
 
 def follows_string(run: Run) -> float:
-    """mean deflection against the string; 1000 times the energy balance
+    """mean deflection, relative to an elastic string; 1000 times the energy balance
 
-    Averaged over a fast small swing, against the elastic string under the load's present force.
+    Averaged over fast small oscillations; the string is under the load's present force.
     """
     load, found, force = run.scene.load("pull"), [], []
     for _ in range(20):
@@ -108,21 +108,21 @@ def carries_impulse(run: Run) -> float:
 
 
 def turns_as_rod(run: Run) -> float:
-    """moment, relative to GJ Theta / L; move off the axis, share of L"""
+    """moment, relative to GJ Theta / L; displacement off the axis, share of L"""
     cable = run.scene.cable
     _, moment = run.simulator.reaction("end")
     return max(_off(abs(moment[0]), cable.GJ * TURN / cable.length), _off_axis(run))
 
 
 def stays_straight(run: Run) -> float:
-    """move off the axis, share of L; energy balance"""
+    """displacement off the axis, share of L; energy balance"""
     return max(_off_axis(run), run.energy_error)
 
 
 def amplifies_as_column(run: Run) -> float:
     """buckling load, relative to EI pi^2 / L^2
 
-    From the amplified sag w0 / (1 - P / Pc).
+    From the sag of the column, which the load amplifies to w0 / (1 - P / Pc).
     """
     scene, cable = run.scene, run.scene.cable
     side = scene.load("side").force[2]
@@ -133,7 +133,7 @@ def amplifies_as_column(run: Run) -> float:
 
 
 def buckles_as_elastica(run: Run) -> float:
-    """gap of the ends against the elastica, share of L"""
+    """distance of the ends, against the elastica, share of L"""
     length = run.scene.cable.length
     share = abs(run.scene.load("press").force[0]) / truths.euler_load(run.scene)
     first, last = run.simulator.centerline([0.0, length])[:, 0]
@@ -141,7 +141,7 @@ def buckles_as_elastica(run: Run) -> float:
 
 
 def closes_ring(run: Run) -> float:
-    """gap of the ends, share of L"""
+    """distance of the ends, share of L"""
     points = run.simulator.control_points
     return float(np.linalg.norm(points[-1, :3] - points[0, :3]) / run.scene.cable.length)
 
@@ -156,7 +156,7 @@ def mirrors(run: Run) -> float:
 
 
 def rests_as_undamped(run: Run) -> float:
-    """distance from the equilibrium of damping 0, share of L"""
+    """distance from the undamped equilibrium, share of L"""
     plain = dict.fromkeys(("damping.mass", "damping.stiffness", "damping.air_drag"), 0.0)
     still = Simulator(run.scene.with_values({**plain, "initial.shape": "equilibrium"}))
     gap = np.linalg.norm(_shape(run.simulator) - _shape(still), axis=1).max()
@@ -169,13 +169,13 @@ def _shape(simulator: Simulator) -> Array:
 
 
 def _moved(run: Run) -> float:
-    """Largest move of a control point along an axis since the start, share of L."""
+    """Largest displacement of a control point along an axis since the start, share of L."""
     moved = np.abs(run.simulator.control_points - run.first)[:, :3].max()
     return float(moved / run.scene.cable.length)
 
 
 def _deflection(run: Run) -> float:
-    """Of the middle along y [m]."""
+    """Deflection of the middle along y [m]."""
     return float(abs(run.simulator.centerline([0.5 * run.scene.cable.length])[0, 1]))
 
 
@@ -192,6 +192,6 @@ def _off_axis(run: Run) -> float:
 
 
 def _off(found: ArrayLike, expected: ArrayLike) -> float:
-    """Difference of two numbers or vectors, relative."""
+    """Relative difference of two numbers or vectors."""
     gap = np.linalg.norm(np.subtract(found, expected))
     return float(gap / np.linalg.norm(np.asarray(expected)))

@@ -1,5 +1,5 @@
-"""Running an extreme scene: what is done to it meanwhile, and the judgement of what came out, by a
-truth from outside the simulator where there is one, or the balance of energy.
+"""Runs of extreme scenes with actions at given times, checked against an independent result if
+there is one, or else the energy balance.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ Values = dict[str, Any]
 Action = Callable[[Simulator], Simulator | None]
 
 RAN, REFUSED, STOPPED = "ran", "refused", "stopped"
-# What is looked at is the method, not how far its equations are solved.
+# The study measures the method, not the tolerance of its solver.
 TIGHT: Values = {"integrator.tolerance": 1e-10}
-BUDGET = 30.0  # [s], most time of stepping of a scene; then it is stopped
-PIECES = 50  # calls of the stepping loop per run, so that a budget of time can end it
+BUDGET = 30.0  # [s], largest run time of a scene
+PIECES = 50  # calls per run, between which the budget is checked
 
 
 @dataclass
 class Run:
-    """A run in progress: its present simulator, the control points at its start (n, 4), and over
-    all simulators of the run the largest energy error, steps and iterations done, time of stepping
-    [s], and why it ended early.
+    """A run in progress: its present simulator, the control points at its start (n, 4); over all
+    simulators of the run, the largest energy error, numbers of steps and iterations, run time [s],
+    and why it ended early.
     """
 
     simulator: Simulator
@@ -49,7 +49,7 @@ class Run:
 
     @property
     def cells(self) -> list[Cell]:
-        """Of the table: energy error, method, step [s], steps, iterations, run time [s]."""
+        """Cells of the table: energy error, method, step [s], steps, iterations, run time [s]."""
         simulator = self.simulator
         counts = (self.steps, self.iterations, self.wall)
         return [self.energy_error, simulator.method, simulator.step, *counts]
@@ -60,9 +60,9 @@ Check = Callable[[Run], float]
 
 @dataclass(frozen=True)
 class Extreme:
-    """One extreme scene, run for a duration [s]: the error of a finished run (the docstring of
-    `check` says of what) and the largest that counts as right, and (time [s], action) in order of
-    time.
+    """An extreme scene, its duration [s], the `check` that gives the error of a finished run and
+    describes it in its docstring, the `bound` on that error, and events (time [s], action) in
+    order of time.
     """
 
     name: str
@@ -76,8 +76,8 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Finding:
-    """What became of an extreme scene: `run` is None if it was refused at once, `error` unless it
-    ran to its end."""
+    """Result of an extreme scene: `run` is None if it was refused, `error` is None unless it ran to
+    its end."""
 
     extreme: Extreme
     outcome: str
@@ -87,12 +87,12 @@ class Finding:
 
     @property
     def of_what(self) -> str:
-        """What the error is an error of."""
+        """Description of the error."""
         return (self.extreme.check.__doc__ or "").partition("\n")[0]
 
     @property
     def right(self) -> bool:
-        """Whether it ran, finite, and the error is what it should be."""
+        """Whether it ran to its end with finite results and an error within the bound."""
         if self.error is None or self.run is None:
             return False
         finite = bool(np.isfinite(self.run.simulator.control_points).all())
@@ -100,7 +100,7 @@ class Finding:
 
 
 def examine(extreme: Extreme, share: float = 1.0) -> Finding:
-    """Run a scene (or the first `share` of it) and judge it."""
+    """Run a scene, or the first `share` of it, and check the result."""
     run = None
     try:
         simulator = Simulator(scene_from_values(TIGHT | extreme.values))
@@ -117,7 +117,7 @@ def examine(extreme: Extreme, share: float = 1.0) -> Finding:
 
 
 def _advance_to(run: Run, until: float) -> bool:
-    """Whole steps up to a time of the present simulator [s]; whether they were done."""
+    """Advance by whole steps up to a time of the present simulator [s]; return success."""
     simulator = run.simulator
     target = round(until / simulator.step)
     piece = max((target - simulator.steps) // PIECES, 1)
@@ -136,23 +136,23 @@ def _advance_to(run: Run, until: float) -> bool:
 
 
 def push(load: str, *force: float) -> Action:
-    """A load gets a force [N]."""
+    """Set the force [N] of a load."""
     return lambda simulator: simulator.set_load(load, force=force)
 
 
 def jump(end: str, *way: float) -> Action:
-    """An end is elsewhere at once, by a way [m]."""
+    """Displace an end instantaneously [m]."""
     return lambda simulator: simulator.set_end(end, position=simulator.end_pose(end)[0] + way)
 
 
 def turn(end: str, angle: float) -> Action:
-    """An end is turned about x at once, by an angle [rad]."""
+    """Rotate an end about x instantaneously, to an angle [rad]."""
     half = (np.sin(0.5 * angle), 0.0, 0.0, np.cos(0.5 * angle))
     return lambda simulator: simulator.set_end(end, orientation=half)
 
 
 def move(end: str, velocity: float, duration: float) -> Action:
-    """An end moves along x [m/s] for a time [s]."""
+    """Move an end along x with a velocity [m/s] for a time [s]."""
 
     def begin(simulator: Simulator) -> None:
         position, orientation = simulator.end_pose(end)
@@ -164,7 +164,7 @@ def move(end: str, velocity: float, duration: float) -> Action:
 
 
 def reconfigure(key: str, value: float) -> Action:
-    """A value of the scene changes; the shape must not."""
+    """Change a value of the scene, which must not change the shape."""
 
     def change(simulator: Simulator) -> Simulator:
         other = simulator.reconfigured(simulator.scene.with_values({key: value}))

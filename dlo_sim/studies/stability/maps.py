@@ -1,8 +1,8 @@
 """Stability limits and energy errors over (n_u, tau), (E, tau) and (diameter, tau).
 
-One aluminium wire of 2 m, clamped at one end, released straight. Under a thousandth of gravity it
+An aluminium wire of 2 m, clamped at one end, released straight. Under a thousandth of gravity it
 vibrates by millimetres (linear); under gravity its end falls by more than its length (large). A
-point of a map, with all steps, is one piece of work.
+point of a map with all its steps is one task for a worker.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ KEYS = {
 }
 GRAVITY = {"linear": 0.01, "large": 9.81}  # [m/s^2]
 DAMPING = {"undamped": 0.0, "damped": 2.0}  # damping.mass [1/s]
-GROWTH = 2.0**0.5  # of the brackets of an observed limit
-BELOW = 1.13  # they start so far below the predicted one
-FEWEST_STEPS = 64  # of an energy run: explicit methods look at the energy every 16 steps
-MOST_STEP = 1.0  # [s] that a scene may have
-FARTHEST = 16.0  # an observed limit is looked for so far from the predicted one, at least
-LEAST_IMPLICIT_STEP = 9e-5  # [s]; implicit methods are not meant for smaller ones
+GROWTH = 2.0**0.5  # ratio of the brackets of an observed limit
+BELOW = 1.13  # ratio of the predicted limit to the first bracket
+FEWEST_STEPS = 64  # of an energy run: explicit methods check the energy every 16 steps
+MOST_STEP = 1.0  # [s], upper bound on the step of a scene
+FARTHEST = 16.0  # least factor about the predicted limit within which the observed one is searched
+LEAST_IMPLICIT_STEP = 9e-5  # [s]; smaller steps are not run with implicit methods
 
 FINISHED, STOPPED, SLOW, SKIPPED, REFUSED = "finished", "stopped", "slow", "not run", "refused"
 UNITS = {"n_u": "-", "E": "Pa", "diameter": "m"}
@@ -61,9 +61,9 @@ STEPS = {  # tau [s]
     False: tuple(float(f"{10.0**e:.2g}") for e in np.arange(-5.0, -0.9, 0.5)),
 }
 DURATION = {True: 1.0, False: 10.0}  # [s], simulated, of the energy runs
-BUDGET = {True: 3.0, False: 20.0}  # [s], most time of stepping of each
-TRIAL = {True: 0.3, False: 1.0}  # [s] that a step has to survive to count as stable,
-LEAST_TRIAL = {True: 3000, False: 4000}  # and so many steps at least
+BUDGET = {True: 3.0, False: 20.0}  # [s], largest run time of each
+TRIAL = {True: 0.3, False: 1.0}  # [s], duration of a trial of a step,
+LEAST_TRIAL = {True: 3000, False: 4000}  # and its least number of steps
 TOLERANCE = {True: 0.02, False: 0.01}  # of observed limits
 
 
@@ -91,14 +91,14 @@ def points(quick: bool) -> list[Point]:
 
 @dataclass(frozen=True)
 class Limits:
-    """What became of a point.
+    """Results of a point.
 
     Attributes:
-        outcomes, errors: per step of the map: what became of the run, and its largest energy error
-            as a share of the energy exchanged (nan unless it finished).
-        predicted, observed: largest stable step [s], nan of a refused method; of an implicit one
+        outcomes, errors: per step of the map: outcome of the run, and its largest energy error as a
+            share of the energy exchanged (nan unless it finished).
+        predicted, observed: largest stable step [s], nan for a refused method; for an implicit one
             inf, and the largest step of the map up to which every run reached its end.
-        below: where observed is nan as no step was stable, the smallest step [s] tried; else nan.
+        below: the smallest step [s] tried, if none was stable and observed is nan; else nan.
     """
 
     outcomes: tuple[str, ...]
@@ -142,7 +142,7 @@ def examine(point: Point) -> Limits:
 
 
 def _energy_run(point: Point, step: float) -> tuple[str, float]:
-    """Outcome and largest energy error."""
+    """Outcome and largest energy error of a run with this step."""
     if METHODS[point.method].family == IMPLICIT and step < LEAST_IMPLICIT_STEP:
         return SKIPPED, np.nan
     simulator = Simulator(scene_of(point, step), unchecked_step=True)
@@ -158,7 +158,7 @@ def _energy_run(point: Point, step: float) -> tuple[str, float]:
 
 
 def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> tuple[float, float]:
-    """Largest step [s] before the first run that was stopped; without one, that run's step."""
+    """`observed` and `below` of an implicit method, from the runs at the steps of the map."""
     reached = np.nan
     for step, outcome in zip(steps, outcomes, strict=True):
         if outcome == STOPPED:
@@ -168,8 +168,8 @@ def _reached(steps: tuple[float, ...], outcomes: tuple[str, ...]) -> tuple[float
 
 
 def _observed(point: Point, predicted: float) -> tuple[float, float]:
-    """Largest step [s] at which a trial is not stopped, by bisection; inf if it is out of reach; if
-    there is none down to the smallest step of the map: nan, and the last tried.
+    """`observed` and `below` of an explicit method: largest step [s] at which a trial is not
+    stopped, by bisection; inf if it is beyond the range of the search.
     """
     low = min(predicted / BELOW, MOST_STEP / GROWTH)
     if _survives(point, low):
@@ -196,16 +196,16 @@ def _survives(point: Point, step: float) -> bool:
 
 
 def add(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:
-    """Six figures and two tables."""
+    """Add six figures and two tables."""
     report.section("Stability limits and energy errors")
     report.text(
         """An aluminium wire (2 m, 2 mm, n_u = 9, 3 Gauss points per span), clamped at one end and
         released straight; one of n_u, E and diameter varies. Under 0.01 m/s^2 it vibrates by
         millimetres (linear), under 9.81 m/s^2 it falls (large). Damped: damping.mass = 2 1/s.
-        Limits: predicted from the largest frequency at the start, observed by bisection, the
-        largest step at which a trial is not stopped; of implicit methods the largest step of the
-        map up to which every run reached its end. Energy errors are relative to the largest energy
-        exchanged; what generalized_alpha dissipates counts as dissipated."""
+        Limits: predicted from the largest frequency at the start; observed by bisection as the
+        largest step at which a trial is not stopped, for implicit methods as the largest step of
+        the map up to which every run reached its end. Energy errors are relative to the largest
+        energy exchanged; the numerical dissipation of generalized_alpha is not an error."""
     )
     for axis, damping in product(KEYS, DAMPING):
         _figure(report, quick, results, axis, damping)
@@ -264,7 +264,7 @@ def _panel(axes: Axes, steps: tuple[float, ...], column: dict[float, Limits]) ->
 
 
 def _mark(axes: Axes, x: int, found: Limits, steps: tuple[float, ...]) -> None:
-    """Marks of one cable's limits, at their place between the rows; too small ones at the edge."""
+    """Mark one cable's limits at their positions between the rows; small ones at the edge."""
 
     def place(step: float) -> float:
         return max(math.log(step / steps[0]) / math.log(steps[1] / steps[0]), -1.2)
@@ -277,7 +277,7 @@ def _mark(axes: Axes, x: int, found: Limits, steps: tuple[float, ...]) -> None:
 
 
 def _tables(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:
-    """Over all maps: how far the limits are apart, and the runs that were wrong unnoticed."""
+    """Add the tables over all maps: ratios of limits, and finished runs with large errors."""
     rows = []
     for method, damping, motion in product(METHODS_COMPARED[quick], DAMPING, GRAVITY):
         key = (method, damping, motion)
@@ -290,7 +290,7 @@ def _tables(report: Report, quick: bool, results: Mapping[Point, Limits]) -> Non
         "largest energy error of the finished",
         rows,
         "All maps: observed against predicted limits (trials of "
-        f"{TRIAL[quick]:g} s), and what became of the energy runs of {DURATION[quick]:g} s",
+        f"{TRIAL[quick]:g} s), and outcomes of the energy runs of {DURATION[quick]:g} s",
     )
     report.table(
         "finished_and_wrong",
@@ -301,7 +301,7 @@ def _tables(report: Report, quick: bool, results: Mapping[Point, Limits]) -> Non
             for step, error in zip(STEPS[quick], r.errors, strict=True)
             if error > 0.5
         ],
-        "Runs that reached their end although the energy is off by more than half of what was "
+        "Runs that reached their end with an energy error of more than half of the energy "
         "exchanged",
     )
 

@@ -1,5 +1,5 @@
-"""The extreme scenes, ordinary input for a user of stiff, thin, long or short cables, and the
-materials, supports and loads that they are put together from: flat scene keys.
+"""The extreme scenes, ordinary for users of stiff, thin, long or short cables, and the materials,
+supports and loads that they consist of, as flat scene keys.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dlo_sim.studies.stability.extremes import (
 
 
 def at(step: float, n: int = 13) -> Values:
-    """energy_momentum at a step [s], with so many control points."""
+    """energy_momentum with a step [s] and n control points."""
     values = {"integrator.step": step, "discretization.control_points": n}
     return values | {"integrator.method": "energy_momentum", "terms.twist": "off"}
 
@@ -70,7 +70,7 @@ SOFT = material(1.0, 5e-3, 1200.0, 1e7)
 
 
 def load(name: str, position: float, force: tuple[float, float, float], signal: str) -> Values:
-    """One force at a share of the length; `none` = silent until somebody sets it."""
+    """A force at a share of the length; with signal `none` it is zero until it is set."""
     load = {"type": "force", "position": position, "signal": signal, "force": list(force)}
     return {f"loads.{name}.{key}": value for key, value in load.items()}
 
@@ -83,7 +83,7 @@ def wire(metal: Values, step: float = 2e-3) -> Values:
 def suture(density: float, signal: str) -> Values:
     """The collagen suture, held at both ends and pulled at the middle with 1 N."""
     pull = load("pull", 0.5, (0.0, 1.0, 0.0), signal) | {"loads.names": ["pull"]}
-    pull["loads.pull.frequency"] = 0.125  # [Hz]: the peak comes after 2 s
+    pull["loads.pull.frequency"] = 0.125  # [Hz]: peak after 2 s
     cable = material(0.1, 4e-4, density, 750e6) | ends(0.0, 0.1)
     return at(1e-3, 40) | SPACE | FLAT | cable | pull | STRAIGHT
 
@@ -91,7 +91,7 @@ def suture(density: float, signal: str) -> Values:
 def catenary(length: float, diameter: float, density: float, modulus: float, n: int) -> Values:
     """A cable pinned at both ends 0.9 lengths apart, at rest.
 
-    Its bending stiffness is a hundredth of a solid rod's, as a stranded line has it: the truth that
+    Its bending stiffness is a hundredth of a solid rod's, as for a stranded line: the catenary that
     it is compared with has none.
     """
     bending = 0.01 * modulus * np.pi * diameter**4 / 64.0
@@ -100,7 +100,7 @@ def catenary(length: float, diameter: float, density: float, modulus: float, n: 
 
 
 def thrown(cable: Values, step: float, *names: str) -> Values:
-    """A cable that nothing holds, with silent loads."""
+    """A free cable with loads that are zero until they are set."""
     places = {"left": 0.0, "right": 1.0, "pull": 0.5}
     values: Values = {"loads.names": list(names), "start.fixed": [False] * 3}
     for name in names:
@@ -109,7 +109,7 @@ def thrown(cable: Values, step: float, *names: str) -> Values:
 
 
 def column(share: float, side: float = 1e-5) -> Values:
-    """Pinned column under a share of its Euler load, and of it `side` at the middle sideways."""
+    """Pinned column under a share of its Euler load, with `side` of it across the middle."""
     modulus, diameter = 1e9, 5e-3
     euler = np.pi**2 * modulus * np.pi * diameter**4 / 64.0
     press = load("press", 1.0, (-share * euler, 0.0, 0.0), "constant")
@@ -182,8 +182,7 @@ SUTURES = (
     ),
 )
 
-# Name -> scene, duration [s], the error of a finished run and its bound; then in words, and what is
-# done meanwhile, (time [s], action).
+# Name -> scene, duration [s], check and bound. WHAT describes them, EVENTS has (time [s], action).
 OTHERS: dict[str, tuple[Values, float, Check, float]] = {
     "glass fibre": (FIBRE, 1.0, checks.sags_as_cantilever, 1e-3),
     "rubber hose": (HOSE, 10.0, checks.weighs_its_weight, 1e-4),

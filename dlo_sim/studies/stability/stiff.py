@@ -1,4 +1,4 @@
-"""The paper's wire at milliseconds: methods that keep the energy beside Forest-Ruth."""
+"""The paper's wire at steps of milliseconds: energy-conserving methods against Forest-Ruth."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KINDS = {  # method and Gauss points per span (0: the shipped 101 samples) -> st
 }
 DURATION = 10.0  # [s]
 COMPARED = 2.0  # [s] over which shapes are compared
-EVERY = 0.02  # [s] between the shapes compared, a whole number of all steps
+EVERY = 0.02  # [s] between the shapes compared, a multiple of all steps
 CONVERGED = 1e-4  # [s], the converged step: a twentieth of 2 ms, 1/400 of its error
 REFERENCE = 80  # control points of the fine mesh
 HEADER = (
@@ -56,8 +56,8 @@ def measured(quick: bool, progress: Callable[[float], None]) -> list[list[Any]]:
 
 
 def _measure(n: int, method: str, gauss: int, repeats: int) -> list[list[Any]]:
-    """All steps of a kind, beside Forest-Ruth for as long a run, whose time comes from the cost of
-    a step, measured in turns with the implicit runs. Errors only for the shipped quadrature.
+    """Rows for all steps of a kind, with the run time of Forest-Ruth for the same duration, from
+    its cost of a step, timed in turn with the implicit runs. Errors: shipped quadrature only.
     """
     explicit = Simulator(wire(n, "forest_ruth", gauss=gauss))
     simulators = [Simulator(wire(n, method, step, gauss)) for step in KINDS[method, gauss]]
@@ -83,7 +83,7 @@ def _measure(n: int, method: str, gauss: int, repeats: int) -> list[list[Any]]:
 
 
 def _most_iterations(simulator: Simulator) -> int:
-    """Newton iterations of the step that took most."""
+    """Largest number of Newton iterations in a step."""
     simulator.reset()
     steps = range(round(DURATION / simulator.step))
     return max(simulator.advance_steps(1).force_evaluations for _ in steps)
@@ -102,7 +102,7 @@ def _off(n: int, method: str, step: float) -> float:
 
 
 def references() -> dict[str, float]:
-    """How sure the errors are [m]: what is compared -> largest distance."""
+    """Uncertainty of the references [m]: comparison -> largest distance."""
     own = Simulator(wire(9, "forest_ruth")).step
     other = _shapes(9, "forest_ruth", float(EVERY / np.ceil(EVERY / own)))
     mine = _shapes(9, "energy_momentum", CONVERGED)
@@ -115,20 +115,20 @@ def references() -> dict[str, float]:
 
 
 def describe(report: Report, rows: list[list[Any]]) -> dict[str, str]:
-    """Section and tables; returns the verdicts."""
-    report.section("The paper's wire at milliseconds")
+    """Add section and tables; returns the verdicts."""
+    report.section("The paper's wire at steps of milliseconds")
     report.text(
         """`paper_wire.yaml` with other n_u, methods, steps and quadrature (Gauss points per span,
-        or the shipped 101 samples), beside forest_ruth at its own step with the same quadrature,
-        timed in turns. Errors are largest distances over the first 2 s from a fine mesh; the
-        converged step is on the same mesh. energy_momentum_4 does five sub-steps a step, one of
-        them back in time, with the iterations of all five. A step that takes several times the
-        usual iterations failed at first and was done in pieces."""
+        or the shipped 101 samples), compared with forest_ruth at its own step with the same
+        quadrature, timed in turn. Errors are largest distances over the first 2 s from a fine mesh;
+        the converged step is on the mesh of the run. energy_momentum_4 takes five sub-steps in a
+        step, one of them backwards in time; its iterations are those of all five. Steps with many
+        more iterations than usual did not converge at first and were subdivided."""
     )
-    caption = "Methods that keep the energy, at milliseconds, beside Forest-Ruth"
+    caption = "Energy-conserving methods at steps of milliseconds, compared with Forest-Ruth"
     report.table("stiff", HEADER, rows, caption)
     certainty = references().items()
-    report.table("references", "reference | distance [mm]", certainty, "How sure the errors are")
+    report.table("references", "reference | distance [mm]", certainty, "Uncertainty of the errors")
     verdicts = {}
     energies: dict[str, list[tuple[float, bool]]] = {"up to 10 ms": [], "20 to 100 ms": []}
     for method, _, n, step, outcome, energy, *_, ratio, error, converged in rows:
@@ -142,6 +142,6 @@ def describe(report: Report, rows: list[list[Any]]) -> dict[str, str]:
     for name, found in energies.items():
         worst, stopped = max(energy for energy, _ in found), sum(stop for _, stop in found)
         verdicts[f"energy, {name}"] = (
-            f"open by {worst:.1e} at most, {stopped} of {len(found)} runs stopped"
+            f"error {worst:.1e} at most, {stopped} of {len(found)} runs stopped"
         )
     return verdicts

@@ -1,4 +1,4 @@
-"""`dlo_sim study stability`: what is timed first, here; then the maps, by workers."""
+"""`dlo_sim study stability`: timed runs first, in this process; then the maps, by workers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dlo_sim.studies.stability import maps, stiff
 from dlo_sim.studies.stability.extremes import Finding, examine
 from dlo_sim.studies.stability.scenes import EXTREMES
 
-WARM = 0.002  # of an extreme scene, run before it is timed
-TITLE = "Stability: how far the methods go, and extreme cables"
+WARM = 0.002  # share of an extreme scene that is run before it is timed
+TITLE = "Stability limits of the methods, and extreme cables"
 
 
 def run_study(request: Request) -> Outcome:
@@ -22,7 +22,7 @@ def run_study(request: Request) -> Outcome:
     verdicts = stiff.describe(report, stiff.measured(request.quick, request.part(0.0, 0.3)))
     findings = []
     for extreme in EXTREMES:
-        examine(extreme, share=WARM)  # nothing compiles in what is timed
+        examine(extreme, share=WARM)  # compiles
         findings.append(examine(extreme))
         request.progress(0.3 + 0.2 * len(findings) / len(EXTREMES))
     verdicts |= _describe(report, findings)
@@ -37,7 +37,7 @@ def run_study(request: Request) -> Outcome:
 
 
 def _describe(report: Report, findings: Sequence[Finding]) -> dict[str, str]:
-    """Section and table of the extreme scenes; returns the verdicts."""
+    """Add section and table of the extreme scenes; returns the verdicts."""
     rows: list[list[Cell]] = []
     verdicts = {}
     for one in findings:
@@ -49,8 +49,8 @@ def _describe(report: Report, findings: Sequence[Finding]) -> dict[str, str]:
         answer = "holds" if one.right else "falls short"
         verdicts[extreme.name] = f"{answer}: {measured}, at most {extreme.bound:g}"
     header = (
-        "scene | what | outcome | right | error | bound | of what | energy error | method | "
-        "step [ms] | steps | iterations | run time [s] | reason"
+        "scene | description | outcome | right | error | bound | error of | energy error | "
+        "method | step [ms] | steps | iterations | run time [s] | reason"
     )
     report.section("Extreme cables")
     report.table("extremes", header, rows, "Extreme scenes")

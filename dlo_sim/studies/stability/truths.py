@@ -1,4 +1,4 @@
-"""What is right, from outside the simulator: closed forms and conservation laws."""
+"""Exact results independent of the simulator: closed forms and conservation laws."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dlo_sim.studies.runs import Array
 def catenary(
     u: Array, length: float, span: float, weight: float, stiffness: float
 ) -> tuple[Array, Array]:
-    """Elastic catenary between two points at one height: x(u), z(u) [m].
+    """Elastic catenary between two points at the same height: x(u), z(u) [m].
 
     With the horizontal force H and V = w L / 2 at the left end,
         x = H u / EA + H/w (asinh(V / H) - asinh((V - w u) / H))
@@ -48,11 +48,11 @@ def catenary(
 
 
 def string_deflection(force: float, stiffness: float, length: float, bending: float = 0.0) -> float:
-    """Deflection [m] of the middle of an elastic string, straight and stress-free before.
+    """Deflection [m] of the middle of an elastic string, initially straight and stress-free.
 
     P = 2 EA (1 / cos a - 1) sin a with the slope a of its two straight halves. Bending stiffness
-    EI rounds the kink over the length l = sqrt(EI / T) and takes the share 2 l / L away, which
-    holds while l is small against L (a pulled beam in a great tension T, first order in l / L).
+    EI rounds the kink over the length l = sqrt(EI / T) and reduces the deflection by the share
+    2 l / L, to first order in l / L (a beam under a large tension T).
     """
 
     def tension(angle: float) -> float:

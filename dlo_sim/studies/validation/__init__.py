@@ -1,1 +1,1 @@
-"""Recorded cables beside predictions of them."""
+"""Comparison of predictions with recorded cables."""

@@ -1,4 +1,4 @@
-"""A prediction that is corrected by some of the markers, as a camera would see them."""
+"""A prediction corrected by a random part of the markers, as seen by a camera."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _BEFORE = 2  # frames before a piece of motion, for its first velocities
 
 
 def corrected(item: tuple[Scene, Recording]) -> Array:
-    """Markers [m] predicted with correction, (F, M, 3): each marker is seen by chance, no one knows
-    which it is. After a failed step the last good state is kept.
+    """Markers [m] predicted with correction, (F, M, 3): markers are seen at random and without
+    identity. After a failed step the last valid state is repeated.
     """
     scene, recording = item
     poses = {end: (path[0, :3], path[0, 3:]) for end, path in recording.poses.items()}

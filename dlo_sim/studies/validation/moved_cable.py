@@ -1,4 +1,4 @@
-"""Cables that a robot arm moves: reaction and tip beside the force sensor and the camera."""
+"""Cables moved by a robot arm: reaction and tip compared with force sensor and camera."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from dlo_sim.identification.scores import reaction
 from dlo_sim.scene.description import Scene
 from dlo_sim.studies.runs import Array
 
-SMOOTHING = 0.2  # [s], half the window of the poses: nothing has to be in time here
-SLOW = 0.02  # [m/s], speed of a gripper that rests
+SMOOTHING = 0.2  # [s], half the smoothing window of the poses; latency does not matter here
+SLOW = 0.02  # [m/s], speed below which a gripper counts as at rest
 SAMPLES = 200  # of the camera's shape
-EXPLANATION = f"""Published: the parameters of the authors. Fitted: stiffness, damping and drag that
-`identify` finds from the reaction in the same run; natural curvature and masses stay as published.
-Delays: of the sensor's axes against the poses; in the second row they are the median of those found
-in the other runs, so that only the offset of the sensor, its tare, is of the run itself. At rest:
-while the gripper moves slower than {SLOW:g} m/s. Faster than the poses: what smoothing over
-{SMOOTHING:g} s to either side, as that of the poses, takes from the measured force: the shocks of
-the arm, which pass between two poses, so that no prediction from these can show them."""
+EXPLANATION = f"""Published: the parameters of the authors. Fitted: stiffness, damping and drag
+identified from the reaction in the same run; natural curvature and masses as published. Delays: of
+the sensor's axes relative to the poses; the second row uses the median of the delays identified in
+the other runs, so that only the offset (tare) of the sensor is from the run itself. At rest: while
+the gripper moves slower than {SLOW:g} m/s. Faster than the poses: the part of the measured force
+that smoothing over {SMOOTHING:g} s to either side, as applied to the poses, removes: shocks of the
+arm between two poses, which no prediction from these poses can contain."""
 HEADER = (
     "cable | numbers | Fx correlation | Fx rms error [N] | Fx rms error at rest [N] | "
     "Fx faster than the poses [N] | Fz correlation | Fz rms error [N] | Fz bias [N] | "
@@ -39,7 +39,7 @@ HEADER = (
 
 
 def recorded(bag: Path, scene: Scene) -> Recording:
-    """Poses and forces of a bag; the tip, where the authors' table of the run lies beside it."""
+    """Poses and forces of a bag, and the tip, if the authors' table of the run is there."""
     recording = _smoothed(read_recordings(bag)[0], scene)
     table = bag.parents[1] / "dyn_ft" / bag.name / "state_and_input.csv"
     if not table.is_file():
@@ -66,7 +66,7 @@ def _tips(table: Path, length: float) -> tuple[Array, Array]:
 
 
 def fitted(scene: Scene, recording: Recording, workers: Workers) -> Fit:
-    """The fit to the forces of a run."""
+    """Fit of the parameters to the forces of a run."""
     bare = replace(recording, markers=recording.markers[:, :0], shares=np.zeros(0))
     plain = scene.with_values({"start.pose_smoothing": 0.0})  # the poses are smooth already
     found = identify(
@@ -76,8 +76,8 @@ def fitted(scene: Scene, recording: Recording, workers: Workers) -> Fit:
 
 
 def rows(name: str, scene: Scene, recording: Recording, fits: Mapping[str, Fit]) -> list[list[Any]]:
-    """Rows of the published numbers, of these with the delays found in the other runs, and of the
-    run's own fit; `fits`: name of the run -> fit.
+    """Rows of `HEADER`: published parameters, these with the delays identified in the other runs,
+    and the fit to the run itself; `fits`: name of the run -> fit.
     """
     scene = scene.with_values(COMPUTATION)
     found = [_row(name, "published", scene, recording, Sensor())]
@@ -96,7 +96,7 @@ def rows(name: str, scene: Scene, recording: Recording, fits: Mapping[str, Fit])
 
 
 def _delay(fits: Sequence[Fit], axis: int) -> float:
-    """Median of what fits tell of a delay [s]; 0 if none does."""
+    """Median of the delays [s] of an axis in these fits; 0 if there is none."""
     label = f"{DELAY}[{axis}]"
     told = [one.value for fit in fits for one in fit.numbers if one.unknown.label == label]
     return float(np.median(told)) if told else 0.0

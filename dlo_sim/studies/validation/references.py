@@ -1,4 +1,4 @@
-"""What needs no dynamics: trivial predictions, and how well any smooth cable fits the markers."""
+"""References without dynamics: trivial predictions, and a smooth cable fitted to the markers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EVERY = 25  # frames between two equilibria, and between two fitted splines
 
 
 def held(recording: Recording) -> Array:
-    """The first shape, for ever, (F, M, 3)."""
+    """The first shape, held constant, (F, M, 3)."""
     return np.repeat(recording.markers[:1], len(recording.times), axis=0)
 
 
@@ -31,7 +31,7 @@ def moved(recording: Recording) -> Array:
 
 
 def resting(item: tuple[Scene, Recording]) -> Array:
-    """The shape at rest between the grippers where they are, (F, M, 3)."""
+    """Static equilibria at the poses of the grippers, (F, M, 3)."""
     scene, recording = item
     scene = scene.with_values({"initial.shape": "equilibrium"})
     frames = _frames(recording)
@@ -39,7 +39,7 @@ def resting(item: tuple[Scene, Recording]) -> Array:
     for frame in frames:
         try:
             simulator = Simulator(scene, _poses(recording, frame))
-        except SceneError:  # no equilibrium was found: the one before
+        except SceneError:  # no equilibrium found: repeat the previous one
             shapes.append(shapes[-1] if shapes else recording.markers[frame])
         else:
             shapes.append(simulator.centerline(recording.shares * scene.cable.length))
@@ -47,8 +47,8 @@ def resting(item: tuple[Scene, Recording]) -> Array:
 
 
 def spline_distance(item: tuple[Scene, Recording]) -> float:
-    """Mean distance [m] of the free markers from a smooth cable of the recorded length through
-    them: noise, slip and what a cable of these control points cannot show.
+    """Mean distance [m] of the free markers from a spline of the recorded length fitted to them:
+    noise, slip and the resolution of the spline.
     """
     scene, recording = item
     still = {f"{end}.offset": [0.0, 0.0, 0.0] for end in recording.poses}

@@ -1,4 +1,4 @@
-"""Cables that hang from a robot arm with a force-torque sensor: shapes at rest, and reactions."""
+"""Cables hanging from a robot arm with a force-torque sensor: static shapes, and reactions."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import Array
 from dlo_sim.studies.validation import moved_cable
 
-TURN, REST = 0.7, 1.6  # [s] from one clamp angle to the next, and there
-STILL = 6.0  # 1/s, damping that brings the cable to rest
-TWO = 0.01  # [m] between two shapes
+TURN, REST = 0.7, 1.6  # [s], rotation from one clamp angle to the next, and waiting there
+STILL = 6.0  # [1/s], damping that brings the cable to rest
+TWO = 0.01  # [m], distance from which two shapes count as different
 FACTORS = (1.0, 0.85)  # of the published bending stiffness
 RESTING = (
     "cable | bending stiffness, of the published | tip error [cm] | from below [cm] | "
@@ -32,7 +32,7 @@ RESTING = (
 
 @dataclass(frozen=True)
 class Set:
-    """Recordings of one cable: a table of shapes at rest, or a bag."""
+    """Recordings of one cable: a table of static shapes, or a bag."""
 
     name: str
     path: Path
@@ -45,7 +45,7 @@ class Set:
 
 
 def sets_of(folder: Path) -> list[Set]:
-    """What the folder holds of it, where the parameters are there too."""
+    """The recordings in a folder for which the published parameters are there too."""
     found = []
     paths = [
         *folder.rglob("theta_equilibria.csv"),
@@ -76,7 +76,7 @@ def published(path: Path) -> dict[str, object]:
 
 
 def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]:
-    """Tables of shapes at rest and of reactions; verdicts."""
+    """Add the tables of static shapes and of reactions; returns the verdicts."""
     resting: list[list[Any]] = []
     runs = {one.name: one for one in sets if one.path.is_dir()}
     moved = {name: moved_cable.recorded(one.path, one.scene) for name, one in runs.items()}
@@ -94,8 +94,8 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
         report.section("Cables on a robot arm")
     if resting:
         report.text(
-            "The clamp is turned slowly through all angles, upwards and downwards; where the two "
-            "shapes differ, the cable can snap over, and the nearer one counts."
+            "The clamp is rotated slowly through all angles, upwards and downwards; where the two "
+            "shapes differ, the cable is bistable, and the nearer one counts."
         )
         caption = "Tip at rest, mean distance over the angles"
         report.table("resting", RESTING, resting, caption, ".2f")
@@ -105,7 +105,7 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
         report.table("moving", moved_cable.HEADER, moving, caption, ".2f")
     verdicts = {}
     for name, stiffness, tip, *_ in resting:
-        verdicts[f"{name} at rest, EI x {stiffness}"] = f"tip {1e2 * tip:.2f} cm off"
+        verdicts[f"{name} at rest, EI x {stiffness}"] = f"tip error {1e2 * tip:.2f} cm"
     for name, run, x, x_rms, _, _, _, z_rms, *_ in moving:
         words = f"Fx correlation {x:.2f}, rms {x_rms:.2f} N; Fz rms {z_rms:.2f} N"
         verdicts[f"{name} moving, {run}"] = words
@@ -113,12 +113,12 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
 
 
 def _resting(one: Set, fit: bool) -> list[list[Any]]:
-    """Rows of the published stiffness, of less, and of a fit to every second angle that is judged
-    at the others.
+    """Rows of the published stiffness, of a smaller one, and of a fit to every second angle,
+    evaluated at the others.
     """
     table = np.genfromtxt(one.path, delimiter=",", names=True)
     table = table[np.argsort(table["Gamma"])]
-    # The markers are given in the clamp's frame.
+    # The table gives the tip in the clamp's frame.
     turns = rotations.from_rotation_vector(np.outer(table["Gamma"], [0.0, 1.0, 0.0]))
     own = np.stack([table["X_end"], np.zeros(len(table)), table["Z_end"]], axis=-1)
     measured = rotations.rotate(turns, own)
@@ -133,7 +133,7 @@ def _resting(one: Set, fit: bool) -> list[list[Any]]:
     )
 
     def branches(numbers: Array) -> Array:
-        """Tips less measured ones, upwards and downwards, (2, K, 3)."""
+        """Predicted minus measured tips, upwards and downwards, (2, K, 3)."""
         changed = scene.with_values(
             {
                 "cable.bending_stiffness": float(np.exp(numbers[0])) * scene.cable.EI,
@@ -162,7 +162,7 @@ def _row(one: Set, words: str, apart: Array, chosen: slice) -> list[Any]:
 
 
 def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
-    """Logarithm of the stiffness and natural curvature at both ends, by every second angle."""
+    """Log of the stiffness factor and natural curvature at both ends, fit to every second angle."""
 
     def nearest(numbers: Array) -> Array:
         apart = branches(numbers)[:, ::2]
@@ -177,9 +177,7 @@ def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
 
 
 def tips(scene: Scene, turns: Array) -> Array:
-    """Tip [m] at rest at orientations of the clamp (K, 4) that are visited one after the other,
-    shape (K, 3).
-    """
+    """Tip at rest [m], shape (K, 3), at orientations (K, 4) that the clamp visits in turn."""
     knots = np.arange(len(turns)) * (TURN + REST)
     times = np.arange(0.0, knots[-1] + REST + 0.1, 0.05)
     k = np.minimum((times / (TURN + REST)).astype(int), len(turns) - 2)

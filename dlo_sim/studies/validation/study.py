@@ -1,4 +1,4 @@
-"""`dlo_sim study validation --data DIR`: recorded cables beside predictions of them."""
+"""`dlo_sim study validation --data DIR`: comparison of predictions with recorded cables."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ from dlo_sim.studies.validation.corrected import corrected
 
 PIECES = {True: 2, False: 1000}  # of a cable
 PREDICTION = "prediction"
-SHOWN = (1.0, 2.5, 4.0)  # [s] of the shapes in pictures
+SHOWN = (1.0, 2.5, 4.0)  # [s], times of the shapes in figures
 PER_SECOND = 10  # frames of the animation
 HEADER = (
     "cable | what | L1 [cm] | mean distance [cm] | worst piece L1 [cm] | bias [cm] | "
     "slow L1 [cm] | fast L1 [cm] | time per 10 ms [ms]"
 )
 EXPLANATION = """L1 is the sum over frames 2 and later of the mean absolute error of the markers'
-coordinates, by the number of all frames; markers on the grippers count with none. A prediction
-starts from frames 0 and 1 and sees nothing but the grippers afterwards. Bias is the mean over
-time, piece by piece; slow is what lasts longer than 0.5 s, fast the rest. First shape: held.
-Moved: the first shape with the grippers, blended along the cable. At rest: the scene's
-equilibrium where the grippers are. Corrected: the prediction, which at 30 Hz sees each marker with
-a chance of 30 %, unnamed and with 5 mm of noise in each coordinate. Spline: a smooth cable of
-constant length through the markers of each frame, below which no prediction can be; its distance is
-a noise floor. Time: everything from poses to centerline, on one core."""
+coordinates, divided by the number of all frames; markers on the grippers count as exact. A
+prediction starts from frames 0 and 1 and then uses only the poses of the grippers. Bias is the mean
+over time of each piece; slow is the part slower than 0.5 s, fast the rest. First shape: held
+constant. Moved: the first shape moved with the grippers, blended along the cable. At rest: the
+scene's static equilibrium at the poses of the grippers. Corrected: the prediction, corrected at
+30 Hz by markers seen with a probability of 30 %, without identity and with 5 mm of noise in each
+coordinate. Spline: a smooth cable of constant length fitted to the markers of each frame; its
+distance is a noise floor for all predictions. Time: from poses to centerline, on one core."""
 
 
 @dataclass(frozen=True)
 class Cable:
-    """Recordings of a cable, its scene, and what came of them.
+    """Recordings of a cable, its scene, and their predictions.
 
     Attributes:
-        predicted: markers of every piece. failures: of pieces whose simulation failed, from where
-            on the last good shape counts. scores: of every piece. seconds: per step of 10 ms.
+        predicted: markers of every piece. failures: of pieces whose simulation failed; from there
+            on their last valid shape is used. scores: of every piece. seconds: per step of 10 ms.
     """
 
     name: str
@@ -63,7 +63,7 @@ def run_study(request: Request) -> Outcome:
     """Run the study into a folder.
 
     Raises:
-        SceneError: no recordings, or one of a cable without a fitted scene.
+        SceneError: no recordings, or no fitted scene for one of them.
     """
     folder = request.data
     if folder is None:
@@ -86,7 +86,7 @@ def run_study(request: Request) -> Outcome:
         cables.append(cable)
         mean, worst = mean_score(cable.scores), max(one.l1 for one in cable.scores)
         verdicts[cable.name] = (
-            f"L1 {1e2 * mean.l1:.3f} cm, free markers {1e2 * mean.distance:.2f} cm off, "
+            f"L1 {1e2 * mean.l1:.3f} cm, error of free markers {1e2 * mean.distance:.2f} cm, "
             f"worst piece {1e2 * worst:.2f} cm, {1e3 * cable.seconds:.3f} ms per 10 ms, "
             f"{len(cable.failures)} of {len(cable.pieces)} pieces failed"
         )
@@ -95,7 +95,7 @@ def run_study(request: Request) -> Outcome:
         report.table("markers", HEADER, rows, "Error of the markers, mean of the pieces", ".3f")
     for cable in cables:
         for failure in cable.failures:
-            report.text(f"Failed: {failure}; its last good shape counts from there on.")
+            report.text(f"Failed: {failure}; its last valid shape is used from there on.")
         _pictures(report, cable)
     verdicts |= robot_arm.compare(report, sets, request)
     request.progress(1.0)
@@ -156,7 +156,7 @@ def _row(name: str, what: str, scores: Sequence[Score], seconds: float | None) -
 
 
 def _pictures(report: Report, cable: Cable) -> None:
-    """Best, median and worst piece, and the worst in motion."""
+    """Add the figure of the best, median and worst piece, and an animation of the worst."""
     order = np.argsort([one.l1 for one in cable.scores])
     chosen = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}
     figure, axes = new_figure(2, 3, 12.0, 7.0)

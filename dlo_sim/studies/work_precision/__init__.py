@@ -1,1 +1,1 @@
-"""Error against run time: cases, references, the diagram, other simulators beside."""
+"""Error against run time: cases, references, diagrams, and other simulators."""

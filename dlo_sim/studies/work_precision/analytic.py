@@ -1,4 +1,4 @@
-"""Static shapes against what is known in closed form or by shooting: elastica, catenary."""
+"""Static shapes against closed forms or numerical solutions: elastica, catenary."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ Known = tuple[Scene, float, Array, float]  # scene, u / L, its x and z there [m]
 
 
 def add(report: Report, quick: bool) -> None:
-    """Static shapes against n_u: a table and a figure."""
+    """Add a table and a figure of the errors of static shapes against n_u."""
     report.section("Against analytic results")
     report.text(
-        """Against the heavy elastica by shooting, with the simulator's curvature, per deformed
-        length (per rest length the cantilever's tip would be 0.02 % of its length away):
-        cantilever, the tip of the rubber cord; clamped, the middle of the soft cable with its
-        grippers 0.8 m apart; wire, its sag on its springs. Catenary: the middle of a cable without
-        bending stiffness, closed form. Errors are shares of the length, of the wire of its sag."""
+        """Compared with the heavy elastica, solved by collocation, with curvature per deformed
+        length as in the simulator (per rest length the cantilever's tip would differ by 0.02 % of
+        the length): cantilever, the tip of the rubber cord; clamped, the middle of the soft cable
+        with its grippers 0.8 m apart; wire, its sag on its springs. Catenary: the middle of a cable
+        without bending stiffness, closed form. Errors are relative to the length, for the wire to
+        its sag."""
     )
     shapes = known()
     rows = []
@@ -62,7 +63,7 @@ def at(scene: Scene, n_u: int) -> Scene:
 
 
 def known() -> dict[str, Known]:
-    """Shapes that are known."""
+    """Static shapes with known solutions, by name."""
     cord, thin, gap = cantilever().scene, wire(1).scene, 1.0 - CLOSED
     soft = soft_cable().scene.with_values({"end.position": [gap, 0.0, 0.0]})
     tip = elastica.cantilever_tip(rod_of(cord, True), cord.cable.length)

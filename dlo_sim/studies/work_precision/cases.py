@@ -1,4 +1,4 @@
-"""The cases: cables and motions on which settings and simulators are compared."""
+"""The cases: cables and motions for the comparison of settings and simulators."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dlo_sim.studies.work_precision import elastica
 from dlo_sim.tuning.trial import Job, error
 
 CLOSED = 0.2  # [m] by which the gripper of the soft cable closes
-CLOSING = 2.0  # [s] it takes: half of it speeding up, half slowing down
+CLOSING = 2.0  # [s], duration of this motion: half of it accelerating, half decelerating
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +23,8 @@ class Case:
     """A job and how its error is measured.
 
     Attributes:
-        name: for files. hold: how the ends are held, a word of the other simulators' scripts.
-        components: world axes of the error. scale: length [m] that errors are a share of.
+        name: for files. hold: how the ends are held, a keyword for the other simulators.
+        components: world axes of the error. scale: length [m] that errors are relative to.
         fine: n_u of the two reference runs.
     """
 
@@ -39,7 +39,7 @@ class Case:
 
     @property
     def scene(self) -> Scene:
-        """The cable and its world."""
+        """The scene of the job."""
         return self.job.scene
 
     def error(self, points: Array, truth: Array) -> float:
@@ -52,14 +52,14 @@ class Case:
 
 
 class Run(NamedTuple):
-    """A run on a case, here or by another simulator: a row of the diagram's data.
+    """A run of a case with a setting or by another simulator: a row of the diagram's data.
 
     Attributes:
-        who: method, or simulator. stretch: where stretching counts; empty of other simulators.
+        who: method, or simulator. stretch: evaluation of stretching; empty for other simulators.
         n_u: control points, or elements. step: [s]. status: `ok`, or why there is no result.
-        words: the setting for people. error: as a share of the case's scale; nan without a result.
-        wall: least run time of the repeats [s per simulated s], estimated of a run that was too
-            slow, nan of a failed one. spread: (median - least) / least.
+        words: the setting as text. error: relative to the case's scale; nan without a result.
+        wall: least run time of the repeats [s per simulated s], estimated for a run that was too
+            slow, nan for a failed one. spread: (median - least) / least.
         evaluations: of the force, or Newton iterations, per simulated second.
     """
 
@@ -82,13 +82,13 @@ class Run(NamedTuple):
 
     @property
     def line(self) -> str:
-        """Its line in the diagram."""
+        """Label of its line in the diagram."""
         by_span = self.stretch.startswith("by span")
         return f"{self.who}, stretch {self.stretch}" if by_span else self.who
 
 
 def rod_of(scene: Scene, deformed: bool = False) -> elastica.Rod:
-    """The cable's constants for the static shapes."""
+    """The cable's constants for `elastica`."""
     cable = scene.cable
     weight = cable.mu * float(np.linalg.norm(scene.gravity))
     return elastica.Rod(cable.EI, cable.EA, weight, deformed)
@@ -107,7 +107,7 @@ def wire(number: int) -> Case:
 
 
 def soft_cable() -> Case:
-    """A soft cable between two clamps 1 m apart, of which one comes 0.2 m closer within 2 s."""
+    """A soft cable between two clamps 1 m apart, one of which moves 0.2 m closer within 2 s."""
     far = {"end.fixed": [True] * 3, "end.clamped": True, "end.tangent": [1.0, 0.0, 0.0]}
     scene = _clamped(1.0, 0.006, 1200.0, 1e7, **{"damping.mass": 2.0}, **far)
     job = Job(scene, 4.0, (0.5,), 2e-3, closing())
@@ -115,7 +115,7 @@ def soft_cable() -> Case:
 
 
 def closing() -> tuple[tuple[str, EndMotion], ...]:
-    """The gripper's way of the soft cable: two parabolas, at rest before and after."""
+    """Motion of the soft cable's gripper: two parabolas, at rest before and after."""
     half = 0.5 * CLOSING
     push = 0.5 * CLOSED / half**2
     first, second = np.zeros((2, 3, 3))
@@ -127,20 +127,20 @@ def closing() -> tuple[tuple[str, EndMotion], ...]:
 
 
 def cantilever() -> Case:
-    """A rubber cord let go from a straight line, clamped at one end: it falls by 0.9 of itself."""
+    """A rubber cord clamped at one end, released straight: its tip falls by 0.9 of the length."""
     job = Job(_clamped(0.3, 0.005, 1100.0, 5e6), 1.0, (1.0,))
     return Case("cantilever", "Cantilever, large deflection", job, "cantilever", scale=0.3)
 
 
 def steel() -> Case:
-    """A steel wire, 0.5 m by 1 mm, clamped at one end and let go from a straight line."""
+    """A steel wire, 0.5 m by 1 mm, clamped at one end and released straight."""
     steel_wire = _clamped(0.5, 0.001, 7850.0, 2.1e11, **{"cable.shear_modulus": 8e10})
     job = Job(steel_wire, 1.0, (1.0,))
     return Case("steel_wire", "Stiff steel wire", job, "cantilever", scale=0.5, fine=(25, 33))
 
 
 def chain() -> Case:
-    """A hanging rope, let go at 30 degrees: no stiffness to speak of but its own tension."""
+    """A hanging rope, released at 30 degrees, with negligible bending stiffness."""
     angle = np.radians(30.0)
     scene = scene_from_values(
         {

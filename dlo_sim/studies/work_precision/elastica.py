@@ -1,9 +1,9 @@
-"""Heavy elastica: the static shape of a cable in a plane, by collocation; no spline of ours in it.
+"""Heavy elastica: planar static shape of a cable by collocation, independent of the simulator.
 
 In the plane, with slope angle th, moment M and internal force (H, V) along rest length s,
     x' = c cos th, z' = c sin th, th' = M / EI, M' = c (H sin th - V cos th), V' = w,
 with the stretch c = 1 + (H cos th + V sin th) / EA (Antman, Nonlinear Problems of Elasticity, 2005,
-ch. 4, without shear). There the bending energy is EI th'^2 / 2; the simulator's curvature is per
+ch. 4, without shear). This has the bending energy EI th'^2 / 2. The simulator's curvature is per
 deformed length, th' / c, so that M = EI th' / c^2 and
     th' = M c^2 / EI,   c = (1 + (H cos th + V sin th) / EA) / (1 - M^2 / (EI EA)).
 """
@@ -19,7 +19,7 @@ from scipy.integrate import solve_bvp
 
 from dlo_sim.studies.runs import Array
 
-# Of x, z, th, M at one end and at the other, and of the pull H: what has to be zero.
+# Boundary residuals as a function of (x, z, th, M) at both ends and the horizontal force H.
 Ends = Callable[[Array, Array, Array], list[float]]
 TOLERANCE, MOST_NODES = 1e-10, 20_000
 
@@ -37,8 +37,8 @@ class Rod:
 
 @cache
 def sag(rod: Rod, length: float, gap: float, spring: float = np.inf) -> float:
-    """Sag [m] of the middle of a cable whose ends are at a gap [m], clamped along x; or pinned, on
-    springs k = `spring` [N/m] along x, which the cable pulls nearer to each other.
+    """Sag [m] of the middle of a cable with a distance `gap` [m] of its ends, clamped along x; or
+    pinned on springs k = `spring` [N/m] along x, at rest at that distance.
 
     From the middle, th = V = 0, to the end, x = gap / 2 - H / k, and th = 0 or M = 0.
     """
@@ -65,7 +65,7 @@ def cantilever_tip(rod: Rod, length: float) -> tuple[float, float]:
 
 
 def _solved(rod: Rod, length: float, shear: float, ends: Ends) -> Array:
-    """x, z, th, M at the far end of a cable, whose V is `shear` at the near one.
+    """x, z, th, M at the far end of a cable with V = `shear` at the near end.
 
     Raises:
         RuntimeError: no convergence.
@@ -83,7 +83,7 @@ def _solved(rod: Rod, length: float, shear: float, ends: Ends) -> Array:
         return np.stack((stretch * cos, stretch * sin, turn, bend))
 
     s = np.linspace(0.0, length, 50)
-    bow = np.stack((s, s**2, s, np.full_like(s, rod.bending)))  # hardly pulled, slightly bent
+    bow = np.stack((s, s**2, s, np.full_like(s, rod.bending)))  # initial guess, slightly bent
     guess = [0.01 * rod.weight * length]
     found = solve_bvp(slopes, ends, s, bow, guess, tol=TOLERANCE, max_nodes=MOST_NODES)
     if not found.success:

@@ -1,5 +1,5 @@
-"""Converged references, with their own error by refinement in space and in time, each checked by a
-method of another family, whose forces and time stepping are other code.
+"""Converged references, with their own error estimated by refinement in space and time, each
+checked by a method of another family, which uses other code for forces and time stepping.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from dlo_sim.tuning.trial import Job, Trial, at_share, attempt
 
 METHOD = "velocity_verlet"  # valid with mass damping; its time error at such steps is negligible
 CHECK, CHECK_STEP = "energy_momentum_4", 2.5e-4  # [s]
-CHECK_DAMPED = "rk4"  # at its own step: compositions with negative sub-steps let damping grow
+CHECK_DAMPED = "rk4"  # at its own step: damping is unstable in negative sub-steps of compositions
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A converged motion; differences are shares of the case's scale.
+    """A converged motion; differences are relative to the case's scale.
 
     Attributes:
-        space, time: between the two finest resolutions; made by half the step at the coarser one.
-        check: the setting of another method on the coarser mesh, with its step.
-        disagreement: of it with the run at half the step on the same mesh.
+        space: difference between the two finest resolutions. time: effect of half the step at the
+            coarser one. check: setting of another method on the coarser mesh, with its step.
+        disagreement: between that method and the run at half the step on the same mesh.
     """
 
     run: Trial
@@ -43,7 +43,7 @@ class Reference:
 
     @property
     def own_error(self) -> float:
-        """Space and time together: an upper bound, as the error still falls with n_u."""
+        """Sum of the errors in space and time, an upper bound while the error falls with n_u."""
         return self.space + self.time
 
 
@@ -68,8 +68,8 @@ def references(cases: list[Case], workers: Workers) -> dict[str, Reference]:
 
 
 def run(job: Job, setting: Setting, share: float) -> Trial:
-    """An untimed run at a share of the setting's own step; 0 = at the setting's; for workers. What
-    the scene refuses gives a trial with the message.
+    """An untimed run at a share of the method's own step, or for share 0 at the setting's step; for
+    workers. A refused scene gives a trial with the message.
     """
     with contextlib.suppress(SceneError):  # the attempt is refused for the same reason
         setting = at_share(job, setting, share) if share else setting
@@ -90,14 +90,14 @@ def _runs(case: Case) -> list[tuple[Job, Setting, float]]:
 
 
 def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None:
-    """The cases and their references: own errors, and how far another method is from them."""
+    """Add the cases, the errors of their references, and the differences from another method."""
     report.section("Cases and references")
     report.text(
         """Error: rms over time of the worst axis at the material coordinates, in % of the case's
         scale. Reference: velocity_verlet on the finer of two meshes. Own error in space: its
-        distance from the coarser mesh; in time: what half the step changes there. As the method is
-        among those compared, one of another family is run on the coarser mesh too; its distance
-        from velocity_verlet at half the step holds the time errors of both."""
+        distance from the coarser mesh; in time: the effect of half the step there. Because the
+        method is among those compared, one of another family is also run on the coarser mesh; its
+        distance from velocity_verlet at half the step contains the time errors of both."""
     )
     compared, sure = [], []
     for case in cases:
@@ -109,7 +109,7 @@ def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None
         check = (truth.check.method, truth.check.control_points, truth.check.step)
         sure.append((case.name, *own, *check, truth.disagreement))
     header = "case | duration [s] | axes | at [L] | scale | length of the scale [mm]"
-    report.table("cases", header, compared, "What is compared")
+    report.table("cases", header, compared, "Cases")
     report.table(
         "references",
         "case | n_u | step [us] | own error in space [%] | own error in time [%] | checked by | "

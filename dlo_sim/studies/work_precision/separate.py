@@ -1,4 +1,4 @@
-"""The two parts of the error: space with time resolved, and time at a fixed resolution."""
+"""The two parts of the error: in space with time resolved, and in time at a fixed resolution."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, Trial
 
 RESOLUTIONS = {True: (5, 7, 9, 13), False: (5, 7, 9, 11, 13, 17, 21, 25, 29)}
-FIXED = {True: 7, False: 11}  # n_u at which time is looked at
+FIXED = {True: 7, False: 11}  # n_u for the error in time
 STEPS = {True: (4e-3, 2e-3), False: (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)}
 SHARES = {True: (1.0, 0.5), False: (1.0, 0.5, 0.25)}
-FINEST = 0.25  # of the smallest step, or share, compared: where time is resolved
+FINEST = 0.25  # factor from the smallest step, or share, compared to that of the reference
 CABLES = {
     "stretching": Setting(METHOD, 0),
     "stretching by span": Setting(METHOD, 0, stretch="span"),
     "inextensible": Setting("rattle", 0),
 }
 SIZE = (13.0, 8.0)
-Piece = tuple[Job, Setting, float]  # as of `references.run`
+Piece = tuple[Job, Setting, float]  # arguments of `references.run`
 OrderRow = tuple[str, str, float, float, float | None]  # case, method, step, error, order
 
 
 def add(report: Report, request: Request, cases: list[Case], truths: dict[str, Reference]) -> None:
-    """Both figures and a table, by workers: nothing is timed here."""
+    """Add both figures and a table, computed by workers; nothing is timed here."""
     report.section("Error in space and in time, separately")
     _space(report, request, cases, truths)
     _time(report, request, cases)
@@ -93,8 +93,7 @@ def _time(report: Report, request: Request, cases: list[Case]) -> None:
 
 
 def order_rows(case: Case, method: str, tried: list[Trial], truth: Trial) -> list[OrderRow]:
-    """Step [s], error and order from the row before; failed and refused runs, of which the latter
-    may have no step, are left out."""
+    """Step [s], error, and order from the previous row; failed and refused runs are left out."""
     rows: list[OrderRow] = []
     for trial in tried:
         off, order = _off(case, trial, truth.points), None
@@ -108,7 +107,7 @@ def order_rows(case: Case, method: str, tried: list[Trial], truth: Trial) -> lis
 
 
 def _steps(case: Case, method: str, quick: bool) -> list[Piece]:
-    """Runs at falling steps, the last one where time is resolved."""
+    """Runs at decreasing steps, the last one for the reference."""
     setting, implicit = Setting(method, FIXED[quick]), METHODS[method].family == IMPLICIT
     values = (STEPS if implicit else SHARES)[quick]
     values = (*values, FINEST * values[-1])
@@ -118,6 +117,6 @@ def _steps(case: Case, method: str, quick: bool) -> list[Piece]:
 
 
 def _off(case: Case, trial: Trial, truth: np.ndarray) -> float:
-    """Error as a share of the case's scale; nan of a failed run, or against one."""
+    """Error relative to the case's scale; nan if the run or its reference failed."""
     off = case.error(trial.points, truth)
     return off if trial.ok and np.isfinite(off) else float("nan")

@@ -1,4 +1,4 @@
-"""`dlo_sim study work-precision`: cases, references, diagrams, other simulators beside."""
+"""`dlo_sim study work-precision`: cases, references, diagrams, and other simulators."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dlo_sim.studies.work_precision import analytic, references, separate, sweep
 from dlo_sim.studies.work_precision.cases import all_cases
 from dlo_sim.studies.work_precision.peers import beside
 
-SHOWN_LEVEL = 0.01  # of the scale, whose fastest setting is a verdict
+SHOWN_LEVEL = 0.01  # error, relative to the scale, for the verdict on the fastest setting
 
 
 def run_study(request: Request) -> Outcome:
@@ -23,8 +23,8 @@ def run_study(request: Request) -> Outcome:
     references.add(report, cases, truths)
     report.section("Error against run time, case by case")
     report.text(
-        """A setting's error and its run time, the least of the repeats, come from the same
-        simulator. Implicit methods at given steps, explicit ones at shares of their own step; Gauss
+        """Error and run time of a setting, least of the repeats, are from the same simulator.
+        Implicit methods run at given steps, explicit ones at shares of their own step; Gauss
         quadrature with three points per span."""
     )
     levels: list[list[Cell]] = []
@@ -48,11 +48,11 @@ def run_study(request: Request) -> Outcome:
     report.section("The fastest settings")
     report.table("fastest", sweep.FASTEST, levels, "The fastest setting for each error")
     if request.peers:
-        caption = "Other simulators, and the fastest setting here whose error is no larger"
+        caption = "Other simulators, and the fastest dlo_sim setting whose error is not larger"
         report.table("peers", sweep.BESIDE, beside_us, caption)
         report.text(
             """The chain and MuJoCo 4 observe the same material point. MuJoCo's cables are
-            inextensible; on the wire their end springs take over the stretch."""
+            inextensible; on the wire their end springs include its axial compliance."""
         )
     report.text(*(f"Not measured: {line}" for line in others.absent))
     separate.add(report, request, cases, truths)

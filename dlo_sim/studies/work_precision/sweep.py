@@ -1,4 +1,4 @@
-"""Settings tried on every case, error and time from the same run, and the diagram of each case."""
+"""Settings run on every case, error and time from the same run, and the diagram of each case."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ METHODS_TRIED = {
 }
 CONTROL_POINTS = {True: (7, 11), False: (7, 8, 9, 11, 13, 17, 23)}
 STEPS = {True: (5e-3, 2e-3), False: (4e-2, 2e-2, 1e-2, 4e-3, 2e-3, 1e-3, 5e-4)}  # [s], implicit
-SHARES = {True: (1.0,), False: (1.0, 0.5)}  # of the own steps of the others
+SHARES = {True: (1.0,), False: (1.0, 0.5)}  # of the own step, explicit
 BUDGET = {True: 0.02, False: 0.1}  # [s] of repeats
-# Tried with stretching by span and with graded knots as well.
+# Also run with stretching by span and with graded knots.
 BY_SPAN = ("energy_momentum", "energy_momentum_4", "generalized_alpha")
-PAPER_STEP = 2e-3  # [s], which no explicit method bears on the wire
+PAPER_STEP = 2e-3  # [s], unstable with all explicit methods on the wire
 
 
 def swept(
     case: Case, truth: Reference, quick: bool, progress: Callable[[float], None]
 ) -> list[Run]:
-    """All settings on a case."""
+    """Run all settings on a case."""
     runs = []
     kinds = list(product(METHODS_TRIED[quick], CONTROL_POINTS[quick]))
     for k, kind in enumerate(kinds):
@@ -65,7 +65,7 @@ def swept(
 
 
 def tried(case: Case, truth: Reference, setting: Setting, budget: float) -> Run:
-    """A setting tried on a case and judged."""
+    """Run a setting on a case, with its error."""
     trial = attempt(case.job, setting, budget=budget)
     way = f"by {setting.stretch}" + ", knots auto" * (setting.knots == "auto")
     if METHODS[setting.method].family == CONSTRAINED:
@@ -98,13 +98,13 @@ def _settings(case: Case, quick: bool, method: str, n_u: int) -> list[Setting]:
 
 
 def fastest(runs: Sequence[Run], level: float) -> Run | None:
-    """The fastest of those whose error is at most `level` (a share)."""
+    """The fastest run with an error of at most `level`, relative to the scale."""
     good = [run for run in runs if run.ok and run.error <= level]
     return min(good, key=lambda run: run.wall) if good else None
 
 
 def front(runs: Sequence[Run], cost: str) -> list[Run]:
-    """Those that no other beats in both error and cost (a field's name), by rising cost."""
+    """Pareto front in error and cost (name of a field), by increasing cost."""
     found: list[Run] = []
     for run in sorted((run for run in runs if run.ok), key=attrgetter(cost)):
         if not found or run.error < found[-1].error:
@@ -113,7 +113,7 @@ def front(runs: Sequence[Run], cost: str) -> list[Run]:
 
 
 def level_rows(case: Case, truth: Reference, runs: Sequence[Run]) -> list[list[Cell]]:
-    """Rows of `FASTEST`: for every level the fastest setting within it."""
+    """Rows of `FASTEST`: the fastest setting for every level of error."""
     rows: list[list[Cell]] = []
     for level in LEVELS:
         own: list[Cell] = ["none of those tried", None, None, None, None]
@@ -127,7 +127,7 @@ def level_rows(case: Case, truth: Reference, runs: Sequence[Run]) -> list[list[C
 
 def peer_rows(case: Case, runs: Sequence[Run], peers: Sequence[Run]) -> list[list[Cell]]:
     """Rows of `BESIDE`: every run of another simulator, and the fastest setting here whose error is
-    no larger."""
+    not larger."""
     rows: list[list[Cell]] = []
     for peer in peers:
         measured = [value if np.isfinite(value) else None for value in (peer.error, peer.wall)]
@@ -142,7 +142,7 @@ def peer_rows(case: Case, runs: Sequence[Run], peers: Sequence[Run]) -> list[lis
 def diagram(
     report: Report, case: Case, truth: Reference, runs: list[Run], peers: list[Run]
 ) -> None:
-    """The diagram of a case."""
+    """Add the diagram of a case."""
     report.section(case.title, 3)
     figure, panels = plotting.new_figure(1, 2, width=13.0, height=5.4)
     for panel, (cost, label) in zip(panels, COSTS.items(), strict=True):
@@ -169,14 +169,14 @@ def diagram(
         f"work_precision_{case.name}",
         figure,
         columns(COLUMNS.split(" | "), [*runs, *peers]),
-        f"{case.title}: error against run time and against force evaluations. Lines: what no other "
-        "run of the method beats; dots: every run; numbers: n_u of what nothing here beats, where "
+        f"{case.title}: error against run time and against force evaluations. Lines: Pareto front "
+        "of each method; dots: all runs; numbers: n_u on the Pareto front of all methods, where "
         "it changes",
     )
 
 
 def _draw(axes: Axes, runs: Sequence[Run], cost: str) -> None:
-    """A method's runs as dots, its front as a line; dashed where stretching counts by span,
+    """Draw a method's runs as dots and its Pareto front as a line: dashed with stretching by span,
     dotted with graded knots too."""
     for name in dict.fromkeys(run.line for run in runs):
         own = [run for run in runs if run.line == name and run.ok]

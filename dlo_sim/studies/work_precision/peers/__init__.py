@@ -1,1 +1,1 @@
-"""Other simulators on the same cases, each in the environment that it needs."""
+"""Other simulators on the same cases, each in its own Python environment."""

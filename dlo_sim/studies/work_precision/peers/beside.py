@@ -1,7 +1,7 @@
-"""Running other simulators as child processes, and judging their motion like our own.
+"""Running other simulators as child processes, and measuring the error of their motion.
 
-Which Python has a simulator is said by environment variables; those that are not set, or do not
-work, are reported as not measured.
+Environment variables name the Python interpreter of each simulator; simulators whose variable is
+not set, or that fail, are reported as not measured.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from dlo_sim.studies.catalogue import Request
 from dlo_sim.studies.runs import Array
 from dlo_sim.studies.work_precision.cases import CLOSED, CLOSING, Case, Run
 
-Reply = dict[str, Any]  # JSON: a job given, or what a simulator sent back
+Reply = dict[str, Any]  # JSON: a job, or the answer of a simulator
 TIMEOUT = 900.0  # [s] for all runs of a simulator on a case
 
 
 @dataclass(frozen=True)
 class Peer:
-    """Another simulator: the environment variable that names its Python, empty for the one that
-    runs us, and its module beside this file, see `serve`.
+    """Another simulator: the environment variable that names its Python interpreter, empty for the
+    present one, and its module in this folder, see `serve`.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Peer:
 
     @property
     def python(self) -> str:
-        """The Python that has it; empty if none is named."""
+        """The Python interpreter that has it; empty if none is named."""
         return os.environ.get(self.variable, "") if self.variable else sys.executable
 
 
@@ -47,11 +47,11 @@ PEERS = (
     Peer("MuJoCo 4 rod", "DLO_SIM_MUJOCO4_PYTHON", "mujoco_peer"),
     Peer("PyElastica", "DLO_SIM_PYELASTICA_PYTHON", "elastica_peer"),
 )
-_DAMPED = "its damping is another one"
+_DAMPED = "it has a different damping"
 _SLOW = "too slow to run to its end, as on scenario_1, which is the same wire"
 _ROPE = "10/1e-3 20/5e-4 40/2e-4"
-# Case -> for each of them: numbers of elements, each with its step [s] unless it has one of its
-# own; or why it is not measured there.
+# Case -> for each of PEERS: numbers of elements, each with its step [s] unless it chooses its own;
+# or why it is not measured there.
 TRIED = {
     "scenario_1": ("20 34 60 128", "10/1e-3 20/5e-4 22/5e-4 40/2e-4", "20/2e-4 40/1e-4", "20/3e-7"),
     "scenario_2": ("20 34 60", "20/5e-4 22/2e-4 40/2e-4", "20/2e-4 40/1e-4", _SLOW),
@@ -68,8 +68,8 @@ TRIED = {
 
 
 class Peers:
-    """The simulators that there are, none unless the request asks for them; and what was not
-    measured, and why.
+    """The available simulators, none unless requested; `absent` lists what was not measured, and
+    why.
     """
 
     def __init__(self, request: Request) -> None:
@@ -82,7 +82,7 @@ class Peers:
         ]
 
     def runs(self, case: Case, truth: Array) -> list[Run]:
-        """Run every simulator on a case and judge its motion against a truth (T, m, 3)."""
+        """Run every simulator on a case; errors are relative to the reference `truth` (T, m, 3)."""
         found = []
         for peer, words in zip(PEERS, TRIED[case.name], strict=True):
             if peer not in self._there:
@@ -99,7 +99,7 @@ class Peers:
     def _replies(self, peer: Peer, case: Case, jobs: list[Reply]) -> list[Reply]:
         serve = str(Path(__file__).with_name("serve.py"))
         try:
-            # MuJoCo leaves a log where it runs.
+            # MuJoCo writes a log to its working directory.
             with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
                 done = subprocess.run(
                     [peer.python, serve, peer.module],
@@ -122,7 +122,7 @@ class Peers:
 
 
 def _judged(peer: Peer, case: Case, truth: Array, job: Reply, reply: Reply) -> Run:
-    """A reply's error against a truth at the case's times, as far as that goes."""
+    """The run of a reply, with its error against the reference at the times that it reached."""
     status, points = reply["message"].replace("|", "/") or "ok", np.array(reply["points"])
     wall = spread = off = float("nan")
     if status == "ok":  # a run that failed on its way has no time per simulated second
@@ -141,7 +141,7 @@ def _judged(peer: Peer, case: Case, truth: Array, job: Reply, reply: Reply) -> R
 def _job(case: Case, n: int, step: float) -> Reply:
     cable = case.scene.cable
     along = np.subtract(case.scene.end.position, case.scene.start.position)
-    # The round section whose stiffnesses and mass are the cable's, given directly or not.
+    # The round section with the stiffnesses and the mass of the cable.
     diameter = 4.0 * np.sqrt(cable.EI / cable.EA)
     area = 0.25 * np.pi * diameter**2
     modulus = cable.EA / area

@@ -1,12 +1,12 @@
-"""The naive chain: lumped masses, discrete-rod bending, stiff links, velocity Verlet, compiled.
+"""A naive chain: lumped masses, discrete-rod bending, stiff links, velocity Verlet, compiled.
 
-What one writes first. Needs numpy and numba alone.
+The simplest implementation, for comparison. Needs only numpy and numba.
 """
 
 import numba
 import numpy as np
 
-PACKAGE = ""  # ours
+PACKAGE = ""  # needs no other package
 
 
 @numba.njit(cache=True)
@@ -54,7 +54,7 @@ def force(x, link, axial, bending, mass, spring, length, f):
 
 @numba.njit(cache=True)
 def advance(x, v, first, steps, tau, link, constants, mass, free, push, closing):
-    """Whole steps from step number `first`."""
+    """Advance by whole steps from step number `first`."""
     axial, bending, spring, length, decay = constants
     n = x.shape[0] - 1
     f = np.zeros_like(x)
@@ -74,7 +74,7 @@ def advance(x, v, first, steps, tau, link, constants, mass, free, push, closing)
         sine = np.sin(2.0 * np.pi * push[3] * k * tau)
         for d in range(3):
             f[n // 2, d] += push[d] * sine
-        # The kick that ends the step before, and the one that begins the next.
+        # The half kick that ends the previous step, and the one that starts the next.
         for i in range(n + 1):
             for d in range(3):
                 kick = 0.5 * tau * f[i, d] / mass[i] * free[i, d]
@@ -85,7 +85,7 @@ def advance(x, v, first, steps, tau, link, constants, mass, free, push, closing)
 
 
 def start(job):
-    """Points, masses, what is free, link length and step of a job."""
+    """Points, masses, free coordinates, link length and step of a job."""
     n, kind = job["n"], job["kind"]
     clamps = {"pinned": 0, "hanging": 0, "cantilever": 1, "clamped": 2}[kind]
     link = job["length"] / (n - 0.5 * clamps)

@@ -1,25 +1,25 @@
 """PyElastica's Cosserat rod.
 
-Its shear stiffness and the rotation of its sections allow steps of 0.1 to 1 us on thin stiff
-cables. Where that is too slow, a short piece gives the cost of a simulated second, and no error.
+Its shear stiffness and the rotary inertia of its sections limit steps to 0.1 to 1 us on thin stiff
+cables. If that is too slow, a short piece gives the cost of a simulated second, without an error.
 """
 
 import contextlib
 
 import numpy as np
 
-with contextlib.suppress(ModuleNotFoundError):  # this file is imported where there is none
+with contextlib.suppress(ModuleNotFoundError):  # this file is also imported without it
     import elastica
 
 PACKAGE = "elastica"
-MOST_STEPS = 400_000  # of a run to its end
+MOST_STEPS = 400_000  # of a complete run
 
 
 def build(job):
     """A simulator and its rod."""
 
     class Scene(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing):
-        """A rod that can be held and pulled, composed as PyElastica wants it."""
+        """A system with constraints and forces, composed of PyElastica's mixins."""
 
     scene = Scene()
     rod = elastica.CosseratRod.straight_rod(

@@ -2,7 +2,7 @@
 
 MuJoCo 3: the composite cable with the elasticity plugin, a chain of capsules on ball joints.
 MuJoCo 4: the one-dimensional flex, a discrete elastic rod whose edges are kept by constraints.
-Both are inextensible; the wire's end springs take over the stretch of the wire.
+Both are inextensible; the wire's end springs include its axial compliance.
 """
 
 import contextlib
@@ -10,12 +10,12 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-with contextlib.suppress(ModuleNotFoundError):  # this file is imported where there is none
+with contextlib.suppress(ModuleNotFoundError):  # this file is also imported without it
     import mujoco
 
 PACKAGE = "mujoco"
 SOFT_TWIST = 1e6  # [Pa]
-LIGHT = 1e-3  # [kg] of MuJoCo 3's sliders; lighter ones make the connection too soft
+LIGHT = 1e-3  # [kg], mass of MuJoCo 3's sliders; lighter ones make the connection too soft
 
 
 def element(parent, tag, **attributes):
@@ -25,14 +25,14 @@ def element(parent, tag, **attributes):
 
 
 def text(value):
-    """A value as MuJoCo's XML has it."""
+    """A value as text for MuJoCo's XML."""
     if isinstance(value, str):
         return value
     return " ".join(f"{float(v):.12g}" for v in np.ravel(value))
 
 
 def model_of(job):
-    """The XML of a job, and the observed points: names of bodies, places in their frames."""
+    """The XML of a job, and the observed points: names of bodies, positions in their frames."""
     root = ElementTree.Element("mujoco")
     option = element(root, "option", timestep=job["step"], gravity=[0, 0, -9.81])
     option.set("integrator", "Euler")
@@ -44,12 +44,12 @@ def model_of(job):
 
 
 def softer_spring(job):
-    """Spring [N/m] that yields like the wire's and half of the wire's stretch together."""
+    """Spring [N/m] equivalent to the wire's end spring in series with half of the wire."""
     return 1.0 / (1.0 / job["spring"] + 0.5 * job["length"] / job["EA"])
 
 
 def link_length(job):
-    """Links [m]; a clamp sits in the middle of the outermost link."""
+    """Length of a link [m]; a clamp is at the middle of the outermost link."""
     return job["length"] / (job["n"] - 0.5 * (job["kind"] == "cantilever"))
 
 
@@ -79,7 +79,7 @@ def composite(root, option, job):
     initial = "ball" if kind in ("pinned", "hanging") else "none"
     cable = element(holder, "composite", prefix="c", type="cable", vertex=vertices, initial=initial)
     rod = element(cable, "plugin", plugin=plugin)
-    # Nothing twists these cables, and the true value would cost MuJoCo its larger steps.
+    # These cables do not twist, and the true value would require smaller steps.
     element(rod, "config", key="twist", value=min(job["shear_modulus"], SOFT_TWIST))
     element(rod, "config", key="bend", value=job["youngs_modulus"])
     element(cable, "joint", kind="main", damping=0.0)
@@ -144,7 +144,7 @@ class Cable:
         self.spots = [(self.model.body(name).id, np.array(place)) for name, place in observed]
 
     def look(self, first, steps):
-        """Observed points; the force is that in the middle of the steps."""
+        """Observed points; also sets the force, that at the middle of the steps."""
         if any(warning.number for warning in self.data.warning):
             raise RuntimeError(f"MuJoCo warned and reset itself at {first * self.step:g} s")
         middle = (first + 0.5 * steps) * self.step

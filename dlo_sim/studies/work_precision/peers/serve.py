@@ -1,13 +1,13 @@
-"""Jobs for a simulator as JSON on stdin, its motions on stdout, one line each: `serve.py PEER`.
+"""Run jobs on a simulator, JSON on stdin, results on stdout, one line each: `serve.py PEER`.
 
-Run by the Python that has the simulator, and nothing of dlo_sim is imported: that environment need
-not have it. A peer is a module beside this one, with the name of its `PACKAGE` and a class `Cable`
-of a job:
+Run by the simulator's Python interpreter, whose environment need not have dlo_sim: nothing of it is
+imported. A peer is a module in this folder with the name of its `PACKAGE` and a class `Cable` of a
+job:
     step: time step [s].
     look(first, steps): observed points [m], shape (m, 3), before so many steps from step number
-        `first`, which may be prepared here; raises if the steps before failed.
-    advance(first, steps): these steps, and nothing else, as they are timed.
-A peer that is slow may say in `MOST_STEPS` up to how many steps it runs to the end.
+        `first`, which may be prepared here; raises if the previous steps failed.
+    advance(first, steps): these steps and nothing else, because they are timed.
+A slow peer may set `MOST_STEPS`, the largest number of steps of a complete run.
 """
 
 import importlib
@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-PIECES = 3  # timed of a run that is too slow to go to its end
+PIECES = 3  # timed pieces of a run that is too slow to be completed
 
 
 def run(peer: Any, job: dict[str, Any]) -> tuple[dict[str, Any], float]:
-    """One run: times, observed points (T, m, 3) and run time of stepping, first piece left out as
-    it may compile. Of a run that is too slow a few pieces, without points.
+    """One run: times, observed points (T, m, 3) and run time of stepping, without the first piece,
+    which may compile. A run that is too slow has a few pieces only, and no points.
     """
     cable = peer.Cable(job)
     chunk = max(1, round(job["every"] / cable.step))
@@ -34,7 +34,7 @@ def run(peer: Any, job: dict[str, Any]) -> tuple[dict[str, Any], float]:
         times.append(k * chunk * cable.step)
         points.append(cable.look(k * chunk, chunk).tolist())
         if not np.abs(points[-1]).max() < 10 * job["length"]:
-            raise RuntimeError(f"left the room at {times[-1]:g} s")
+            raise RuntimeError(f"diverged at {times[-1]:g} s")
         began = time.perf_counter()
         cable.advance(k * chunk, chunk)
         walls.append(time.perf_counter() - began)
@@ -43,7 +43,7 @@ def run(peer: Any, job: dict[str, Any]) -> tuple[dict[str, Any], float]:
 
 
 def main() -> None:
-    """Repeat every job within its budget of time; the reply says why there is no motion."""
+    """Repeat every job within its time budget; the reply has a message if a run failed."""
     peer = importlib.import_module(sys.argv[1])
     try:
         package = importlib.import_module(peer.PACKAGE) if peer.PACKAGE else None
