@@ -6,7 +6,7 @@ reported, and the result differs from then on. A play in which that happened com
 repeated, PLAYS times at most.
 
 DLO_SIM_LIVE=60 plays 60 s of everything, and also demands that no publication was late: no gap of
-more than 2.5 periods between two of them at the node, but for those in which a core of the machine
+more than 2.5 periods between two of them at the node and no state left out, but for those in which a core of the machine
 stood still itself (a process on each that only sleeps was late as well). Lost messages, counted by
 the sequence numbers of the transport, are never accepted.
 """
@@ -319,7 +319,7 @@ def compare(
     )
     assert not stalled, f"in {PLAYS} plays the machine stopped for longer than inputs.latency"
     # A timer that fires once for two periods leaves out a state; what a long gap loses is caught up
-    # in parts. Otherwise the grid is one, but for the first and the last few states. The replay
+    # in parts, and so is what a busy machine delays. Otherwise the grid is one, but for the first and the last few states. The replay
     # goes on to the last stamp of the bag; `play` listens until the latency before it.
     edge = 20 * round(SECOND / RATE)
     begin, end = min(grid) + edge, min(max(grid), max(live)) - edge
@@ -328,7 +328,7 @@ def compare(
         for stamps in (grid - set(live), set(live) - grid)
     )
     print(f"{len(missing)} states missing, {len(extra)} in between, {publications.skipped} skipped")
-    assert len(missing) <= publications.skipped
+    assert not FULL or len(missing) <= publications.skipped
     assert late or not extra
     if tolerance:
         errors = np.abs(positions(live, common) - positions(expected, common)).max(axis=(1, 2))
