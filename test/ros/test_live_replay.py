@@ -6,9 +6,10 @@ reported, and the result differs from then on. A play in which that happened com
 repeated, PLAYS times at most.
 
 DLO_SIM_LIVE=60 plays 60 s of everything, and also demands that no publication was late: no gap of
-more than 2.5 periods between two of them at the node and no state left out, but for those in which a core of the machine
-stood still itself (a process on each that only sleeps was late as well). Lost messages, counted by
-the sequence numbers of the transport, are never accepted.
+more than 2.5 periods between two of them at the node, but for those in which a core of the machine
+stood still itself (a process on each that only sleeps was late as well), and no state left out but
+in skipped periods. Lost messages, counted by the sequence numbers of the transport, are never
+accepted.
 """
 
 from __future__ import annotations
