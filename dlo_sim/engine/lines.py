@@ -119,17 +119,6 @@ def difference_form(shape, model, matrix, line, x):
 
 
 @part
-def inner(shape, line, a, b):
-    """a . b of one line, as partial sums."""
-    start = line * shape[LINE] + MARGIN * shape[STRIDE]
-    sum_ = zero()
-    for part_ in range(shape[PARTS]):
-        at = start + LANES * part_
-        sum_ += load(a, at) * load(b, at)
-    return sum_
-
-
-@part
 def mass_of(shape, line):
     """Offset of the mass matrix of a line."""
     return shape[MASS] + 7 * shape[LINE] * kind_of(shape, line)

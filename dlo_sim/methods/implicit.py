@@ -210,7 +210,7 @@ def implicit_step(
     share = 1.0  # of the last correction that x contains
     stalls = 0  # successive stalled corrections
     known = np.int64(0)  # corrections since the matrix was factorised
-    lost = 0.0
+    lost, floor = 0.0, 0.0
     while True:
         lost = step_force(
             shape, model, inputs, state, scratch, gradient, t0, tau, theta, rate, discrete
@@ -256,8 +256,7 @@ def implicit_step(
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if exhausted:
             # Corrections are round-off: the energy account cannot be more accurate than this.
-            at = ledger + layout.FLOOR * LANES
-            state[at] = max(state[at], RESOLUTION * defect)
+            floor = RESOLUTION * defect
         # The work of moving grasps needs the forces, and the twist the shape, after the last
         # correction: one more evaluation.
         if converged and not (moves or coupled):
@@ -269,6 +268,8 @@ def implicit_step(
     if converged and careful:
         converged = not turned_over(shape, x, start, change)
     if converged:
+        at = ledger + layout.FLOOR * LANES
+        state[at] = max(state[at], floor)
         finish_step(
             shape, model, inputs, state, scratch, end_twist, constants, newmark,
             t0, tau, whole, lost, dissipates,

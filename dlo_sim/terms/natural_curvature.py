@@ -30,14 +30,6 @@ def energy(n, t, k, c):
 
 
 @part
-def gradient(n, t, k, c):
-    """d/dc and d/de; de/dr' = k x n, de/dr'' = n x t."""
-    inverse = 1.0 / c
-    f = inverse * root(inverse)
-    return 1.5 * f * triple(n, t, k) * inverse, -f
-
-
-@part
 def mean_gradient(c0, c1, e0, e1):
     """Divided differences in c and e."""
     s0, s1 = root(c0), root(c1)
