@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,9 +24,11 @@ from dlo_sim.replay.summary import Recording, ReplaySummary
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
-from dlo_sim.session.simulator_protocol import SimulatorFactory
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import DIAGNOSTICS, REACTION, input_topics, output_topics, resolved
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator
 
 __all__ = ["ReplayError", "ReplaySummary", "replay_bag"]
 
@@ -50,7 +53,7 @@ def replay_bag(
     *,
     compare: Mapping[str, str] | None = None,
     progress: Callable[[float], None] | None = None,
-    simulator_factory: SimulatorFactory | None = None,
+    simulator_factory: Callable[..., Simulator] | None = None,
 ) -> ReplaySummary:
     """Replay a bag through a scene into a new bag of the same storage.
 
@@ -169,7 +172,7 @@ class _Replay:
         writer: BagWriter | None,
         compare: Mapping[str, str],
         progress: Callable[[float], None] | None,
-        factory: SimulatorFactory | None,
+        factory: Callable[..., Simulator] | None,
     ) -> None:
         self.summary = ReplaySummary()
         self._bag, self._scene, self._writer = bag, scene, writer

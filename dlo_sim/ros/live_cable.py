@@ -32,9 +32,9 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
-from dlo_sim.session.simulator_protocol import State
 from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
 from dlo_sim.session.transforms import Transforms
+from dlo_sim.simulation.simulator import Snapshot
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase
@@ -115,7 +115,9 @@ class LiveCable:
             ) from None
         self._scene_parameters.follow(self._prepare, self._adopt)
 
-    def _built(self, scene: Scene, saved: State | None, transforms: Transforms | None) -> Session:
+    def _built(
+        self, scene: Scene, saved: Snapshot | None, transforms: Transforms | None
+    ) -> Session:
         """The session, with its machine code loaded."""
         log = self._node.get_logger()
         log.info("building the simulator")

@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from dlo_sim.scene.refusal import one_line
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.cdr import DiagnosticStatus
-from dlo_sim.session.simulator_protocol import CableSimulator
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
@@ -149,7 +152,7 @@ def session_status(
     journal: Journal,
     status: str,
     message: str,
-    simulator: CableSimulator,
+    simulator: Simulator,
     accuracy: Accuracy,
     *,
     failed: bool,

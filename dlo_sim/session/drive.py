@@ -9,21 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.gripper_path import GripperPath
 from dlo_sim.session.load_schedule import LoadSchedule
 from dlo_sim.session.observer import Observer
-from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.waiting import TakeMessage, Waiting
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
-    from dlo_sim.simulation.simulator import Simulator
+    from dlo_sim.simulation.simulator import Simulator, Snapshot
 
 
 class Advance(NamedTuple):
@@ -44,7 +43,7 @@ class Prepared(NamedTuple):
     """
 
     before: Scene
-    simulator: CableSimulator
+    simulator: Simulator
     estimate: ErrorEstimate | None
 
 
@@ -70,7 +69,7 @@ class Drive:
     def __init__(
         self,
         scene: Scene,
-        factory: SimulatorFactory,
+        factory: Callable[..., Simulator],
         note: Callable[[str, str], None],
         live: bool = False,
     ) -> None:
@@ -100,10 +99,9 @@ class Drive:
         self._motions: dict[str, EndMotion] = {}
 
     @property
-    def saved(self) -> State:
+    def saved(self) -> Snapshot:
         """All that `resume` needs."""
-        state: State = self.simulator.snapshot()
-        return state
+        return self.simulator.snapshot()
 
     @property
     def _estimating(self) -> bool:
@@ -111,7 +109,7 @@ class Drive:
         return _estimated(self.scene, self._live and not self._too_slow)
 
     @property
-    def _driven(self) -> Stepped:
+    def _driven(self) -> Simulator | ErrorEstimate:
         """What takes motions, loads and steps: the simulator, alone or with its companions."""
         return self.simulator if self.estimate is None else self.estimate
 
@@ -162,12 +160,12 @@ class Drive:
         if self._estimating:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-            self.estimate = ErrorEstimate.placed(cast("Simulator", self.simulator), poses)
+            self.estimate = ErrorEstimate.placed(self.simulator, poses)
         self.grid = StepGrid(origin, self.simulator.step)
         self.index = 0
         self._knots, self._motions = dict.fromkeys(self.paths, 0), {}
 
-    def resume(self, base_ns: int, saved: State) -> None:
+    def resume(self, base_ns: int, saved: Snapshot) -> None:
         """`begin` with a saved state: loads are those of the scene, ends rejoin their poses
         smoothly from where they were.
 
@@ -182,7 +180,7 @@ class Drive:
         if self.estimate is not None:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-            self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
+            self.estimate = ErrorEstimate.continued(self.simulator)
         for name, path in self.paths.items():
             path.skip_to(self.now_ns, *self.simulator.end_pose(name))
 
@@ -267,7 +265,7 @@ class Drive:
         """Correct the present state by what is measured; the step of the next correction."""
         if self.observer is None:
             return target
-        self.observer.apply(self.now_ns, grid.step * 1e9, cast("Simulator", self.simulator))
+        self.observer.apply(self.now_ns, grid.step * 1e9, self.simulator)
         change = self.observer.next_change_ns()
         return target if change is None else min(target, grid.first_at_or_after(change))
 
@@ -305,7 +303,7 @@ class Drive:
         if spared:
             from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-            self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
+            self.estimate = ErrorEstimate.continued(self.simulator)
             for name, motion in self._motions.items():
                 self.estimate.go_on(name, motion)
             for schedule in self.schedules.values():
@@ -351,7 +349,7 @@ class Drive:
             return Prepared(self.scene, simulator, None)
         from dlo_sim.simulation.error_estimate import ErrorEstimate
 
-        estimate = ErrorEstimate.continued(cast("Simulator", simulator))
+        estimate = ErrorEstimate.continued(simulator)
         return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:

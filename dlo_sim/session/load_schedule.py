@@ -8,15 +8,18 @@ CABLE, already multiplied by `loads.<name>.sign`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dlo_sim.core import rotations
 from dlo_sim.scene.cable import Load
-from dlo_sim.session.simulator_protocol import Stepped
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.waiting import Waiting
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.error_estimate import ErrorEstimate
+    from dlo_sim.simulation.simulator import Simulator
 
 _MOST_WAITING = 20_000
 Triple = tuple[float, float, float]
@@ -53,7 +56,7 @@ class LoadSchedule(Waiting[LoadMessage]):
         self.timeout_ns = round(load.timeout * SECOND)
         self._note = note
 
-    def remove(self, simulator: Stepped) -> None:
+    def remove(self, simulator: Simulator) -> None:
         """Forget all messages and take the load off."""
         self.clear()
         simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
@@ -77,7 +80,7 @@ class LoadSchedule(Waiting[LoadMessage]):
         removed = self._held.stamp_ns + self.timeout_ns
         return removed if change is None else min(change, removed)
 
-    def apply(self, now_ns: int, step_ns: float, simulator: Stepped) -> None:
+    def apply(self, now_ns: int, step_ns: float, simulator: Simulator | ErrorEstimate) -> None:
         """Give the simulator the load that acts during the step that begins at `now_ns`."""
         newest: LoadMessage | None = None
         for newest in self.due(now_ns):
@@ -100,7 +103,7 @@ class LoadSchedule(Waiting[LoadMessage]):
             self._note("load_removed", f"load {self.name}: no message for {timeout:g} s; removed")
             simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
 
-    def resend(self, simulator: Stepped) -> None:
+    def resend(self, simulator: Simulator | ErrorEstimate) -> None:
         """Apply the load that is held again (to a new simulator)."""
         if self._held is not None:
             self._pending.appendleft(self._held)

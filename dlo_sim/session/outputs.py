@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,6 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr_markers import CapsuleEncoder, LineEncoder
 from dlo_sim.session.cdr_points import PointCloudEncoder
-from dlo_sim.session.simulator_protocol import Observable
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (
     CAPSULES,
@@ -45,6 +44,9 @@ from dlo_sim.session.topics import (
     TF,
     output_topics,
 )
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 
@@ -66,7 +68,7 @@ class OutgoingMessage(NamedTuple):
     data: bytes
 
 
-_Encode = Callable[[Observable, int], bytes | None]
+_Encode = Callable[["Simulator", int], bytes | None]
 
 
 class Outputs:
@@ -123,7 +125,7 @@ class Outputs:
         self.topics = [topic for topic, _, _ in self._topics]
 
     def messages(
-        self, simulator: Observable, stamp_ns: int, wanted: Collection[str]
+        self, simulator: Simulator, stamp_ns: int, wanted: Collection[str]
     ) -> list[OutgoingMessage]:
         """The messages of this state.
 
@@ -144,15 +146,15 @@ class Outputs:
 
     # Each returns None instead of a message with a number that is not finite.
 
-    def _encode_reaction(self, end: str, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_reaction(self, end: str, simulator: Simulator, stamp_ns: int) -> bytes | None:
         wrench = simulator.reaction_wrench(end)
         return self._wrench.encode(stamp_ns, wrench) if math.isfinite(sum(wrench)) else None
 
-    def _encode_control_points(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_control_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         simulator.control_poses(self._poses.rows)
         return self._poses.encode(stamp_ns) if _finite(self._poses.rows) else None
 
-    def _encode_centerline(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_centerline(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._samples)
         if not _finite(line):
             return None
@@ -162,18 +164,18 @@ class Outputs:
             self._centerline.colors[:] = colors(shown, *self._color_range)
         return self._centerline.encode(stamp_ns, line)
 
-    def _encode_control_polygon(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_control_polygon(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         points = simulator.control_points[:, :3]
         return self._polygon.encode(stamp_ns, points) if _finite(points) else None
 
-    def _encode_points(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         rows = self._points.rows
         rows[:, :3] = simulator.centerline(self._samples)
         if rows.shape[1] > 4:
             rows[:, 4] = simulator.tension(self._samples)
         return self._points.encode(stamp_ns) if _finite(rows) else None
 
-    def _encode_capsules(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_capsules(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._along_capsules)
         if not _finite(line):
             return None
@@ -181,7 +183,7 @@ class Outputs:
         radii = self._radius + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
         return self._capsules.encode(stamp_ns, joints, radii)
 
-    def _encode_transforms(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_transforms(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         simulator.control_poses(self._poses.rows)
         poses = {"start": self._poses.rows[0], "end": self._poses.rows[-1]}
         poses |= {name: np.concatenate(simulator.end_pose(name)) for name in self._grasps}

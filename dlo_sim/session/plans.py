@@ -7,7 +7,7 @@ which is older by the latency, and goes from there to the first pose of the plan
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,8 +102,7 @@ class Plans:
             present = np.concatenate(session.simulator.end_pose(name))
             poses[name] = np.vstack([present, rows[later]])
             check_speed(session.scene, name, grid, poses[name], JUMP[0])
-        simulator = cast("Simulator", session.simulator)
-        return Planned(simulator, Plan(grid, poses), stamp_ns, ahead)
+        return Planned(session.simulator, Plan(grid, poses), stamp_ns, ahead)
 
     def _check_begin(self, name: str, pose: Array) -> None:
         """Refuse a plan that begins elsewhere than where the end effector was last."""

@@ -12,7 +12,7 @@ import re
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,9 @@ from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import Needs
 from dlo_sim.scene.refusal import SceneError, brief
-from dlo_sim.session.simulator_protocol import State
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Snapshot
 
 Array = NDArray[np.float64]
 _VECTORS = {"position": 3, "orientation": 4, "attachment": 3, "tangent": 3}  # of a geometry
@@ -32,7 +34,7 @@ _FREE = ("inputs.", "outputs.", "state.")
 _TAKEN = re.compile(r"grasps\..*\.taken")  # is part of the state
 
 
-def save_state(path: Path, state: State) -> None:
+def save_state(path: Path, state: Snapshot) -> None:
     """Write the state; what was there is replaced.
 
     Raises:
@@ -62,7 +64,7 @@ def save_state(path: Path, state: State) -> None:
     write_atomically(path, write)
 
 
-def load_state(path: Path, scene: Scene) -> tuple[State, float] | None:
+def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
     """The state that was saved of this scene, and how long ago [s]; None if there is no file.
 
     The grasps of its scene hold the cable as they did.
@@ -98,7 +100,7 @@ def _unfit(head: dict[str, Any], scene: Scene) -> str:
     return f"another scene ({difference})" if difference else ""
 
 
-def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> State:
+def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> Snapshot:
     """The state of a file.
 
     Raises:

@@ -13,7 +13,8 @@ The session never raises on a message or a tick and never puts out a number that
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from typing import TYPE_CHECKING
 
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
@@ -24,7 +25,6 @@ from dlo_sim.session.intake import Accepted, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
 from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State
 from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import TimeBase, Verdict
 from dlo_sim.session.topics import (
@@ -38,6 +38,9 @@ from dlo_sim.session.topics import (
     tf_inputs,
 )
 from dlo_sim.session.transforms import Transforms
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator, Snapshot
 
 __all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
 
@@ -65,12 +68,12 @@ class Session:
     def __init__(
         self,
         scene: Scene,
-        simulator_factory: SimulatorFactory | None = None,
+        simulator_factory: Callable[..., Simulator] | None = None,
         *,
         transforms: Transforms | None = None,
         naming: Naming = DEFAULT_NAMING,
         live: bool = False,
-        resume: State | None = None,
+        resume: Snapshot | None = None,
     ) -> None:
         if simulator_factory is None:
             # Here, because it brings the compiler along; importing this module must stay light.
@@ -97,7 +100,7 @@ class Session:
         self._failure = ""
         self._waiting: tuple[str, ...] = ()
         self._marker_count: int | None = None
-        self._given_out: tuple[CableSimulator, int] | None = None
+        self._given_out: tuple[Simulator, int] | None = None
         self._markers_due = False
 
     @property
@@ -106,7 +109,7 @@ class Session:
         return self._drive.scene
 
     @property
-    def simulator(self) -> CableSimulator:
+    def simulator(self) -> Simulator:
         """The simulator, for reading; it is replaced on reset and when the scene changes."""
         return self._drive.simulator
 
@@ -121,7 +124,7 @@ class Session:
         return {name: path.newest for name, path in self._drive.paths.items()}
 
     @property
-    def saved(self) -> State | None:
+    def saved(self) -> Snapshot | None:
         """All that another session of this scene needs to go on; None before the cable is placed
         and after a failure.
         """
@@ -419,7 +422,7 @@ class Session:
         return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
 
 
-def _look_at(simulator: CableSimulator, scene: Scene) -> None:
+def _look_at(simulator: Simulator, scene: Scene) -> None:
     """Make every output once: the first look of each kind loads machine code, or compiles it."""
     outputs = Outputs(scene, len(simulator.greville))
     outputs.messages(simulator, 0, output_topics(scene))
