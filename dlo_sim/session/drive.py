@@ -11,13 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.gripper_path import GripperPath
+from dlo_sim.session.gripper_path import Array, GripperPath, Segment
 from dlo_sim.session.load_schedule import LoadSchedule
 from dlo_sim.session.observer import Observer
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
-from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.topics import InputTopic
 from dlo_sim.session.waiting import TakeMessage, Waiting
 
 if TYPE_CHECKING:
@@ -82,40 +81,26 @@ class Drive:
         self._note = note
         self._factory = factory
         self.paths = {
-            name: GripperPath(
-                name, round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND), note
-            )
-            for name, end in scene.holders.items()
-            if end.driven
+            name: GripperPath(name, holder, note)
+            for name, holder in scene.holders.items()
+            if holder.driven
         }
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
         self.takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
         self.observer: Observer | None = None
         if scene.measured.type != "none":
             self.observer = Observer(scene.measured, note)
+        self._waiting: list[Waiting[Any]] = [*self.schedules.values(), *self.takes.values()]
+        self._waiting += [self.observer] if self.observer is not None else []
+        self._inputs: list[GripperPath | Waiting[Any]] = [*self.paths.values(), *self._waiting]
         self.grid: StepGrid | None = None
         self.index = 0
-        self._knots: dict[str, int | None] = {}
-        self._motions: dict[str, EndMotion] = {}
-
-    @property
-    def saved(self) -> Snapshot:
-        """All that `resume` needs."""
-        return self.simulator.snapshot()
-
-    @property
-    def _estimating(self) -> bool:
-        """Whether companions run from the next beginning on."""
-        return _estimated(self.scene, self._live and not self._too_slow)
+        self._segments: dict[str, Segment] = {}
 
     @property
     def _driven(self) -> Simulator | ErrorEstimate:
         """What takes motions, loads and steps: the simulator, alone or with its companions."""
         return self.simulator if self.estimate is None else self.estimate
-
-    @property
-    def _pending(self) -> list[Waiting[Any]]:
-        return [*self.schedules.values(), *self.takes.values()]
 
     @property
     def now_ns(self) -> int:
@@ -129,7 +114,8 @@ class Drive:
         return tuple(name for name, path in self.paths.items() if path.first_stamp_ns is None)
 
     def ready_ns(self, wanted_ns: int) -> int | None:
-        """Time base [ns] from which every driven end has a pose; None: not yet, or none is driven.
+        """Time base [ns] from which every driven end has a pose, `wanted_ns` if none is driven;
+        None: not yet.
 
         Args:
             wanted_ns: how far the simulation would like to go, to tell a silence.
@@ -138,75 +124,71 @@ class Drive:
             path.settle(wanted_ns)
         stamps = [path.first_stamp_ns for path in self.paths.values()]
         known = [stamp for stamp in stamps if stamp is not None]
-        return max(known) if known and len(known) == len(stamps) else None
+        return max(known, default=wanted_ns) if len(known) == len(stamps) else None
 
-    def begin(self, base_ns: int) -> None:
+    def add(self, entry: InputTopic, message: Any) -> None:
+        """Take an accepted message for this input, of the kind that it takes."""
+        if entry.is_pose:
+            self.paths[entry.target].add(message)
+        elif entry.kind == "taken":
+            self.takes[entry.target].add(message)
+        elif entry.target:
+            self.schedules[entry.target].add(message)
+        elif self.observer is not None:
+            self.observer.add(message)
+
+    def begin(self, base_ns: int, saved: Snapshot | None = None) -> None:
         """Place the cable at the poses known at `base_ns`; step 0 is the first multiple of the step
         from there.
 
+        Args:
+            saved: a state to go on from instead: loads are those of the scene, ends rejoin their
+                poses smoothly from where they were.
+
         Raises:
-            ValueError: if the cable cannot be placed there (the simulator says why).
+            ValueError: if the cable cannot be placed there (the simulator says why), or it is the
+                state of another simulator.
         """
         origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
         poses = {name: path.begin(origin) for name, path in self.paths.items()}
         told = self._told(origin)
-        if told is not self.scene:
-            self.scene, self._rebuilt = told, True
-        if poses or self._rebuilt:
+        if told:
+            self.scene, self._rebuilt = _with_taken(self.scene, told), True
+        if saved is not None:
+            held = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
+            before = self._factory(saved.scene, end_poses=held)
+            before.restore(saved)
+            self.simulator = before.reconfigured(self.scene)
+        elif poses or self._rebuilt:
             self.simulator = self._factory(self.scene, end_poses=poses)
-            self._rebuilt = False
         else:
             self.simulator.reset()
-        if self._estimating:
-            from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-            self.estimate = ErrorEstimate.placed(self.simulator, poses)
+        self._rebuilt = saved is not None
         self.grid = StepGrid(origin, self.simulator.step)
         self.index = 0
-        self._knots, self._motions = dict.fromkeys(self.paths, 0), {}
-
-    def resume(self, base_ns: int, saved: Snapshot) -> None:
-        """`begin` with a saved state: loads are those of the scene, ends rejoin their poses
-        smoothly from where they were.
-
-        Raises:
-            ValueError: as `begin`, or it is the state of another simulator.
-        """
-        self.begin(base_ns)
-        poses = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
-        before = self._factory(saved.scene, end_poses=poses)
-        before.restore(saved)
-        self.simulator, self._rebuilt = before.reconfigured(self.scene), True
-        if self.estimate is not None:
-            from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-            self.estimate = ErrorEstimate.continued(self.simulator)
-        for name, path in self.paths.items():
-            path.skip_to(self.now_ns, *self.simulator.end_pose(name))
+        self._segments = {}
+        if saved is not None:
+            for name, path in self.paths.items():
+                path.skip_to(origin, *self.simulator.end_pose(name))
+        if _estimated(self.scene, self._live and not self._too_slow):
+            self.estimate = _estimate(self.simulator, None if saved is not None else poses)
 
     def clear(self) -> None:
         """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""
-        for path in self.paths.values():
-            path.clear()
-        for schedule in self.schedules.values():
-            schedule.remove(self.simulator)
-        for take in self.takes.values():
-            take.clear()
-        if self.observer is not None:
-            self.observer.clear()
+        for one in self._inputs:
+            one.clear()
         self.grid = None
         self.estimate = None
         self._too_slow = False
 
-    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int | None = None) -> Advance:
+    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> Advance:
         """Take whole steps up to `wanted_ns`, at most so many, stopping where a pose is missing.
 
         Args:
-            silence_ns: time by which a silence is measured; None = `wanted_ns`.
+            silence_ns: time by which a silence is measured.
         """
         grid = self.grid
         assert grid is not None, "advance() needs begin()"
-        silence_ns = wanted_ns if silence_ns is None else silence_ns
         begin = self.index
         target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
         slow = ""
@@ -214,7 +196,7 @@ class Drive:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
                 return Advance(self.index - begin, waiting, slow=slow)
-            stop = self._apply_inputs(grid, self._correct(grid, target))
+            stop = self._apply_inputs(grid, target)
             report = self._driven.advance_steps(stop - self.index)
             self.index += report.steps
             slow = report.note or slow
@@ -229,45 +211,39 @@ class Drive:
         """Give every end whose motion is over the next one; returns the ends that have none yet."""
         waiting: tuple[str, ...] = ()
         for name, path in self.paths.items():
-            knot = self._knots[name]
-            resting = knot is None and path.silent and not path.waiting
-            if resting or (knot is not None and self.index < knot):
-                continue
+            present = self._segments.get(name)
+            if present is not None:
+                resting = present.last is None and path.silent and not path.waiting
+                if resting or (present.last is not None and self.index < present.last):
+                    continue
             segment = path.next_segment(grid, self.index, self.simulator.time, silence_ns)
             if segment is None:
                 waiting += (name,)
             else:
-                self._knots[name] = segment.last
-                self._motions[name] = segment.motion
+                self._segments[name] = segment
                 self._driven.set_motion(name, segment.motion)
         return waiting
 
     def _apply_inputs(self, grid: StepGrid, target: int) -> int:
-        """Take, release and load as of the present step; returns the step up to which nothing
-        changes.
+        """Correct, take, release and load as of the present step; returns the step up to which
+        nothing changes.
         """
-        told = self._told(self.now_ns)
-        if told is not self.scene:
-            self._take_and_release(told)
-        stop = target
-        for knot in self._knots.values():
-            if knot is not None and knot < stop:
-                stop = knot
+        now_ns, step_ns = self.now_ns, grid.step * 1e9
+        if self.observer is not None:
+            self.observer.apply(now_ns, step_ns, self.simulator)
+        if self.takes:
+            self._take_and_release(self._told(now_ns))
         for schedule in self.schedules.values():
-            schedule.apply(self.now_ns, grid.step * 1e9, self._driven)
-        for pending in self._pending:
-            change = pending.next_change_ns()
+            schedule.apply(now_ns, step_ns, self._driven)
+        stop = target
+        for segment in self._segments.values():
+            if segment.last is not None and segment.last < stop:
+                stop = segment.last
+        for waiting in self._waiting:
+            change = waiting.next_change_ns()
             if change is not None and change < grid.time_of(stop):
                 stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))
         return stop
-
-    def _correct(self, grid: StepGrid, target: int) -> int:
-        """Correct the present state by what is measured; the step of the next correction."""
-        if self.observer is None:
-            return target
-        self.observer.apply(self.now_ns, grid.step * 1e9, self.simulator)
-        change = self.observer.next_change_ns()
-        return target if change is None else min(target, grid.first_at_or_after(change))
 
     def skip_to(self, base_ns: int) -> int:
         """Leave out the time up to `base_ns`: the state stays, its time jumps, ends rejoin their
@@ -283,7 +259,7 @@ class Drive:
         grid.origin_ns += after - before
         for name, path in self.paths.items():
             path.skip_to(after, *self.simulator.end_pose(name))
-            self._knots[name] = self.index
+        self._segments.clear()
         return after - before
 
     def spare_estimate(self) -> bool:
@@ -301,34 +277,25 @@ class Drive:
             return False
         spared, self._too_slow = self._too_slow, False
         if spared:
-            from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-            self.estimate = ErrorEstimate.continued(self.simulator)
-            for name, motion in self._motions.items():
-                self.estimate.go_on(name, motion)
+            self.estimate = _estimate(self.simulator)
+            for name, segment in self._segments.items():
+                self.estimate.go_on(name, segment.motion)
             for schedule in self.schedules.values():
                 schedule.resend(self.estimate)
         return spared
 
-    def rename_free_run(self, delta_ns: int) -> None:
-        """Relabel by delta [ns] a simulation that waits for no pose: its time is read off the
-        clock.
-        """
-        if self.grid is not None and not self.paths:
-            self.grid.origin_ns += delta_ns
+    def shift_time(self, delta_ns: int, inputs: bool) -> None:
+        """Relabel the simulation by delta [ns].
 
-    def rename_inputs(self, delta_ns: int) -> None:
-        """Relabel by delta [ns] inputs that were dated by the clock until now, and the simulation
-        that follows them.
+        Args:
+            inputs: they were dated by the clock until now, too. Else only a simulation that waits
+                for no pose is relabelled: its time is read off the clock.
         """
-        if self.grid is not None:
+        if self.grid is not None and (inputs or not self.paths):
             self.grid.origin_ns += delta_ns
-        for path in self.paths.values():
-            path.shift_time(delta_ns)
-        for pending in self._pending:
-            pending.shift_time(delta_ns)
-        if self.observer is not None:
-            self.observer.shift_time(delta_ns)
+        if inputs:
+            for one in self._inputs:
+                one.shift_time(delta_ns)
 
     def prepare(self, scene: Scene) -> Prepared:
         """What `reconfigure` needs for another scene with the same driven ends and loads.
@@ -339,17 +306,14 @@ class Drive:
         Raises:
             ValueError: the simulator refuses the scene.
         """
-        if scene == _with_taken(self.scene, {g.name: g.taken for g in scene.grasps}):
-            for grasp in _taking(self.scene, scene):
-                self.simulator.check_take(grasp)
+        if scene == _with_taken(self.scene, _taken(scene)):
+            for name, taken in _taken(scene).items():
+                if taken and not self.scene.grasp(name).taken:
+                    self.simulator.check_take(name)
             return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
-        if not _estimated(scene, self._live):
-            return Prepared(self.scene, simulator, None)
-        from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-        estimate = ErrorEstimate.continued(simulator)
+        estimate = _estimate(simulator) if _estimated(scene, self._live) else None
         return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:
@@ -359,10 +323,9 @@ class Drive:
         """
         old, grid = self.simulator, self.grid
         # Messages may have let grasps take or release since `prepare`.
-        pairs = zip(prepared.before.grasps, self.scene.grasps, strict=True)
-        told = _with_taken(scene, {g.name: g.taken for was, g in pairs if g.taken != was.taken})
+        told = dict(_taken(self.scene).items() - _taken(prepared.before).items())
         if prepared.simulator is old:
-            self._take_and_release(told)
+            self._take_and_release(_taken(scene) | told)
             return
         _, self.simulator, self.estimate = prepared
         self.scene, self._rebuilt = scene, True
@@ -377,34 +340,27 @@ class Drive:
                 self.estimate.take_over()
             self._continue_motions(grid, old.time)
         for name, path in self.paths.items():
-            end = scene.holders[name]
-            path.configure(round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND))
-        for schedule in self.schedules.values():
-            schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
+            path.configure(scene.holders[name])
+        for name, schedule in self.schedules.items():
+            schedule.configure(scene.load(name))
             schedule.resend(self._driven)
-        if told is not scene:
-            self._take_and_release(told)
+        self._take_and_release(told)
 
-    def _told(self, now_ns: int) -> Scene:
-        """The scene with grasps as messages up to a time tell them to hold the cable."""
-        if not self.takes:
-            return self.scene
+    def _told(self, now_ns: int) -> dict[str, bool]:
+        """Grasp -> whether it holds the cable, as messages up to a time tell."""
         takes = self.takes.items()
-        told = {name: message.taken for name, take in takes for message in take.due(now_ns)}
-        return _with_taken(self.scene, told)
+        return {name: message.taken for name, take in takes for message in take.due(now_ns)}
 
-    def _take_and_release(self, scene: Scene) -> None:
-        """Let the grasps hold what another scene, which differs in that alone, says."""
-        refused = {}
-        for grasp in _taking(scene, self.scene):
-            self._driven.release(grasp)
-        for grasp in _taking(self.scene, scene):
+    def _take_and_release(self, told: Mapping[str, bool]) -> None:
+        """Let the grasps of these names hold the cable, or not, where they do otherwise now."""
+        changed = [g.name for g in self.scene.grasps if told.get(g.name, g.taken) != g.taken]
+        for name in sorted(changed, key=told.__getitem__):  # what is released comes first
             try:
-                self._driven.take(grasp)
+                (self._driven.take if told[name] else self._driven.release)(name)
             except ValueError as refusal:
-                refused[grasp] = False
                 self._note("not_taken", str(refusal))
-        self.scene, self._rebuilt = _with_taken(scene, refused), True
+            else:
+                self.scene, self._rebuilt = _with_taken(self.scene, {name: told[name]}), True
 
     def _continue_motions(self, old: StepGrid, old_time: float) -> None:
         """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
@@ -412,22 +368,22 @@ class Drive:
         """
         now_ns, simulator = self.now_ns, self.simulator
         grid = self.grid = StepGrid(now_ns, simulator.step)
-        for name, knot in self._knots.items():
-            if knot is None or knot <= self.index or name not in self._motions:
-                self._knots[name] = None if knot is None else 0
+        for name, segment in list(self._segments.items()):
+            if segment.last is None:
                 continue
-            last = grid.first_at_or_after(old.time_of(knot))
-            motion = self._motions[name]
-            segment = self.paths[name].replan(motion, old_time, grid, last, simulator.time)
-            self._knots[name], self._motions[name] = last, segment.motion
-            self._driven.set_motion(name, segment.motion)
+            if segment.last <= self.index:
+                del self._segments[name]
+                continue
+            last = grid.first_at_or_after(old.time_of(segment.last))
+            rest = self.paths[name].replan(segment.motion, old_time, grid, last, simulator.time)
+            self._segments[name] = rest
+            self._driven.set_motion(name, rest.motion)
         self.index = 0
 
 
-def _taking(scene: Scene, other: Scene) -> list[str]:
-    """Grasps that hold the cable in another scene, but not in this one."""
-    pairs = zip(scene.grasps, other.grasps, strict=True)
-    return [grasp.name for before, grasp in pairs if grasp.taken and not before.taken]
+def _taken(scene: Scene) -> dict[str, bool]:
+    """Grasp -> whether it holds the cable."""
+    return {grasp.name: grasp.taken for grasp in scene.grasps}
 
 
 def _with_taken(scene: Scene, taken: Mapping[str, bool]) -> Scene:
@@ -443,3 +399,14 @@ def _estimated(scene: Scene, live: bool) -> bool:
     wanted = scene.accuracy.estimate
     corrected = scene.measured.type != "none"  # its companions are not
     return wanted == "on" or (wanted == "auto" and live and not corrected)
+
+
+def _estimate(
+    simulator: Simulator, poses: Mapping[str, tuple[Array, Array]] | None = None
+) -> ErrorEstimate:
+    """Companions placed at these poses as the simulator was; without, from its present state on."""
+    from dlo_sim.simulation.error_estimate import ErrorEstimate  # brings the compiler along
+
+    if poses is None:
+        return ErrorEstimate.continued(simulator)
+    return ErrorEstimate.placed(simulator, poses)

@@ -36,12 +36,11 @@ from dlo_sim.core.one_rotation import (
     turn_between,
     turned,
 )
+from dlo_sim.scene.holders import Holder
 from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 from dlo_sim.session.rejoining import Shift
 from dlo_sim.session.step_grid import StepGrid
 from dlo_sim.session.time_base import SECOND
-
-__all__ = ["GripperPath", "Pose", "Segment"]
 
 Array = NDArray[np.float64]
 
@@ -75,37 +74,31 @@ class GripperPath:
 
     Args:
         end: name of the end, for texts.
-        timeout_ns: silence after which the last pose is held.
-        smoothing_ns: half the window over which poses are smoothed, 0 = none.
+        holder: says after how long a silence the last pose is held, and how poses are smoothed.
         note: called with the name of an event and one line of text.
 
     Attributes:
         silent: whether the last pose is being held after a silence.
         newest: the last pose that came, used or not; None = none since `clear`.
-        first_stamp_ns: stamp of the first usable pose since `clear`, None = none yet.
     """
 
-    def __init__(
-        self, end: str, timeout_ns: int, smoothing_ns: int, note: Callable[[str, str], None]
-    ) -> None:
+    def __init__(self, end: str, holder: Holder, note: Callable[[str, str], None]) -> None:
         self.end = end
-        self.timeout_ns = timeout_ns
-        self._smoother = PoseSmoother(smoothing_ns, timeout_ns)
         self._note = note
+        self._smoother = PoseSmoother(0, 0)
+        self.configure(holder)
         self.clear()
 
-    def configure(self, timeout_ns: int, smoothing_ns: int) -> None:
+    def configure(self, holder: Holder) -> None:
         """Take other settings from the next pose on."""
-        self.timeout_ns = self._smoother.longest_gap_ns = timeout_ns
-        self._smoother.half_window_ns = smoothing_ns
+        self.timeout_ns = self._smoother.longest_gap_ns = round(holder.pose_timeout * SECOND)
+        self._smoother.half_window_ns = round(holder.pose_smoothing * SECOND)
 
     def clear(self) -> None:
         """Forget every pose; the next one starts a new path."""
         self.silent = False
-        self._newest_ns: int | None = None
         self.newest: Pose | None = None
         self._smoother.clear()
-        self.first_stamp_ns: int | None = None
         self._queue: deque[Pose] = deque(maxlen=_MOST_WAITING)
         self._center: Pose | None = None
         self._interval_ns = 0
@@ -117,34 +110,35 @@ class GripperPath:
         """Number of poses not yet used."""
         return len(self._queue)
 
+    @property
+    def first_stamp_ns(self) -> int | None:
+        """Stamp of the first usable pose until `begin`, None = none yet."""
+        return self._queue[0].stamp_ns if self._queue else None
+
     def add(self, pose: Pose) -> None:
         """Take an accepted pose; stamps must increase."""
-        self._newest_ns, self.newest = pose.stamp_ns, pose
-        self._append(self._smoother.add(pose))
+        self.newest = pose
+        self._queue.extend(self._smoother.add(pose))
 
     def settle(self, wanted_ns: int) -> None:
         """After a silence, stop waiting for poses that would complete a smoothing window."""
-        newest = self._newest_ns
-        if newest is not None and wanted_ns - newest > self.timeout_ns and self._smoother.held_back:
-            self._append(self._smoother.flush())
+        if self._smoother.held_back and self._long_silent(wanted_ns):
+            self._queue.extend(self._smoother.flush())
 
-    def _append(self, poses: list[Pose]) -> None:
-        if poses and self.first_stamp_ns is None:
-            self.first_stamp_ns = poses[0].stamp_ns
-        self._queue.extend(poses)
+    def _long_silent(self, wanted_ns: int) -> bool:
+        """Whether no pose has come for the timeout before a time [ns]; needs one."""
+        assert self.newest is not None
+        return wanted_ns - self.newest.stamp_ns > self.timeout_ns
 
     def shift_time(self, delta_ns: int) -> None:
         """Relabel all stamps by delta [ns] (the time base was decided later than the first poses
         came).
         """
-        self._queue = deque((_moved(p, delta_ns) for p in self._queue), maxlen=_MOST_WAITING)
-        self._center = None if self._center is None else _moved(self._center, delta_ns)
+        self._queue = deque((p.moved(delta_ns) for p in self._queue), maxlen=_MOST_WAITING)
         self._smoother.shift_time(delta_ns)
-        if self._newest_ns is not None:
-            self._newest_ns += delta_ns
-        if self.first_stamp_ns is not None:
-            self.first_stamp_ns += delta_ns
-        self._shift = None if self._shift is None else self._shift.moved(delta_ns)
+        self.newest = self.newest and self.newest.moved(delta_ns)
+        self._center = self._center and self._center.moved(delta_ns)
+        self._shift = self._shift and self._shift.moved(delta_ns)
 
     def begin(self, base_ns: int) -> tuple[Array, Array]:
         """Start the path at rest at the newest pose not after `base_ns`; returns (position,
@@ -212,8 +206,7 @@ class GripperPath:
                 return segment
         if self._center is None:
             return None
-        newest_ns = self._center.stamp_ns if self._newest_ns is None else self._newest_ns
-        if not self.silent and wanted_ns - newest_ns > self.timeout_ns:
+        if not self.silent and self._long_silent(wanted_ns):
             segment = self._come_to_rest(grid, index, time)
             if segment is not None:
                 return segment
@@ -370,7 +363,3 @@ def _vector(values: Array) -> Vector:
 def _quaternion(values: Array) -> Quaternion:
     x, y, z, w = values.tolist()
     return x, y, z, w
-
-
-def _moved(pose: Pose, delta_ns: int) -> Pose:
-    return pose._replace(stamp_ns=pose.stamp_ns + delta_ns)

@@ -1,8 +1,8 @@
 """Accepted wrenches and forces -> the load that acts during a step (zero-order hold).
 
 During a step acts the newest load whose stamp is not after the start of the step; it is held until
-the next one, or until `timeout` after its stamp, when it is removed. A load is a wrench ON THE
-CABLE, already multiplied by `loads.<name>.sign`.
+the next one, or until `timeout` after its stamp, when it is removed. A load, times
+`loads.<name>.sign`, is a wrench ON THE CABLE.
 """
 
 from __future__ import annotations
@@ -22,23 +22,22 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
 _MOST_WAITING = 20_000
-Triple = tuple[float, float, float]
-_ZERO: Triple = (0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class LoadMessage(NamedTuple):
-    """An accepted load on the cable.
+    """An accepted load.
 
     Attributes:
         stamp_ns: time base [ns].
-        force: [N], world frame, or the end-effector's if `end` names one.
-        torque: [N m], likewise.
+        force: x, y, z [N], world frame, or the end-effector's if `end` names one.
+        torque: x, y, z [N m], likewise.
         end: "" = world frame; "start" or "end" = the frame of that end-effector.
     """
 
     stamp_ns: int
-    force: Triple
-    torque: Triple
+    force: tuple[float, ...]
+    torque: tuple[float, ...]
     end: str
 
 
@@ -52,14 +51,19 @@ class LoadSchedule(Waiting[LoadMessage]):
 
     def __init__(self, load: Load, note: Callable[[str, str], None]) -> None:
         super().__init__(_MOST_WAITING)
-        self.name = load.name
-        self.timeout_ns = round(load.timeout * SECOND)
         self._note = note
+        self.configure(load)
 
-    def remove(self, simulator: Simulator) -> None:
-        """Forget all messages and take the load off."""
-        self.clear()
-        simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
+    def configure(self, load: Load) -> None:
+        """Take name, timeout, and the sign of the messages that come from now on."""
+        self.name, self._sign = load.name, load.sign
+        self.timeout_ns = round(load.timeout * SECOND)
+
+    def add(self, message: LoadMessage) -> None:
+        """Take an accepted message; stamps must increase."""
+        force = tuple(self._sign * value for value in message.force)
+        torque = tuple(self._sign * value for value in message.torque)
+        super().add(message._replace(force=force, torque=torque))
 
     def clear(self) -> None:
         """Forget all messages."""

@@ -128,7 +128,7 @@ class Session:
         """All that another session of this scene needs to go on; None before the cable is placed
         and after a failure.
         """
-        return self._drive.saved if self.started and not self._failure else None
+        return self._drive.simulator.snapshot() if self.started and not self._failure else None
 
     @property
     def status(self) -> SessionStatus:
@@ -329,23 +329,15 @@ class Session:
         verdicts = {accepted.verdict for accepted in found}
         if offset != offset_before:
             self._pacing.listen_anew()
-            if Verdict.DECIDE in verdicts:
-                self._drive.rename_inputs(offset_before - offset)
-            elif Verdict.START_OVER not in verdicts:
-                self._drive.rename_free_run(offset_before - offset)
+            if Verdict.START_OVER not in verdicts:
+                self._drive.shift_time(offset_before - offset, inputs=Verdict.DECIDE in verdicts)
         for accepted in found:
             if accepted.verdict is Verdict.START_OVER:
                 self._restart("time_jump", "stamps or clock jumped; simulation reset")
             if accepted.verdict is not Verdict.USE and offset and offset != offset_before:
                 self._note_epoch(offset)
-            for end, pose in accepted.poses.items():
-                self._drive.paths[end].add(pose)
-            for name, load in accepted.loads.items():
-                self._drive.schedules[name].add(load)
-            for grasp, take in accepted.takes.items():
-                self._drive.takes[grasp].add(take)
-            if accepted.points is not None and self._drive.observer is not None:
-                self._drive.observer.add(accepted.points)
+            for entry in accepted.entries:
+                self._drive.add(entry, accepted.message)
 
     def _note_epoch(self, offset_ns: int) -> None:
         side = "behind" if offset_ns > 0 else "ahead of"
@@ -356,23 +348,17 @@ class Session:
 
     def _begin(self, wanted_ns: int) -> bool:
         """Place the cable if every driven end has had a pose; returns whether it is placed."""
-        drive = self._drive
-        begin_ns = wanted_ns
-        if drive.paths:
-            ready_ns = drive.ready_ns(wanted_ns)
-            if ready_ns is None or ready_ns > wanted_ns:
-                return False
-            begin_ns = ready_ns
+        begin_ns = self._drive.ready_ns(wanted_ns)
+        if begin_ns is None or begin_ns > wanted_ns:
+            return False
         saved, self._resume = self._resume, None
         try:
-            if saved is None:
-                drive.begin(begin_ns)
-            else:
-                drive.resume(begin_ns, saved)
-                self.journal.event("resumed", "went on from the state in state.save_to")
+            self._drive.begin(begin_ns, saved)
         except ValueError as error:
             self._fail(f"the cable cannot be placed: {error}")
             return False
+        if saved is not None:
+            self.journal.event("resumed", "went on from the state in state.save_to")
         self._outputs = self._new_outputs()
         self._pacing.configure(self.scene, self._drive.simulator.step)
         return True

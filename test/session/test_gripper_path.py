@@ -5,7 +5,9 @@ import pytest
 
 from dlo_sim.core import one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.session.gripper_path import GripperPath, Pose
+from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.session.gripper_path import GripperPath
+from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.step_grid import StepGrid
 from dlo_sim.session.time_base import SECOND
 
@@ -18,12 +20,9 @@ class Driver:
 
     def __init__(self, timeout=1.0, smoothing=0.0):
         self.notes = []
-        self.path = GripperPath(
-            "start",
-            round(timeout * SECOND),
-            round(smoothing * SECOND),
-            lambda *note: self.notes.append(note),
-        )
+        values = {"start.pose_timeout": timeout, "start.pose_smoothing": smoothing}
+        holder = scene_from_values({"start.pose_topic": "/pose", **values}).start
+        self.path = GripperPath("start", holder, lambda *note: self.notes.append(note))
         self.index = 0
         self.segments = []
 
