@@ -40,19 +40,14 @@ def decode_trajectory(raw: Bytes) -> Trajectory:
     joints = tuple(reader.text() for _ in range(reader.whole()))
     times, poses = [], []
     for number in range(reader.whole()):
-        transforms = _table(reader, _TRANSFORM)
+        transforms = reader.table(_TRANSFORM)
         if len(transforms) != len(joints):
             raise DecodeError(
                 f"point {number} has {len(transforms)} transforms for {len(joints)} joints"
             )
-        _table(reader, _TWIST)  # velocities
-        _table(reader, _TWIST)  # accelerations
+        reader.table(_TWIST)  # velocities
+        reader.table(_TWIST)  # accelerations
         times.append(reader.whole("i") + 1e-9 * reader.whole())
         poses.append(transforms)
     shape = len(times), len(joints), _TRANSFORM
     return Trajectory(stamp_ns, frame_id, joints, np.array(times), np.reshape(poses, shape))
-
-
-def _table(reader: Reader, width: int) -> list[tuple[float, ...]]:
-    """A sequence of so many numbers each."""
-    return [reader.numbers("d", width) for _ in range(reader.whole())]
