@@ -12,7 +12,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.gripper_path import Array, GripperPath, Segment
+from dlo_sim.session.accuracy import companions, estimated
+from dlo_sim.session.gripper_path import GripperPath, Segment
 from dlo_sim.session.load_schedule import LoadSchedule
 from dlo_sim.session.observer import Observer
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
@@ -80,18 +81,14 @@ class Drive:
         self.scene = scene
         self._note = note
         self._factory = factory
-        self.paths = {
-            name: GripperPath(name, holder, note)
-            for name, holder in scene.holders.items()
-            if holder.driven
-        }
+        self.paths = {k: GripperPath(k, x, note) for k, x in scene.holders.items() if x.driven}
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
         self.takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
+        self._waiting: list[Waiting[Any]] = [*self.schedules.values(), *self.takes.values()]
         self.observer: Observer | None = None
         if scene.measured.type != "none":
             self.observer = Observer(scene.measured, note)
-        self._waiting: list[Waiting[Any]] = [*self.schedules.values(), *self.takes.values()]
-        self._waiting += [self.observer] if self.observer is not None else []
+            self._waiting.append(self.observer)
         self._inputs: list[GripperPath | Waiting[Any]] = [*self.paths.values(), *self._waiting]
         self.grid: StepGrid | None = None
         self.index = 0
@@ -170,8 +167,8 @@ class Drive:
         if saved is not None:
             for name, path in self.paths.items():
                 path.skip_to(origin, *self.simulator.end_pose(name))
-        if _estimated(self.scene, self._live and not self._too_slow):
-            self.estimate = _estimate(self.simulator, None if saved is not None else poses)
+        if estimated(self.scene, self._live and not self._too_slow):
+            self.estimate = companions(self.simulator, None if saved is not None else poses)
 
     def clear(self) -> None:
         """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""
@@ -277,7 +274,7 @@ class Drive:
             return False
         spared, self._too_slow = self._too_slow, False
         if spared:
-            self.estimate = _estimate(self.simulator)
+            self.estimate = companions(self.simulator)
             for name, segment in self._segments.items():
                 self.estimate.go_on(name, segment.motion)
             for schedule in self.schedules.values():
@@ -313,7 +310,7 @@ class Drive:
             return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
-        estimate = _estimate(simulator) if _estimated(scene, self._live) else None
+        estimate = companions(simulator) if estimated(scene, self._live) else None
         return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:
@@ -392,21 +389,3 @@ def _with_taken(scene: Scene, taken: Mapping[str, bool]) -> Scene:
         return scene
     grasps = (replace(g, taken=taken.get(g.name, g.taken)) for g in scene.grasps)
     return replace(scene, grasps=tuple(grasps))
-
-
-def _estimated(scene: Scene, live: bool) -> bool:
-    """Whether the error of a prediction is estimated."""
-    wanted = scene.accuracy.estimate
-    corrected = scene.measured.type != "none"  # its companions are not
-    return wanted == "on" or (wanted == "auto" and live and not corrected)
-
-
-def _estimate(
-    simulator: Simulator, poses: Mapping[str, tuple[Array, Array]] | None = None
-) -> ErrorEstimate:
-    """Companions placed at these poses as the simulator was; without, from its present state on."""
-    from dlo_sim.simulation.error_estimate import ErrorEstimate  # brings the compiler along
-
-    if poses is None:
-        return ErrorEstimate.continued(simulator)
-    return ErrorEstimate.placed(simulator, poses)

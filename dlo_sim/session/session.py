@@ -13,36 +13,30 @@ The session never raises on a message or a tick and never puts out a number that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.accuracy import Accuracy
-from dlo_sim.session.diagnostics import Journal, session_status, topic_status
+from dlo_sim.session.diagnostics import (
+    Journal,
+    SessionStatus,
+    TickReport,
+    session_status,
+    topic_status,
+)
 from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.intake import Accepted, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
 from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import TimeBase, Verdict
-from dlo_sim.session.topics import (
-    DEFAULT_NAMING,
-    MARKERS,
-    InputTopic,
-    Naming,
-    input_topics,
-    output_topics,
-    possible_outputs,
-    tf_inputs,
-)
+from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
 from dlo_sim.session.transforms import Transforms
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator, Snapshot
-
-__all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
 
 
 class Session:
@@ -82,9 +76,7 @@ class Session:
             simulator_factory = Simulator
         self._time = TimeBase(scene.inputs.time)
         self._naming = naming
-        self.inputs = tuple(e._replace(topic=naming.topic(e.topic)) for e in input_topics(scene))
-        given = [(entry.topic, entry.type) for entry in input_topics(scene)]
-        naming.check((*given, *possible_outputs(scene).items()))
+        self.inputs = naming.inputs(scene)
         self._transforms = transforms
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
@@ -178,16 +170,14 @@ class Session:
         due = count != self._marker_count and not self._pacing.without_markers
         self._markers_due, self._marker_count = due, count
         wanted_ns = self._pacing.aim(self._time.from_clock(now_ns))
-        if self._paused or self._failure:
-            return self._report(0)
-        if not self.started and not self._begin(wanted_ns):
+        if self._paused or self._failure or not (self.started or self._begin(wanted_ns)):
             return self._report(0)
         if self._resuming:
             self._resuming = False
             self._drive.skip_to(wanted_ns)
-        pacing = self._pacing
-        steps = self._advance(wanted_ns, pacing.most_steps, pacing.listen(wanted_ns))
-        pacing.reached(wanted_ns, self._drive, bool(self._waiting or self._failure))
+        silence_ns = self._pacing.listen(wanted_ns)
+        steps = self._advance(wanted_ns, self._pacing.most_steps, silence_ns)
+        self._pacing.reached(wanted_ns, self._drive, bool(self._waiting or self._failure))
         return self._report(steps)
 
     def messages(
@@ -217,27 +207,19 @@ class Session:
             self.journal.event("not_published", "an output was not finite and was not published")
         return found
 
-    def diagnostics(self, now_ns: int, extra: Mapping[str, str] | None = None) -> bytes:
-        """A serialised DiagnosticArray: the session, and each input with its refusals by reason.
-
-        Args:
-            now_ns: clock [ns].
-            extra: more values for the session's status (what only the caller can measure).
+    def diagnostics(self, now_ns: int) -> bytes:
+        """A serialised DiagnosticArray at this time of the clock [ns]: the session, and each input
+        with its refusals by reason.
         """
-        drive = self._drive
         status = session_status(
             self.journal,
-            self.status.value,
+            self.status,
             self._message(),
-            drive.simulator,
+            self._drive,
             self._accuracy,
-            failed=bool(self._failure),
-            waiting=not self.started,
             lag=self._pacing.lag_ns * 1e-9,
             delay=(now_ns - self.stamp_ns) * 1e-9 if self.started else None,
-            most_lag=self.scene.inputs.catch_up,
             offset=self._time.offset_ns * 1e-9,
-            extra={**(drive.observer.values() if drive.observer else {}), **(extra or {})},
         )
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
         return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
@@ -279,9 +261,9 @@ class Session:
         """Build what `reconfigure` needs for other parameters; ticks may go on in another thread.
 
         Raises:
-            ValueError: the topics, loads or driven ends differ, or the simulator refuses the scene.
+            ValueError: a read-only parameter differs, or the simulator refuses the scene.
         """
-        now, then = _wiring(self.scene), _wiring(scene)
+        now, then = _fixed(self.scene), _fixed(scene)
         if now != then:
             changed = ", ".join(sorted(key for key in now | then if now.get(key) != then.get(key)))
             raise ValueError(
@@ -299,8 +281,7 @@ class Session:
             prepared: what `prepare` made for this scene, to lose less time between the ticks.
 
         Raises:
-            ValueError: the topics, loads or driven ends differ, or the simulator refuses the scene;
-                nothing is changed.
+            ValueError: as `prepare`; nothing is changed.
         """
         if prepared is None:
             prepared = self.prepare(scene)
@@ -335,16 +316,11 @@ class Session:
             if accepted.verdict is Verdict.START_OVER:
                 self._restart("time_jump", "stamps or clock jumped; simulation reset")
             if accepted.verdict is not Verdict.USE and offset and offset != offset_before:
-                self._note_epoch(offset)
+                side = "behind" if offset > 0 else "ahead of"
+                away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
+                self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
             for entry in accepted.entries:
                 self._drive.add(entry, accepted.message)
-
-    def _note_epoch(self, offset_ns: int) -> None:
-        side = "behind" if offset_ns > 0 else "ahead of"
-        self.journal.event(
-            "other_epoch",
-            f"stamps are {abs(offset_ns) * 1e-9:.6g} s {side} the clock; using their own time base",
-        )
 
     def _begin(self, wanted_ns: int) -> bool:
         """Place the cable if every driven end has had a pose; returns whether it is placed."""
@@ -411,18 +387,10 @@ class Session:
 def _look_at(simulator: Simulator, scene: Scene) -> None:
     """Make every output once: the first look of each kind loads machine code, or compiles it."""
     outputs = Outputs(scene, len(simulator.greville))
-    outputs.messages(simulator, 0, output_topics(scene))
+    outputs.messages(simulator, 0, outputs.topics)
     simulator.energy()
 
 
-def _wiring(scene: Scene) -> dict[str, object]:
+def _fixed(scene: Scene) -> dict[str, object]:
     """Everything that a running session cannot change: key -> value."""
-    found: dict[str, object] = {"frame_id": scene.frame_id}
-    for key, holder in scene.holder_keys():
-        found |= {f"{key}.pose_topic": holder.pose_topic, f"{key}.pose_type": holder.pose_type}
-        found[f"{key}.tf_frame"] = holder.tf_frame
-    found["loads.names"] = tuple(load.name for load in scene.loads)
-    found["grasps.names"] = tuple(grasp.name for grasp in scene.grasps)
-    found |= {f"grasps.{grasp.name}.taken_topic": grasp.taken_topic for grasp in scene.grasps}
-    found |= {f"loads.{load.name}.topic": load.input_topic for load in scene.loads}
-    return found | {f"loads.{load.name}.type": load.type for load in scene.loads}
+    return {row.key: row.default for row in parameters_of(scene) if row.read_only}
