@@ -149,7 +149,7 @@ class Reader:
         begin = self._at + -(self._at - 4) % aligned
         self._at = begin + size
         if self._at > len(self._raw):
-            raise DecodeError(f"{name} of {size} bytes does not fit into {len(self._raw)} bytes")
+            raise DecodeError(f"{len(self._raw)} bytes end inside {name}")
         return begin
 
 

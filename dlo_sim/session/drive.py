@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.accuracy import companions, estimated
 from dlo_sim.session.gripper_path import GripperPath, Segment
-from dlo_sim.session.load_schedule import LoadSchedule
 from dlo_sim.session.observer import Observer
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.topics import InputTopic
-from dlo_sim.session.waiting import TakeMessage, Waiting
+from dlo_sim.session.waiting import LoadSchedule, TakeMessage, Waiting
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate

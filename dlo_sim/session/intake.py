@@ -23,13 +23,12 @@ from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.cdr_points import decode_input
 from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
-from dlo_sim.session.load_schedule import LoadMessage
 from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.transforms import Transforms, in_world
-from dlo_sim.session.waiting import TakeMessage
+from dlo_sim.session.waiting import LoadMessage, TakeMessage
 
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.

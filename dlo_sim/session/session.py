@@ -157,7 +157,7 @@ class Session:
         """How long after this time of the clock a regular tick should come, so that it finds a
         state that has just become due [ns]; less than a timer period.
         """
-        return self._pacing.until_tick(self._time.from_clock(now_ns))
+        return self._pacing.grid.until_tick(self._time.from_clock(now_ns))
 
     def tick(self, now_ns: int) -> TickReport:
         """Advance the simulation to `now_ns` (clock) minus the latency, down to a multiple of the
@@ -169,7 +169,7 @@ class Session:
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and not self._pacing.without_markers
         self._markers_due, self._marker_count = due, count
-        wanted_ns = self._pacing.aim(self._time.from_clock(now_ns))
+        wanted_ns = self._pacing.grid.aim(self._time.from_clock(now_ns))
         if self._paused or self._failure or not (self.started or self._begin(wanted_ns)):
             return self._report(0)
         if self._resuming:

@@ -5,8 +5,8 @@ import pytest
 
 from dlo_sim.core import rotations
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session.load_schedule import LoadMessage, LoadSchedule
 from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.waiting import LoadMessage, LoadSchedule
 
 MS = 1_000_000
 
