@@ -13,11 +13,12 @@ class ClockWatch:
     Attributes:
         problem: what is wrong, one line; empty if the clock runs.
         refused: messages on /clock that are no time, in all.
+        jumps: how often the clock was set back or exchanged; whoever notices counts.
     """
 
     def __init__(self) -> None:
         self.problem = ""
-        self.refused = 0
+        self.refused = self.jumps = 0
         self._refused_reported = 0
         self._last_refused = ""
         self._seen_ns = 0
@@ -88,7 +89,6 @@ def node_status(
     timing: Mapping[str, str],
     late: int,
     clock: ClockWatch,
-    clock_jumps: int,
     sources: Sequence[InputSources],
 ) -> DiagnosticStatus:
     """One status of all that only the node can measure.
@@ -97,7 +97,6 @@ def node_status(
         timing: values of the ticks since the last report.
         late: publications that came late since the last report.
         clock: what is known of /clock.
-        clock_jumps: how often the clock was set back or exchanged.
         sources: who publishes on each input topic.
     """
     problems = [clock.problem] if clock.problem else []
@@ -106,7 +105,7 @@ def node_status(
         problems.append(f"{late} publications were more than 2.5 periods apart")
     values = [
         *timing.items(),
-        ("clock jumps", str(clock_jumps)),
+        ("clock jumps", str(clock.jumps)),
         ("clock refused", str(clock.refused)),
         *((f"publishers on {source.topic}", str(source.count)) for source in sources),
     ]

@@ -18,6 +18,7 @@ class TickTimes:
     ticks: int = 0
     dropped: int = 0
     late: int = 0
+    _late_reported: int = 0
     _count: int = 0
     _busy: int = 0
     _longest: int = 0
@@ -56,8 +57,9 @@ class TickTimes:
         """The next gap is not a lapse: the timer was changed or the clock stood still or jumped."""
         self._previous = None
 
-    def report(self, now: int, step: float) -> dict[str, str]:
-        """Values for the diagnostics of the interval that ends now, and begin a new one.
+    def report(self, now: int, step: float) -> tuple[dict[str, str], int]:
+        """Values for the diagnostics of the interval that ends now, and how many ticks in it were
+        late; begin a new one.
 
         Args:
             now: steady clock.
@@ -77,8 +79,9 @@ class TickTimes:
             "load": f"{self._busy / elapsed:.3f}",
         }
         self._count = self._busy = self._longest = self._stepping = self._steps = 0
+        late, self._late_reported = self.late - self._late_reported, self.late
         self._interval_begin = now
-        return values
+        return values, late
 
 
 def _ratio(amount: float, count: float) -> float:

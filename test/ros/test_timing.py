@@ -12,7 +12,7 @@ def test_regular_ticks() -> None:
     for k in range(10):
         clock = k * 5 * MS
         times.record(clock, clock, clock + MS, clock + 2 * MS, 10, 5 * MS)
-    values = times.report(50 * MS, step=5e-4)
+    values, _ = times.report(50 * MS, step=5e-4)
     assert (values["ticks"], values["dropped ticks"], values["late ticks"]) == ("10", "0", "0")
     assert float(values["tick time mean [ms]"]) == pytest.approx(2.0)
     assert float(values["tick time max [ms]"]) == pytest.approx(2.0)
@@ -30,6 +30,7 @@ def test_gaps(gap: int, dropped: int, late: int) -> None:
     times.record(0, 0, 0, 0, 1, 5 * MS)
     times.record(gap * MS, 0, 0, 0, 1, 5 * MS)
     assert (times.dropped, times.late) == (dropped, late)
+    assert [times.report(100 * MS, step=1e-3)[1] for _ in range(2)] == [late, 0]
 
 
 def test_an_interruption_is_no_gap() -> None:
@@ -44,7 +45,7 @@ def test_every_report_begins_a_new_interval() -> None:
     times = TickTimes()
     times.record(0, 0, 4 * MS, 4 * MS, 1, 5 * MS)
     times.report(5 * MS, step=1e-3)
-    values = times.report(10 * MS, step=1e-3)
+    values, _ = times.report(10 * MS, step=1e-3)
     assert values["ticks"] == "1"
     assert float(values["tick time max [ms]"]) == 0.0
     assert float(values["real-time factor"]) == 0.0
