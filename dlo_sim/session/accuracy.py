@@ -49,26 +49,18 @@ class Accuracy:
 
     def __init__(self, scene: Scene, note: Callable[[str, str], None]) -> None:
         self._note = note
-        self.configure(scene)
-
-    def configure(self, scene: Scene) -> None:
-        """Follow a changed scene."""
         self._target = scene.accuracy.target
         self._control_points = scene.discretization.control_points
         self._locks = _locks(scene)
-        self.forget()
-
-    def forget(self) -> None:
-        """Nothing is estimated."""
         self._estimate: ErrorEstimate | None = None
         self._exceeded = False
         self.warning = ""
 
     def look(self, estimate: ErrorEstimate | None) -> None:
-        """Compare the largest error of the last second with the target."""
+        """Compare the largest error of the last second with the target; None: it is unknown."""
         self._estimate = estimate
         if estimate is None:
-            self.forget()
+            self._exceeded, self.warning = False, ""
             return
         error = estimate.recent
         exceeds = error.total > self._target

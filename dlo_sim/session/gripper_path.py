@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +156,7 @@ class GripperPath:
         """
         while self._queue and self._queue[0].stamp_ns <= base_ns:
             self._center = self._queue.popleft()
-        self._present = _State(_vector(position), _quaternion(orientation))
+        self._present = _State(_plain(position), _plain(orientation))
         if self._center is not None:
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
@@ -173,10 +173,10 @@ class GripperPath:
         """
         target = self._present
         self._present = _State(
-            _vector(motion.position_at(now)),
-            normalized(_quaternion(motion.orientation_at(now))),
-            _vector(motion.velocity_at(now)),
-            _vector(motion.angular_velocity_at(now)),
+            _plain(motion.position_at(now)),
+            normalized(_plain(motion.orientation_at(now))),
+            _plain(motion.velocity_at(now)),
+            _plain(motion.angular_velocity_at(now)),
         )
         return self._move_to(target, 0, last, grid.step, time)
 
@@ -355,11 +355,5 @@ def _curvature(way: Vector, v0: Vector, v1: Vector, duration: float) -> Vector:
     return x, y, z
 
 
-def _vector(values: Array) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
-
-
-def _quaternion(values: Array) -> Quaternion:
-    x, y, z, w = values.tolist()
-    return x, y, z, w
+def _plain(values: Array) -> Any:
+    return tuple(values.tolist())

@@ -89,10 +89,9 @@ class _Topic:
         """The pose that a message gives."""
         if self.kind == "two_points":
             before = IDENTITY if self.last is None else self.last.orientation
-            points = np.array(values).reshape(1, 2, 3)
-            ((px, py, pz, x, y, z, w),) = poses_of_two_points(points, before).tolist()
-        else:
-            px, py, pz, x, y, z, w = values
+            points = np.reshape(values, (1, 2, 3))
+            (values,) = poses_of_two_points(points, before).tolist()
+        px, py, pz, x, y, z, w = values
         return Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
 
 

@@ -96,8 +96,12 @@ def _unfit(head: dict[str, Any], scene: Scene) -> str:
     """What a state is of that is not of this program and scene; empty if it is."""
     if head["version"] != __version__:
         return f"dlo_sim {head['version']}"
-    difference = _difference(head["scene"], json.loads(json.dumps(scene_values(scene))))
-    return f"another scene ({difference})" if difference else ""
+    saved, now = head["scene"], json.loads(json.dumps(scene_values(scene)))
+    for key in sorted(saved.keys() | now.keys()):
+        before, value = saved.get(key), now.get(key)
+        if before != value and not (key.startswith(_FREE) or _TAKEN.fullmatch(key)):
+            return f"another scene ({key} was {brief(before)}, is {brief(value)})"
+    return ""
 
 
 def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> Snapshot:
@@ -110,7 +114,10 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     from dlo_sim.simulation.geometry import Geometry  # these bring the compiler along
     from dlo_sim.simulation.simulator import Snapshot
 
-    needs = Needs(**{key: _plain(value) for key, value in head["needs"].items()})
+    plain: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in head["needs"].items()
+    }
+    needs = Needs(**plain)
     geometries = {}
     for name in scene.holders:
         *vectors, u = head["geometries"][name]
@@ -131,16 +138,3 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         numbers("inputs", inputs, (sizes["inputs"],)),
         geometries,
     )
-
-
-def _difference(saved: dict[str, Any], now: dict[str, Any]) -> str:
-    """The first parameter that differs, empty if none does."""
-    for key in sorted(saved.keys() | now.keys()):
-        free = key.startswith(_FREE) or _TAKEN.fullmatch(key)
-        if saved.get(key) != now.get(key) and not free:
-            return f"{key} was {brief(saved.get(key))}, is {brief(now.get(key))}"
-    return ""
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value

@@ -288,7 +288,7 @@ class Session:
         time_mode_changed = scene.inputs.time != self.scene.inputs.time
         self._drive.reconfigure(scene, prepared)
         self._intake.configure(scene)
-        self._accuracy.configure(scene)
+        self._accuracy = Accuracy(scene, self.journal.event)
         self._pacing.configure(self.scene, self._drive.simulator.step)
         self._outputs = self._new_outputs()
         if time_mode_changed:
@@ -356,7 +356,7 @@ class Session:
 
     def _restart(self, event: str, detail: str) -> None:
         self._drive.clear()
-        self._accuracy.forget()
+        self._accuracy.look(None)
         if self._transforms is not None:
             self._transforms.clear()
         self._failure = ""
