@@ -79,7 +79,7 @@ class LiveCable:
     def _open(self, opened: ExitStack, read_only: bool) -> None:
         """Do what `__init__` says; `opened` knows how to undo it."""
         node = self._node
-        self._scene_parameters: SceneParameters[Prepared] = SceneParameters(node, read_only)
+        self._scene_parameters = SceneParameters(node, read_only)
         opened.callback(self._scene_parameters.close)
         scene = self._scene_parameters.scene
         inputs = (entry.topic for entry in (*input_topics(scene), *plan_topics(scene)))
