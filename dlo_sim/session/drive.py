@@ -62,7 +62,6 @@ class Drive:
         estimate: runs its companions, None without any.
         observer: corrects the simulator by what is measured, None unless asked for.
         grid: times of its steps, None before `begin`.
-        index: the step at which it is.
     """
 
     def __init__(
@@ -90,7 +89,6 @@ class Drive:
             self._waiting.append(self.observer)
         self._inputs: list[GripperPath | Waiting[Any]] = [*self.paths.values(), *self._waiting]
         self.grid: StepGrid | None = None
-        self.index = 0
         self._segments: dict[str, Segment] = {}
 
     @property
@@ -102,7 +100,7 @@ class Drive:
     def now_ns(self) -> int:
         """Time of the state in the time base [ns]; needs `begin`."""
         assert self.grid is not None
-        return self.grid.time_of(self.index)
+        return self.grid.time_of(self.simulator.steps)
 
     @property
     def without_pose(self) -> tuple[str, ...]:
@@ -161,7 +159,6 @@ class Drive:
             self.simulator.reset()
         self._rebuilt = saved is not None
         self.grid = StepGrid(origin, self.simulator.step)
-        self.index = 0
         self._segments = {}
         if saved is not None:
             for name, path in self.paths.items():
@@ -185,23 +182,22 @@ class Drive:
         """
         grid = self.grid
         assert grid is not None, "advance() needs begin()"
-        begin = self.index
+        begin = self.simulator.steps
         target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
         slow = ""
-        while self.index < target:
+        while self.simulator.steps < target:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
-                return Advance(self.index - begin, waiting, slow=slow)
+                return Advance(self.simulator.steps - begin, waiting, slow=slow)
             stop = self._apply_inputs(grid, target)
-            report = self._driven.advance_steps(stop - self.index)
-            self.index += report.steps
+            report = self._driven.advance_steps(stop - self.simulator.steps)
             slow = report.note or slow
             if not report.status.ok:
-                return Advance(self.index - begin, failure=report.message, slow=slow)
+                return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
         # A state at a knot belongs to the motion that begins there (its velocity is the same, its
         # acceleration is not), so whoever looks at it now must find that motion if it is known.
         self._renew_motions(grid, silence_ns)
-        return Advance(self.index - begin, slow=slow)
+        return Advance(self.simulator.steps - begin, slow=slow)
 
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
         """Give every end whose motion is over the next one; returns the ends that have none yet."""
@@ -210,9 +206,9 @@ class Drive:
             present = self._segments.get(name)
             if present is not None:
                 resting = present.last is None and path.silent and not path.waiting
-                if resting or (present.last is not None and self.index < present.last):
+                if resting or (present.last is not None and self.simulator.steps < present.last):
                     continue
-            segment = path.next_segment(grid, self.index, self.simulator.time, silence_ns)
+            segment = path.next_segment(grid, self.simulator.steps, self.simulator.time, silence_ns)
             if segment is None:
                 waiting += (name,)
             else:
@@ -238,7 +234,7 @@ class Drive:
         for waiting in self._waiting:
             change = waiting.next_change_ns()
             if change is not None and change < grid.time_of(stop):
-                stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))
+                stop = min(stop, max(self.simulator.steps + 1, grid.first_at_or_after(change)))
         return stop
 
     def skip_to(self, base_ns: int) -> int:
@@ -334,7 +330,7 @@ class Drive:
             self.simulator.take_over(old)
             if self.estimate is not None:
                 self.estimate.take_over()
-            self._continue_motions(grid, old.time)
+            self._continue_motions(grid, old)
         for name, path in self.paths.items():
             path.configure(scene.holders[name])
         for name, schedule in self.schedules.items():
@@ -358,23 +354,21 @@ class Drive:
             else:
                 self.scene, self._rebuilt = _with_taken(self.scene, {name: told[name]}), True
 
-    def _continue_motions(self, old: StepGrid, old_time: float) -> None:
+    def _continue_motions(self, old_grid: StepGrid, old: Simulator) -> None:
         """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
         were.
         """
-        now_ns, simulator = self.now_ns, self.simulator
-        grid = self.grid = StepGrid(now_ns, simulator.step)
+        grid = self.grid = StepGrid(old_grid.time_of(old.steps), self.simulator.step)
         for name, segment in list(self._segments.items()):
             if segment.last is None:
                 continue
-            if segment.last <= self.index:
+            if segment.last <= old.steps:
                 del self._segments[name]
                 continue
-            last = grid.first_at_or_after(old.time_of(segment.last))
-            rest = self.paths[name].replan(segment.motion, old_time, grid, last, simulator.time)
+            last = grid.first_at_or_after(old_grid.time_of(segment.last))
+            rest = self.paths[name].replan(segment.motion, old.time, grid, last)
             self._segments[name] = rest
             self._driven.set_motion(name, rest.motion)
-        self.index = 0
 
 
 def _taken(scene: Scene) -> dict[str, bool]:

@@ -160,16 +160,13 @@ class GripperPath:
         if self._center is not None:
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
-    def replan(
-        self, motion: EndMotion, now: float, grid: StepGrid, last: int, time: float
-    ) -> Segment:
+    def replan(self, motion: EndMotion, now: float, grid: StepGrid, last: int) -> Segment:
         """The rest of the present motion on another grid: from where it is at `now` to its end.
 
         Args:
             motion: the motion under way, given out by `next_segment`, on the old simulator's time
                 `now` [s].
-            last: step of the new grid at which it ends; it goes on at step 0, simulator time `time`
-                [s].
+            last: step of the new grid at which it ends; it goes on at step 0 and time 0.
         """
         target = self._present
         self._present = _State(
@@ -178,7 +175,7 @@ class GripperPath:
             _plain(motion.velocity_at(now)),
             _plain(motion.angular_velocity_at(now)),
         )
-        return self._move_to(target, 0, last, grid.step, time)
+        return self._move_to(target, 0, last, grid.step, 0.0)
 
     def next_segment(
         self, grid: StepGrid, index: int, time: float, wanted_ns: int

@@ -147,7 +147,7 @@ def test_replanning_a_turn_from_its_start_gives_the_same_turn():
     driver.drain(1.0)
     motion = driver.segments[-1].motion
     steps = round(motion.duration / STEP)
-    again = driver.path.replan(motion, motion.start, GRID, steps, motion.start).motion
+    again = driver.path.replan(motion, motion.start, GRID, steps).motion
     turned = np.linalg.norm(motion.rotation[0]) * motion.duration
     assert turned > 0.15
     assert np.allclose(again.rotation[0], motion.rotation[0], rtol=0, atol=1e-9)
@@ -292,7 +292,7 @@ def test_replan_keeps_to_the_same_target_on_a_new_grid():
     end = motion.end
     grid = StepGrid(round(now * SECOND), 5e-4)
     last = grid.first_at_or_after(round(end * SECOND))
-    rest = driver.path.replan(motion, now, grid, last, 0.0).motion
+    rest = driver.path.replan(motion, now, grid, last).motion
     assert np.allclose(rest.position_at(0.0), motion.position_at(now), atol=1e-14)
     assert np.allclose(rest.velocity_at(0.0), motion.velocity_at(now), atol=1e-12)
     assert np.allclose(rest.position_at(rest.duration), motion.position_at(end), atol=1e-5)
