@@ -132,7 +132,9 @@ class Reader:
 
     def header(self) -> tuple[int, str]:
         """A std_msgs/Header: its stamp [ns] and frame."""
-        seconds, nanoseconds, frame_id = self.whole("i"), self.whole(), self.data("frame_id")
+        begin = self._pass(8, 4)
+        seconds, nanoseconds = struct.unpack_from(self._order + "iI", self._raw, begin)
+        frame_id = self.data("frame_id")
         if nanoseconds >= _NANO:
             raise DecodeError(f"stamp has {nanoseconds} nanoseconds, 1 s or more")
         if frame_id and frame_id[-1] != 0:

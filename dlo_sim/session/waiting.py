@@ -108,9 +108,11 @@ class LoadSchedule(Waiting[LoadMessage]):
 
     def add(self, message: LoadMessage) -> None:
         """Take an accepted message; stamps must increase."""
-        force = tuple(self._sign * value for value in message.force)
-        torque = tuple(self._sign * value for value in message.torque)
-        super().add(message._replace(force=force, torque=torque))
+        if self._sign != 1.0:
+            force = tuple(self._sign * value for value in message.force)
+            torque = tuple(self._sign * value for value in message.torque)
+            message = message._replace(force=force, torque=torque)
+        super().add(message)
 
     def clear(self) -> None:
         """Forget all messages."""
