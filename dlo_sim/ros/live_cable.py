@@ -23,8 +23,7 @@ from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
 from dlo_sim.ros.state_keeper import StateKeeper
-from dlo_sim.ros.status import node_status
-from dlo_sim.ros.timing import TickTimes
+from dlo_sim.ros.status import TickTimes, node_status
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
@@ -124,11 +123,11 @@ class LiveCable:
             session = Session(
                 scene, naming=self._naming, transforms=transforms, live=True, resume=saved
             )
-        self._log_simulator(session, f"{{}}; ready after {time.perf_counter() - begin:.1f} s")
+        self._log_simulator(session, after=f"; ready after {time.perf_counter() - begin:.1f} s")
         return session
 
-    def _log_simulator(self, session: Session, text: str) -> None:
-        """Say what the simulator of a session computes and how, at the {} of a text."""
+    def _log_simulator(self, session: Session, before: str = "", after: str = "") -> None:
+        """Say what the simulator of a session computes and how."""
         simulator = session.simulator
         left_out = "; ".join(f"{name} ({why})" for name, why in simulator.left_out.items())
         summary = (
@@ -136,7 +135,7 @@ class LiveCable:
             f"({simulator.choice.reason}); {len(simulator.greville)} control points; computes "
             f"{', '.join(simulator.active_terms)}; leaves out {left_out or 'nothing'}"
         )
-        self._log.info(text.format(summary))
+        self._log.info(f"{before}{summary}{after}")
         for line in simulator.warnings:
             self._log.warning(line)
 
@@ -306,7 +305,7 @@ class LiveCable:
         self._tick()
         self._log_grasps(before)
         if self._session.simulator is not simulator:
-            self._log_simulator(self._session, "parameters changed: {}")
+            self._log_simulator(self._session, before="parameters changed: ")
 
     def _log_grasps(self, before: Scene) -> None:
         """Say which grasps hold the cable now, and did not, or the other way round."""
@@ -366,9 +365,8 @@ class LiveCable:
         now = self._now()
         steady = time.perf_counter_ns()
         self._node.clock_watch.look(now, steady * 1e-9)
-        timing, late = self._times.report(steady, self._session.simulator.step)
-        sources = self._inputs.sources()
-        statuses = [node_status(timing, late, self._node.clock_watch, sources)]
+        step, sources = self._session.simulator.step, self._inputs.sources()
+        statuses = [node_status(self._times, steady, step, self._node.clock_watch, sources)]
         self._outputs.publish_diagnostics(self._session.diagnostics(now))
         if self._forecaster is not None:
             statuses += self._forecaster.statuses(now)
