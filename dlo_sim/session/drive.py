@@ -87,7 +87,7 @@ class Drive:
         if scene.measured.type != "none":
             self.observer = Observer(scene.measured, note)
             self._waiting.append(self.observer)
-        self._inputs: list[GripperPath | Waiting[Any]] = [*self.paths.values(), *self._waiting]
+        self._inputs: list[Waiting[Any]] = [*self.paths.values(), *self._waiting]
         self.grid: StepGrid | None = None
         self._segments: dict[str, Segment] = {}
 
@@ -104,8 +104,8 @@ class Drive:
 
     @property
     def without_pose(self) -> tuple[str, ...]:
-        """Driven ends of which no pose is known yet."""
-        return tuple(name for name, path in self.paths.items() if path.first_stamp_ns is None)
+        """Driven ends of which no pose is known yet, until `begin`."""
+        return tuple(name for name, path in self.paths.items() if path.next_change_ns() is None)
 
     def ready_ns(self, wanted_ns: int) -> int | None:
         """Time base [ns] from which every driven end has a pose, `wanted_ns` if none is driven;
@@ -116,7 +116,7 @@ class Drive:
         """
         for path in self.paths.values():
             path.settle(wanted_ns)
-        stamps = [path.first_stamp_ns for path in self.paths.values()]
+        stamps = [path.next_change_ns() for path in self.paths.values()]
         known = [stamp for stamp in stamps if stamp is not None]
         return max(known, default=wanted_ns) if len(known) == len(stamps) else None
 

@@ -18,7 +18,6 @@ return, the path rejoins them smoothly from the pose held.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -41,6 +40,7 @@ from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 from dlo_sim.session.rejoining import Shift
 from dlo_sim.session.step_grid import StepGrid
 from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.waiting import Waiting
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ class _State(NamedTuple):
     spin: Vector = _ZERO
 
 
-class GripperPath:
+class GripperPath(Waiting[Pose]):
     """The path of one end effector from its accepted poses.
 
     Args:
@@ -87,7 +87,7 @@ class GripperPath:
         self._note = note
         self._smoother = PoseSmoother(0, 0)
         self.configure(holder)
-        self.clear()
+        super().__init__(_MOST_WAITING)
 
     def configure(self, holder: Holder) -> None:
         """Take other settings from the next pose on."""
@@ -96,10 +96,10 @@ class GripperPath:
 
     def clear(self) -> None:
         """Forget every pose; the next one starts a new path."""
+        super().clear()
         self.silent = False
         self.newest: Pose | None = None
         self._smoother.clear()
-        self._queue: deque[Pose] = deque(maxlen=_MOST_WAITING)
         self._center: Pose | None = None
         self._interval_ns = 0
         self._shift: Shift | None = None
@@ -108,22 +108,17 @@ class GripperPath:
     @property
     def waiting(self) -> int:
         """Number of poses not yet used."""
-        return len(self._queue)
-
-    @property
-    def first_stamp_ns(self) -> int | None:
-        """Stamp of the first usable pose until `begin`, None = none yet."""
-        return self._queue[0].stamp_ns if self._queue else None
+        return len(self._pending)
 
     def add(self, pose: Pose) -> None:
         """Take an accepted pose; stamps must increase."""
         self.newest = pose
-        self._queue.extend(self._smoother.add(pose))
+        self._pending.extend(self._smoother.add(pose))
 
     def settle(self, wanted_ns: int) -> None:
         """After a silence, stop waiting for poses that would complete a smoothing window."""
         if self._smoother.held_back and self._long_silent(wanted_ns):
-            self._queue.extend(self._smoother.flush())
+            self._pending.extend(self._smoother.flush())
 
     def _long_silent(self, wanted_ns: int) -> bool:
         """Whether no pose has come for the timeout before a time [ns]; needs one."""
@@ -131,10 +126,8 @@ class GripperPath:
         return wanted_ns - self.newest.stamp_ns > self.timeout_ns
 
     def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns] (the time base was decided later than the first poses
-        came).
-        """
-        self._queue = deque((p.moved(delta_ns) for p in self._queue), maxlen=_MOST_WAITING)
+        """Relabel all stamps by delta [ns]."""
+        super().shift_time(delta_ns)
         self._smoother.shift_time(delta_ns)
         self.newest = self.newest and self.newest.moved(delta_ns)
         self._center = self._center and self._center.moved(delta_ns)
@@ -144,8 +137,8 @@ class GripperPath:
         """Start the path at rest at the newest pose not after `base_ns`; returns (position,
         orientation).
         """
-        while self._queue and (self._center is None or self._queue[0].stamp_ns <= base_ns):
-            self._center = self._queue.popleft()
+        while self._pending and (self._center is None or self._pending[0].stamp_ns <= base_ns):
+            self._center = self._pending.popleft()
         assert self._center is not None, "begin() needs a pose"
         self._present = _State(self._center.position, self._center.orientation)
         return np.array(self._present.position), np.array(self._present.orientation)
@@ -154,8 +147,8 @@ class GripperPath:
         """The simulation jumped to `base_ns` with the end resting at this pose: drop older poses,
         rejoin newer ones.
         """
-        while self._queue and self._queue[0].stamp_ns <= base_ns:
-            self._center = self._queue.popleft()
+        for pose in self.due(base_ns):
+            self._center = pose
         self._present = _State(_plain(position), _plain(orientation))
         if self._center is not None:
             self._rejoin(self._center._replace(stamp_ns=base_ns))
@@ -188,15 +181,15 @@ class GripperPath:
         """
         self.settle(wanted_ns)
         self._pass_over(grid.time_of(index - 1))
-        while self._queue:
-            pose, center = self._queue[0], self._center
+        while self._pending:
+            pose, center = self._pending[0], self._center
             assert center is not None, "next_segment() needs begin()"
             if self.silent:
                 segment = self._resume(grid, index, time)
             elif pose.stamp_ns - center.stamp_ns > self.timeout_ns:
                 segment = self._come_to_rest(grid, index, time)
             else:
-                self._queue.popleft()
+                self._pending.popleft()
                 self._center = pose
                 segment = self._segment_between(center, pose, grid, index, time)
             if segment is not None:
@@ -282,8 +275,8 @@ class GripperPath:
         is, it returns to those that follow.
         """
         late = self._center
-        while self._queue and self._queue[0].stamp_ns < now_ns:
-            late = self._queue.popleft()
+        while self._pending and self._pending[0].stamp_ns < now_ns:
+            late = self._pending.popleft()
             self._note("late", f"a pose of {self.end} came after the simulation had passed it")
         if late is not None and late is not self._center:
             self.silent = False
@@ -292,11 +285,11 @@ class GripperPath:
 
     def _resume(self, grid: StepGrid, index: int, time: float) -> Segment | None:
         """Poses are back: rest until the first of them, then rejoin from the pose held."""
-        pose = self._queue[0]
+        pose = self._pending[0]
         first = grid.first_at_or_after(pose.stamp_ns)
         if first > index:
             return Segment(index, first, self._resting(time))
-        self._queue.popleft()
+        self._pending.popleft()
         self.silent = False
         self._center = pose
         self._rejoin(pose)
