@@ -12,7 +12,7 @@ import heapq
 import os
 import sqlite3
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Literal
@@ -217,24 +217,21 @@ class BagWriter:
         self.failure = ""
         if self.path.exists() or self.path.is_symlink():
             raise BagError(f"output {self.path} exists; remove it or choose another name")
-        try:
-            self._place = AtomicOutput(self.path)
-        except OSError as error:
-            raise self._cannot_write(error) from None
-        try:
-            self._writer = _Writer(self._place.path, version=9, storage_plugin=_PLUGINS[storage])
-            self._writer.open()
-            typestore = get_typestore(Stores.ROS2_JAZZY)
-            self._connections: dict[str, Connection] = {
-                topic: self._writer.add_connection(topic, kind, typestore=typestore)
-                for topic, kind in topics.items()
-            }
-        except _DISK_ERRORS as error:
-            self._place.discard()
-            raise self._cannot_write(error) from None
-        except BaseException:
-            self._place.discard()
-            raise
+        typestore = get_typestore(Stores.ROS2_JAZZY)
+        with ExitStack() as undo:
+            try:
+                self._place = AtomicOutput(self.path)
+                undo.callback(self._place.discard)
+                place = self._place.path
+                self._writer = _Writer(place, version=9, storage_plugin=_PLUGINS[storage])
+                self._writer.open()
+                self._connections: dict[str, Connection] = {
+                    topic: self._writer.add_connection(topic, kind, typestore=typestore)
+                    for topic, kind in topics.items()
+                }
+            except _DISK_ERRORS as error:
+                raise self._cannot_write(error) from None
+            undo.pop_all()
 
     def write(self, topic: str, time_ns: int, data: bytes) -> None:
         """Append one serialised message.

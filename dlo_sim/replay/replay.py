@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,9 +24,11 @@ from dlo_sim.replay.summary import Recording, ReplaySummary
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
-from dlo_sim.session.simulator_protocol import SimulatorFactory
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import DIAGNOSTICS, REACTION, input_topics, output_topics, resolved
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator
 
 __all__ = ["ReplayError", "ReplaySummary", "replay_bag"]
 
@@ -50,7 +53,7 @@ def replay_bag(
     *,
     compare: Mapping[str, str] | None = None,
     progress: Callable[[float], None] | None = None,
-    simulator_factory: SimulatorFactory | None = None,
+    simulator_factory: Callable[..., Simulator] | None = None,
 ) -> ReplaySummary:
     """Replay a bag through a scene into a new bag of the same storage.
 
@@ -69,14 +72,14 @@ def replay_bag(
         ValueError: the simulator refuses the scene.
     """
     compare = dict(compare or {})
+    say = progress or (lambda share: None)
     try:
-        source = Bag(bag, progress and (lambda share: progress(_OPENING * share)))
+        source = Bag(bag, lambda share: say(_OPENING * share))
         wanted = _wanted_topics(source, scene, compare)
-        writer = (
-            None if output is None else BagWriter(output, _output_topics(scene), source.storage)
-        )
+        outputs = {resolved(topic): kind for topic, kind in output_topics(scene).items()}
+        writer = None if output is None else BagWriter(output, outputs, source.storage)
         try:
-            run = _Replay(source, scene, writer, compare, progress, simulator_factory)
+            run = _Replay(source, scene, writer, compare, say, simulator_factory)
             run.execute(wanted)
             summary = run.summary
             if not summary.simulated_s:
@@ -104,10 +107,6 @@ def _readable(bag: Path) -> int:
         return 0
 
 
-def _output_topics(scene: Scene) -> dict[str, str]:
-    return {resolved(topic): kind for topic, kind in output_topics(scene).items()}
-
-
 def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[str, str]:
     """Topic -> type of everything to be read; refuses a bag that cannot drive the scene."""
     if not bag.count:
@@ -119,12 +118,7 @@ def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[s
                 f"record its pose on a topic and give {key}.pose_topic"
             )
     present = topic_list(bag.topics)
-    inputs: dict[str, str] = {}
-    driven: list[str] = []
-    for entry in input_topics(scene):
-        inputs[resolved(entry.topic)] = entry.type
-        if entry.is_pose:
-            driven.append(resolved(entry.topic))
+    inputs = {resolved(entry.topic): entry.type for entry in input_topics(scene)}
     if not inputs:
         raise ReplayError(
             "the scene listens to no topic: give an end a pose_topic or add a load with a topic"
@@ -153,6 +147,7 @@ def _wanted_topics(bag: Bag, scene: Scene, compare: Mapping[str, str]) -> dict[s
     if not any(topic in bag.topics for topic in inputs):
         names = ", ".join(inputs)
         raise ReplayError(f"bag {bag.path} has no message on {names}; it has {present}")
+    driven = [resolved(entry.topic) for entry in input_topics(scene) if entry.is_pose]
     missing = [topic for topic in driven if topic not in bag.topics]
     if missing:
         raise ReplayError(f"bag {bag.path} has no pose on {', '.join(missing)}; it has {present}")
@@ -168,8 +163,8 @@ class _Replay:
         scene: Scene,
         writer: BagWriter | None,
         compare: Mapping[str, str],
-        progress: Callable[[float], None] | None,
-        factory: SimulatorFactory | None,
+        progress: Callable[[float], None],
+        factory: Callable[..., Simulator] | None,
     ) -> None:
         self.summary = ReplaySummary()
         self._bag, self._scene, self._writer = bag, scene, writer
@@ -178,12 +173,10 @@ class _Replay:
         self._session = Session(scene, factory)
         self.summary.compile_s = time.perf_counter() - begin
         self._inputs = {entry.topic for entry in self._session.inputs}
-        self._names = {topic: resolved(topic) for topic in output_topics(scene)}
         # Without an output only what is compared has to be computed.
         self._wanted = None if writer is not None else [REACTION.format(end) for end in compare]
         self._recordings = {resolved(topic): Recording(end) for end, topic in compare.items()}
         self._predictions = {REACTION.format(end): Recording(end) for end in compare}
-        self._next_diagnostics_ns: int | None = None
 
     def execute(self, wanted: Mapping[str, str]) -> None:
         """Run to the end of the bag and fill the summary."""
@@ -238,6 +231,7 @@ class _Replay:
             return
         first, last = self._bag.span_ns
         origin = now = latest = message.time_ns
+        self._next_diagnostics_ns = origin + _DIAGNOSTICS_PERIOD
         count = 0
         tail = round(self._scene.inputs.latency * SECOND) + round(period)
         while message is not None or now <= latest + tail:
@@ -248,7 +242,7 @@ class _Replay:
             self._tick(now)
             if summary.status == "diverged":
                 return
-            if self._progress is not None and summary.ticks % _PROGRESS_TICKS == 0:
+            if summary.ticks % _PROGRESS_TICKS == 0:
                 done = min(1.0, (now - first) / max(1, last - first))
                 self._progress(_OPENING + (1.0 - _OPENING) * done)
             count += 1
@@ -261,8 +255,7 @@ class _Replay:
                 session.reset()
                 origin = now = message.time_ns
                 count = 0
-        if self._progress is not None:
-            self._progress(1.0)
+        self._progress(1.0)
 
     def _take(self, message: Record, arrival_ns: int) -> None:
         """Hand over a message; one out of the order of recording arrives when it was written."""
@@ -285,17 +278,15 @@ class _Replay:
         summary.simulated_s += report.advanced_steps * session.simulator.step
         for topic, _, stamp_ns, data in session.messages(self._wanted):
             if writer is not None:
-                writer.write(self._names[topic], now, data)
+                writer.write(resolved(topic), now, data)
                 summary.messages_written += 1
             if topic in self._predictions:
                 force = np.frombuffer(data, "<f8", 3, len(data) - 48)
                 self._predictions[topic].add(stamp_ns - session.offset_ns, force)
-        if self._next_diagnostics_ns is None:
-            self._next_diagnostics_ns = now + _DIAGNOSTICS_PERIOD
         if now >= self._next_diagnostics_ns:
             self._next_diagnostics_ns += _DIAGNOSTICS_PERIOD
             if writer is not None:
-                writer.write(self._names[DIAGNOSTICS], now, session.diagnostics(now))
+                writer.write(DIAGNOSTICS, now, session.diagnostics(now))
                 summary.messages_written += 1
         if report.status is SessionStatus.FAILED:
             summary.status = "diverged"

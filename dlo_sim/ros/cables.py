@@ -11,9 +11,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from dlo_sim.process import stopping
 from dlo_sim.ros.arguments import NodeArguments
-from dlo_sim.ros.cable_node import CableNode
+from dlo_sim.ros.cable_node import CableNode, ManagedCableNode
 from dlo_sim.ros.guarded_node import GuardedNode
-from dlo_sim.ros.lifecycle import ManagedCableNode
 from dlo_sim.scene.checking import check_names, check_value
 from dlo_sim.scene.description import is_node_key, scene_parameters
 from dlo_sim.scene.loading import overridden, scene_file_values

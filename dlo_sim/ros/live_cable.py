@@ -23,8 +23,7 @@ from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
 from dlo_sim.ros.state_keeper import StateKeeper
-from dlo_sim.ros.status import node_status
-from dlo_sim.ros.timing import TickTimes
+from dlo_sim.ros.status import TickTimes, node_status
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
@@ -32,9 +31,9 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
-from dlo_sim.session.simulator_protocol import State
 from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
 from dlo_sim.session.transforms import Transforms
+from dlo_sim.simulation.simulator import Snapshot
 
 _DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase
@@ -61,11 +60,9 @@ class LiveCable:
                 its topics; the node is as before.
         """
         self.failure: str | None = None
-        self._node = node
+        self._node, self._log = node, node.get_logger()
         self._naming = Naming(node.get_fully_qualified_name(), node.resolved)
         self._times = TickTimes()
-        self._clock_jumps = 0
-        self._late_reported = 0
         self._logged = (0, 0)  # events and refusals that the log knows of
         self._source_problems: list[str] = []
         self._early: dict[str, bytes] = {}
@@ -73,14 +70,15 @@ class LiveCable:
         with ExitStack() as opened:
             self._open(opened, read_only)
             self._opened = opened.pop_all()
-        self._log_topics()
+        self._log.info(f"listens to {', '.join(self._inputs.topics) or 'no topic'}")
+        self._log.info(f"publishes {', '.join(self._outputs.topics)}")
 
     # -- start and end --------------------------------------------------------------------------
 
     def _open(self, opened: ExitStack, read_only: bool) -> None:
         """Do what `__init__` says; `opened` knows how to undo it."""
         node = self._node
-        self._scene_parameters: SceneParameters[Prepared] = SceneParameters(node, read_only)
+        self._scene_parameters = SceneParameters(node, read_only)
         opened.callback(self._scene_parameters.close)
         scene = self._scene_parameters.scene
         inputs = (entry.topic for entry in (*input_topics(scene), *plan_topics(scene)))
@@ -115,19 +113,31 @@ class LiveCable:
             ) from None
         self._scene_parameters.follow(self._prepare, self._adopt)
 
-    def _built(self, scene: Scene, saved: State | None, transforms: Transforms | None) -> Session:
+    def _built(
+        self, scene: Scene, saved: Snapshot | None, transforms: Transforms | None
+    ) -> Session:
         """The session, with its machine code loaded."""
-        log = self._node.get_logger()
-        log.info("building the simulator")
+        self._log.info("building the simulator")
         begin = time.perf_counter()
-        with compiling_told_to(log.info):
+        with compiling_told_to(self._log.info):
             session = Session(
                 scene, naming=self._naming, transforms=transforms, live=True, resume=saved
             )
-        log.info(f"{_summary(session)}; ready after {time.perf_counter() - begin:.1f} s")
-        for line in session.simulator.warnings:
-            log.warning(line)
+        self._log_simulator(session, after=f"; ready after {time.perf_counter() - begin:.1f} s")
         return session
+
+    def _log_simulator(self, session: Session, before: str = "", after: str = "") -> None:
+        """Say what the simulator of a session computes and how."""
+        simulator = session.simulator
+        left_out = "; ".join(f"{name} ({why})" for name, why in simulator.left_out.items())
+        summary = (
+            f"{simulator.method}, step {simulator.step:.6g} s "
+            f"({simulator.choice.reason}); {len(simulator.greville)} control points; computes "
+            f"{', '.join(simulator.active_terms)}; leaves out {left_out or 'nothing'}"
+        )
+        self._log.info(f"{before}{summary}{after}")
+        for line in simulator.warnings:
+            self._log.warning(line)
 
     def activate(self) -> None:
         """Begin to listen and to tick on the node's clock, and to publish; diagnostics on a clock
@@ -182,11 +192,6 @@ class LiveCable:
             serve(Trigger, f"~/{grasp.name}/take", partial(answer, True))
             serve(Trigger, f"~/{grasp.name}/release", partial(answer, False))
 
-    def _log_topics(self) -> None:
-        log = self._node.get_logger()
-        log.info(f"listens to {', '.join(self._inputs.topics) or 'no topic'}")
-        log.info(f"publishes {', '.join(self._outputs.topics)}")
-
     # -- ticks ----------------------------------------------------------------------------------
 
     def _now(self) -> int:
@@ -222,8 +227,8 @@ class LiveCable:
         if now == 0 or not self._timers:
             return
         begin = time.perf_counter_ns()
-        if self._early:
-            self._hand_over_early(now)
+        for topic in list(self._early):
+            self._session.receive(topic, self._early.pop(topic), now)
         report = self._session.tick(now)
         stepped = time.perf_counter_ns()
         self._outputs.publish(self._session.messages(*self._outputs.readers()))
@@ -234,21 +239,12 @@ class LiveCable:
         if report.stop:
             self.failure = report.message  # said once, as the reason why the node ends
         elif report.status is not self._status:
-            self._log_status(report.status, report.message)
-
-    def _hand_over_early(self, now: int) -> None:
-        for topic, raw in self._early.items():
-            self._session.receive(topic, raw, now)
-        self._early.clear()
-
-    def _log_status(self, status: SessionStatus, message: str) -> None:
-        self._status = status
-        text = message or status.value
-        log = self._node.get_logger()
-        if status is SessionStatus.FAILED:
-            log.error(f"failed: {text}")
-        else:
-            log.info(text)
+            self._status = report.status
+            text = report.message or report.status.value
+            if report.status is SessionStatus.FAILED:
+                self._log.error(f"failed: {text}")
+            else:
+                self._log.info(text)
 
     def _on_jump(self, jump: TimeJump) -> None:
         """Start over when the clock was set back or exchanged; a step ahead is the session's."""
@@ -259,9 +255,9 @@ class LiveCable:
         )
         if not exchanged and jump.delta.nanoseconds >= 0:
             return
-        self._clock_jumps += 1
+        self._node.clock_watch.jumps += 1
         what = "was exchanged" if exchanged else f"went back {-jump.delta.nanoseconds * 1e-9:.3f} s"
-        self._node.get_logger().warning(f"the clock {what}; the simulation starts over")
+        self._log.warning(f"the clock {what}; the simulation starts over")
         self._start_over()
 
     def _start_over(self) -> None:
@@ -278,14 +274,12 @@ class LiveCable:
         Raises:
             SceneError: the simulator refuses the scene, in one line.
         """
-        made: list[Prepared] = []
-
-        def build() -> None:
-            made.append(self._session.prepare(scene))
-
-        with compiling_told_to(self._node.get_logger().info):
-            in_background(build, self._keep_ticking, lambda: self._period_ns * 1e-9)
-        return made[0]
+        with compiling_told_to(self._log.info):
+            return in_background(
+                lambda: self._session.prepare(scene),
+                self._keep_ticking,
+                lambda: self._period_ns * 1e-9,
+            )
 
     def _keep_ticking(self) -> None:
         """What the executor would do now if it were not in a callback."""
@@ -310,11 +304,8 @@ class LiveCable:
         self._times.interrupt()
         self._tick()
         self._log_grasps(before)
-        if self._session.simulator is simulator:
-            return
-        self._node.get_logger().info(f"parameters changed: {_summary(self._session)}")
-        for line in self._session.simulator.warnings:
-            self._node.get_logger().warning(line)
+        if self._session.simulator is not simulator:
+            self._log_simulator(self._session, before="parameters changed: ")
 
     def _log_grasps(self, before: Scene) -> None:
         """Say which grasps hold the cable now, and did not, or the other way round."""
@@ -325,42 +316,35 @@ class LiveCable:
             u = saved.geometries[grasp.name].u
             where = "" if u is None else f" at u = {u / scene.cable.length:.2f}"
             verb = "released" if u is None else "took"
-            self._node.get_logger().info(f"{verb} '{grasp.name}'{where}")
+            self._log.info(f"{verb} '{grasp.name}'{where}")
 
     # -- services -------------------------------------------------------------------------------
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """~/reset: place the cable anew and forget the inputs."""
         self._start_over()
-        response.success = True
-        response.message = "reset"
-        return response
+        return _answered(response, True, "reset")
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """~/pause: stop (true) or go on (false)."""
         self._session.pause(request.data)
-        response.success = True
-        response.message = self._session.status.value
-        return response
+        return _answered(response, True, self._session.status.value)
 
     def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """~/step: while paused, advance by one timer period."""
         if not self._timers:
-            response.message = "not active; activate the node first"
-            return response
+            return _answered(response, False, "not active; activate the node first")
         if self._session.status is not SessionStatus.PAUSED:
-            response.message = "not paused; call ~/pause with data: true first"
-            return response
+            return _answered(response, False, "not paused; call ~/pause with data: true first")
         report = self._session.step_once()
         self._outputs.publish(self._session.messages())
-        response.success = report.advanced_steps > 0
-        simulator = self._session.simulator
-        response.message = report.message or (
-            f"{report.advanced_steps} steps to {simulator.time:.6f} s"
-            if response.success
+        steps = report.advanced_steps
+        message = report.message or (
+            f"{steps} steps to {self._session.simulator.time:.6f} s"
+            if steps
             else "the cable has not been placed yet; wait for the first pose, or unpause once"
         )
-        return response
+        return _answered(response, steps > 0, message)
 
     def _on_grasp(
         self, name: str, taken: bool, request: Trigger.Request, response: Trigger.Response
@@ -368,14 +352,11 @@ class LiveCable:
         """~/<name>/take, ~/<name>/release: set the parameter of a grasp."""
         key = f"grasps.{name}.taken"
         if self._session.scene.grasp(name).taken == taken:
-            response.success = True
             verb = "holds" if taken else "does not hold"
-            response.message = f"nothing to do: {name} {verb} the cable"
-            return response
+            return _answered(response, True, f"nothing to do: {name} {verb} the cable")
         (result,) = self._node.set_parameters([NodeParameter(key, NodeParameter.Type.BOOL, taken)])
-        response.success = result.successful
-        response.message = result.reason or f"{key}: {str(taken).lower()}"
-        return response
+        message = result.reason or f"{key}: {str(taken).lower()}"
+        return _answered(response, result.successful, message)
 
     # -- diagnostics ----------------------------------------------------------------------------
 
@@ -384,18 +365,9 @@ class LiveCable:
         now = self._now()
         steady = time.perf_counter_ns()
         self._node.clock_watch.look(now, steady * 1e-9)
-        fresh_late = self._times.late - self._late_reported
-        self._late_reported = self._times.late
-        sources = self._inputs.sources()
-        status = node_status(
-            self._times.report(steady, self._session.simulator.step),
-            fresh_late,
-            self._node.clock_watch,
-            self._clock_jumps,
-            sources,
-        )
+        step, sources = self._session.simulator.step, self._inputs.sources()
+        statuses = [node_status(self._times, steady, step, self._node.clock_watch, sources)]
         self._outputs.publish_diagnostics(self._session.diagnostics(now))
-        statuses = [status]
         if self._forecaster is not None:
             statuses += self._forecaster.statuses(now)
         self._outputs.publish_diagnostics(encode_diagnostic_array(now, self._naming.node, statuses))
@@ -403,33 +375,24 @@ class LiveCable:
         self._log_events()
         problems = [line for source in sources for line in source.problems]
         for line in set(problems).difference(self._source_problems):
-            self._node.get_logger().warning(line)
+            self._log.warning(line)
         self._source_problems = problems
 
     def _log_events(self) -> None:
         """Say in the log, too, what the diagnostics have counted anew; not every second again."""
         journal = self._session.journal
         counts = (sum(journal.events.values()), sum(journal.refused.values()))
-        log = self._node.get_logger()
         if counts[0] > self._logged[0]:
-            log.warning(journal.last_event, throttle_duration_sec=_LOG_PAUSE)
+            self._log.warning(journal.last_event, throttle_duration_sec=_LOG_PAUSE)
         if counts[1] > self._logged[1]:
-            refusals = [
-                f"{r.topic}: {r.last_refusal}" for r in journal.topics.values() if r.refused
-            ]
-            log.warning(
-                f"{counts[1]} messages refused so far; last on {'; '.join(refusals)}",
+            last = [f"{r.topic}: {r.last_refusal}" for r in journal.topics.values() if r.refused]
+            self._log.warning(
+                f"{counts[1]} messages refused so far; last on {'; '.join(last)}",
                 throttle_duration_sec=_LOG_PAUSE,
             )
         self._logged = counts
 
 
-def _summary(session: Session) -> str:
-    """What the simulator of a session computes and how, in one line."""
-    simulator = session.simulator
-    left_out = "; ".join(f"{name} ({why})" for name, why in simulator.left_out.items())
-    return (
-        f"{simulator.method}, step {simulator.step:.6g} s ({simulator.choice.reason}); "
-        f"{len(simulator.greville)} control points; computes {', '.join(simulator.active_terms)}; "
-        f"leaves out {left_out or 'nothing'}"
-    )
+def _answered(response: Any, success: bool, message: str) -> Any:
+    response.success, response.message = success, message
+    return response

@@ -8,7 +8,7 @@ refuse, with the same line.
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -27,8 +27,7 @@ from dlo_sim.scene.description import Scene, parameters_of_scene, scene_paramete
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 from dlo_sim.scene.parameter import Parameter
 from dlo_sim.scene.refusal import nearest, shown
-
-Prepared = TypeVar("Prepared")
+from dlo_sim.session.drive import Prepared
 
 _TYPES = {
     "double": NodeParameter.Type.DOUBLE,
@@ -64,7 +63,7 @@ class ParameterRefused(ParameterNotDeclaredException):
         return self._reason
 
 
-class SceneParameters(Generic[Prepared]):
+class SceneParameters:
     """Declares the parameters of a scene on a node and keeps node and scene the same.
 
     Attributes:
@@ -238,22 +237,16 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
         additional_constraints=_constraints(row),
         read_only=row.read_only,
     )
-    bounded = row.low is not None or row.high is not None
-    if row.kind == "double" and bounded:
-        limit = sys.float_info.max
-        low, high = _bounds(row, limit)
+    if row.low is None and row.high is None:
+        return described
+    limit = _LARGEST_INTEGER if row.kind == "integer" else sys.float_info.max
+    low = -limit if row.low is None else row.low
+    high = limit if row.high is None else row.high
+    if row.kind == "double":
         described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-    if row.kind == "integer" and bounded:
-        low, high = _bounds(row, _LARGEST_INTEGER)
+    elif row.kind == "integer":
         described.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return described
-
-
-def _bounds(row: Parameter, limit: float) -> tuple[float, float]:
-    return (
-        -limit if row.low is None else row.low,
-        limit if row.high is None else row.high,
-    )
 
 
 def _constraints(row: Parameter) -> str:

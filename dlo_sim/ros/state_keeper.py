@@ -10,7 +10,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session.saved_state import load_state, save_state
 from dlo_sim.session.session import Session
-from dlo_sim.session.simulator_protocol import State
+from dlo_sim.simulation.simulator import Snapshot
 
 _taken: set[Path] = set()  # files of the cables of this process
 
@@ -24,7 +24,7 @@ class StateKeeper:
         self._writer = ThreadPoolExecutor(1)
         self._writing: Future[None] | None = None
 
-    def found(self, scene: Scene) -> State | None:
+    def found(self, scene: Scene) -> Snapshot | None:
         """The state to go on from, if there is one. The file is this cable's until `release`.
 
         Raises:
@@ -62,7 +62,7 @@ class StateKeeper:
         if saved is not None:
             self._writing = self._writer.submit(self._write, self._path, saved)
 
-    def _write(self, path: Path, saved: State) -> None:
+    def _write(self, path: Path, saved: Snapshot) -> None:
         try:
             save_state(path, saved)
         except Exception as error:  # of a thread that nobody waits for

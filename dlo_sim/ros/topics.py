@@ -1,6 +1,7 @@
 """The node's publishers and subscriptions, all on serialised messages; their QoS is stated here."""
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from importlib import import_module
 
 from rclpy.duration import Duration
@@ -138,29 +139,21 @@ class Inputs:
     """Subscriptions to what a session listens to."""
 
     def __init__(
-        self,
-        node: Node,
-        inputs: Sequence[InputTopic],
-        receive: Callable[[str, bytes], None],
+        self, node: Node, inputs: Sequence[InputTopic], receive: Callable[[str, bytes], None]
     ) -> None:
         """Subscribe; `receive(topic, raw)` gets the topic by its name on the wire."""
         self._node = node
         self._types = {source.topic: source.type for source in inputs}
         self._subscriptions: dict[str, Subscription] = {}
-        for source in inputs:
-            if source.topic not in self._subscriptions:
-                self._subscribe(source, receive)
-
-    def _subscribe(self, source: InputTopic, receive: Callable[[str, bytes], None]) -> None:
-        topic = source.topic
-        self._subscriptions[topic] = self._node.create_subscription(
-            message_class(source.type),
-            topic,
-            lambda raw: receive(topic, raw),
-            input_qos(source.type),
-            qos_overriding_options=QoSOverridingOptions(INPUT_POLICIES),
-            raw=True,
-        )
+        for topic, kind in self._types.items():
+            self._subscriptions[topic] = node.create_subscription(
+                message_class(kind),
+                topic,
+                partial(receive, topic),
+                input_qos(kind),
+                qos_overriding_options=QoSOverridingOptions(INPUT_POLICIES),
+                raw=True,
+            )
 
     def take_waiting(self) -> None:
         """Hand over what has come, from inside a callback, when the executor cannot."""

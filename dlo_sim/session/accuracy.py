@@ -1,9 +1,11 @@
-"""What the estimated discretisation error means: a warning that says which part and the cure."""
+"""The estimated discretisation error: when it is estimated, and what it means: a warning that says
+which part and the cure.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from dlo_sim.scene.description import Scene
@@ -12,12 +14,30 @@ from dlo_sim.scene.needs import needs_of
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
+    from dlo_sim.simulation.geometry import Pose
+    from dlo_sim.simulation.simulator import Simulator
 
 AGAIN = 0.5  # of the target: the error must have been below it before a new excess is an event
 # EA h^2 / EI of a knot span h from which on stretching by span was nearer to the reference where a
 # cable bends much (cantilever of the work-precision study: 225 to 3600).
 THIN = 200.0
 _SPARE = 1.2  # in the advice, so that a setting that follows it is not at the target again
+
+
+def estimated(scene: Scene, live: bool) -> bool:
+    """Whether the error of a prediction is estimated."""
+    wanted = scene.accuracy.estimate
+    corrected = scene.measured.type != "none"  # its companions are not
+    return wanted == "on" or (wanted == "auto" and live and not corrected)
+
+
+def companions(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> ErrorEstimate:
+    """Companions placed at these poses as the simulator was; without, from its present state on."""
+    from dlo_sim.simulation.error_estimate import ErrorEstimate  # brings the compiler along
+
+    if poses is None:
+        return ErrorEstimate.continued(simulator)
+    return ErrorEstimate.placed(simulator, poses)
 
 
 class Accuracy:
@@ -29,26 +49,18 @@ class Accuracy:
 
     def __init__(self, scene: Scene, note: Callable[[str, str], None]) -> None:
         self._note = note
-        self.configure(scene)
-
-    def configure(self, scene: Scene) -> None:
-        """Follow a changed scene."""
         self._target = scene.accuracy.target
         self._control_points = scene.discretization.control_points
         self._locks = _locks(scene)
-        self.forget()
-
-    def forget(self) -> None:
-        """Nothing is estimated."""
         self._estimate: ErrorEstimate | None = None
         self._exceeded = False
         self.warning = ""
 
     def look(self, estimate: ErrorEstimate | None) -> None:
-        """Compare the largest error of the last second with the target."""
+        """Compare the largest error of the last second with the target; None: it is unknown."""
         self._estimate = estimate
         if estimate is None:
-            self.forget()
+            self._exceeded, self.warning = False, ""
             return
         error = estimate.recent
         exceeds = error.total > self._target

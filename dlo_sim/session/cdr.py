@@ -37,10 +37,6 @@ DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 _VALUES = {WRENCH_STAMPED: 6, VECTOR3_STAMPED: 3, POSE_STAMPED: 7}
 
 _NANO = 1_000_000_000
-_HEADERS = {"<": struct.Struct("<iII"), ">": struct.Struct(">iII")}
-_NUMBERS = {
-    (order, count): struct.Struct(f"{order}{count}d") for order in "<>" for count in (3, 6, 7)
-}
 _STAMP = struct.Struct("<iI")
 # Serialisers may pad a message to a multiple of four or eight bytes; more than that is not padding.
 _MOST_PADDING = 7
@@ -73,19 +69,16 @@ def decode(message_type: str, raw: Bytes) -> Stamped:
     Raises:
         DecodeError: truncated or overlong bytes, an unknown encapsulation, an impossible header.
     """
-    if message_type == BOOL:
-        _check_encapsulation(raw)
-        _check_length(raw, 5)
-        return Stamped(0, "", (float(bool(raw[4])),))
     if message_type == POSE_ARRAY:
-        array = decode_pose_array(raw)
-        positions = array.poses[:, :3].ravel().tolist()
-        return Stamped(array.stamp_ns, array.frame_id, tuple(positions))
-    count = _VALUES[message_type]
-    order, stamp_ns, frame_id, end = _decode_header(raw)
-    begin = 4 + (end - 4 + 7 & ~7)
-    _check_length(raw, begin + 8 * count)
-    return Stamped(stamp_ns, frame_id, _NUMBERS[order, count].unpack_from(raw, begin))
+        stamp_ns, frame_id, poses = decode_pose_array(raw)
+        return Stamped(stamp_ns, frame_id, tuple(poses[:, :3].ravel().tolist()))
+    reader = Reader(raw)
+    if message_type == BOOL:
+        found = Stamped(0, "", (float(reader.whole("?")),))
+    else:
+        found = Stamped(*reader.header(), reader.numbers("d", _VALUES[message_type]))
+    reader.end()
+    return found
 
 
 def decode_pose_array(raw: Bytes) -> PoseArray:
@@ -94,68 +87,44 @@ def decode_pose_array(raw: Bytes) -> PoseArray:
     Raises:
         DecodeError: as `decode`.
     """
-    order, stamp_ns, frame_id, end = _decode_header(raw)
-    at = 4 + (end - 4 + 3 & ~3)
-    if len(raw) < at + 4:
-        raise DecodeError(f"{len(raw)} bytes end before the number of poses")
-    (count,) = struct.unpack_from(order + "I", raw, at)
-    begin = 4 + (at + 7 & ~7)
-    if count == 0:
-        return PoseArray(stamp_ns, frame_id, np.zeros((0, 7)))
-    _check_length(raw, begin + 56 * count)
-    poses = np.frombuffer(raw, order + "f8", 7 * count, begin).astype(float).reshape(count, 7)
-    return PoseArray(stamp_ns, frame_id, poses)
-
-
-def _decode_header(raw: Bytes) -> tuple[str, int, str, int]:
-    """Byte order, stamp [ns], frame, and the offset just behind the frame."""
-    if len(raw) < 16:
-        raise DecodeError(f"{len(raw)} bytes are too few for a message with a header")
-    _check_encapsulation(raw)
-    order = "<" if raw[1] else ">"
-    seconds, nanoseconds, length = _HEADERS[order].unpack_from(raw, 4)
-    end = 16 + length
-    if end > len(raw):
-        raise DecodeError(f"frame_id of {length} bytes does not fit into {len(raw)} bytes")
-    if nanoseconds >= _NANO:
-        raise DecodeError(f"stamp has {nanoseconds} nanoseconds, 1 s or more")
-    if length and raw[end - 1] != 0:
-        raise DecodeError("frame_id does not end with a NUL")
-    frame_id = bytes(raw[16 : end - 1]).decode("utf-8", "replace") if length else ""
-    return order, seconds * _NANO + nanoseconds, frame_id, end
-
-
-def _check_encapsulation(raw: Bytes) -> None:
-    if len(raw) < 2 or raw[0] != 0 or raw[1] > 1:
-        raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
-
-
-def _check_length(raw: Bytes, needed: int) -> None:
-    if not needed <= len(raw) <= needed + _MOST_PADDING:
-        raise DecodeError(f"{len(raw)} bytes, such a message has {needed}")
+    reader = Reader(raw)
+    found = PoseArray(*reader.header(), reader.table(7))
+    reader.end()
+    return found
 
 
 class Reader:
-    """Reads field after field of little- or big-endian CDR."""
+    """Reads field after field of little- or big-endian CDR.
+
+    Every method raises a DecodeError where the message ends too early or cannot be one.
+    """
 
     def __init__(self, raw: Bytes) -> None:
-        _check_encapsulation(raw)
+        if len(raw) < 4 or raw[0] != 0 or raw[1] > 1:
+            raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
         self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
 
     def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
         """Numbers of one struct code."""
         size = struct.calcsize(code)
-        self._at += -(self._at - 4) % size
-        values = self._take(size * count)
-        return struct.unpack(f"{self._order}{count}{code}", values)
+        begin = self._pass(size * count, size)
+        return struct.unpack_from(f"{self._order}{count}{code}", self._raw, begin)
 
     def whole(self, code: str = "I") -> int:
         """One whole number."""
         return int(self.numbers(code)[0])
 
-    def data(self) -> bytes:
+    def table(self, width: int) -> Array:
+        """A sequence of rows of so many doubles, shape (n, width)."""
+        count = self.whole()
+        begin = self._pass(8 * width * count, 8 if count else 1)  # nothing is not aligned
+        values = np.frombuffer(self._raw, self._order + "f8", width * count, begin)
+        return values.astype(float).reshape(count, width)
+
+    def data(self, name: str = "a field") -> bytes:
         """A sequence of bytes, or a string with its NUL."""
-        return self._take(self.whole())
+        begin = self._pass(self.whole(), 1, name)
+        return bytes(self._raw[begin : self._at])
 
     def text(self) -> str:
         """A string."""
@@ -163,14 +132,27 @@ class Reader:
 
     def header(self) -> tuple[int, str]:
         """A std_msgs/Header: its stamp [ns] and frame."""
-        seconds, nanoseconds = self.whole("i"), self.whole()
-        return seconds * _NANO + nanoseconds, self.text()
+        begin = self._pass(8, 4)
+        seconds, nanoseconds = struct.unpack_from(self._order + "iI", self._raw, begin)
+        frame_id = self.data("frame_id")
+        if nanoseconds >= _NANO:
+            raise DecodeError(f"stamp has {nanoseconds} nanoseconds, 1 s or more")
+        if frame_id and frame_id[-1] != 0:
+            raise DecodeError("frame_id does not end with a NUL")
+        return seconds * _NANO + nanoseconds, frame_id[:-1].decode("utf-8", "replace")
 
-    def _take(self, count: int) -> bytes:
-        if self._at + count > len(self._raw):
-            raise DecodeError(f"{len(self._raw)} bytes end inside a field")
-        self._at += count
-        return bytes(self._raw[self._at - count : self._at])
+    def end(self) -> None:
+        """Refuse what follows, but for padding."""
+        if len(self._raw) > self._at + _MOST_PADDING:
+            raise DecodeError(f"{len(self._raw)} bytes, such a message has {self._at}")
+
+    def _pass(self, size: int, aligned: int, name: str = "a field") -> int:
+        """Go on behind so many bytes, which begin at a multiple; returns where."""
+        begin = self._at + -(self._at - 4) % aligned
+        self._at = begin + size
+        if self._at > len(self._raw):
+            raise DecodeError(f"{len(self._raw)} bytes end inside {name}")
+        return begin
 
 
 class Writer:

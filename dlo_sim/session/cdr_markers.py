@@ -25,8 +25,7 @@ class _Offsets(NamedTuple):
     """Where in a message the numbers of one marker are."""
 
     stamp: int
-    pose: int
-    scale: int
+    pose: int  # and scale behind it
     points: int
     colors: int
 
@@ -97,8 +96,7 @@ class CapsuleEncoder:
         self._doubles = np.frombuffer(body, "<f8", len(body) // 8)
         self._words = np.frombuffer(body, "<u4", len(body) // 4)
         self._stamps = _places([one.stamp for one in offsets], 4, 2)
-        self._poses = _places([one.pose for one in offsets], 8, 7)
-        self._scales = _places([one.scale for one in offsets], 8, 3)
+        self._rows = _places([one.pose for one in offsets], 8, 10)  # poses and scales
 
     def encode(self, stamp_ns: int, joints: Array, radii: Array) -> bytes:
         """The chain through joints [m], shape (count + 1, 3), with the radii [m] of the capsules,
@@ -109,14 +107,13 @@ class CapsuleEncoder:
         # Seen from either side a cylinder is the same: its axis never turns by more than 90 deg.
         upward = np.where(ways[:, 2:] < 0.0, -ways, ways)
         upward[lengths == 0.0] = 0.0, 0.0, 1.0
-        poses = np.tile(_NO_POSE, (2 * count + 1, 1))
-        poses[:count, :3], poses[count:, :3] = 0.5 * (joints[1:] + joints[:-1]), joints
-        poses[:count, 3:] = rotations.minimal_rotation(np.array([0.0, 0.0, 1.0]), upward)
         thick = np.maximum(np.append(radii, 0.0), np.insert(radii, 0, 0.0))
-        scales = np.repeat(2.0 * np.concatenate([radii, thick])[:, None], 3, axis=1)
-        scales[:count, 2] = lengths
-        self._words[self._stamps] = divmod(stamp_ns, _NANO)
-        self._doubles[self._poses], self._doubles[self._scales] = poses, scales
+        rows = np.tile((*_NO_POSE, 1.0, 1.0, 1.0), (2 * count + 1, 1))
+        rows[:count, :3], rows[count:, :3] = 0.5 * (joints[1:] + joints[:-1]), joints
+        rows[:count, 3:7] = rotations.minimal_rotation(np.array([0.0, 0.0, 1.0]), upward)
+        rows[:, 7:] *= 2.0 * np.concatenate([radii, thick])[:, None]
+        rows[:count, 9] = lengths
+        self._words[self._stamps], self._doubles[self._rows] = divmod(stamp_ns, _NANO), rows
         return bytes(self._data)
 
 
@@ -161,7 +158,7 @@ def _write_marker(
     writer.text(namespace)
     writer.numbers("i", marker_id, kind, action)
     pose = writer.numbers("d", *_NO_POSE)
-    size = writer.numbers("d", *scale)
+    writer.numbers("d", *scale)
     writer.numbers("f", *color)
     writer.numbers("i", lifetime_ns // _NANO)
     writer.numbers("I", lifetime_ns % _NANO)
@@ -178,4 +175,4 @@ def _write_marker(
         writer.text("")
     writer.numbers("I", 0)  # mesh_file.data
     writer.numbers("B", 0)  # mesh_use_embedded_materials
-    return _Offsets(stamp, pose, size, begin, begin_colors)
+    return _Offsets(stamp, pose, begin, begin_colors)

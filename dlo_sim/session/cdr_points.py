@@ -53,7 +53,7 @@ def decode_marker_array(raw: Bytes) -> Cloud:
     Raises:
         DecodeError: not such a message, or one without markers.
     """
-    reader, points, head = Reader(raw), [], None
+    reader, points, head = Reader(raw), list[Sequence[float]](), None
     for _ in range(reader.whole()):
         own_head = reader.header()
         head = head or own_head
@@ -64,9 +64,8 @@ def decode_marker_array(raw: Bytes) -> Cloud:
         reader.numbers("f", 4)  # colour
         reader.numbers("i", 2)  # lifetime
         reader.numbers("B")  # frame_locked
-        count = reader.whole()
-        own = [reader.numbers("d", 3) for _ in range(count)]
-        points += own or [pose[:3]]
+        own = reader.table(3)
+        points += own.tolist() or [pose[:3]]
         for _ in range(reader.whole()):
             reader.numbers("f", 4)
         reader.data()  # texture_resource

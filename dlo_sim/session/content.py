@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from dlo_sim.core.two_points import LEAST_APART
 from dlo_sim.scene.description import Scene
@@ -27,15 +26,6 @@ class Refused(Exception):
         self.reason, self.detail = reason, detail
 
 
-class Sound(NamedTuple):
-    """The numbers of a message that can be used, and the end in whose frame they are, "" = the
-    world frame.
-    """
-
-    values: tuple[float, ...]
-    end: str
-
-
 class ContentCheck:
     """The limits and frames of a scene."""
 
@@ -50,11 +40,14 @@ class ContentCheck:
         """Whether the scene names this frame."""
         return frame_id in self._frames
 
-    def check(self, message: Stamped, kind: str, spacing: float = 0.0) -> Sound:
+    def check(self, message: Stamped, kind: str, spacing: float = 0.0) -> Stamped:
         """Finite, not absurd, in a known frame.
 
         Args:
             kind: of its topic (`session.topics`). spacing: [m] of two points, 0 = any.
+
+        Returns:
+            The message; its frame is the name of the end in whose frame it is, "" = the world's.
 
         Raises:
             Refused: it cannot be used.
@@ -71,7 +64,7 @@ class ContentCheck:
             self._check_size(values)
         elif values and max(map(abs, values)) > MOST_DISTANT:
             raise _too_distant(values)
-        return Sound(values, self._check_frame(message.frame_id, kind))
+        return message._replace(frame_id=self._check_frame(message.frame_id, kind))
 
     def _check_size(self, values: tuple[float, ...]) -> None:
         for name, unit, vector, limit in (

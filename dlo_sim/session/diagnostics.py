@@ -8,13 +8,17 @@ levels OK, WARN, ERROR, STALE.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple
 
 from dlo_sim.scene.refusal import one_line
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.cdr import DiagnosticStatus
-from dlo_sim.session.simulator_protocol import CableSimulator
+
+if TYPE_CHECKING:
+    from dlo_sim.session.drive import Drive
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
@@ -55,6 +59,35 @@ EVENTS: dict[str, str] = {
     "taken_up": "the prediction keeps up again; what was dropped last is resumed",
 }
 """Everything else that is counted."""
+
+
+class SessionStatus(Enum):
+    """What a session is doing; the values are readable."""
+
+    WAITING = "waiting for the first pose"
+    RUNNING = "running"
+    PAUSED = "paused"
+    FAILED = "failed: the last good state is held, call ~/reset"
+
+
+class TickReport(NamedTuple):
+    """What a tick did.
+
+    Attributes:
+        advanced_steps: steps taken.
+        lag_ns: how far the state is behind the time it should have [ns]: missing poses, or too slow
+            a computer.
+        status: what the session is doing.
+        message: one line when there is something to say (why it failed, what it waits for), else
+            "".
+        stop: the simulator failed and `integrator.on_failure` is `stop`.
+    """
+
+    advanced_steps: int
+    lag_ns: int
+    status: SessionStatus
+    message: str = ""
+    stop: bool = False
 
 
 @dataclass
@@ -147,36 +180,31 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
 
 def session_status(
     journal: Journal,
-    status: str,
+    status: SessionStatus,
     message: str,
-    simulator: CableSimulator,
+    drive: Drive,
     accuracy: Accuracy,
     *,
-    failed: bool,
-    waiting: bool,
     lag: float,
     delay: float | None,
-    most_lag: float,
     offset: float,
-    extra: Mapping[str, str],
 ) -> DiagnosticStatus:
     """Status of the session itself: state, time, energy, lag, every event counted.
 
     Args:
-        status: what the session is doing; message: what there is to say about it, may be empty.
-        simulator: read for time, step, method, terms and energy.
+        message: what there is to say, may be empty.
         accuracy: the estimated error and what it means.
-        lag, most_lag: how far the state is behind [s], and what is worth a warning.
+        lag: how far the state is behind [s].
         delay: how long ago the stamp of the state was [s]: an input acts in the state of its stamp.
+            None before the cable is placed.
         offset: clock minus stamps [s].
-        extra: more values.
     """
-    fresh = journal.fresh_events()
-    warnings = simulator.warnings
-    level, text = OK, message or status
-    if failed:
+    simulator, fresh = drive.simulator, journal.fresh_events()
+    warnings, energy = simulator.warnings, simulator.energy()
+    level, text = OK, message or status.value
+    if status is SessionStatus.FAILED:
         level = ERROR
-    elif waiting or lag > most_lag:
+    elif delay is None or lag > drive.scene.inputs.catch_up:
         level = WARN
     elif accuracy.warning:
         level, text = WARN, message or accuracy.warning
@@ -184,9 +212,8 @@ def session_status(
         level, text = WARN, message or journal.last_event
     elif warnings:  # last: they last as long as the scene, and would hide what is new
         level, text = WARN, message or warnings[0]
-    energy = simulator.energy()
     values = [
-        ("status", status),
+        ("status", status.value),
         ("simulated time [s]", f"{simulator.time:.6f}"),
         ("step [s]", f"{simulator.step:.9g}"),
         ("method", simulator.method),
@@ -206,4 +233,6 @@ def session_status(
     ]
     if journal.last_event:
         values.append(("last event", journal.last_event))
-    return DiagnosticStatus(level, "session", text, (*values, *extra.items()))
+    if drive.observer is not None:
+        values += drive.observer.values()
+    return DiagnosticStatus(level, "session", text, tuple(values))

@@ -9,21 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.gripper_path import GripperPath
-from dlo_sim.session.load_schedule import LoadSchedule
+from dlo_sim.session.accuracy import companions, estimated
+from dlo_sim.session.gripper_path import GripperPath, Segment
 from dlo_sim.session.observer import Observer
-from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State, Stepped
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
-from dlo_sim.session.time_base import SECOND
-from dlo_sim.session.waiting import TakeMessage, Waiting
+from dlo_sim.session.topics import InputTopic
+from dlo_sim.session.waiting import LoadSchedule, TakeMessage, Waiting
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
-    from dlo_sim.simulation.simulator import Simulator
+    from dlo_sim.simulation.simulator import Simulator, Snapshot
 
 
 class Advance(NamedTuple):
@@ -44,7 +42,7 @@ class Prepared(NamedTuple):
     """
 
     before: Scene
-    simulator: CableSimulator
+    simulator: Simulator
     estimate: ErrorEstimate | None
 
 
@@ -64,13 +62,12 @@ class Drive:
         estimate: runs its companions, None without any.
         observer: corrects the simulator by what is measured, None unless asked for.
         grid: times of its steps, None before `begin`.
-        index: the step at which it is.
     """
 
     def __init__(
         self,
         scene: Scene,
-        factory: SimulatorFactory,
+        factory: Callable[..., Simulator],
         note: Callable[[str, str], None],
         live: bool = False,
     ) -> None:
@@ -82,194 +79,163 @@ class Drive:
         self.scene = scene
         self._note = note
         self._factory = factory
-        self.paths = {
-            name: GripperPath(
-                name, round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND), note
-            )
-            for name, end in scene.holders.items()
-            if end.driven
-        }
+        self.paths = {k: GripperPath(k, x, note) for k, x in scene.holders.items() if x.driven}
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
         self.takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
+        self._waiting: list[Waiting[Any]] = [*self.schedules.values(), *self.takes.values()]
         self.observer: Observer | None = None
         if scene.measured.type != "none":
             self.observer = Observer(scene.measured, note)
+            self._waiting.append(self.observer)
+        self._inputs: list[Waiting[Any]] = [*self.paths.values(), *self._waiting]
         self.grid: StepGrid | None = None
-        self.index = 0
-        self._knots: dict[str, int | None] = {}
-        self._motions: dict[str, EndMotion] = {}
+        self._segments: dict[str, Segment] = {}
 
     @property
-    def saved(self) -> State:
-        """All that `resume` needs."""
-        state: State = self.simulator.snapshot()
-        return state
-
-    @property
-    def _estimating(self) -> bool:
-        """Whether companions run from the next beginning on."""
-        return _estimated(self.scene, self._live and not self._too_slow)
-
-    @property
-    def _driven(self) -> Stepped:
+    def _driven(self) -> Simulator | ErrorEstimate:
         """What takes motions, loads and steps: the simulator, alone or with its companions."""
         return self.simulator if self.estimate is None else self.estimate
-
-    @property
-    def _pending(self) -> list[Waiting[Any]]:
-        return [*self.schedules.values(), *self.takes.values()]
 
     @property
     def now_ns(self) -> int:
         """Time of the state in the time base [ns]; needs `begin`."""
         assert self.grid is not None
-        return self.grid.time_of(self.index)
+        return self.grid.time_of(self.simulator.steps)
 
     @property
     def without_pose(self) -> tuple[str, ...]:
-        """Driven ends of which no pose is known yet."""
-        return tuple(name for name, path in self.paths.items() if path.first_stamp_ns is None)
+        """Driven ends of which no pose is known yet, until `begin`."""
+        return tuple(name for name, path in self.paths.items() if path.next_change_ns() is None)
 
     def ready_ns(self, wanted_ns: int) -> int | None:
-        """Time base [ns] from which every driven end has a pose; None: not yet, or none is driven.
+        """Time base [ns] from which every driven end has a pose, `wanted_ns` if none is driven;
+        None: not yet.
 
         Args:
             wanted_ns: how far the simulation would like to go, to tell a silence.
         """
         for path in self.paths.values():
             path.settle(wanted_ns)
-        stamps = [path.first_stamp_ns for path in self.paths.values()]
+        stamps = [path.next_change_ns() for path in self.paths.values()]
         known = [stamp for stamp in stamps if stamp is not None]
-        return max(known) if known and len(known) == len(stamps) else None
+        return max(known, default=wanted_ns) if len(known) == len(stamps) else None
 
-    def begin(self, base_ns: int) -> None:
+    def add(self, entry: InputTopic, message: Any) -> None:
+        """Take an accepted message for this input, of the kind that it takes."""
+        if entry.is_pose:
+            self.paths[entry.target].add(message)
+        elif entry.kind == "taken":
+            self.takes[entry.target].add(message)
+        elif entry.target:
+            self.schedules[entry.target].add(message)
+        elif self.observer is not None:
+            self.observer.add(message)
+
+    def begin(self, base_ns: int, saved: Snapshot | None = None) -> None:
         """Place the cable at the poses known at `base_ns`; step 0 is the first multiple of the step
         from there.
 
+        Args:
+            saved: a state to go on from instead: loads are those of the scene, ends rejoin their
+                poses smoothly from where they were.
+
         Raises:
-            ValueError: if the cable cannot be placed there (the simulator says why).
+            ValueError: if the cable cannot be placed there (the simulator says why), or it is the
+                state of another simulator.
         """
         origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
         poses = {name: path.begin(origin) for name, path in self.paths.items()}
         told = self._told(origin)
-        if told is not self.scene:
-            self.scene, self._rebuilt = told, True
-        if poses or self._rebuilt:
+        if told:
+            self.scene, self._rebuilt = _with_taken(self.scene, told), True
+        if saved is not None:
+            held = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
+            before = self._factory(saved.scene, end_poses=held)
+            before.restore(saved)
+            self.simulator = before.reconfigured(self.scene)
+        elif poses or self._rebuilt:
             self.simulator = self._factory(self.scene, end_poses=poses)
-            self._rebuilt = False
         else:
             self.simulator.reset()
-        if self._estimating:
-            from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-            self.estimate = ErrorEstimate.placed(cast("Simulator", self.simulator), poses)
+        self._rebuilt = saved is not None
         self.grid = StepGrid(origin, self.simulator.step)
-        self.index = 0
-        self._knots, self._motions = dict.fromkeys(self.paths, 0), {}
-
-    def resume(self, base_ns: int, saved: State) -> None:
-        """`begin` with a saved state: loads are those of the scene, ends rejoin their poses
-        smoothly from where they were.
-
-        Raises:
-            ValueError: as `begin`, or it is the state of another simulator.
-        """
-        self.begin(base_ns)
-        poses = {name: (one.position, one.orientation) for name, one in saved.geometries.items()}
-        before = self._factory(saved.scene, end_poses=poses)
-        before.restore(saved)
-        self.simulator, self._rebuilt = before.reconfigured(self.scene), True
-        if self.estimate is not None:
-            from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-            self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
-        for name, path in self.paths.items():
-            path.skip_to(self.now_ns, *self.simulator.end_pose(name))
+        self._segments = {}
+        if saved is not None:
+            for name, path in self.paths.items():
+                path.skip_to(origin, *self.simulator.end_pose(name))
+        if estimated(self.scene, self._live and not self._too_slow):
+            self.estimate = companions(self.simulator, None if saved is not None else poses)
 
     def clear(self) -> None:
         """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""
-        for path in self.paths.values():
-            path.clear()
-        for schedule in self.schedules.values():
-            schedule.remove(self.simulator)
-        for take in self.takes.values():
-            take.clear()
-        if self.observer is not None:
-            self.observer.clear()
+        for one in self._inputs:
+            one.clear()
         self.grid = None
         self.estimate = None
         self._too_slow = False
 
-    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int | None = None) -> Advance:
+    def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> Advance:
         """Take whole steps up to `wanted_ns`, at most so many, stopping where a pose is missing.
 
         Args:
-            silence_ns: time by which a silence is measured; None = `wanted_ns`.
+            silence_ns: time by which a silence is measured.
         """
         grid = self.grid
         assert grid is not None, "advance() needs begin()"
-        silence_ns = wanted_ns if silence_ns is None else silence_ns
-        begin = self.index
+        begin = self.simulator.steps
         target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
         slow = ""
-        while self.index < target:
+        while self.simulator.steps < target:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
-                return Advance(self.index - begin, waiting, slow=slow)
-            stop = self._apply_inputs(grid, self._correct(grid, target))
-            report = self._driven.advance_steps(stop - self.index)
-            self.index += report.steps
+                return Advance(self.simulator.steps - begin, waiting, slow=slow)
+            stop = self._apply_inputs(grid, target)
+            report = self._driven.advance_steps(stop - self.simulator.steps)
             slow = report.note or slow
             if not report.status.ok:
-                return Advance(self.index - begin, failure=report.message, slow=slow)
+                return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
         # A state at a knot belongs to the motion that begins there (its velocity is the same, its
         # acceleration is not), so whoever looks at it now must find that motion if it is known.
         self._renew_motions(grid, silence_ns)
-        return Advance(self.index - begin, slow=slow)
+        return Advance(self.simulator.steps - begin, slow=slow)
 
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
         """Give every end whose motion is over the next one; returns the ends that have none yet."""
         waiting: tuple[str, ...] = ()
         for name, path in self.paths.items():
-            knot = self._knots[name]
-            resting = knot is None and path.silent and not path.waiting
-            if resting or (knot is not None and self.index < knot):
-                continue
-            segment = path.next_segment(grid, self.index, self.simulator.time, silence_ns)
+            present = self._segments.get(name)
+            if present is not None:
+                resting = present.last is None and path.silent and not path.waiting
+                if resting or (present.last is not None and self.simulator.steps < present.last):
+                    continue
+            segment = path.next_segment(grid, self.simulator.steps, self.simulator.time, silence_ns)
             if segment is None:
                 waiting += (name,)
             else:
-                self._knots[name] = segment.last
-                self._motions[name] = segment.motion
+                self._segments[name] = segment
                 self._driven.set_motion(name, segment.motion)
         return waiting
 
     def _apply_inputs(self, grid: StepGrid, target: int) -> int:
-        """Take, release and load as of the present step; returns the step up to which nothing
-        changes.
+        """Correct, take, release and load as of the present step; returns the step up to which
+        nothing changes.
         """
-        told = self._told(self.now_ns)
-        if told is not self.scene:
-            self._take_and_release(told)
-        stop = target
-        for knot in self._knots.values():
-            if knot is not None and knot < stop:
-                stop = knot
+        now_ns, step_ns = self.now_ns, grid.step * 1e9
+        if self.observer is not None:
+            self.observer.apply(now_ns, step_ns, self.simulator)
+        if self.takes:
+            self._take_and_release(self._told(now_ns))
         for schedule in self.schedules.values():
-            schedule.apply(self.now_ns, grid.step * 1e9, self._driven)
-        for pending in self._pending:
-            change = pending.next_change_ns()
+            schedule.apply(now_ns, step_ns, self._driven)
+        stop = target
+        for segment in self._segments.values():
+            if segment.last is not None and segment.last < stop:
+                stop = segment.last
+        for waiting in self._waiting:
+            change = waiting.next_change_ns()
             if change is not None and change < grid.time_of(stop):
-                stop = min(stop, max(self.index + 1, grid.first_at_or_after(change)))
+                stop = min(stop, max(self.simulator.steps + 1, grid.first_at_or_after(change)))
         return stop
-
-    def _correct(self, grid: StepGrid, target: int) -> int:
-        """Correct the present state by what is measured; the step of the next correction."""
-        if self.observer is None:
-            return target
-        self.observer.apply(self.now_ns, grid.step * 1e9, cast("Simulator", self.simulator))
-        change = self.observer.next_change_ns()
-        return target if change is None else min(target, grid.first_at_or_after(change))
 
     def skip_to(self, base_ns: int) -> int:
         """Leave out the time up to `base_ns`: the state stays, its time jumps, ends rejoin their
@@ -285,7 +251,7 @@ class Drive:
         grid.origin_ns += after - before
         for name, path in self.paths.items():
             path.skip_to(after, *self.simulator.end_pose(name))
-            self._knots[name] = self.index
+        self._segments.clear()
         return after - before
 
     def spare_estimate(self) -> bool:
@@ -303,34 +269,25 @@ class Drive:
             return False
         spared, self._too_slow = self._too_slow, False
         if spared:
-            from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-            self.estimate = ErrorEstimate.continued(cast("Simulator", self.simulator))
-            for name, motion in self._motions.items():
-                self.estimate.go_on(name, motion)
+            self.estimate = companions(self.simulator)
+            for name, segment in self._segments.items():
+                self.estimate.go_on(name, segment.motion)
             for schedule in self.schedules.values():
                 schedule.resend(self.estimate)
         return spared
 
-    def rename_free_run(self, delta_ns: int) -> None:
-        """Relabel by delta [ns] a simulation that waits for no pose: its time is read off the
-        clock.
-        """
-        if self.grid is not None and not self.paths:
-            self.grid.origin_ns += delta_ns
+    def shift_time(self, delta_ns: int, inputs: bool) -> None:
+        """Relabel the simulation by delta [ns].
 
-    def rename_inputs(self, delta_ns: int) -> None:
-        """Relabel by delta [ns] inputs that were dated by the clock until now, and the simulation
-        that follows them.
+        Args:
+            inputs: they were dated by the clock until now, too. Else only a simulation that waits
+                for no pose is relabelled: its time is read off the clock.
         """
-        if self.grid is not None:
+        if self.grid is not None and (inputs or not self.paths):
             self.grid.origin_ns += delta_ns
-        for path in self.paths.values():
-            path.shift_time(delta_ns)
-        for pending in self._pending:
-            pending.shift_time(delta_ns)
-        if self.observer is not None:
-            self.observer.shift_time(delta_ns)
+        if inputs:
+            for one in self._inputs:
+                one.shift_time(delta_ns)
 
     def prepare(self, scene: Scene) -> Prepared:
         """What `reconfigure` needs for another scene with the same driven ends and loads.
@@ -341,17 +298,14 @@ class Drive:
         Raises:
             ValueError: the simulator refuses the scene.
         """
-        if scene == _with_taken(self.scene, {g.name: g.taken for g in scene.grasps}):
-            for grasp in _taking(self.scene, scene):
-                self.simulator.check_take(grasp)
+        if scene == _with_taken(self.scene, _taken(scene)):
+            for name, taken in _taken(scene).items():
+                if taken and not self.scene.grasp(name).taken:
+                    self.simulator.check_take(name)
             return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
-        if not _estimated(scene, self._live):
-            return Prepared(self.scene, simulator, None)
-        from dlo_sim.simulation.error_estimate import ErrorEstimate
-
-        estimate = ErrorEstimate.continued(cast("Simulator", simulator))
+        estimate = companions(simulator) if estimated(scene, self._live) else None
         return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:
@@ -361,10 +315,9 @@ class Drive:
         """
         old, grid = self.simulator, self.grid
         # Messages may have let grasps take or release since `prepare`.
-        pairs = zip(prepared.before.grasps, self.scene.grasps, strict=True)
-        told = _with_taken(scene, {g.name: g.taken for was, g in pairs if g.taken != was.taken})
+        told = dict(_taken(self.scene).items() - _taken(prepared.before).items())
         if prepared.simulator is old:
-            self._take_and_release(told)
+            self._take_and_release(_taken(scene) | told)
             return
         _, self.simulator, self.estimate = prepared
         self.scene, self._rebuilt = scene, True
@@ -377,59 +330,50 @@ class Drive:
             self.simulator.take_over(old)
             if self.estimate is not None:
                 self.estimate.take_over()
-            self._continue_motions(grid, old.time)
+            self._continue_motions(grid, old)
         for name, path in self.paths.items():
-            end = scene.holders[name]
-            path.configure(round(end.pose_timeout * SECOND), round(end.pose_smoothing * SECOND))
-        for schedule in self.schedules.values():
-            schedule.timeout_ns = round(scene.load(schedule.name).timeout * SECOND)
+            path.configure(scene.holders[name])
+        for name, schedule in self.schedules.items():
+            schedule.configure(scene.load(name))
             schedule.resend(self._driven)
-        if told is not scene:
-            self._take_and_release(told)
+        self._take_and_release(told)
 
-    def _told(self, now_ns: int) -> Scene:
-        """The scene with grasps as messages up to a time tell them to hold the cable."""
-        if not self.takes:
-            return self.scene
+    def _told(self, now_ns: int) -> dict[str, bool]:
+        """Grasp -> whether it holds the cable, as messages up to a time tell."""
         takes = self.takes.items()
-        told = {name: message.taken for name, take in takes for message in take.due(now_ns)}
-        return _with_taken(self.scene, told)
+        return {name: message.taken for name, take in takes for message in take.due(now_ns)}
 
-    def _take_and_release(self, scene: Scene) -> None:
-        """Let the grasps hold what another scene, which differs in that alone, says."""
-        refused = {}
-        for grasp in _taking(scene, self.scene):
-            self._driven.release(grasp)
-        for grasp in _taking(self.scene, scene):
+    def _take_and_release(self, told: Mapping[str, bool]) -> None:
+        """Let the grasps of these names hold the cable, or not, where they do otherwise now."""
+        changed = [g.name for g in self.scene.grasps if told.get(g.name, g.taken) != g.taken]
+        for name in sorted(changed, key=told.__getitem__):  # what is released comes first
             try:
-                self._driven.take(grasp)
+                (self._driven.take if told[name] else self._driven.release)(name)
             except ValueError as refusal:
-                refused[grasp] = False
                 self._note("not_taken", str(refusal))
-        self.scene, self._rebuilt = _with_taken(scene, refused), True
+            else:
+                self.scene, self._rebuilt = _with_taken(self.scene, {name: told[name]}), True
 
-    def _continue_motions(self, old: StepGrid, old_time: float) -> None:
+    def _continue_motions(self, old_grid: StepGrid, old: Simulator) -> None:
         """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
         were.
         """
-        now_ns, simulator = self.now_ns, self.simulator
-        grid = self.grid = StepGrid(now_ns, simulator.step)
-        for name, knot in self._knots.items():
-            if knot is None or knot <= self.index or name not in self._motions:
-                self._knots[name] = None if knot is None else 0
+        grid = self.grid = StepGrid(old_grid.time_of(old.steps), self.simulator.step)
+        for name, segment in list(self._segments.items()):
+            if segment.last is None:
                 continue
-            last = grid.first_at_or_after(old.time_of(knot))
-            motion = self._motions[name]
-            segment = self.paths[name].replan(motion, old_time, grid, last, simulator.time)
-            self._knots[name], self._motions[name] = last, segment.motion
-            self._driven.set_motion(name, segment.motion)
-        self.index = 0
+            if segment.last <= old.steps:
+                del self._segments[name]
+                continue
+            last = grid.first_at_or_after(old_grid.time_of(segment.last))
+            rest = self.paths[name].replan(segment.motion, old.time, grid, last)
+            self._segments[name] = rest
+            self._driven.set_motion(name, rest.motion)
 
 
-def _taking(scene: Scene, other: Scene) -> list[str]:
-    """Grasps that hold the cable in another scene, but not in this one."""
-    pairs = zip(scene.grasps, other.grasps, strict=True)
-    return [grasp.name for before, grasp in pairs if grasp.taken and not before.taken]
+def _taken(scene: Scene) -> dict[str, bool]:
+    """Grasp -> whether it holds the cable."""
+    return {grasp.name: grasp.taken for grasp in scene.grasps}
 
 
 def _with_taken(scene: Scene, taken: Mapping[str, bool]) -> Scene:
@@ -438,10 +382,3 @@ def _with_taken(scene: Scene, taken: Mapping[str, bool]) -> Scene:
         return scene
     grasps = (replace(g, taken=taken.get(g.name, g.taken)) for g in scene.grasps)
     return replace(scene, grasps=tuple(grasps))
-
-
-def _estimated(scene: Scene, live: bool) -> bool:
-    """Whether the error of a prediction is estimated."""
-    wanted = scene.accuracy.estimate
-    corrected = scene.measured.type != "none"  # its companions are not
-    return wanted == "on" or (wanted == "auto" and live and not corrected)

@@ -18,9 +18,8 @@ return, the path rejoins them smoothly from the pose held.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +35,12 @@ from dlo_sim.core.one_rotation import (
     turn_between,
     turned,
 )
+from dlo_sim.scene.holders import Holder
 from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
 from dlo_sim.session.rejoining import Shift
 from dlo_sim.session.step_grid import StepGrid
 from dlo_sim.session.time_base import SECOND
-
-__all__ = ["GripperPath", "Pose", "Segment"]
+from dlo_sim.session.waiting import Waiting
 
 Array = NDArray[np.float64]
 
@@ -70,43 +69,37 @@ class _State(NamedTuple):
     spin: Vector = _ZERO
 
 
-class GripperPath:
+class GripperPath(Waiting[Pose]):
     """The path of one end effector from its accepted poses.
 
     Args:
         end: name of the end, for texts.
-        timeout_ns: silence after which the last pose is held.
-        smoothing_ns: half the window over which poses are smoothed, 0 = none.
+        holder: says after how long a silence the last pose is held, and how poses are smoothed.
         note: called with the name of an event and one line of text.
 
     Attributes:
         silent: whether the last pose is being held after a silence.
         newest: the last pose that came, used or not; None = none since `clear`.
-        first_stamp_ns: stamp of the first usable pose since `clear`, None = none yet.
     """
 
-    def __init__(
-        self, end: str, timeout_ns: int, smoothing_ns: int, note: Callable[[str, str], None]
-    ) -> None:
+    def __init__(self, end: str, holder: Holder, note: Callable[[str, str], None]) -> None:
         self.end = end
-        self.timeout_ns = timeout_ns
-        self._smoother = PoseSmoother(smoothing_ns, timeout_ns)
         self._note = note
-        self.clear()
+        self._smoother = PoseSmoother(0, 0)
+        self.configure(holder)
+        super().__init__(_MOST_WAITING)
 
-    def configure(self, timeout_ns: int, smoothing_ns: int) -> None:
+    def configure(self, holder: Holder) -> None:
         """Take other settings from the next pose on."""
-        self.timeout_ns = self._smoother.longest_gap_ns = timeout_ns
-        self._smoother.half_window_ns = smoothing_ns
+        self.timeout_ns = self._smoother.longest_gap_ns = round(holder.pose_timeout * SECOND)
+        self._smoother.half_window_ns = round(holder.pose_smoothing * SECOND)
 
     def clear(self) -> None:
         """Forget every pose; the next one starts a new path."""
+        super().clear()
         self.silent = False
-        self._newest_ns: int | None = None
         self.newest: Pose | None = None
         self._smoother.clear()
-        self.first_stamp_ns: int | None = None
-        self._queue: deque[Pose] = deque(maxlen=_MOST_WAITING)
         self._center: Pose | None = None
         self._interval_ns = 0
         self._shift: Shift | None = None
@@ -115,43 +108,37 @@ class GripperPath:
     @property
     def waiting(self) -> int:
         """Number of poses not yet used."""
-        return len(self._queue)
+        return len(self._pending)
 
     def add(self, pose: Pose) -> None:
         """Take an accepted pose; stamps must increase."""
-        self._newest_ns, self.newest = pose.stamp_ns, pose
-        self._append(self._smoother.add(pose))
+        self.newest = pose
+        self._pending.extend(self._smoother.add(pose))
 
     def settle(self, wanted_ns: int) -> None:
         """After a silence, stop waiting for poses that would complete a smoothing window."""
-        newest = self._newest_ns
-        if newest is not None and wanted_ns - newest > self.timeout_ns and self._smoother.held_back:
-            self._append(self._smoother.flush())
+        if self._smoother.held_back and self._long_silent(wanted_ns):
+            self._pending.extend(self._smoother.flush())
 
-    def _append(self, poses: list[Pose]) -> None:
-        if poses and self.first_stamp_ns is None:
-            self.first_stamp_ns = poses[0].stamp_ns
-        self._queue.extend(poses)
+    def _long_silent(self, wanted_ns: int) -> bool:
+        """Whether no pose has come for the timeout before a time [ns]; needs one."""
+        assert self.newest is not None
+        return wanted_ns - self.newest.stamp_ns > self.timeout_ns
 
     def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns] (the time base was decided later than the first poses
-        came).
-        """
-        self._queue = deque((_moved(p, delta_ns) for p in self._queue), maxlen=_MOST_WAITING)
-        self._center = None if self._center is None else _moved(self._center, delta_ns)
+        """Relabel all stamps by delta [ns]."""
+        super().shift_time(delta_ns)
         self._smoother.shift_time(delta_ns)
-        if self._newest_ns is not None:
-            self._newest_ns += delta_ns
-        if self.first_stamp_ns is not None:
-            self.first_stamp_ns += delta_ns
-        self._shift = None if self._shift is None else self._shift.moved(delta_ns)
+        self.newest = self.newest and self.newest.moved(delta_ns)
+        self._center = self._center and self._center.moved(delta_ns)
+        self._shift = self._shift and self._shift.moved(delta_ns)
 
     def begin(self, base_ns: int) -> tuple[Array, Array]:
         """Start the path at rest at the newest pose not after `base_ns`; returns (position,
         orientation).
         """
-        while self._queue and (self._center is None or self._queue[0].stamp_ns <= base_ns):
-            self._center = self._queue.popleft()
+        while self._pending and (self._center is None or self._pending[0].stamp_ns <= base_ns):
+            self._center = self._pending.popleft()
         assert self._center is not None, "begin() needs a pose"
         self._present = _State(self._center.position, self._center.orientation)
         return np.array(self._present.position), np.array(self._present.orientation)
@@ -160,31 +147,28 @@ class GripperPath:
         """The simulation jumped to `base_ns` with the end resting at this pose: drop older poses,
         rejoin newer ones.
         """
-        while self._queue and self._queue[0].stamp_ns <= base_ns:
-            self._center = self._queue.popleft()
-        self._present = _State(_vector(position), _quaternion(orientation))
+        for pose in self.due(base_ns):
+            self._center = pose
+        self._present = _State(_plain(position), _plain(orientation))
         if self._center is not None:
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
-    def replan(
-        self, motion: EndMotion, now: float, grid: StepGrid, last: int, time: float
-    ) -> Segment:
+    def replan(self, motion: EndMotion, now: float, grid: StepGrid, last: int) -> Segment:
         """The rest of the present motion on another grid: from where it is at `now` to its end.
 
         Args:
             motion: the motion under way, given out by `next_segment`, on the old simulator's time
                 `now` [s].
-            last: step of the new grid at which it ends; it goes on at step 0, simulator time `time`
-                [s].
+            last: step of the new grid at which it ends; it goes on at step 0 and time 0.
         """
         target = self._present
         self._present = _State(
-            _vector(motion.position_at(now)),
-            normalized(_quaternion(motion.orientation_at(now))),
-            _vector(motion.velocity_at(now)),
-            _vector(motion.angular_velocity_at(now)),
+            _plain(motion.position_at(now)),
+            normalized(_plain(motion.orientation_at(now))),
+            _plain(motion.velocity_at(now)),
+            _plain(motion.angular_velocity_at(now)),
         )
-        return self._move_to(target, 0, last, grid.step, time)
+        return self._move_to(target, 0, last, grid.step, 0.0)
 
     def next_segment(
         self, grid: StepGrid, index: int, time: float, wanted_ns: int
@@ -197,23 +181,22 @@ class GripperPath:
         """
         self.settle(wanted_ns)
         self._pass_over(grid.time_of(index - 1))
-        while self._queue:
-            pose, center = self._queue[0], self._center
+        while self._pending:
+            pose, center = self._pending[0], self._center
             assert center is not None, "next_segment() needs begin()"
             if self.silent:
                 segment = self._resume(grid, index, time)
             elif pose.stamp_ns - center.stamp_ns > self.timeout_ns:
                 segment = self._come_to_rest(grid, index, time)
             else:
-                self._queue.popleft()
+                self._pending.popleft()
                 self._center = pose
                 segment = self._segment_between(center, pose, grid, index, time)
             if segment is not None:
                 return segment
         if self._center is None:
             return None
-        newest_ns = self._center.stamp_ns if self._newest_ns is None else self._newest_ns
-        if not self.silent and wanted_ns - newest_ns > self.timeout_ns:
+        if not self.silent and self._long_silent(wanted_ns):
             segment = self._come_to_rest(grid, index, time)
             if segment is not None:
                 return segment
@@ -292,8 +275,8 @@ class GripperPath:
         is, it returns to those that follow.
         """
         late = self._center
-        while self._queue and self._queue[0].stamp_ns < now_ns:
-            late = self._queue.popleft()
+        while self._pending and self._pending[0].stamp_ns < now_ns:
+            late = self._pending.popleft()
             self._note("late", f"a pose of {self.end} came after the simulation had passed it")
         if late is not None and late is not self._center:
             self.silent = False
@@ -302,11 +285,11 @@ class GripperPath:
 
     def _resume(self, grid: StepGrid, index: int, time: float) -> Segment | None:
         """Poses are back: rest until the first of them, then rejoin from the pose held."""
-        pose = self._queue[0]
+        pose = self._pending[0]
         first = grid.first_at_or_after(pose.stamp_ns)
         if first > index:
             return Segment(index, first, self._resting(time))
-        self._queue.popleft()
+        self._pending.popleft()
         self.silent = False
         self._center = pose
         self._rejoin(pose)
@@ -362,15 +345,5 @@ def _curvature(way: Vector, v0: Vector, v1: Vector, duration: float) -> Vector:
     return x, y, z
 
 
-def _vector(values: Array) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
-
-
-def _quaternion(values: Array) -> Quaternion:
-    x, y, z, w = values.tolist()
-    return x, y, z, w
-
-
-def _moved(pose: Pose, delta_ns: int) -> Pose:
-    return pose._replace(stamp_ns=pose.stamp_ns + delta_ns)
+def _plain(values: Array) -> Any:
+    return tuple(values.tolist())

@@ -10,27 +10,25 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from dlo_sim.core.one_rotation import normalized, turn_between
 from dlo_sim.core.rotations import IDENTITY
 from dlo_sim.core.two_points import poses_of_two_points
-from dlo_sim.scene.cable import Load
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.cdr_points import decode_input
 from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
-from dlo_sim.session.load_schedule import LoadMessage
 from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.transforms import Transforms, in_world
-from dlo_sim.session.waiting import TakeMessage
+from dlo_sim.session.waiting import LoadMessage, TakeMessage
 
 # Poses may differ by inputs.max_speed times the time between them, but no more time than this
 # counts, plus a little noise.
@@ -43,21 +41,17 @@ MOST_TURN = 0.5 * math.pi
 _MOST_WAITING = 1000
 
 
-@dataclass
-class Accepted:
-    """A message that is used.
+class Accepted(NamedTuple):
+    """A message that is used, or whose stamp alone is.
 
     Attributes:
         verdict: what its stamp means for everything before it.
-        poses: end -> pose; loads: load name -> message; takes: grasp -> message (one topic may
-            drive several); points: measured on the cable.
+        entries: whom it is for (one topic may drive several); nobody if its stamp alone is used.
     """
 
     verdict: Verdict
-    poses: dict[str, Pose] = field(default_factory=dict)
-    loads: dict[str, LoadMessage] = field(default_factory=dict)
-    takes: dict[str, TakeMessage] = field(default_factory=dict)
-    points: Points | None = None
+    entries: tuple[InputTopic, ...] = ()
+    message: Pose | LoadMessage | TakeMessage | Points | None = None
 
 
 class _Topic:
@@ -71,7 +65,6 @@ class _Topic:
         self.type, self.kind = entries[0].type, entries[0].kind
         self.is_pose = entries[0].is_pose
         self.entries = entries
-        self.loads: tuple[Load, ...] = ()
         self.spacing = 0.0
         self.waiting: deque[tuple[Stamped, int]] = deque()  # for a transform; with their arrivals
         self.clear()
@@ -84,8 +77,7 @@ class _Topic:
             self.record.timeout = min(holder.pose_timeout for holder in holders)
             self.spacing = max(holder.pose_spacing for holder in holders)
         elif self.kind in ("wrench", "force"):
-            self.loads = tuple(scene.load(target) for target in targets)
-            self.record.timeout = min(load.timeout for load in self.loads)
+            self.record.timeout = min(scene.load(target).timeout for target in targets)
         self.record.occasional = self.kind == "taken"
 
     def clear(self) -> None:
@@ -97,10 +89,9 @@ class _Topic:
         """The pose that a message gives."""
         if self.kind == "two_points":
             before = IDENTITY if self.last is None else self.last.orientation
-            points = np.array(values).reshape(1, 2, 3)
-            ((px, py, pz, x, y, z, w),) = poses_of_two_points(points, before).tolist()
-        else:
-            px, py, pz, x, y, z, w = values
+            points = np.reshape(values, (1, 2, 3))
+            (values,) = poses_of_two_points(points, before).tolist()
+        px, py, pz, x, y, z, w = values
         return Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
 
 
@@ -209,7 +200,7 @@ class Intake:
             message, arrival_ns = topic.waiting[0]
             try:
                 message = self._in_world(message, arrival_ns, topic.kind)
-                sound = self._content.check(message, topic.kind, topic.spacing)
+                message = self._content.check(message, topic.kind, topic.spacing)
             except Refused as refused:
                 young = abs(clock_ns - arrival_ns) <= self._patience_ns
                 few = len(topic.waiting) <= _MOST_WAITING
@@ -217,7 +208,7 @@ class Intake:
                     break
                 topic.record.refuse(refused.reason, refused.detail)
             else:
-                decisions = self.time_base.sort(topic.source, message.stamp_ns, arrival_ns, sound)
+                decisions = self.time_base.sort(topic.source, message, arrival_ns)
                 found += self._follow(topic, decisions)
             topic.waiting.popleft()
         return found
@@ -254,37 +245,25 @@ class Intake:
         """
         if decision.refusal is not None:
             raise decision.refusal
-        (values, end), stamp_ns, verdict = decision.content, decision.stamp_ns, decision.verdict
-        if verdict is Verdict.START_OVER:
+        stamp_ns, end, values = decision.message
+        if decision.verdict is Verdict.START_OVER:
             self.clear()
-        accepted = Accepted(verdict)
+        message: Pose | LoadMessage | TakeMessage | Points
         if topic.is_pose:
-            pose = topic.pose(values, stamp_ns)
-            self._check_speed(topic, pose)
+            message = topic.pose(values, stamp_ns)
+            self._check_speed(topic, message)
             if topic.kind == "two_points":
-                _check_turn(topic.last, pose)
-            topic.last = pose
-            accepted.poses = {entry.target: pose for entry in topic.entries}
+                _check_turn(topic.last, message)
+            topic.last = message
         elif topic.kind == "taken":
             message = TakeMessage(stamp_ns, bool(values[0]))
-            accepted.takes = {entry.target: message for entry in topic.entries}
         elif topic.kind in POINT_KINDS:
-            accepted.points = Points(stamp_ns, np.reshape(values, (-1, 3)))
+            message = Points(stamp_ns, np.reshape(values, (-1, 3)))
         else:
-            accepted.loads = self._loads(topic, values, stamp_ns, end)
+            message = LoadMessage(stamp_ns, values[:3], values[3:] or (0.0, 0.0, 0.0), end)
         topic.source.last_ns = stamp_ns
         topic.record.accepted += 1
-        return accepted
-
-    def _loads(
-        self, topic: _Topic, values: tuple[float, ...], stamp_ns: int, end: str
-    ) -> dict[str, LoadMessage]:
-        found = {}
-        for load in topic.loads:
-            fx, fy, fz, *torque = (load.sign * value for value in values)
-            tx, ty, tz = torque or (0.0, 0.0, 0.0)
-            found[load.name] = LoadMessage(stamp_ns, (fx, fy, fz), (tx, ty, tz), end)
-        return found
+        return Accepted(decision.verdict, topic.entries, message)
 
     def _check_speed(self, topic: _Topic, pose: Pose) -> None:
         """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm; p_last = last one used."""

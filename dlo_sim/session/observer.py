@@ -82,14 +82,14 @@ class Observer(Waiting[Points]):
             else:
                 self._correct(points, simulator)
 
-    def values(self) -> dict[str, str]:
-        """For the diagnostics."""
-        return {
-            "innovation [m]": f"{self.innovation:.3g}",
-            "measured points used": str(self.used),
-            "measured points rejected": str(self.rejected),
-            "correction work [J]": f"{self.work:.3g}",
-        }
+    def values(self) -> list[tuple[str, str]]:
+        """Keys and values for the diagnostics."""
+        return [
+            ("innovation [m]", f"{self.innovation:.3g}"),
+            ("measured points used", str(self.used)),
+            ("measured points rejected", str(self.rejected)),
+            ("correction work [J]", f"{self.work:.3g}"),
+        ]
 
     def _correct(self, points: Array, simulator: Simulator) -> None:
         if simulator is not self._simulator:

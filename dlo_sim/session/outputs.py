@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,6 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr_markers import CapsuleEncoder, LineEncoder
 from dlo_sim.session.cdr_points import PointCloudEncoder
-from dlo_sim.session.simulator_protocol import Observable
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (
     CAPSULES,
@@ -45,6 +44,9 @@ from dlo_sim.session.topics import (
     TF,
     output_topics,
 )
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 
@@ -66,7 +68,7 @@ class OutgoingMessage(NamedTuple):
     data: bytes
 
 
-_Encode = Callable[[Observable, int], bytes | None]
+_Encode = Callable[["Simulator", int], bytes | None]
 
 
 class Outputs:
@@ -78,21 +80,18 @@ class Outputs:
     """
 
     def __init__(self, scene: Scene, control_points: int, node: str = DEFAULT_NAMING.node) -> None:
-        lifetime = round(_MARKER_PERIODS * SECOND / scene.outputs.marker_rate)
-        frame, width = scene.frame_id, scene.cable.diameter
-        samples = scene.outputs.centerline_samples
+        wanted, frame, width = scene.outputs, scene.frame_id, scene.cable.diameter
+        samples, capsules = wanted.centerline_samples, wanted.capsules
+        lifetime = round(_MARKER_PERIODS * SECOND / wanted.marker_rate)
         self.not_finite = 0
+        self._scene, self._node = scene, node.lstrip("/")
         self._samples = np.linspace(0.0, scene.cable.length, samples)
-        self._poses = cdr.PoseArrayEncoder(frame, control_points)
-        self._world, self._node = frame, node.lstrip("/")
-        self._grasps = [grasp.name for grasp in scene.grasps]
+        self._along_capsules = np.linspace(0.0, scene.cable.length, _FINER * capsules + 1)
         self._wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame)
-        self._color_by = scene.outputs.color_by
-        low, high = scene.outputs.color_range
-        self._color_range = (low, high) if high > low else (None, None)
-        colored = self._color_by != "none"
+        self._poses = cdr.PoseArrayEncoder(frame, control_points)
         self._centerline = LineEncoder(
-            frame, "centerline", samples, width, _CABLE_COLOR, lifetime, colored
+            *(frame, "centerline", samples, width, _CABLE_COLOR, lifetime),
+            colored=wanted.color_by != "none",
         )
         self._polygon = LineEncoder(
             frame, "control_polygon", control_points, 0.3 * width, _POLYGON_COLOR, lifetime
@@ -100,10 +99,7 @@ class Outputs:
         fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
         self._points = PointCloudEncoder(frame, fields, samples)
         self._points.rows[:, 3] = self._samples
-        count = scene.outputs.capsules
-        self._capsules = CapsuleEncoder(frame, "capsules", count, _CABLE_COLOR, lifetime)
-        self._radius = 0.5 * width
-        self._along_capsules = np.linspace(0.0, scene.cable.length, _FINER * count + 1)
+        self._capsules = CapsuleEncoder(frame, "capsules", capsules, _CABLE_COLOR, lifetime)
         encoders: dict[str, _Encode] = {
             CONTROL_POINTS: self._encode_control_points,
             CENTERLINE: self._encode_centerline,
@@ -123,7 +119,7 @@ class Outputs:
         self.topics = [topic for topic, _, _ in self._topics]
 
     def messages(
-        self, simulator: Observable, stamp_ns: int, wanted: Collection[str]
+        self, simulator: Simulator, stamp_ns: int, wanted: Collection[str]
     ) -> list[OutgoingMessage]:
         """The messages of this state.
 
@@ -144,51 +140,53 @@ class Outputs:
 
     # Each returns None instead of a message with a number that is not finite.
 
-    def _encode_reaction(self, end: str, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_reaction(self, end: str, simulator: Simulator, stamp_ns: int) -> bytes | None:
         wrench = simulator.reaction_wrench(end)
         return self._wrench.encode(stamp_ns, wrench) if math.isfinite(sum(wrench)) else None
 
-    def _encode_control_points(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_control_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         simulator.control_poses(self._poses.rows)
         return self._poses.encode(stamp_ns) if _finite(self._poses.rows) else None
 
-    def _encode_centerline(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_centerline(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._samples)
         if not _finite(line):
             return None
-        if self._color_by != "none":
-            by_tension = self._color_by == "tension"
+        wanted = self._scene.outputs
+        if wanted.color_by != "none":
+            low, high = wanted.color_range
+            by_tension = wanted.color_by == "tension"
             shown = (simulator.tension if by_tension else simulator.curvature)(self._samples)
-            self._centerline.colors[:] = colors(shown, *self._color_range)
+            self._centerline.colors[:] = colors(shown, *((low, high) if high > low else ()))
         return self._centerline.encode(stamp_ns, line)
 
-    def _encode_control_polygon(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_control_polygon(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         points = simulator.control_points[:, :3]
         return self._polygon.encode(stamp_ns, points) if _finite(points) else None
 
-    def _encode_points(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         rows = self._points.rows
         rows[:, :3] = simulator.centerline(self._samples)
         if rows.shape[1] > 4:
             rows[:, 4] = simulator.tension(self._samples)
         return self._points.encode(stamp_ns) if _finite(rows) else None
 
-    def _encode_capsules(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_capsules(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._along_capsules)
         if not _finite(line):
             return None
         joints = line[::_FINER]
-        radii = self._radius + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
+        radii = 0.5 * self._scene.cable.diameter + _sag(line[:-1].reshape(-1, _FINER, 3), joints)
         return self._capsules.encode(stamp_ns, joints, radii)
 
-    def _encode_transforms(self, simulator: Observable, stamp_ns: int) -> bytes | None:
+    def _encode_transforms(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         simulator.control_poses(self._poses.rows)
         poses = {"start": self._poses.rows[0], "end": self._poses.rows[-1]}
-        poses |= {name: np.concatenate(simulator.end_pose(name)) for name in self._grasps}
+        poses |= {g.name: np.concatenate(simulator.end_pose(g.name)) for g in self._scene.grasps}
         if not all(map(_finite, poses.values())):
             return None
         frames = {f"{self._node}/{name}": pose for name, pose in poses.items()}
-        return cdr.encode_transforms(stamp_ns, self._world, frames)
+        return cdr.encode_transforms(stamp_ns, self._scene.frame_id, frames)
 
 
 def _sag(pieces: Array, joints: Array) -> Array:

@@ -34,6 +34,7 @@ class Pacing:
     """The limits of a tick in whole numbers, the lag, and what a lag costs.
 
     Attributes:
+        grid: the states that are wanted.
         most_steps: steps that one tick may take.
         lag_ns: how far the simulation is behind what was wanted [ns].
     """
@@ -48,8 +49,7 @@ class Pacing:
         """Take the limits from this scene and the step [s] of its simulator."""
         inputs = scene.inputs
         timeouts = [end.pose_timeout for end in scene.holders.values() if end.driven]
-        self._grid = OutputGrid(scene.rate)
-        self._latency_ns = round(inputs.latency * SECOND)
+        self.grid = OutputGrid(scene.rate, round(inputs.latency * SECOND))
         self.most_steps = max(1, round(max(inputs.catch_up, 1.0 / scene.rate) / step))
         if self._live:
             self.most_steps = min(self.most_steps, _MOST_LIVE_STEPS)
@@ -73,14 +73,6 @@ class Pacing:
     def listen_anew(self) -> None:
         """The time base has other names: a silence begins with the next tick."""
         self._listened_ns: int | None = None
-
-    def until_tick(self, base_ns: int) -> int:
-        """How long after this time of the time base a state has just become due [ns]."""
-        return self._grid.until_tick(base_ns - self._latency_ns)
-
-    def aim(self, base_ns: int) -> int:
-        """The state [ns] that is wanted at this time of the time base [ns]."""
-        return self._grid.aim(base_ns - self._latency_ns)
 
     def listen(self, wanted_ns: int) -> int:
         """Up to where a silence would have been noticed by this tick [ns]."""

@@ -7,7 +7,7 @@ which is older by the latency, and goes from there to the first pose of the plan
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr_trajectory import Trajectory, decode_trajectory
 from dlo_sim.session.content import Refused, check_pose
 from dlo_sim.session.diagnostics import TopicRecord
 from dlo_sim.session.session import Session
@@ -29,6 +28,47 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 JUMP = 0.02, 0.2  # [m], [rad] from the newest pose to the first of a plan
 LONGEST = 60.0  # [s] of a plan
+_TRANSFORM, _TWIST = 7, 6  # numbers
+
+
+class Trajectory(NamedTuple):
+    """A decoded trajectory.
+
+    Attributes:
+        joints: their names, J.
+        times: of the points, from the stamp on [s], shape (T,).
+        poses: position [m] and quaternion x, y, z, w, shape (T, J, 7).
+    """
+
+    stamp_ns: int
+    frame_id: str
+    joints: tuple[str, ...]
+    times: Array
+    poses: Array
+
+
+def decode_trajectory(raw: cdr.Bytes) -> Trajectory:
+    """Names, times and transforms; velocities and accelerations are passed over.
+
+    Raises:
+        DecodeError: not such a message, or a point with another number of transforms than joints.
+    """
+    reader = cdr.Reader(raw)
+    stamp_ns, frame_id = reader.header()
+    joints = tuple(reader.text() for _ in range(reader.whole()))
+    times, poses = [], []
+    for number in range(reader.whole()):
+        transforms = reader.table(_TRANSFORM)
+        if len(transforms) != len(joints):
+            raise cdr.DecodeError(
+                f"point {number} has {len(transforms)} transforms for {len(joints)} joints"
+            )
+        reader.table(_TWIST)  # velocities
+        reader.table(_TWIST)  # accelerations
+        times.append(reader.whole("i") + 1e-9 * reader.whole())
+        poses.append(transforms)
+    shape = len(times), len(joints), _TRANSFORM
+    return Trajectory(stamp_ns, frame_id, joints, np.array(times), np.reshape(poses, shape))
 
 
 class Planned(NamedTuple):
@@ -102,8 +142,7 @@ class Plans:
             present = np.concatenate(session.simulator.end_pose(name))
             poses[name] = np.vstack([present, rows[later]])
             check_speed(session.scene, name, grid, poses[name], JUMP[0])
-        simulator = cast("Simulator", session.simulator)
-        return Planned(simulator, Plan(grid, poses), stamp_ns, ahead)
+        return Planned(session.simulator, Plan(grid, poses), stamp_ns, ahead)
 
     def _check_begin(self, name: str, pose: Array) -> None:
         """Refuse a plan that begins elsewhere than where the end effector was last."""

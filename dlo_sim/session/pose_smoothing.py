@@ -24,6 +24,10 @@ class Pose(NamedTuple):
     position: Vector
     orientation: Quaternion
 
+    def moved(self, delta_ns: int) -> Pose:
+        """The same pose with its time relabelled by delta [ns]."""
+        return self._replace(stamp_ns=self.stamp_ns + delta_ns)
+
 
 class PoseSmoother:
     """Smooths a stream of poses whose stamps increase.
@@ -68,7 +72,7 @@ class PoseSmoother:
 
     def shift_time(self, delta_ns: int) -> None:
         """Relabel all stamps by delta [ns]."""
-        self._poses = deque(p._replace(stamp_ns=p.stamp_ns + delta_ns) for p in self._poses)
+        self._poses = deque(p.moved(delta_ns) for p in self._poses)
 
     def _release(self) -> Pose:
         """The next pose, smoothed; drops the poses that no window needs any more."""

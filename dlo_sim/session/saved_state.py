@@ -12,7 +12,7 @@ import re
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,9 @@ from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import Needs
 from dlo_sim.scene.refusal import SceneError, brief
-from dlo_sim.session.simulator_protocol import State
+
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Snapshot
 
 Array = NDArray[np.float64]
 _VECTORS = {"position": 3, "orientation": 4, "attachment": 3, "tangent": 3}  # of a geometry
@@ -32,7 +34,7 @@ _FREE = ("inputs.", "outputs.", "state.")
 _TAKEN = re.compile(r"grasps\..*\.taken")  # is part of the state
 
 
-def save_state(path: Path, state: State) -> None:
+def save_state(path: Path, state: Snapshot) -> None:
     """Write the state; what was there is replaced.
 
     Raises:
@@ -62,7 +64,7 @@ def save_state(path: Path, state: State) -> None:
     write_atomically(path, write)
 
 
-def load_state(path: Path, scene: Scene) -> tuple[State, float] | None:
+def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
     """The state that was saved of this scene, and how long ago [s]; None if there is no file.
 
     The grasps of its scene hold the cable as they did.
@@ -94,11 +96,15 @@ def _unfit(head: dict[str, Any], scene: Scene) -> str:
     """What a state is of that is not of this program and scene; empty if it is."""
     if head["version"] != __version__:
         return f"dlo_sim {head['version']}"
-    difference = _difference(head["scene"], json.loads(json.dumps(scene_values(scene))))
-    return f"another scene ({difference})" if difference else ""
+    saved, now = head["scene"], json.loads(json.dumps(scene_values(scene)))
+    for key in sorted(saved.keys() | now.keys()):
+        before, value = saved.get(key), now.get(key)
+        if before != value and not (key.startswith(_FREE) or _TAKEN.fullmatch(key)):
+            return f"another scene ({key} was {brief(before)}, is {brief(value)})"
+    return ""
 
 
-def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> State:
+def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> Snapshot:
     """The state of a file.
 
     Raises:
@@ -108,7 +114,10 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
     from dlo_sim.simulation.geometry import Geometry  # these bring the compiler along
     from dlo_sim.simulation.simulator import Snapshot
 
-    needs = Needs(**{key: _plain(value) for key, value in head["needs"].items()})
+    plain: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in head["needs"].items()
+    }
+    needs = Needs(**plain)
     geometries = {}
     for name in scene.holders:
         *vectors, u = head["geometries"][name]
@@ -129,16 +138,3 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         numbers("inputs", inputs, (sizes["inputs"],)),
         geometries,
     )
-
-
-def _difference(saved: dict[str, Any], now: dict[str, Any]) -> str:
-    """The first parameter that differs, empty if none does."""
-    for key in sorted(saved.keys() | now.keys()):
-        free = key.startswith(_FREE) or _TAKEN.fullmatch(key)
-        if saved.get(key) != now.get(key) and not free:
-            return f"{key} was {brief(saved.get(key))}, is {brief(now.get(key))}"
-    return ""
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value

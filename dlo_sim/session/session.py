@@ -13,33 +13,30 @@ The session never raises on a message or a tick and never puts out a number that
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection
+from typing import TYPE_CHECKING
 
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
 from dlo_sim.session.accuracy import Accuracy
-from dlo_sim.session.diagnostics import Journal, session_status, topic_status
+from dlo_sim.session.diagnostics import (
+    Journal,
+    SessionStatus,
+    TickReport,
+    session_status,
+    topic_status,
+)
 from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.intake import Accepted, Intake
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
 from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.simulator_protocol import CableSimulator, SimulatorFactory, State
-from dlo_sim.session.status import SessionStatus, TickReport
 from dlo_sim.session.time_base import TimeBase, Verdict
-from dlo_sim.session.topics import (
-    DEFAULT_NAMING,
-    MARKERS,
-    InputTopic,
-    Naming,
-    input_topics,
-    output_topics,
-    possible_outputs,
-    tf_inputs,
-)
+from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
 from dlo_sim.session.transforms import Transforms
 
-__all__ = ["InputTopic", "OutgoingMessage", "Session", "SessionStatus", "TickReport"]
+if TYPE_CHECKING:
+    from dlo_sim.simulation.simulator import Simulator, Snapshot
 
 
 class Session:
@@ -65,12 +62,12 @@ class Session:
     def __init__(
         self,
         scene: Scene,
-        simulator_factory: SimulatorFactory | None = None,
+        simulator_factory: Callable[..., Simulator] | None = None,
         *,
         transforms: Transforms | None = None,
         naming: Naming = DEFAULT_NAMING,
         live: bool = False,
-        resume: State | None = None,
+        resume: Snapshot | None = None,
     ) -> None:
         if simulator_factory is None:
             # Here, because it brings the compiler along; importing this module must stay light.
@@ -79,9 +76,7 @@ class Session:
             simulator_factory = Simulator
         self._time = TimeBase(scene.inputs.time)
         self._naming = naming
-        self.inputs = tuple(e._replace(topic=naming.topic(e.topic)) for e in input_topics(scene))
-        given = [(entry.topic, entry.type) for entry in input_topics(scene)]
-        naming.check((*given, *possible_outputs(scene).items()))
+        self.inputs = naming.inputs(scene)
         self._transforms = transforms
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
@@ -97,7 +92,7 @@ class Session:
         self._failure = ""
         self._waiting: tuple[str, ...] = ()
         self._marker_count: int | None = None
-        self._given_out: tuple[CableSimulator, int] | None = None
+        self._given_out: tuple[Simulator, int] | None = None
         self._markers_due = False
 
     @property
@@ -106,7 +101,7 @@ class Session:
         return self._drive.scene
 
     @property
-    def simulator(self) -> CableSimulator:
+    def simulator(self) -> Simulator:
         """The simulator, for reading; it is replaced on reset and when the scene changes."""
         return self._drive.simulator
 
@@ -121,11 +116,11 @@ class Session:
         return {name: path.newest for name, path in self._drive.paths.items()}
 
     @property
-    def saved(self) -> State | None:
+    def saved(self) -> Snapshot | None:
         """All that another session of this scene needs to go on; None before the cable is placed
         and after a failure.
         """
-        return self._drive.saved if self.started and not self._failure else None
+        return self._drive.simulator.snapshot() if self.started and not self._failure else None
 
     @property
     def status(self) -> SessionStatus:
@@ -162,7 +157,7 @@ class Session:
         """How long after this time of the clock a regular tick should come, so that it finds a
         state that has just become due [ns]; less than a timer period.
         """
-        return self._pacing.until_tick(self._time.from_clock(now_ns))
+        return self._pacing.grid.until_tick(self._time.from_clock(now_ns))
 
     def tick(self, now_ns: int) -> TickReport:
         """Advance the simulation to `now_ns` (clock) minus the latency, down to a multiple of the
@@ -174,17 +169,15 @@ class Session:
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and not self._pacing.without_markers
         self._markers_due, self._marker_count = due, count
-        wanted_ns = self._pacing.aim(self._time.from_clock(now_ns))
-        if self._paused or self._failure:
-            return self._report(0)
-        if not self.started and not self._begin(wanted_ns):
+        wanted_ns = self._pacing.grid.aim(self._time.from_clock(now_ns))
+        if self._paused or self._failure or not (self.started or self._begin(wanted_ns)):
             return self._report(0)
         if self._resuming:
             self._resuming = False
             self._drive.skip_to(wanted_ns)
-        pacing = self._pacing
-        steps = self._advance(wanted_ns, pacing.most_steps, pacing.listen(wanted_ns))
-        pacing.reached(wanted_ns, self._drive, bool(self._waiting or self._failure))
+        silence_ns = self._pacing.listen(wanted_ns)
+        steps = self._advance(wanted_ns, self._pacing.most_steps, silence_ns)
+        self._pacing.reached(wanted_ns, self._drive, bool(self._waiting or self._failure))
         return self._report(steps)
 
     def messages(
@@ -214,27 +207,19 @@ class Session:
             self.journal.event("not_published", "an output was not finite and was not published")
         return found
 
-    def diagnostics(self, now_ns: int, extra: Mapping[str, str] | None = None) -> bytes:
-        """A serialised DiagnosticArray: the session, and each input with its refusals by reason.
-
-        Args:
-            now_ns: clock [ns].
-            extra: more values for the session's status (what only the caller can measure).
+    def diagnostics(self, now_ns: int) -> bytes:
+        """A serialised DiagnosticArray at this time of the clock [ns]: the session, and each input
+        with its refusals by reason.
         """
-        drive = self._drive
         status = session_status(
             self.journal,
-            self.status.value,
+            self.status,
             self._message(),
-            drive.simulator,
+            self._drive,
             self._accuracy,
-            failed=bool(self._failure),
-            waiting=not self.started,
             lag=self._pacing.lag_ns * 1e-9,
             delay=(now_ns - self.stamp_ns) * 1e-9 if self.started else None,
-            most_lag=self.scene.inputs.catch_up,
             offset=self._time.offset_ns * 1e-9,
-            extra={**(drive.observer.values() if drive.observer else {}), **(extra or {})},
         )
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
         return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
@@ -276,9 +261,9 @@ class Session:
         """Build what `reconfigure` needs for other parameters; ticks may go on in another thread.
 
         Raises:
-            ValueError: the topics, loads or driven ends differ, or the simulator refuses the scene.
+            ValueError: a read-only parameter differs, or the simulator refuses the scene.
         """
-        now, then = _wiring(self.scene), _wiring(scene)
+        now, then = _fixed(self.scene), _fixed(scene)
         if now != then:
             changed = ", ".join(sorted(key for key in now | then if now.get(key) != then.get(key)))
             raise ValueError(
@@ -296,15 +281,14 @@ class Session:
             prepared: what `prepare` made for this scene, to lose less time between the ticks.
 
         Raises:
-            ValueError: the topics, loads or driven ends differ, or the simulator refuses the scene;
-                nothing is changed.
+            ValueError: as `prepare`; nothing is changed.
         """
         if prepared is None:
             prepared = self.prepare(scene)
         time_mode_changed = scene.inputs.time != self.scene.inputs.time
         self._drive.reconfigure(scene, prepared)
         self._intake.configure(scene)
-        self._accuracy.configure(scene)
+        self._accuracy = Accuracy(scene, self.journal.event)
         self._pacing.configure(self.scene, self._drive.simulator.step)
         self._outputs = self._new_outputs()
         if time_mode_changed:
@@ -326,50 +310,31 @@ class Session:
         verdicts = {accepted.verdict for accepted in found}
         if offset != offset_before:
             self._pacing.listen_anew()
-            if Verdict.DECIDE in verdicts:
-                self._drive.rename_inputs(offset_before - offset)
-            elif Verdict.START_OVER not in verdicts:
-                self._drive.rename_free_run(offset_before - offset)
+            if Verdict.START_OVER not in verdicts:
+                self._drive.shift_time(offset_before - offset, inputs=Verdict.DECIDE in verdicts)
         for accepted in found:
             if accepted.verdict is Verdict.START_OVER:
                 self._restart("time_jump", "stamps or clock jumped; simulation reset")
             if accepted.verdict is not Verdict.USE and offset and offset != offset_before:
-                self._note_epoch(offset)
-            for end, pose in accepted.poses.items():
-                self._drive.paths[end].add(pose)
-            for name, load in accepted.loads.items():
-                self._drive.schedules[name].add(load)
-            for grasp, take in accepted.takes.items():
-                self._drive.takes[grasp].add(take)
-            if accepted.points is not None and self._drive.observer is not None:
-                self._drive.observer.add(accepted.points)
-
-    def _note_epoch(self, offset_ns: int) -> None:
-        side = "behind" if offset_ns > 0 else "ahead of"
-        self.journal.event(
-            "other_epoch",
-            f"stamps are {abs(offset_ns) * 1e-9:.6g} s {side} the clock; using their own time base",
-        )
+                side = "behind" if offset > 0 else "ahead of"
+                away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
+                self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
+            for entry in accepted.entries:
+                self._drive.add(entry, accepted.message)
 
     def _begin(self, wanted_ns: int) -> bool:
         """Place the cable if every driven end has had a pose; returns whether it is placed."""
-        drive = self._drive
-        begin_ns = wanted_ns
-        if drive.paths:
-            ready_ns = drive.ready_ns(wanted_ns)
-            if ready_ns is None or ready_ns > wanted_ns:
-                return False
-            begin_ns = ready_ns
+        begin_ns = self._drive.ready_ns(wanted_ns)
+        if begin_ns is None or begin_ns > wanted_ns:
+            return False
         saved, self._resume = self._resume, None
         try:
-            if saved is None:
-                drive.begin(begin_ns)
-            else:
-                drive.resume(begin_ns, saved)
-                self.journal.event("resumed", "went on from the state in state.save_to")
+            self._drive.begin(begin_ns, saved)
         except ValueError as error:
             self._fail(f"the cable cannot be placed: {error}")
             return False
+        if saved is not None:
+            self.journal.event("resumed", "went on from the state in state.save_to")
         self._outputs = self._new_outputs()
         self._pacing.configure(self.scene, self._drive.simulator.step)
         return True
@@ -391,7 +356,7 @@ class Session:
 
     def _restart(self, event: str, detail: str) -> None:
         self._drive.clear()
-        self._accuracy.forget()
+        self._accuracy.look(None)
         if self._transforms is not None:
             self._transforms.clear()
         self._failure = ""
@@ -419,21 +384,13 @@ class Session:
         return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
 
 
-def _look_at(simulator: CableSimulator, scene: Scene) -> None:
+def _look_at(simulator: Simulator, scene: Scene) -> None:
     """Make every output once: the first look of each kind loads machine code, or compiles it."""
     outputs = Outputs(scene, len(simulator.greville))
-    outputs.messages(simulator, 0, output_topics(scene))
+    outputs.messages(simulator, 0, outputs.topics)
     simulator.energy()
 
 
-def _wiring(scene: Scene) -> dict[str, object]:
+def _fixed(scene: Scene) -> dict[str, object]:
     """Everything that a running session cannot change: key -> value."""
-    found: dict[str, object] = {"frame_id": scene.frame_id}
-    for key, holder in scene.holder_keys():
-        found |= {f"{key}.pose_topic": holder.pose_topic, f"{key}.pose_type": holder.pose_type}
-        found[f"{key}.tf_frame"] = holder.tf_frame
-    found["loads.names"] = tuple(load.name for load in scene.loads)
-    found["grasps.names"] = tuple(grasp.name for grasp in scene.grasps)
-    found |= {f"grasps.{grasp.name}.taken_topic": grasp.taken_topic for grasp in scene.grasps}
-    found |= {f"loads.{load.name}.topic": load.input_topic for load in scene.loads}
-    return found | {f"loads.{load.name}.type": load.type for load in scene.loads}
+    return {row.key: row.default for row in parameters_of(scene) if row.read_only}

@@ -54,9 +54,11 @@ class OutputGrid:
 
     Args:
         rate: of the timer [Hz].
+        latency_ns: by which the states are behind the ticks.
     """
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, latency_ns: int = 0) -> None:
+        self._latency_ns = latency_ns
         self._period_ns = round(1e9 / rate)
         self._jitter_ns = min(self._period_ns // 4, _JITTER)
         self._last: int | None = None
@@ -65,15 +67,17 @@ class OutputGrid:
         """How long after this time of the time base a regular tick should come, less than a period
         [ns]: when a state has just become due, and by more than ticks jitter.
         """
-        return (5 * self._jitter_ns // 4 - base_ns) % self._period_ns
+        due_ns = 5 * self._jitter_ns // 4 + self._latency_ns
+        return (due_ns - base_ns) % self._period_ns
 
     def aim(self, base_ns: int) -> int:
-        """The time [ns] to which a tick goes that may go up to `base_ns`.
+        """The time [ns] to which a tick goes at `base_ns`.
 
         That is the newest multiple, or the next one after the last tick's until shortly after a
         newer one: ticks that jitter about a multiple take them one by one all the same.
         """
-        period, index = self._period_ns, base_ns // self._period_ns
+        base_ns, period = base_ns - self._latency_ns, self._period_ns
+        index = base_ns // period
         if self._last is not None:
             following = self._last + 1
             if following * period <= base_ns < (following + 1) * period + self._jitter_ns:

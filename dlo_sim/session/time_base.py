@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from dlo_sim.session.content import Refused, Sound
+from dlo_sim.session.cdr import Stamped
+from dlo_sim.session.content import Refused
 
 SECOND = 1_000_000_000
 
@@ -42,37 +43,32 @@ _CURE = "synchronise the clocks or set inputs.time: arrival"
 
 
 class Verdict(Enum):
-    """What becomes of a message."""
+    """What a message means for everything before it."""
 
-    USE = "used"
-    DECIDE = "used; it has decided the offset, until which all was dated by the clock"
-    START_OVER = "used after everything before it is forgotten: the stamps or clocks have jumped"
-    WAIT = "kept until its time has come or is refuted"
-    REFUSE = "not used"
+    USE = "nothing"
+    DECIDE = "it has decided the offset, until which all was dated by the clock"
+    START_OVER = "it is forgotten: the stamps or clocks have jumped"
 
 
 class Decision(NamedTuple):
-    """A verdict on a message.
+    """What becomes of a message: it is used, or refused.
 
     Attributes:
-        content: what was handed in with it.
-        stamp_ns: its stamp in the time base [ns].
-        refusal: reason and detail if it is refused.
+        message: it, with its stamp in the time base.
+        refusal: reason and detail; None if it is used.
     """
 
-    content: Sound
-    stamp_ns: int
-    verdict: Verdict
+    message: Stamped
+    verdict: Verdict = Verdict.USE
     refusal: Refused | None = None
 
 
 class _Pending(NamedTuple):
-    """A message that waits: its stamp and arrival [ns], the patience spent when it came."""
+    """A message that waits, its arrival [ns], and the patience spent when it came."""
 
-    stamp_ns: int
+    message: Stamped
     arrival_ns: int
     since_ns: int
-    content: Sound
 
 
 class _Late(NamedTuple):
@@ -195,39 +191,39 @@ class TimeBase:
             self._tick_ns = clock_ns
         return back if back > MOST_BEHIND else 0
 
-    def sort(
-        self, source: Source, stamp_ns: int, arrival_ns: int, content: Sound
-    ) -> Iterator[Decision]:
+    def sort(self, source: Source, message: Stamped, arrival_ns: int) -> Iterator[Decision]:
         """Decide about a sound message, and about those of its topic that wait.
 
         Set `source.last_ns` before taking the next decision.
 
         Args:
-            stamp_ns: header stamp, 0 = unstamped.
+            message: stamp 0 = unstamped.
             arrival_ns: when it came, on the clock.
-            content: goes with it.
         """
         yield from self.due(source, arrival_ns)
-        if stamp_ns == 0 or self.mode == "arrival":
-            yield self._by_arrival(source, self.from_clock(arrival_ns), content)
+        if message.stamp_ns == 0 or self.mode == "arrival":
+            stamp_ns, refusal = self.from_clock(arrival_ns), None
+            if source.last_ns is not None and stamp_ns <= source.last_ns:
+                refusal = _out_of_order(source.last_ns - stamp_ns)
+            yield Decision(message._replace(stamp_ns=stamp_ns), refusal=refusal)
             return
         try:
-            verdict = self._place(source, stamp_ns, arrival_ns)
+            verdict = self._place(source, message.stamp_ns, arrival_ns)
         except Refused as refused:
-            yield Decision(content, stamp_ns, Verdict.REFUSE, refused)
+            yield Decision(message, refusal=refused)
             return
-        yield from self.refute(source, stamp_ns)
-        if verdict is Verdict.WAIT:
-            source.pending.append(_Pending(stamp_ns, arrival_ns, self._spent_ns, content))
+        yield from self.refute(source, message.stamp_ns)
+        if verdict is None:
+            source.pending.append(_Pending(message, arrival_ns, self._spent_ns))
             if len(source.pending) > MOST_PENDING:
                 yield self._refused(source.pending.popleft())
         else:
             self._uses += 1
-            yield Decision(content, stamp_ns, verdict)
+            yield Decision(message, verdict)
 
     def refute(self, source: Source, stamp_ns: int = 0) -> Iterator[Decision]:
         """Refuse the messages of a topic that wait with this stamp or a later one."""
-        while source.pending and source.pending[-1].stamp_ns >= stamp_ns:
+        while source.pending and source.pending[-1].message.stamp_ns >= stamp_ns:
             yield self._refused(source.pending.pop())
 
     def due(self, source: Source, clock_ns: int) -> Iterator[Decision]:
@@ -235,33 +231,27 @@ class TimeBase:
         while source.pending:
             first = source.pending[0]
             verdict, refusal = Verdict.USE, None
-            ahead = first.stamp_ns - self.from_clock(clock_ns)
+            ahead = first.message.stamp_ns - self.from_clock(clock_ns)
             if ahead > MOST_AHEAD:
                 if self._spent_ns - first.since_ns < PATIENCE:
                     return
                 if self.mode != "auto" or self._spent_ns - self._fit_ns < PATIENCE // 2:
-                    verdict, refusal = Verdict.REFUSE, _in_future(ahead)
+                    refusal = _in_future(ahead)
                 elif len(source.pending) < AGREEMENT:
                     return
                 else:
                     newest = source.pending[-1]
-                    verdict = self._begin_again(newest.arrival_ns - newest.stamp_ns)
+                    verdict = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
             source.pending.popleft()
             self._uses += refusal is None
-            yield Decision(first.content, first.stamp_ns, verdict, refusal)
+            yield Decision(first.message, verdict, refusal)
 
     def _refused(self, pending: _Pending) -> Decision:
-        refusal = _in_future(pending.stamp_ns - self.from_clock(pending.arrival_ns))
-        return Decision(pending.content, pending.stamp_ns, Verdict.REFUSE, refusal)
+        ahead = pending.message.stamp_ns - self.from_clock(pending.arrival_ns)
+        return Decision(pending.message, refusal=_in_future(ahead))
 
-    def _by_arrival(self, source: Source, stamp_ns: int, content: Sound) -> Decision:
-        last = source.last_ns
-        if last is not None and stamp_ns <= last:
-            return Decision(content, stamp_ns, Verdict.REFUSE, _out_of_order(last - stamp_ns))
-        return Decision(content, stamp_ns, Verdict.USE)
-
-    def _place(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict:
-        """The table for a stamped message that comes now.
+    def _place(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict | None:
+        """The table for a stamped message that comes now; None: it waits.
 
         Raises:
             Refused: it is not used.
@@ -280,7 +270,7 @@ class TimeBase:
         source.strays.clear()
         ahead = stamp_ns - self.from_clock(clock_ns)
         if ahead > MOST_AHEAD:
-            return Verdict.WAIT
+            return None
         if ahead < -MOST_BEHIND:
             return self._place_late(source, stamp_ns, clock_ns)
         if self.offset_ns and ahead > 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 from dlo_sim.scene.description import Scene
@@ -128,14 +128,16 @@ class Naming(NamedTuple):
     node: str = f"/{NODE_NAME}"
     topic: Callable[[str], str] = resolved
 
-    def check(self, topics: Iterable[tuple[str, str]]) -> None:
-        """Refuse topics in the scene (name and type) that share a name on the wire and no type.
+    def inputs(self, scene: Scene) -> tuple[InputTopic, ...]:
+        """What the scene listens to, by its names on the wire.
 
         Raises:
-            SceneError: naming both.
+            SceneError: two topics of the scene share a name there and no type; naming both.
         """
+        found = input_topics(scene)
         seen: dict[str, tuple[str, str]] = {}
-        for topic, kind in topics:
+        given = [(entry.topic, entry.type) for entry in found]
+        for topic, kind in (*given, *possible_outputs(scene).items()):
             name = self.topic(topic)
             other, other_kind = seen.setdefault(name, (topic, kind))
             if kind != other_kind:
@@ -143,6 +145,7 @@ class Naming(NamedTuple):
                     f"{name}: stands for {other} ({other_kind}) and for {topic} ({kind}); "
                     "give one of them another name"
                 )
+        return tuple(entry._replace(topic=self.topic(entry.topic)) for entry in found)
 
 
 DEFAULT_NAMING = Naming()

@@ -18,7 +18,6 @@ from session_bench import LOADED, MS, SECOND
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session
-from dlo_sim.session.time_base import Verdict
 
 EPOCH = 1_700_000_000 * SECOND
 PERIOD = 20 * MS
@@ -151,9 +150,10 @@ class World:
         def watched(method):
             def call(source, *rest):
                 for decision in method(source, *rest):
-                    if decision.verdict is Verdict.REFUSE:
-                        self.doubles += decision.stamp_ns == source.last_ns
-                        if source.last_ns is not None and decision.stamp_ns > source.last_ns:
+                    stamp_ns = decision.message.stamp_ns
+                    if decision.refusal is not None:
+                        self.doubles += stamp_ns == source.last_ns
+                        if source.last_ns is not None and stamp_ns > source.last_ns:
                             self.wrongly_refused.append(str(decision.refusal))
                     yield decision
 

@@ -5,7 +5,9 @@ import pytest
 
 from dlo_sim.core import one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.session.gripper_path import GripperPath, Pose
+from dlo_sim.scene.loading import scene_from_values
+from dlo_sim.session.gripper_path import GripperPath
+from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.step_grid import StepGrid
 from dlo_sim.session.time_base import SECOND
 
@@ -18,12 +20,9 @@ class Driver:
 
     def __init__(self, timeout=1.0, smoothing=0.0):
         self.notes = []
-        self.path = GripperPath(
-            "start",
-            round(timeout * SECOND),
-            round(smoothing * SECOND),
-            lambda *note: self.notes.append(note),
-        )
+        values = {"start.pose_timeout": timeout, "start.pose_smoothing": smoothing}
+        holder = scene_from_values({"start.pose_topic": "/pose", **values}).start
+        self.path = GripperPath("start", holder, lambda *note: self.notes.append(note))
         self.index = 0
         self.segments = []
 
@@ -148,7 +147,7 @@ def test_replanning_a_turn_from_its_start_gives_the_same_turn():
     driver.drain(1.0)
     motion = driver.segments[-1].motion
     steps = round(motion.duration / STEP)
-    again = driver.path.replan(motion, motion.start, GRID, steps, motion.start).motion
+    again = driver.path.replan(motion, motion.start, GRID, steps).motion
     turned = np.linalg.norm(motion.rotation[0]) * motion.duration
     assert turned > 0.15
     assert np.allclose(again.rotation[0], motion.rotation[0], rtol=0, atol=1e-9)
@@ -293,7 +292,7 @@ def test_replan_keeps_to_the_same_target_on_a_new_grid():
     end = motion.end
     grid = StepGrid(round(now * SECOND), 5e-4)
     last = grid.first_at_or_after(round(end * SECOND))
-    rest = driver.path.replan(motion, now, grid, last, 0.0).motion
+    rest = driver.path.replan(motion, now, grid, last).motion
     assert np.allclose(rest.position_at(0.0), motion.position_at(now), atol=1e-14)
     assert np.allclose(rest.velocity_at(0.0), motion.velocity_at(now), atol=1e-12)
     assert np.allclose(rest.position_at(rest.duration), motion.position_at(end), atol=1e-5)

@@ -128,7 +128,7 @@ def test_measurements_too_many_to_wait_are_counted():
     waiting = observer.Observer(scene(SEEN).measured, lambda event, detail: said.append(event))
     for stamp in range(1003):
         waiting.add(observer.Points(stamp, np.zeros((3, 3))))
-    assert waiting.values()["measured points rejected"] == "9"
+    assert dict(waiting.values())["measured points rejected"] == "9"
     assert said == ["full"] * 3
     assert waiting.next_change_ns() == 3
 

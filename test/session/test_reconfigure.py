@@ -65,8 +65,9 @@ class TestReconfigure:
         simulator, scene = loaded.simulator, loaded.session.scene
         with pytest.raises(ValueError, match="too thick"):
             loaded.session.reconfigure(loaded.scene.with_values({"cable.diameter": 0.9}))
-        with pytest.raises(ValueError, match=r"start\.pose_topic: cannot change"):
-            loaded.session.reconfigure(loaded.scene.with_values({"start.pose_topic": "/other"}))
+        for key, value in (("start.pose_topic", "/other"), ("measured.type", "pose_array")):
+            with pytest.raises(ValueError, match=f"^{key}: cannot change"):
+                loaded.session.reconfigure(loaded.scene.with_values({key: value}))
         assert loaded.simulator is simulator
         assert loaded.session.scene is scene
         assert loaded.session.tick(T0 + SECOND).advanced_steps > 0

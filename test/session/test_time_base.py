@@ -4,6 +4,7 @@ from collections import Counter
 
 import pytest
 
+from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.time_base import MOST_PENDING, SECOND, TimeBase, Verdict
 
 MS = SECOND // 1000
@@ -25,8 +26,8 @@ class Stream:
         outcomes = []
         for decision in decisions:
             if decision.refusal is None:
-                source.last_ns = decision.stamp_ns
-                self.used.append(decision.stamp_ns)
+                source.last_ns = decision.message.stamp_ns
+                self.used.append(decision.message.stamp_ns)
                 outcomes.append(decision.verdict)
             else:
                 self.refused[decision.refusal.reason] += 1
@@ -37,7 +38,7 @@ class Stream:
         """What becomes of it, and of those that waited with it."""
         self.base.watch(clock_ns, tick=False)
         source = self.sources[source]
-        return self._follow(source, self.base.sort(source, stamp_ns, clock_ns, None))
+        return self._follow(source, self.base.sort(source, Stamped(stamp_ns, "", ()), clock_ns))
 
     def tick(self, clock_ns):
         self.base.watch(clock_ns, tick=True)

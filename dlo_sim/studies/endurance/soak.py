@@ -87,7 +87,7 @@ def _look(session: Session) -> Look:
     gc.collect()
     return Look(
         simulator.time,
-        simulator.energy_error,  # type: ignore[attr-defined]  # of the real simulator
+        simulator.energy_error,
         resident_bytes(),
         len(os.listdir("/proc/self/fd")),
         len(os.listdir("/proc/self/task")),

@@ -5,8 +5,8 @@ import pytest
 
 from dlo_sim.core import rotations
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session.load_schedule import LoadMessage, LoadSchedule
 from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.waiting import LoadMessage, LoadSchedule
 
 MS = 1_000_000
 
@@ -98,17 +98,16 @@ def test_a_load_in_the_end_effectors_frame_is_turned():
     assert torque == pytest.approx((-1.0, 0.0, 0.0))
 
 
-def test_resend_and_remove():
+def test_resend_what_is_held():
     schedule, target, notes = make()
     schedule.add(message(0))
     schedule.apply(0, MS, target)
     other = Target()
     schedule.resend(other)
     assert other.calls == target.calls
-    schedule.remove(other)
-    assert other.calls[-1][1] == (0.0, 0.0, 0.0)
+    schedule.clear()
     schedule.resend(other)
-    assert len(other.calls) == 2
+    assert len(other.calls) == 1
     assert not notes
 
 
