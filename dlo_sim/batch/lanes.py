@@ -8,18 +8,19 @@ one place that decides.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
+from dlo_sim.core import bspline
 from dlo_sim.core.methods import METHODS, SPLITTING
 from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.methods.explicit_layout import FAILED_STEP, GOOD, GOOD_LEDGER, GOOD_ROWS, GOOD_STEP
 from dlo_sim.methods.splitting import advance_splitting, engine_of
-from dlo_sim.simulation.arrays import Counts, Table, counts_of, line_view, new_shape, rooms
+from dlo_sim.simulation.arrays import Table, from_blocks, line_view, new_shape, rooms
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
@@ -140,10 +141,10 @@ class _Stack:
 
     def __init__(self, lanes: Sequence[Lane], times: Array) -> None:
         one = lanes[0].model.shape
-        self._narrow, self._wide = counts_of(one, 1), counts_of(one, LANES)
+        self._narrow = lanes[0].model.counts
+        self._wide = replace(self._narrow, stride=LANES)
         self._one = one
-        axes = tuple(one[layout.AXES : layout.AXES + self._wide.dim])
-        shape, self._sizes = new_shape(self._wide, int(one[layout.TERMS]), axes)
+        shape, self._sizes = new_shape(self._wide, lanes[0].model.axes, {})
         tables = slice(layout.POINT_TABLE, layout.LOAD_TABLE + 1)
         shape[tables] = one[tables]
         self.shape: Table = np.concatenate((shape, one[layout.TABLES_START :]))
@@ -182,7 +183,7 @@ class _Stack:
             elif offset in _LINES:
                 self._view(room)[:] = np.stack([self._lines(part) for part in parts], axis=-1)
             elif offset in _BLOCKS and size:
-                spans = [_by_spans(part, self._narrow) for part in parts]
+                spans = [from_blocks(part, self._narrow.n - bspline.DEGREE) for part in parts]
                 room[:] = np.stack(spans, axis=-1).ravel()
             else:
                 room[:] = np.stack([part[::LANES] for part in parts], axis=-1).ravel()
@@ -235,9 +236,3 @@ class _Stack:
             simulated=simulated,
             one_by_one="",
         )
-
-
-def _by_spans(part: Array, counts: Counts) -> Array:
-    """Blocks of one cable, whose lanes are spans, as (spans, rows)."""
-    blocks = part.reshape(counts.blocks, -1, LANES)
-    return blocks.transpose(0, 2, 1).reshape(counts.blocks * LANES, -1)[: counts.n - 3]

@@ -12,7 +12,7 @@ from dlo_sim.engine import layout
 from dlo_sim.methods.explicit_layout import CONSTRAINTS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
-from dlo_sim.simulation.arrays import Counts, Table, line_view, new_shape, with_table
+from dlo_sim.simulation.arrays import Counts, line_view, new_shape, to_blocks
 from dlo_sim.simulation.external_damping import row_matrices, row_rates
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
@@ -37,6 +37,7 @@ def build_model(
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = needs.bend and (needs.plasticity or scene.cable.shaped)
     counts = Counts(
+        terms=_terms(scene, needs, curved),
         dim=len(axes),
         lines=len(axes) + twist,
         n=n,
@@ -46,20 +47,15 @@ def build_model(
         springs=len(holding.springs),
         grasps=len(geometries),
         loads=len(scene.loads) if needs.loads else 0,
-        plastic=needs.plasticity,
-        curved=curved,
-        bishop=needs.bishop,
         planes=len(scene.obstacles) * needs.contact,
         border=holding.border,
         constraints=n - 1 if inextensible(scene) else 0,
     )
-    shape, sizes = new_shape(counts, _terms(scene, needs, curved), axes)
-    shape = _with_tables(shape, scene, holding, knots, counts.loads)
+    shape, sizes = new_shape(counts, axes, _tables(scene, holding, knots, counts.loads))
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
-    model = Model(
-        *(shape, np.zeros(sizes["model"]), sizes, knots, rule, axes, twist, holding, rest)
-    )
+    values = np.zeros(sizes["model"])
+    model = Model(shape, values, sizes, counts, knots, rule, axes, twist, holding, rest)
     _Filling(scene, needs, model, geometries).fill()
     return model
 
@@ -124,17 +120,16 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
     return rule
 
 
-def _with_tables(shape: Table, scene: Scene, holding: Holding, knots: Array, loads: int) -> Table:
+def _tables(
+    scene: Scene, holding: Holding, knots: Array, loads: int
+) -> dict[int, list[tuple[int, ...]]]:
     u = np.array([load.position for load in scene.loads[:loads]]) * scene.cable.length
-    tables: dict[int, list[tuple[int, ...]]] = {
+    return {
         layout.POINT_TABLE: [(p.first, int(p.twist), p.own) for p in holding.points],
         layout.ROW_TABLE: [(row.point, row.grasp, row.line) for row in holding.rows],
         layout.SPRING_TABLE: [(s.point.first, s.grasp, s.line) for s in holding.springs],
         layout.LOAD_TABLE: [(int(first),) for first in bspline.locate(knots, u)[0]],
     }
-    for index, rows in tables.items():
-        shape = with_table(shape, index, rows)
-    return shape
 
 
 class _Filling:
@@ -227,9 +222,8 @@ class _Filling:
         here[:, layout.BENDING] *= stiffening(scene, self._geometries, breaks)
         here[:, layout.HEAD + layout.XI :: layout.SAMPLE] = model.rule.xi
         here[:, layout.HEAD + layout.QUADRATURE :: layout.SAMPLE] = model.rule.weights
-        blocks = table.reshape(-1, LANES, height).transpose(0, 2, 1)
         at = int(shape[layout.MESH])
-        model.values[at : at + blocks.size] = blocks.ravel()
+        model.values[at : at + table.size] = to_blocks(table)
 
     def _planes(self) -> None:
         """The cable keeps its radius away from every plane."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline
-from dlo_sim.engine import layout
+from dlo_sim.simulation.arrays import from_blocks, to_blocks
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
@@ -21,28 +21,18 @@ def sample_coordinates(model: Model) -> Array:
     return np.asarray(u / ends[-1])
 
 
-def to_lanes(model: Model, values: Array) -> Array:
-    """Values (spans, samples, rows) as the state holds them, flat."""
-    blocks, (_, samples, rows) = int(model.shape[layout.BLOCKS]), values.shape
-    padded = np.zeros((blocks * LANES, samples, rows))
-    padded[: len(values)] = values
-    return padded.reshape(blocks, LANES, samples, rows).transpose(0, 2, 3, 1).ravel()
-
-
 def put_by_sample(cable: Cable, offset: int, values: Array) -> None:
     """Write rows of every sample, shape (spans, samples, rows)."""
-    at, flat = int(cable.model.shape[offset]), to_lanes(cable.model, values)
+    at, flat = int(cable.model.shape[offset]), to_blocks(values.reshape(len(values), -1))
     cable.state[at : at + flat.size] = flat
 
 
 def by_sample(cable: Cable, offset: int, rows: int) -> Array:
     """Rows of every sample, a copy of shape (spans, samples, rows)."""
-    shape = cable.model.shape
-    blocks, samples = int(shape[layout.BLOCKS]), int(shape[layout.SAMPLES])
-    at = int(shape[offset])
-    values = cable.state[at : at + blocks * samples * rows * LANES]
-    lanes = values.reshape(blocks, samples, rows, LANES).transpose(0, 3, 1, 2)
-    return lanes.reshape(-1, samples, rows)[: cable.model.n - bspline.DEGREE]
+    at, counts = int(cable.model.shape[offset]), cable.model.counts
+    values = cable.state[at : at + counts.blocks * counts.samples * rows * LANES]
+    spans = from_blocks(values, counts.n - bspline.DEGREE)
+    return spans.reshape(-1, counts.samples, rows)
 
 
 def carried_over(old: Cable, new: Cable, values: Array) -> Array:

@@ -9,7 +9,7 @@ from dlo_sim.core import arguments, rotations
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps, layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.by_sample import to_lanes
+from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import has_natural_shape, local_turn, natural_rows
 
@@ -129,7 +129,7 @@ def natural_along(
     """
     if model.has(layout.MATERIAL) or not has_natural_shape(scene, model):
         return np.zeros(0), np.zeros(0)
-    rows = to_lanes(model, natural_rows(scene, model, tangent))
+    rows = natural_rows(scene, model, tangent)
     frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
     turns = np.array([local_turn(one, model.axes) for one in frames])
-    return rows, turns.ravel()
+    return to_blocks(rows.reshape(len(rows), -1)), turns.ravel()

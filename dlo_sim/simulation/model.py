@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import arguments, bspline, quadrature
 from dlo_sim.engine import layout
-from dlo_sim.simulation.arrays import Table, line_view, rows_of
+from dlo_sim.simulation.arrays import Counts, Table, from_blocks, line_view, rooms, rows_of
 from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ class Model:
 
     Attributes:
         shape, values: what the compiled functions read.
-        sizes: of the arrays inputs, state and scratch.
+        sizes: of the arrays inputs, state and scratch. counts: of everything in them.
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: what is held.
@@ -34,6 +34,7 @@ class Model:
     shape: Table
     values: Array
     sizes: Mapping[str, int]
+    counts: Counts
     knots: Array
     rule: quadrature.Quadrature
     axes: tuple[int, ...]
@@ -126,11 +127,9 @@ class Model:
     @property
     def bending_stiffness(self) -> Array:
         """EI of every span [N m^2], with what jaws add, shape (n - 3,)."""
-        blocks = int(self.shape[layout.BLOCKS])
-        height = layout.HEAD + layout.SAMPLE * int(self.shape[layout.SAMPLES])
-        at = int(self.shape[layout.MESH])
-        mesh = self.values[at : at + blocks * height * LANES].reshape(blocks, height, LANES)
-        return mesh[:, layout.BENDING].ravel()[: self.n - bspline.DEGREE]
+        at, size = int(self.shape[layout.MESH]), rooms(self.counts)["model"][layout.MESH]
+        mesh = from_blocks(self.values[at : at + size], self.n - bspline.DEGREE)
+        return mesh[:, layout.BENDING]
 
     def held_mask(self) -> NDArray[np.bool_]:
         """Which entries of the lines a row along an axis holds, shape (lines, n)."""
