@@ -53,6 +53,27 @@ def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangen
     return rows
 
 
+def checked_times(given: ArrayLike, steps: int, step: float) -> tuple[Array, Array]:
+    """Times of poses [s], and those of the steps [s] from the present, after `steps`, up to their
+    end.
+
+    Raises:
+        TypeError, ValueError: no numbers, or not rising from the present or before to later.
+    """
+    times, present = arguments.numbers("times", given, (None,), "s"), steps * step
+    if len(times) < 2 or not np.all(np.diff(times) > 0.0):
+        raise ValueError("times: needs two or more, each later than the one before")
+    if times[0] > present + 1e-9 * step:
+        raise ValueError(f"times: needs a first time of {present!r} s, the present, or less")
+    last = int(np.ceil(times[-1] / step - 1e-9))
+    if last <= steps:
+        raise ValueError(
+            f"times: end at {times[-1]:g} s, not after the present, {present:g} s; "
+            "give a later last time"
+        )
+    return times, step * np.arange(steps, last + 1, dtype=float)
+
+
 def checked_samples(given: ArrayLike, present: float, end: float) -> Array:
     """Times of samples [s].
 

@@ -21,6 +21,7 @@ from dlo_sim.core import arguments, bspline
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries
+from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -169,14 +170,26 @@ def cable_through(
     scene: Scene,
     ends: EndDrive,
     geometries: Geometries,
-    knots: Array,
+    model: Model,
     points: ArrayLike,
     times: ArrayLike | None,
     coordinates: ArrayLike | None,
 ) -> tuple[Array, Array]:
     """Control points [m] and velocities [m/s], each (n, 3); see `Simulator.start_from_points`."""
     frames, stamps = _frames(points, times)
-    spline = _Spline.of(scene, ends, geometries, knots)
+    spline = _Spline.of(scene, ends, geometries, model.knots)
+    curve, rates = _fitted(spline, scene, frames, stamps, coordinates)
+    across = [axis for axis in range(3) if axis not in model.axes]
+    plane = model.rest[across]
+    if not np.any(np.abs(frames[..., across] - plane) > IN_PLANE * spline.length):
+        # What the solution leaves the plane by is rounding.
+        curve[:, across], rates[:, across] = plane, 0.0
+    return curve, rates
+
+
+def _fitted(
+    spline: _Spline, scene: Scene, frames: Array, stamps: Array, coordinates: ArrayLike | None
+) -> tuple[Array, Array]:
     place, speed = _at_zero(frames, stamps)
     seen: Mask = np.asarray(np.isfinite(place).all(axis=1))
     if seen.sum() < 2:
