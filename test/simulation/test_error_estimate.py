@@ -139,9 +139,9 @@ def test_largest_error_is_held_for_a_second():
     """A tug at a damped cable: each look's error counts for 50 looks, and for the whole run."""
     scene = shipped("hanging_cable", damping__mass=6.0, integrator__step=2.5e-3)
     estimate = ErrorEstimate(Simulator(scene))
-    estimate.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     fine = finer(estimate.simulator, 2, 1)
-    fine.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
+    for one in (estimate.simulator, *(one.simulator for one in estimate._companions), fine):
+        one.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     u, looks, held = U * scene.cable.length, [0.0], []
     for _ in range(150):
         estimate.advance_steps(8)
