@@ -141,11 +141,10 @@ def simulate_batch(
         given = tuple(scenes[part]), tuple(starts[part]), tuple(paths[part])
         asked.append(_Asked(k, *given, duration, every))
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
-    runs: dict[int, Run] = {}
     with opened as crew:
         looked = [found for part in crew.map(_look_at, asked) for found in part]
         lanes = {k: found for k, found in enumerate(looked) if isinstance(found, Lane)}
-        runs.update((k, found) for k, found in enumerate(looked) if isinstance(found, Run))
+        runs = {k: found for k, found in enumerate(looked) if isinstance(found, Run)}
         stacks = _stacks(lanes, duration, every)
         for stack, results in zip(stacks, crew.map(_run_stack, stacks), strict=True):
             runs.update(zip(stack.index, results, strict=True))
@@ -270,12 +269,9 @@ def _stacks(lanes: dict[int, Lane], duration: float, every: float) -> list[_Toge
 def _run_stack(stack: _Together) -> list[Run]:
     times = sample_times(stack.duration, stack.every)
     runs = run_lanes(stack.lanes, stack.step, stack.duration, times)
-    return [_with_energies(run, times, stack.every) for run in runs]
-
-
-def _with_energies(run: Run, times: Array, every: float) -> Run:
-    """The run with its energies at the samples, where samples are closer than steps."""
-    return replace(run, energy=energies_at(times, run.energy, run.step, every))
+    return [
+        replace(run, energy=energies_at(times, run.energy, run.step, stack.every)) for run in runs
+    ]
 
 
 def _gathered(runs: Sequence[Run], time: Array) -> BatchResult:
