@@ -192,8 +192,9 @@ def line_view(shape: Table, array: Array, at: int, count: int) -> Array:
 
 def to_blocks(spans: Array) -> Array:
     """Numbers of every span, shape (spans, count), as vectors of spans; flat, zeros at the end."""
-    padded = np.pad(spans, ((0, -len(spans) % LANES), (0, 0)))
-    return padded.reshape(-1, LANES, spans.shape[1]).transpose(0, 2, 1).ravel()
+    blocks = np.zeros((-(-len(spans) // LANES), LANES, spans.shape[1]))
+    blocks.reshape(-1, spans.shape[1])[: len(spans)] = spans
+    return blocks.transpose(0, 2, 1).ravel()
 
 
 def from_blocks(blocks: Array, spans: int) -> Array:

@@ -114,10 +114,10 @@ def holding_of(
         geometry, is_end = geometries[name], name in scene.ends
         if geometry.u is None:
             continue
-        place, slope = (_point_between(knots, geometry.u, derivative) for derivative in (0, 1))
-        spot, beside = place, slope
         if is_end:
             spot, beside = (own_point(i if name == "start" else n - 1 - i, n) for i in (0, 1))
+        else:
+            spot, beside = _between(knots, geometry.u)
         fixed = [line for line, axis in enumerate(axes) if holder.fixed[axis]]
         if fixed:
             point = holding.hold(spot)
@@ -134,6 +134,7 @@ def holding_of(
             between += _springs(spot, grasp, holder.spring, axes)
             _check_independent(holding, name, geometry.u, n)
         if holder.holds_direction:
+            place, slope = _between(knots, geometry.u)
             stiffness = [holder.tangent_spring] * 3
             directions += _springs(slope, grasp, stiffness, axes, tangent=True)
             roll = stiffness_of_roll(holder, scene)
@@ -183,12 +184,14 @@ def _springs(
     ]
 
 
-def _point_between(knots: Array, u: float, derivative: int) -> Point:
-    """The point at u [m], or the tangent there, by its basis values."""
-    first, values = bspline.active_basis(knots, np.array([u]), derivative)
+def _between(knots: Array, u: float) -> tuple[Point, Point]:
+    """The point at u [m] and the tangent there, by their basis values."""
+    first, values = bspline.active_basis(knots, [u])
     a, b, c, d = values[0].tolist()
+    place = Point(int(first[0]), (a, b, c, d))
+    a, b, c, _ = bspline.active_basis(knots, [u], 1)[1][0].tolist()
     # The values of a derivative sum to zero; what they miss of that would pull on the whole cable.
-    return Point(int(first[0]), (a, b, c, -a - b - c if derivative else d))
+    return place, replace(place, weights=(a, b, c, -a - b - c))
 
 
 def across(end: Geometry, axes: tuple[int, ...]) -> list[Array]:
