@@ -18,19 +18,17 @@ class Quadrature:
     Attributes:
         xi: local coordinates in [-1, 1], shape (n_spans, m).
         weights: [m], shape (n_spans, m); 0 marks padding. They sum to the length.
-        samples: number of samples that carry weight.
     """
 
     xi: NDArray[np.float64]
     weights: NDArray[np.float64]
-    samples: int
 
 
 def gauss(breaks: NDArray[np.float64], points: int) -> Quadrature:
     """`points` Gauss-Legendre points per span: exact for degree 2 points - 1 on each span."""
     xi, weights = np.polynomial.legendre.leggauss(points)
     half = 0.5 * np.diff(breaks)[:, None]
-    return Quadrature(np.tile(xi, (len(half), 1)), weights * half, len(half) * points)
+    return Quadrature(np.tile(xi, (len(half), 1)), weights * half)
 
 
 def with_ends(rule: Quadrature, ends: tuple[bool, bool]) -> Quadrature:
@@ -50,7 +48,7 @@ def with_ends(rule: Quadrature, ends: tuple[bool, bool]) -> Quadrature:
         xi[0], shares[0] = nodes, 0.5 * weights * shares[0].sum()
     if ends[1]:
         xi[-1], shares[-1] = -nodes[::-1], 0.5 * weights[::-1] * shares[-1].sum()
-    return Quadrature(xi, shares, rule.samples)
+    return Quadrature(xi, shares)
 
 
 def uniform(breaks: NDArray[np.float64], samples: int) -> Quadrature:
@@ -76,4 +74,4 @@ def uniform(breaks: NDArray[np.float64], samples: int) -> Quadrature:
         xi[s, filled[s]] = x
         weights[s, filled[s]] = w
         filled[s] += 1
-    return Quadrature(xi, weights, samples)
+    return Quadrature(xi, weights)

@@ -177,12 +177,6 @@ def new_shape(
     return np.concatenate((shape, np.array(flat, dtype=np.int64))), sizes
 
 
-def rows_of(shape: Table, array: Array, offset: int, count: int) -> Array:
-    """Rows of an array as a view, shape (count, LANES)."""
-    at = shape[offset]
-    return array[at : at + count * LANES].reshape(count, LANES)
-
-
 def line_view(shape: Table, array: Array, at: int, count: int) -> Array:
     """Lines of one cable as a view without margins, shape (count, n)."""
     width, n = shape[layout.LINE], shape[layout.N]

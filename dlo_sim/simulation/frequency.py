@@ -83,21 +83,17 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
     return frequency
 
 
-def held_rows(model: Model, state: Array) -> Array:
+def _held_rows(cable: Cable) -> Array:
     """Held rows on the spatial unknowns, control point by control point, shape (m, n dim)."""
-    dim, rows = len(model.axes), []
-    at = model.shape[layout.DIRECTION]
-    for k, row in enumerate(model.holding.rows):
+    model, rows = cable.model, []
+    dim = len(model.axes)
+    for row, turning in zip(model.holding.rows, cable.directions, strict=True):
         point = model.holding.points[row.point]
-        if point.twist:
-            continue
-        direction = np.eye(dim)[row.line] if row.line >= 0 else np.zeros(dim)
-        if row.line < 0:
-            first = at + k * layout.DIRECTION_ROWS * 8
-            direction = state[first : first + 8 * dim : 8]
-        line = np.zeros((model.n, dim))
-        line[point.first : point.first + 4] = np.outer(point.weights, direction)
-        rows.append(line.ravel())
+        if not point.twist:
+            direction = np.eye(dim)[row.line] if row.line >= 0 else turning
+            line = np.zeros((model.n, dim))
+            line[point.first : point.first + 4] = np.outer(point.weights, direction)
+            rows.append(line.ravel())
     return np.array(rows).reshape(len(rows), model.n * dim)
 
 
@@ -108,7 +104,7 @@ def _dense(cable: Cable, lengths: Array | None) -> float:
     inertia = np.zeros((n * dim, n * dim))
     for d in range(dim):
         inertia[d::dim, d::dim] = mass.dense(model.band(layout.MASS, d))
-    rows = held_rows(model, cable.state)
+    rows = _held_rows(cable)
     if lengths is not None:
         rows = np.concatenate((rows, lengths))
     return spectrum.largest_of_dense(stiffness, inertia, rows)

@@ -260,7 +260,7 @@ class CableInputs(CableView):
         self._needs = needs
         self.cable = Cable.new(build_model(self.scene, needs, self._geometries))
         self._fill_inputs()
-        self._loop = GuardedLoop.of(self.cable, self._stepper)
+        self._loop = GuardedLoop(self.cable, self._stepper)
 
     def _extend(self, needs: Needs) -> None:
         """A term that was left out matters now: it comes into the step, the state stays."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import arguments, bspline, quadrature
 from dlo_sim.engine import layout
-from dlo_sim.simulation.arrays import Counts, Table, from_blocks, line_view, rooms, rows_of
+from dlo_sim.simulation.arrays import Counts, Table, from_blocks, line_view, rooms
 from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
@@ -66,7 +66,8 @@ class Model:
 
     def rows(self, array: Array, offset: int, count: int) -> Array:
         """Rows at an offset of an array, shape (count, LANES), a view."""
-        return rows_of(self.shape, array, offset, count)
+        at = self.shape[offset]
+        return array[at : at + count * LANES].reshape(count, LANES)
 
     @property
     def columns(self) -> tuple[int, ...]:

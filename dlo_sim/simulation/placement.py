@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.engine import layout
+from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
@@ -49,8 +50,8 @@ def place(
     cable.put(points, np.zeros_like(points), 0.0)
     if lay:
         lay()
-    constrained = inextensible(scene)
-    if wants_equilibrium(scene, geometries):
+    constrained, resting = inextensible(scene), wants_equilibrium(scene, geometries)
+    if resting:
         if frenet_wanted(scene):
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
@@ -65,12 +66,12 @@ def place(
                 "control points or discretization.stretch sample, or check the ends' positions, "
                 "tangents and the stiffness"
             )
-    if constrained and not length.to_rest_length(cable):
+    if constrained and not rattle.to_rest_length(cable.arrays):
         raise SceneError(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
             "its ends; move the ends or use energy_momentum and terms.stretch auto"
         )
-    if constrained and wants_equilibrium(scene, geometries):
+    if constrained and resting:
         gradients = length.gradients(cable)
         frequency = max(largest_frequency(scene, cable, gradients), 1e-3)
         if not length.to_equilibrium(cable, min(0.5 / frequency, 5e-3)):

@@ -135,7 +135,8 @@ def record_simulator(
     scene = simulator.scene
     estimate = ErrorEstimate(simulator) if estimated else None
     compile_s = time.perf_counter() - began
-    recorder = _recorder(simulator, sample_times(duration, every))
+    recorder = Recorder(simulator.model, sample_times(duration, every))
+    recorder.put(simulator.cable, simulator.energy().total)
     wall_s, report, counts = _run(estimate or simulator, duration, recorder, progress, tell)
     count, control_points = recorder.count, recorder.control_points
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
@@ -188,13 +189,6 @@ def sample_times(duration: float, every: float) -> Array:
     """Multiples of `every` [s] from 0 up to the duration."""
     count = int(np.floor(duration / every + _ROUNDING)) + 1
     return np.arange(count, dtype=float) * every
-
-
-def _recorder(simulator: Simulator, times: Array) -> Recorder:
-    """Room for samples at these times; the first, at time zero, is the present state."""
-    recorder = Recorder(simulator.model, times)
-    recorder.put(simulator.cable, simulator.energy().total)
-    return recorder
 
 
 class _IterationCounts:

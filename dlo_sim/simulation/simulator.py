@@ -101,7 +101,7 @@ class Simulator(CableInputs):
         self.choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self.choice)
         self.cable.open_account(self.scene)
-        self._loop = GuardedLoop.of(self.cable, self._stepper)
+        self._loop = GuardedLoop(self.cable, self._stepper)
         started = time.perf_counter()
         self._loop.advance(0, 0, None)
         self.compile_seconds = time.perf_counter() - started
