@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import STIFFEST
 from dlo_sim.simulation.holding import stiffness_of_roll
+from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -21,21 +23,19 @@ ITERATIONS = 120
 KINK = 4.0
 
 
-def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) -> float:
+def largest_frequency(scene: Scene, cable: Cable) -> float:
     """Largest natural frequency omega [rad/s] of K x = omega^2 M x of motions that keep what is
     held, at the present configuration.
 
     Up to DENSE_LIMIT unknowns by a dense eigenvalue solution, beyond by Lanczos iteration, whose
-    estimate is from below and converges first at this end of the spectrum. `lengths`: gradients of
-    further constraints on the spatial unknowns, control point by control point, shape (m, n dim);
-    without stretching only motion that keeps the length counts.
+    estimate is from below and converges first at this end of the spectrum. Of an inextensible cable
+    only motion that keeps the length counts.
     """
     model = cable.model
     dim = len(model.axes)
-    if dim * model.n <= DENSE_LIMIT or lengths is not None:
-        value = _dense(cable, lengths)
-    else:
-        value = _lanczos(cable)
+    constrained = inextensible(scene)
+    is_dense = constrained or dim * model.n <= DENSE_LIMIT
+    value = _dense(cable, constrained) if is_dense else _lanczos(cable)
     if model.twist:
         held = model.held_mask()[dim]
         band, inertia = model.twisting_stiffness, model.band(layout.MASS, dim)
@@ -97,7 +97,7 @@ def _held_rows(cable: Cable) -> Array:
     return np.array(rows).reshape(len(rows), model.n * dim)
 
 
-def _dense(cable: Cable, lengths: Array | None) -> float:
+def _dense(cable: Cable, constrained: bool) -> float:
     model = cable.model
     dim, n = len(model.axes), model.n
     stiffness = spectrum.dense(cable.stiffness(), 4 * dim - 1)
@@ -105,8 +105,8 @@ def _dense(cable: Cable, lengths: Array | None) -> float:
     for d in range(dim):
         inertia[d::dim, d::dim] = mass.dense(model.band(layout.MASS, d))
     rows = _held_rows(cable)
-    if lengths is not None:
-        rows = np.concatenate((rows, lengths))
+    if constrained:
+        rows = np.concatenate((rows, length_gradients(cable)))
     return spectrum.largest_of_dense(stiffness, inertia, rows)
 
 

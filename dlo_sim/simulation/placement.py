@@ -72,8 +72,7 @@ def place(
             "its ends; move the ends or use energy_momentum and terms.stretch auto"
         )
     if constrained and resting:
-        gradients = length.gradients(cable)
-        frequency = max(largest_frequency(scene, cable, gradients), 1e-3)
+        frequency = max(largest_frequency(scene, cable), 1e-3)
         if not length.to_equilibrium(cable, min(0.5 / frequency, 5e-3)):
             raise SceneError(
                 "initial.shape: no equilibrium of the inextensible cable found; use straight, more "

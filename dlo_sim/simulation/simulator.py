@@ -17,7 +17,7 @@ from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs, inextensible, needs_of
+from dlo_sim.scene.needs import Needs, needs_of
 from dlo_sim.simulation import following, optional_terms
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
@@ -26,7 +26,6 @@ from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
 from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
-from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.inputs import CableInputs
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
@@ -95,8 +94,7 @@ class Simulator(CableInputs):
         self._fill_inputs()
         lay = self._lay_natural_shape if model.has(layout.MATERIAL) else None
         place(scene, self._geometries, self._ends, self.cable, lay)
-        gradients = length_gradients(self.cable) if inextensible(scene) else None
-        frequency = largest_frequency(scene, self.cable, gradients)
+        frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
         self.choice = choose(scene, frequency, unchecked_step)
         self._stepper = Stepper(scene, self.choice)
