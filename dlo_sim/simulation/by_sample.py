@@ -35,17 +35,6 @@ def by_sample(cable: Cable, offset: int, rows: int) -> Array:
     return spans.reshape(-1, counts.samples, rows)
 
 
-def carried_over(old: Cable, new: Cable, values: Array) -> Array:
-    """Values (spans, samples, rows) of one cable at the samples of another, linear between them."""
-    source, target = sample_coordinates(old.model), sample_coordinates(new.model)
-    known = old.model.rule.weights != 0.0
-    order = np.argsort(source[known], kind="stable")
-    out = np.empty((*target.shape, values.shape[-1]))
-    for row in range(values.shape[-1]):
-        out[..., row] = np.interp(target, source[known][order], values[..., row][known][order])
-    return out
-
-
 def moment_weights(model: Model) -> Array:
     """Bending stiffness times quadrature weight [N m^3], shape (spans, samples, 1)."""
     return np.asarray((model.bending_stiffness[:, None] * model.rule.weights)[..., None])

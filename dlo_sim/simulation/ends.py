@@ -169,10 +169,8 @@ class EndDrive:
                 f"the simulator's time, {t!r} s, or later"
             )
         # One that has yet to start rests where it will.
-        position, orientation = self.pose(end, min(motion.start, t))
-        way = math.dist(motion.position[0].tolist(), position.tolist())
-        turn = math.hypot(
-            *one_rotation.turn_between(orientation.tolist(), motion.orientation.tolist())
+        way, turn = apart(
+            self.pose(end, min(motion.start, t)), motion.position[0], motion.orientation
         )
         if way > self._near or turn > NEAR:
             raise ValueError(
@@ -250,6 +248,13 @@ class EndDrive:
         m[12:21] = rotations.to_matrix(motion.orientation).ravel()
         m[21:27] = motion.rotation.ravel()
         self._motions[end] = motion
+
+
+def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tuple[float, float]:
+    """How far a position [m] and a quaternion are from those of a pose: [m], [rad]."""
+    way = math.dist(pose[0].tolist(), position.tolist())
+    turn = one_rotation.turn_between(pose[1].tolist(), orientation.tolist())
+    return way, math.hypot(*turn)
 
 
 def _twist_about(rotation: ArrayLike, axis: Array) -> float:

@@ -7,11 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
-from dlo_sim.engine import grasps, layout
-from dlo_sim.scene.description import Scene
+from dlo_sim.engine import grasps
 from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.natural_shape import has_natural_shape, local_turn, natural_rows
+from dlo_sim.simulation.natural_shape import local_turn
 
 Array = NDArray[np.float64]
 
@@ -142,15 +141,12 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     return rows
 
 
-def natural_along(
-    scene: Scene, model: Model, tangent: Array, motions: Array
-) -> tuple[Array, Array]:
-    """Natural shape in the frame of the start's end effector, with which it turns, and the nine
-    numbers of that turn at every step; empty if there is none, or it follows the cable.
+def natural_along(model: Model, rows: Array | None, motions: Array) -> tuple[Array, Array]:
+    """Rows of the natural shape in the frame of the start's end effector, with which it turns, and
+    the nine numbers of that turn at every step; empty without rows.
     """
-    if model.has(layout.MATERIAL) or not has_natural_shape(scene, model):
+    if rows is None:
         return np.zeros(0), np.zeros(0)
-    rows = natural_rows(scene, model, tangent)
     frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
     turns = np.array([local_turn(one, model.axes) for one in frames])
     return to_blocks(rows.reshape(len(rows), -1)), turns.ravel()

@@ -13,7 +13,6 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
-from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates
 from dlo_sim.simulation.cable import Cable
@@ -26,7 +25,7 @@ from dlo_sim.simulation.natural_shape import (
     rows_in_frames,
     turned_rows,
 )
-from dlo_sim.simulation.transfer import carry_inputs
+from dlo_sim.simulation.transfer import carry_inputs, carry_samples
 from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
@@ -237,13 +236,19 @@ class CableInputs(CableView):
             self._turn_natural_shape()
             self.cable.ledger[layout.DRIVE_WORK] += self.cable.potentials().sum() - before
 
+    @property
+    def _turning(self) -> Array | None:
+        """The natural shape if there is one that does not follow the cable: it turns with the
+        start's end effector.
+        """
+        follows = self.model.has(layout.MATERIAL)
+        return None if follows or not has_natural_shape(self.scene, self.model) else self._natural
+
     def _turn_natural_shape(self) -> None:
-        """The natural shape turns with the start's end effector, unless it follows the cable."""
-        if not has_natural_shape(self.scene, self.model) or self.model.has(layout.MATERIAL):
-            return
-        turn = rotations.to_matrix(self.end_pose("start")[1])
-        rows = turned_rows(self._natural, turn, self.model.axes)
-        put_by_sample(self.cable, layout.NATURAL, rows)
+        if self._turning is not None:
+            turn = rotations.to_matrix(self.end_pose("start")[1])
+            rows = turned_rows(self._turning, turn, self.model.axes)
+            put_by_sample(self.cable, layout.NATURAL, rows)
 
     def _lay_natural_shape(self) -> None:
         """The natural shape of the material frame along the present shape."""
@@ -279,7 +284,7 @@ class CableInputs(CableView):
         self._rebuild(needs)
         carry_inputs(old, self.cable)
         self.cable.put(points, rates)
-        optional_terms.carry_samples(old, self.cable)
+        carry_samples(old, self.cable)
         ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
         self.cable.ledger[:] = ledger
         self.cable.ledger[list(layout.OF_HISTORY)] = 0.0

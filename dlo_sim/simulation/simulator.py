@@ -33,7 +33,7 @@ from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.simulation.transfer import resampled
+from dlo_sim.simulation.transfer import carry_samples, resampled
 
 Array = NDArray[np.float64]
 CHUNK = 4096  # steps between two saved states of a long advance
@@ -201,8 +201,7 @@ class Simulator(CableInputs):
         for name, path in paths.items():
             row = list(self.scene.holders).index(name)
             motions[:, row] = following.motions_along(cable.motion[row], grid, path)
-        tangent = self._geometries["start"].tangent
-        natural = following.natural_along(self.scene, self.model, tangent, motions)
+        natural = following.natural_along(self.model, self._turning, motions)
         made = self._loop.advance_along(self._steps, recorder, motions, natural)
         self._steps += made.steps
         self._ends.restored()
@@ -363,7 +362,7 @@ class Simulator(CableInputs):
         self._ends.put(points, 0.0)
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
-        optional_terms.carry_samples(other.cable, self.cable)
+        carry_samples(other.cable, self.cable)
         cables = self.scene.cable, other.scene.cable
         same = len({(cable.natural_shape, cable.rest_curvature_axis) for cable in cables}) == 1
         if self.model.has(layout.MATERIAL) and not (same and other.model.has(layout.MATERIAL)):

@@ -12,7 +12,6 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.frames import control_poses, curve_frames
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
-from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.coiling import coiling_warning
 from dlo_sim.simulation.ends import EndDrive
@@ -181,7 +180,16 @@ class CableView:
     @property
     def undefined_torsion(self) -> UndefinedTorsion:
         """Where the Frenet torsion was undefined in the run so far."""
-        return optional_terms.undefined_torsion(self.scene, self.cable)
+        if not self.model.has(layout.TORSION):
+            return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
+        entry = self.cable.entry
+        return UndefinedTorsion(
+            samples=int(np.count_nonzero(self.model.rule.weights)),
+            last=int(entry(layout.TORSION_LAST)),
+            mean=entry(layout.TORSION_SUM) / max(entry(layout.TORSION_LOOKS), 1.0),
+            worst=int(entry(layout.TORSION_WORST)),
+            floor=self.scene.curvature_floor,
+        )
 
     @property
     def plastic_work(self) -> float:
