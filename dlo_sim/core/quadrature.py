@@ -66,12 +66,8 @@ def uniform(breaks: NDArray[np.float64], samples: int) -> Quadrature:
     local = 2.0 * (scaled - span) - 1.0
     weight = np.full(samples, length / (samples - 1))
     weight[[0, -1]] *= 0.5
-    width = int(np.bincount(span, minlength=n_spans).max())
-    xi = np.zeros((n_spans, width))
-    weights = np.zeros((n_spans, width))
-    filled = np.zeros(n_spans, dtype=int)
-    for s, x, w in zip(span, local, weight, strict=True):
-        xi[s, filled[s]] = x
-        weights[s, filled[s]] = w
-        filled[s] += 1
+    within = np.arange(samples) - np.searchsorted(span, span)  # number of the sample in its span
+    xi, weights = np.zeros((2, n_spans, int(within.max()) + 1))
+    xi[span, within] = local
+    weights[span, within] = weight
     return Quadrature(xi, weights)

@@ -130,29 +130,25 @@ def _lanczos(cable: Cable) -> float:
     x = np.random.default_rng(0).standard_normal((model.lines, n))
     x[dim:] = 0.0
     x = cable.free_acceleration(weigh(x))
-    basis: list[Array] = []
-    images: list[Array] = []
+    pairs: list[tuple[Array, Array]] = []
     diagonal: list[float] = []
     beside: list[float] = []
     image = weigh(x)
     norm = float(np.sqrt(np.vdot(x, image)))
     for _ in range(ITERATIONS):
         x, image = x / norm, image / norm
-        basis.append(x)
-        images.append(image)
-        y = apply(x)
-        diagonal.append(float(np.vdot(y, image)))
-        for old, old_image in zip(basis, images, strict=True):
-            y = y - np.vdot(y, old_image) * old
-        image = weigh(y)
-        norm = float(np.sqrt(max(float(np.vdot(y, image)), 0.0)))
+        pairs.append((x, image))
+        x = apply(x)
+        diagonal.append(float(np.vdot(x, image)))
+        for old, old_image in pairs:
+            x = x - np.vdot(x, old_image) * old
+        image = weigh(x)
+        norm = float(np.sqrt(max(float(np.vdot(x, image)), 0.0)))
         if norm < 1e-12 * abs(diagonal[-1]):
             break
         beside.append(norm)
-        x = y
-    off = beside[: len(diagonal) - 1]
-    matrix = np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1)
-    return float(np.sqrt(max(np.linalg.eigvalsh(matrix).max(), 0.0)))
+    lower = np.diag(diagonal) + np.diag(beside[: len(diagonal) - 1], -1)  # eigvalsh reads no more
+    return float(np.sqrt(max(np.linalg.eigvalsh(lower).max(), 0.0)))
 
 
 def with_torsion(value: float, scene: Scene, model: Model) -> float:
