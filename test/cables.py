@@ -84,8 +84,7 @@ class Bench:
         self.cable = Cable.new(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)
-        first_span = bspline.breaks(self.model.knots)[1]
-        self.drive = EndDrive(self.scene, geometries, first_span)
+        self.drive = EndDrive(self.scene, geometries, self.model.knots)
         self.drive.live_in(self.cable.motion)
         for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
             if load.signal != "none":

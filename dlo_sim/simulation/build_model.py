@@ -54,9 +54,13 @@ def build_model(
     shape, sizes = new_shape(counts, axes, _tables(scene, holding, knots, counts.loads))
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
-    values = np.zeros(sizes["model"])
-    model = Model(shape, values, sizes, counts, knots, rule, axes, twist, holding, rest)
-    _Filling(scene, needs, model, geometries).fill()
+    stiffness = (
+        scene.cable.EA,
+        scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots)),
+    )
+    arrays = shape, np.zeros(sizes["model"]), sizes, counts
+    model = Model(*arrays, knots, rule, axes, twist, holding, *stiffness, rest)
+    _Filling(scene, needs, model).fill()
     return model
 
 
@@ -137,9 +141,8 @@ class _Filling:
     of the line of the twist.
     """
 
-    def __init__(self, scene: Scene, needs: Needs, model: Model, geometries: Geometries) -> None:
+    def __init__(self, scene: Scene, needs: Needs, model: Model) -> None:
         self._scene, self._needs, self._model = scene, needs, model
-        self._geometries = geometries
         self._axes = list(model.axes)
         self._sizes = rooms(model.counts)["model"]
 
@@ -231,7 +234,7 @@ class _Filling:
         here[[0, -1], layout.LINEAR] = 3.0
         table[:, layout.AXIAL] = scene.cable.EA
         table[:, layout.BENDING] = scene.cable.EI
-        here[:, layout.BENDING] *= stiffening(scene, self._geometries, breaks)
+        here[:, layout.BENDING] = model.bending_stiffness
         here[:, layout.HEAD + layout.XI :: layout.SAMPLE] = model.rule.xi
         here[:, layout.HEAD + layout.QUADRATURE :: layout.SAMPLE] = model.rule.weights
         self._room(layout.MESH)[:] = to_blocks(table)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, one_rotation, rotations
+from dlo_sim.core import arguments, bspline, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import grasps
 from dlo_sim.engine.grasps import MOTION_SIZE, TWIST
@@ -29,12 +29,12 @@ class EndDrive:
             the scene or was moved by a caller.
     """
 
-    def __init__(self, scene: Scene, geometries: Geometries, first_span: float) -> None:
+    def __init__(self, scene: Scene, geometries: Geometries, knots: Array) -> None:
         self._scene = scene
         self._rows = {name: row for row, name in enumerate(scene.holders)}
         self.motion = np.zeros((len(self._rows), MOTION_SIZE))
         self._motions: dict[str, EndMotion] = {}
-        self._third = first_span / 3.0
+        self._third = float(bspline.breaks(knots)[1]) / 3.0  # of the first span
         self._near = NEAR * scene.cable.length
         for name, holder in scene.holders.items():
             geometry = geometries[name]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.core import arguments, bspline, quadrature
+from dlo_sim.core import arguments, quadrature
 from dlo_sim.engine import layout
-from dlo_sim.simulation.arrays import Counts, Table, from_blocks, line_view, rooms
+from dlo_sim.simulation.arrays import Counts, Table, line_view
 from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
@@ -27,6 +27,8 @@ class Model:
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: what is held.
+        axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], with what jaws add,
+            shape (n - 3,).
         rest: where a straight point of the plane is, shape (3,): the constant coordinate of planar
             motion, zero elsewhere.
     """
@@ -40,6 +42,8 @@ class Model:
     axes: tuple[int, ...]
     twist: bool
     holding: Holding
+    axial_stiffness: float
+    bending_stiffness: Array
     rest: Array
 
     @property
@@ -119,18 +123,6 @@ class Model:
     def twisting_stiffness(self) -> Array:
         """Stiffness of the line of the twist with its springs, lower diagonals, shape (4, n)."""
         return self.band(layout.TWIST, len(self.axes)) + self.holding.roll_stiffness(self.n)
-
-    @property
-    def axial_stiffness(self) -> float:
-        """EA [N]."""
-        return float(self.values[int(self.shape[layout.MESH]) + layout.AXIAL * LANES])
-
-    @property
-    def bending_stiffness(self) -> Array:
-        """EI of every span [N m^2], with what jaws add, shape (n - 3,)."""
-        at, size = int(self.shape[layout.MESH]), rooms(self.counts)["model"][layout.MESH]
-        mesh = from_blocks(self.values[at : at + size], self.n - bspline.DEGREE)
-        return mesh[:, layout.BENDING]
 
     def held_mask(self) -> NDArray[np.bool_]:
         """Which entries of the lines a row along an axis holds, shape (lines, n)."""

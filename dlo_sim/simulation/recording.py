@@ -14,7 +14,7 @@ from dlo_sim.core.strain import strain
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import Report, Status, newton_note
+from dlo_sim.simulation.report import DiscretizationError, Report, Status, newton_note
 from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
 from dlo_sim.simulation.simulator import Simulator
 
@@ -143,7 +143,8 @@ def record_simulator(
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     shape, points = strain(simulator.model.knots, u), control_points[:, :, :3]
     cable, known = scene.cable, not scene.without_tension
-    error = simulator.energy_error
+    error, why = simulator.energy_error, estimate.largest.unknown if estimate else ""
+    unknown = (f"the position error is unknown: {why}",) if why else ()
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
@@ -166,23 +167,16 @@ def record_simulator(
         force_evaluations=counts.evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
-        error_estimate=None if estimate is None else _estimated(estimate),
+        error_estimate=None if estimate is None else _estimated(estimate.largest),
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
-        notes=simulator.notes + _unknown(estimate) + counts.notes,
+        notes=simulator.notes + unknown + counts.notes,
     )
 
 
-def _estimated(estimate: ErrorEstimate) -> dict[str, float | None]:
-    error = estimate.largest
+def _estimated(error: DiscretizationError) -> dict[str, float | None]:
     parts = {"time": error.time, "space": error.space, "total": error.total}
     return {name: part if np.isfinite(part) else None for name, part in parts.items()}
-
-
-def _unknown(estimate: ErrorEstimate | None) -> tuple[str, ...]:
-    """Why an error is unknown, as notes."""
-    reason = "" if estimate is None else estimate.largest.unknown
-    return (f"the position error is unknown: {reason}",) if reason else ()
 
 
 def sample_times(duration: float, every: float) -> Array:

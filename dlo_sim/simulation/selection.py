@@ -192,15 +192,14 @@ def _method(scene: Scene, name: str) -> Method:
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
     """Largest stable step [s] of the linearised scene."""
     rates = set(external_rates(scene))
-    return min(_damped_limit(scene, method, frequency, rate) for rate in rates)
+    return min(_damped_limit(method, frequency, rate) for rate in rates)
 
 
-def _damped_limit(scene: Scene, method: Method, frequency: float, rate: float) -> float:
+def _damped_limit(method: Method, frequency: float, rate: float) -> float:
     """Largest stable step [s] for modes up to a frequency that are all damped at one rate."""
     if rate and method.family in (RUNGE_KUTTA, ZHAI):
         # These take damping as a force; splitting methods solve it exactly.
-        psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-        return largest_step(method, frequency, rate, psi, phi)
+        return largest_step(method, frequency, rate)
     return method.stability_limit / frequency if frequency > 0.0 else np.inf
 
 

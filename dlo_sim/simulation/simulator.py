@@ -85,12 +85,10 @@ class Simulator(CableInputs):
         self.cable = Cable.new(model)
         self._greville = bspline.greville(model.knots)
         self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
-        first_span = float(np.diff(bspline.breaks(model.knots))[0])
-        self._ends = EndDrive(scene, self._geometries, first_span)
+        self._ends = EndDrive(scene, self._geometries, model.knots)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
-        self._bases: dict[bytes, tuple[NDArray[np.int64], Array, Array]] = {}
-        self._steps = 0
-        self._remainder = 0.0
+        self._bases = {}
+        self._steps, self._remainder = 0, 0.0
         self._fill_inputs()
         lay = self._lay_natural_shape if model.has(layout.MATERIAL) else None
         place(scene, self._geometries, self._ends, self.cable, lay)

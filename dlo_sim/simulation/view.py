@@ -18,7 +18,7 @@ from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.following import checked_poses
 from dlo_sim.simulation.geometry import Geometries, known_holder
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.reaction import Wrench, reaction
+from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.report import Energy, UndefinedTorsion
 from dlo_sim.simulation.selection import Choice
 from dlo_sim.simulation.stepper import Stepper
@@ -236,14 +236,15 @@ class CableView:
         wrench = np.array(self.reaction_wrench(end))
         return wrench[:3], wrench[3:]
 
-    def reaction_wrench(self, end: str) -> Wrench:
+    def reaction_wrench(self, end: str) -> tuple[float, ...]:
         """`reaction` as six plain numbers: force, then moment."""
         number = list(self.scene.holders).index(known_holder(self.scene, end))
-        return reaction(self.cable, self.time, number, self._stepper.family == CONSTRAINED)
+        keeps_length = self._stepper.family == CONSTRAINED
+        return tuple(reaction(self.cable, self.time, number, keeps_length).tolist())
 
     # -- inside ---------------------------------------------------------------------------------
 
-    def _basis(self, u: Array) -> tuple[NDArray[np.int64], Array, Array]:
+    def _basis(self, u: Array) -> Basis:
         """Active control points (m, 4), basis values and derivatives at u; kept for reuse."""
         key = u.tobytes()
         table = self._bases.get(key)
