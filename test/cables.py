@@ -10,7 +10,6 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import build_model
-from dlo_sim.simulation.by_sample import put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
@@ -94,7 +93,8 @@ class Bench:
         self.cable.point_grasps(0.0)
         if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
             rows = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
-            put_by_sample(self.cable, layout.NATURAL, turned_rows(rows, np.eye(3), self.model.axes))
+            rows = turned_rows(rows, np.eye(3), self.model.axes)
+            self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 
     def pull_to(self, t):
         """Put the anchors of the springs where they are at time t."""

@@ -54,12 +54,9 @@ def build_model(
     shape, sizes = new_shape(counts, axes, _tables(scene, holding, knots, counts.loads))
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
-    stiffness = (
-        scene.cable.EA,
-        scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots)),
-    )
+    bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     arrays = shape, np.zeros(sizes["model"]), sizes, counts
-    model = Model(*arrays, knots, rule, axes, twist, holding, *stiffness, rest)
+    model = Model(*arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest)
     _Filling(scene, needs, model).fill()
     return model
 

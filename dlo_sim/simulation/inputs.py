@@ -14,7 +14,6 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation.build_model import build_model
-from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
 from dlo_sim.simulation.guarded_loop import GuardedLoop
@@ -163,7 +162,9 @@ class CableInputs(CableView):
         u = share * self.scene.cable.length
         position, orientation = self.end_pose(grasp)
         if share < 0.0:
-            u = self._nearest(position)
+            places = np.linspace(0.0, self.scene.cable.length, NEAREST)
+            away = np.linalg.norm(self.centerline(places) - position, axis=1)
+            u = float(places[np.argmin(away)])
         columns, values, slopes = self._basis(np.array([u]))
         points = self.control_points[columns[0], :3]
         tangent = slopes[0] @ points
@@ -248,16 +249,16 @@ class CableInputs(CableView):
         if self._turning is not None:
             turn = rotations.to_matrix(self.end_pose("start")[1])
             rows = turned_rows(self._turning, turn, self.model.axes)
-            put_by_sample(self.cable, layout.NATURAL, rows)
+            self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 
     def _lay_natural_shape(self) -> None:
         """The natural shape of the material frame along the present shape."""
         length = self.scene.cable.length
-        u = np.append(0.0, sample_coordinates(self.model).ravel() * length)
+        u = np.append(0.0, self.model.sample_shares.ravel() * length)
         frames = self.frames(u)
         samples = frames[1:].reshape(*self.model.rule.xi.shape, 4)
         rows = rows_in_frames(self._natural, self.end_pose("start")[1], frames[0], samples)
-        put_by_sample(self.cable, layout.NATURAL, rows)
+        self.model.put_samples(self.cable.state, layout.NATURAL, rows)
         self.cable.open_frame()
 
     def _rebuild(self, needs: Needs) -> None:
@@ -320,11 +321,6 @@ class CableInputs(CableView):
     def _known_grasp(self, name: str) -> Grasp:
         known = [grasp.name for grasp in self.scene.grasps]
         return self.scene.grasp(arguments.one_of("grasp", name, known))
-
-    def _nearest(self, place: Array) -> float:
-        """Material coordinate [m] of the point of the cable that is nearest to a place [m]."""
-        u = np.linspace(0.0, self.scene.cable.length, NEAREST)
-        return float(u[np.argmin(np.linalg.norm(self.centerline(u) - place, axis=1))])
 
 
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:

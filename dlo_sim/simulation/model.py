@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.core import arguments, quadrature
+from dlo_sim.core import arguments, bspline, quadrature
 from dlo_sim.engine import layout
-from dlo_sim.simulation.arrays import Counts, Table, line_view
+from dlo_sim.simulation.arrays import Counts, Table, from_blocks, line_view, to_blocks
 from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
@@ -123,6 +123,29 @@ class Model:
     def twisting_stiffness(self) -> Array:
         """Stiffness of the line of the twist with its springs, lower diagonals, shape (4, n)."""
         return self.band(layout.TWIST, len(self.axes)) + self.holding.roll_stiffness(self.n)
+
+    @property
+    def sample_shares(self) -> Array:
+        """Material coordinate of every sample as a share of the length, shape (spans, samples)."""
+        ends = bspline.breaks(self.knots)
+        u = ends[:-1, None] + 0.5 * (self.rule.xi + 1.0) * np.diff(ends)[:, None]
+        return np.asarray(u / ends[-1])
+
+    @property
+    def moment_weights(self) -> Array:
+        """Bending stiffness times quadrature weight [N m^3], shape (spans, samples, 1)."""
+        return np.asarray((self.bending_stiffness[:, None] * self.rule.weights)[..., None])
+
+    def samples(self, state: Array, offset: int, rows: int) -> Array:
+        """Rows of every sample in a state, a copy of shape (spans, samples, rows)."""
+        at, counts = int(self.shape[offset]), self.counts
+        values = state[at : at + counts.blocks * counts.samples * rows * LANES]
+        return from_blocks(values, len(self.rule.xi)).reshape(-1, counts.samples, rows)
+
+    def put_samples(self, state: Array, offset: int, values: Array) -> None:
+        """Write rows of every sample, shape (spans, samples, rows)."""
+        at, flat = int(self.shape[offset]), to_blocks(values.reshape(len(values), -1))
+        state[at : at + flat.size] = flat
 
     def held_mask(self) -> NDArray[np.bool_]:
         """Which entries of the lines a row along an axis holds, shape (lines, n)."""

@@ -17,7 +17,6 @@ from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
 from dlo_sim.simulation import inextensible as length
 from dlo_sim.simulation import statics
 from dlo_sim.simulation.build_model import build_model
-from dlo_sim.simulation.by_sample import by_sample, put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
@@ -137,7 +136,7 @@ def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
     points = cable.model.to_columns(cable.x)
     twin.put(points, np.zeros_like(points))
     if twin.model.has(layout.CURVED):
-        natural = by_sample(cable, layout.NATURAL, layout.NATURAL_ROWS)
-        put_by_sample(twin, layout.NATURAL, natural)
+        natural = cable.model.samples(cable.state, layout.NATURAL, layout.NATURAL_ROWS)
+        twin.model.put_samples(twin.state, layout.NATURAL, natural)
     statics.relax(twin)
     cable.x[:] = twin.x

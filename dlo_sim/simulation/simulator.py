@@ -33,7 +33,7 @@ from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.simulation.transfer import carry_samples, resampled
+from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
 CHUNK = 4096  # steps between two saved states of a long advance
@@ -346,8 +346,10 @@ class Simulator(CableInputs):
         points, rates = other.control_points, other.velocities
         old, new = other.model, self.model
         if new.n != old.n or self.scene.cable.length != other.scene.cable.length:
+            # The same at the Greville points, on whatever knots.
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-            points, rates = (resampled(values, old, new, u) for values in (points, rates))
+            there = (bspline.evaluate(values, old.knots, u) for values in (points, rates))
+            points, rates = (bspline.interpolate(new.knots, values) for values in there)
         self._ends.take_over(other._ends, other.time, other.cable.frame_turn)
         if any(self._ends.twists(name) for name in self.scene.holders):
             self._extend(self._needs.with_twist(self.scene))
