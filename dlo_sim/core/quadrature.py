@@ -23,6 +23,11 @@ class Quadrature:
     xi: NDArray[np.float64]
     weights: NDArray[np.float64]
 
+    def places(self, breaks: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Material coordinates of the samples [m], shape (n_spans, m)."""
+        inside = 0.5 * (self.xi + 1.0) * np.diff(breaks)[:, None]
+        return np.asarray(breaks[:-1, None] + inside)
+
 
 def gauss(breaks: NDArray[np.float64], points: int) -> Quadrature:
     """`points` Gauss-Legendre points per span: exact for degree 2 points - 1 on each span."""

@@ -147,12 +147,8 @@ class EndDrive:
             place = arguments.numbers(f"position of {end}", position, (3,), "m")
         # A swing towards a new orientation keeps the twist that the way there gives it.
         way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
-        row = self.motion[self._rows[end]]
-        row[TWIST] = self.place_at(end, t)[3] + _twist_about(
-            way, rotations.rotate(old_orientation, self._direction(end))
-        )
-        self._write(end, EndMotion.resting(place, turned, t))
-        row[0] = 1.0
+        twist = _twist_about(way, rotations.rotate(old_orientation, self._direction(end)))
+        self.follow(end, t, EndMotion.resting(place, turned, t), twist)
 
     def check_motion(self, end: str, t: float, motion: EndMotion, late: float) -> None:
         """Refuse a motion that does not go on from where an end effector is at time t.
@@ -178,10 +174,10 @@ class EndDrive:
                 f"effector; start it at end_pose('{end}'), or put the end there with set_end before"
             )
 
-    def follow(self, end: str, t: float, motion: EndMotion) -> None:
-        """Follow a motion from time t on; the twist goes on from where it is."""
+    def follow(self, end: str, t: float, motion: EndMotion, twist: float = 0.0) -> None:
+        """Follow a motion from time t on; the twist goes on from where it is, or that much on."""
         row = self.motion[self._rows[end]]
-        row[TWIST] = self.place_at(end, min(motion.start, t))[3]
+        row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
         row[0] = 1.0
 

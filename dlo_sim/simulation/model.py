@@ -127,9 +127,7 @@ class Model:
     @property
     def sample_shares(self) -> Array:
         """Material coordinate of every sample as a share of the length, shape (spans, samples)."""
-        ends = bspline.breaks(self.knots)
-        u = ends[:-1, None] + 0.5 * (self.rule.xi + 1.0) * np.diff(ends)[:, None]
-        return np.asarray(u / ends[-1])
+        return self.rule.places(bspline.breaks(self.knots)) / self.knots[-1]
 
     @property
     def moment_weights(self) -> Array:

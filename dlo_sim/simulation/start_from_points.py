@@ -50,7 +50,7 @@ class _Spline:
         self.knots, self.length = knots, float(knots[-1])
         breaks = bspline.breaks(knots)
         rule = quadrature.gauss(breaks, SAMPLES)
-        u = (breaks[:-1, None] + 0.5 * np.diff(breaks)[:, None] * (1.0 + rule.xi)).ravel()
+        u = rule.places(breaks).ravel()
         self._weights = rule.weights.ravel()
         basis = np.eye(len(knots) - bspline.DEGREE - 1)
         self._slopes, self._bends = (bspline.evaluate(basis, knots, u, order) for order in (1, 2))
