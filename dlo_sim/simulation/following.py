@@ -128,8 +128,7 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     rows[:, grasps.POSITION : grasps.FRAME] = 0.0
     rows[:, grasps.POSITION : grasps.POSITION + 3] = path[:-1, :3]
     rows[:, grasps.POSITION + 3 : grasps.POSITION + 6] = np.diff(path[:, :3], axis=0) / tau[:, None]
-    frames = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
-    rows[:, grasps.FRAME : grasps.TURN] = frames
+    rows[:, grasps.FRAME : grasps.TURN] = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
     rows[:, grasps.TURN : grasps.TURN + 3] = turn / tau[:, None]
     rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
     # The twist goes on from step to step: the part of each turn about the tangent.

@@ -137,7 +137,7 @@ def record_simulator(
     compile_s = time.perf_counter() - began
     recorder = Recorder(simulator.model, sample_times(duration, every))
     recorder.put(simulator.cable, simulator.energy().total)
-    wall_s, report, counts = _run(estimate or simulator, duration, recorder, progress, tell)
+    wall_s, report, counts = _run(simulator, estimate, duration, recorder, progress, tell)
     count, control_points = recorder.count, recorder.control_points
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
@@ -186,35 +186,33 @@ def sample_times(duration: float, every: float) -> Array:
 
 
 class _IterationCounts:
-    """Force evaluations of a run, and those of its unusually slow parts with their steps."""
+    """Force evaluations of a run, and the steps and evaluations of its unusually slow parts."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
         self.evaluations = 0
-        self._part_start = self._part_evaluations = 0
-        self._slow_steps = self._slow_evaluations = 0
+        self._begun, self._slow = np.zeros((2, 2), dtype=np.int64)
 
     def end_part(self) -> None:
-        """Judge what has been added to `evaluations` since the last part."""
-        steps = self._simulator.steps - self._part_start
-        evaluations = self.evaluations - self._part_evaluations
-        if self._note(steps, evaluations):
-            self._slow_steps += steps
-            self._slow_evaluations += evaluations
-        self._part_start, self._part_evaluations = self._simulator.steps, self.evaluations
+        """Judge what has been done since the last part."""
+        now = np.array([self._simulator.steps, self.evaluations])
+        if self._note(now - self._begun):
+            self._slow += now - self._begun
+        self._begun = now
 
     @property
     def notes(self) -> tuple[str, ...]:
         """One line about the slow parts, if there are any."""
-        note = self._note(self._slow_steps, self._slow_evaluations)
-        return (f"in {self._slow_steps} of {self._simulator.steps} steps {note}",) if note else ()
+        note = self._note(self._slow)
+        return (f"in {self._slow[0]} of {self._simulator.steps} steps {note}",) if note else ()
 
-    def _note(self, steps: int, evaluations: int) -> str:
-        return newton_note(self._simulator.choice.method, self._simulator.step, steps, evaluations)
+    def _note(self, part: NDArray[np.int64]) -> str:
+        return newton_note(self._simulator.choice.method, self._simulator.step, *part.tolist())
 
 
 def _run(
-    run: Simulator | ErrorEstimate,
+    simulator: Simulator,
+    estimate: ErrorEstimate | None,
     duration: float,
     recorder: Recorder,
     progress: Callable[[float], None] | None,
@@ -224,15 +222,13 @@ def _run(
 
     Time spent on an error estimate does not count.
     """
-    estimate = run if isinstance(run, ErrorEstimate) else None
-    simulator = run.simulator if isinstance(run, ErrorEstimate) else run
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
     part = max(total // _PARTS, _FEWEST_STEPS)
     wall, counts, piece = 0.0, _IterationCounts(simulator), 1
     while True:
         steps = min(piece, part - simulator.steps % part, total - simulator.steps)
         began = time.perf_counter()
-        report = run.advance_steps(steps, recorder)
+        report = (estimate or simulator).advance_steps(steps, recorder)
         took = time.perf_counter() - began
         wall += took
         counts.evaluations += report.force_evaluations
