@@ -136,8 +136,5 @@ def greville(knots: Array) -> Array:
 
 def interpolate(knots: Array, values: Array) -> Array:
     """Control points of the spline that passes through `values` at the Greville abscissae."""
-    first, basis = active_basis(knots, greville(knots))
-    matrix = np.zeros((len(values), len(values)))
-    rows = np.arange(len(values))[:, None]
-    matrix[rows, first[:, None] + np.arange(ACTIVE)] = basis
+    matrix = evaluate(np.eye(len(values)), knots, greville(knots))
     return np.asarray(np.linalg.solve(matrix, values), dtype=np.float64)

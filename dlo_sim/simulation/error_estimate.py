@@ -74,13 +74,13 @@ class ErrorEstimate:
 
     Attributes:
         simulator: see above.
-        seconds: wall time spent on the companions [s].
+        seconds: wall time spent on the companions [s]. order: of convergence in time.
     """
 
     def __init__(self, simulator: Simulator, place: _Place = Simulator) -> None:
         self.simulator = simulator
         self._begun = simulator.steps
-        self.seconds = 0.0
+        self.seconds, self.order = 0.0, _order_in_time(simulator)
         self._look = max(1, round(LOOK / simulator.step))
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
         self._time = _Companion(_finer_in_time, simulator, place, kept)
@@ -110,11 +110,6 @@ class ErrorEstimate:
         for companion in self._companions:
             companion.take_over(self.simulator)
         self._compare()
-
-    @property
-    def order(self) -> int:
-        """Order of convergence in time."""
-        return _order_in_time(self.simulator)
 
     @property
     def recent(self) -> DiscretizationError:
