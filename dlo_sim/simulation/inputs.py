@@ -46,10 +46,8 @@ class CableInputs(CableView):
             TypeError, ValueError: no such load, or not three finite numbers.
         """
         arguments.one_of("load", name, self._load_index)
-        push, turn = (
-            _three(f"force of {name}", force, "N"),
-            _three(f"torque of {name}", torque, "N m"),
-        )
+        push = _three(f"force of {name}", force, "N")
+        turn = _three(f"torque of {name}", torque, "N m")
         self._extend(needs_of_load(self._needs, self.scene, push, turn))
         row = self.cable.loads[self._load_index[name]]
         if push is not None:
