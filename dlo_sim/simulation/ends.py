@@ -175,7 +175,7 @@ class EndDrive:
             )
 
     def follow(self, end: str, t: float, motion: EndMotion, twist: float = 0.0) -> None:
-        """Follow a motion from time t on; the twist goes on from where it is, or that much on."""
+        """Follow a motion from time t on; the twist goes on from where it is plus `twist` [rad]."""
         row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)

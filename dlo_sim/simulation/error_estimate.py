@@ -80,7 +80,8 @@ class ErrorEstimate:
     def __init__(self, simulator: Simulator, place: _Place = Simulator) -> None:
         self.simulator = simulator
         self._begun = simulator.steps
-        self.seconds, self.order = 0.0, _order_in_time(simulator)
+        self.seconds = 0.0
+        self.order = _order_in_time(simulator)
         self._look = max(1, round(LOOK / simulator.step))
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
         self._time = _Companion(_finer_in_time, simulator, place, kept)

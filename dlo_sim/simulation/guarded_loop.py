@@ -54,10 +54,11 @@ class GuardedLoop:
         recorder = self._unrecorded if recorder is None else recorder
         self._kept[:] = self.cable.state
         done = self._run(first, steps, recorder)
-        sane = not done.status.ok or self._sane(first + done.steps)
-        if done.status.ok and sane:
+        status = done.status
+        if status.ok and not self._sane(first + done.steps):
+            status = Status.DIVERGED
+        if status.ok:
             return done
-        status = done.status if sane else Status.DIVERGED
         worst = self._worst_point(status)
         made = self._redo(first, done.steps)
         reached = (first + made + 1e-9) * self.stepper.step
