@@ -10,7 +10,6 @@ from dlo_sim.engine import layout
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import build_model
-from dlo_sim.simulation.by_sample import put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
@@ -86,8 +85,7 @@ class Bench:
         self.cable = Cable.new(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)
-        first_span = bspline.breaks(self.model.knots)[1]
-        self.drive = EndDrive(self.scene, geometries, first_span)
+        self.drive = EndDrive(self.scene, geometries, self.model.knots)
         self.drive.live_in(self.cable.motion)
         for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
             if load.signal != "none":
@@ -97,7 +95,8 @@ class Bench:
         self.cable.point_grasps(0.0)
         if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
             rows = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
-            put_by_sample(self.cable, layout.NATURAL, turned_rows(rows, np.eye(3), self.model.axes))
+            rows = turned_rows(rows, np.eye(3), self.model.axes)
+            self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 
     def pull_to(self, t):
         """Put the anchors of the springs where they are at time t."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 Start = tuple[ArrayLike, ArrayLike]
 Given = TypeVar("Given")
 Path = tuple[ArrayLike, Mapping[str, ArrayLike]]
+Asked = tuple[int, Scene, Start | None, Path | None]
+"""A scene of the batch: its number, it, its start and its path."""
 FOLLOWS = "its end effectors follow poses"
 
 
@@ -63,29 +66,6 @@ class BatchResult:
     def ok(self) -> bool:
         """Whether every scene got to its end."""
         return all(status == "ok" for status in self.status)
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """A few scenes, and for how long."""
-
-    first: int
-    scenes: tuple[Scene, ...]
-    starts: tuple[Start | None, ...]
-    paths: tuple[Path | None, ...]
-    duration: float
-    every: float
-
-
-@dataclass(frozen=True)
-class _Together:
-    """Scenes of one stack; index: where they are in the batch."""
-
-    index: tuple[int, ...]
-    lanes: tuple[Lane, ...]
-    step: float
-    duration: float
-    every: float
 
 
 def simulate_batch(
@@ -135,20 +115,18 @@ def simulate_batch(
     every = duration if every is None else every
     _check(scenes, duration, every)
     starts, paths = _each("initial", initial, scenes), _each("poses", poses, scenes)
-    asked = []
-    for k in range(0, len(scenes), LANES):
-        part = slice(k, k + LANES)
-        given = tuple(scenes[part]), tuple(starts[part]), tuple(paths[part])
-        asked.append(_Asked(k, *given, duration, every))
+    asked = list(zip(range(len(scenes)), scenes, starts, paths, strict=True))
+    pieces = [asked[k : k + LANES] for k in range(0, len(asked), LANES)]
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
-    runs: dict[int, Run] = {}
     with opened as crew:
-        looked = [found for part in crew.map(_look_at, asked) for found in part]
+        looking = crew.map(partial(_look_at, duration, every), pieces)
+        looked = [found for part in looking for found in part]
         lanes = {k: found for k, found in enumerate(looked) if isinstance(found, Lane)}
-        runs.update((k, found) for k, found in enumerate(looked) if isinstance(found, Run))
-        stacks = _stacks(lanes, duration, every)
-        for stack, results in zip(stacks, crew.map(_run_stack, stacks), strict=True):
-            runs.update(zip(stack.index, results, strict=True))
+        runs = {k: found for k, found in enumerate(looked) if isinstance(found, Run)}
+        stacks = _stacks(lanes)
+        running = crew.map(partial(_run_stack, duration, every), stacks)
+        for stack, results in zip(stacks, running, strict=True):
+            runs.update(zip(stack, results, strict=True))
     return _gathered([runs[k] for k in range(len(scenes))], sample_times(duration, every))
 
 
@@ -176,11 +154,10 @@ def _each(
     return [None] * len(scenes) if given is None else given
 
 
-def _look_at(asked: _Asked) -> list[Lane | Run]:
+def _look_at(duration: float, every: float, asked: Sequence[Asked]) -> list[Lane | Run]:
     """Lanes of the scenes that fit; the others are run at once."""
     found: list[Lane | Run] = []
-    given = zip(asked.scenes, asked.starts, asked.paths, strict=True)
-    for k, (scene, start, path) in enumerate(given, asked.first):
+    for k, scene, start, path in asked:
         try:
             simulator = Simulator(scene)
             if start is not None:
@@ -191,31 +168,31 @@ def _look_at(asked: _Asked) -> list[Lane | Run]:
             raise ValueError(f"initial {k}: {refusal}") from None
         reason = reason_against(simulator)
         if path is not None:
-            found.append(_run_along(k, simulator, path, asked))
+            found.append(_run_along(simulator, duration, every, path, k))
         elif reason:
-            found.append(_run_alone(simulator, asked.duration, asked.every, reason))
+            found.append(_run_alone(simulator, duration, every, reason))
         else:
             found.append(new_lane(simulator))
     return found
 
 
-def _run_along(k: int, simulator: Simulator, path: Path, asked: _Asked) -> Run:
-    """The run of a scene whose end effectors follow poses."""
-    times = sample_times(asked.duration, asked.every)
+def _run_along(simulator: Simulator, duration: float, every: float, path: Path, k: int) -> Run:
+    """The run of scene k, whose end effectors follow poses."""
+    times = sample_times(duration, every)
     first, energy = simulator.control_points[None], simulator.energy().total
     try:
         stamps = arguments.numbers("times", path[0], (None,), "s")
-        if len(stamps) and abs(stamps[-1] - asked.duration) > 1e-9 * asked.duration:
+        if len(stamps) and abs(stamps[-1] - duration) > 1e-9 * duration:
             raise ValueError(
-                f"times: end at {stamps[-1]:g} s, the batch at {asked.duration:g} s; give poses up "
-                "to its end"
+                f"times: end at {stamps[-1]:g} s, the batch at {duration:g} s; give poses up to "
+                "its end"
             )
         report, recorder = simulator.record_along(stamps, path[1], times[1:])
     except (TypeError, ValueError) as refusal:
         raise ValueError(f"poses {k}: {refusal}") from None
     points = np.concatenate([first, recorder.control_points])
     energies = np.append(energy, recorder.energies[: recorder.count, 0])
-    energies = energies_at(times[: len(points)], energies, simulator.step, asked.every)
+    energies = energies_at(times[: len(points)], energies, simulator.step, every)
     return _single(simulator, points, energies, report.status, report.message, times, FOLLOWS)
 
 
@@ -252,8 +229,8 @@ def _single(
     )
 
 
-def _stacks(lanes: dict[int, Lane], duration: float, every: float) -> list[_Together]:
-    """Lanes of one structure together, up to LANES in a stack, all with one step."""
+def _stacks(lanes: dict[int, Lane]) -> list[dict[int, Lane]]:
+    """Lanes of one structure together, up to LANES in a stack, all with the shortest step."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for k, lane in lanes.items():
         groups.setdefault(lane.structure, []).append(k)
@@ -261,21 +238,15 @@ def _stacks(lanes: dict[int, Lane], duration: float, every: float) -> list[_Toge
     for members in groups.values():
         step = min(lanes[k].step for k in members)
         for first in range(0, len(members), LANES):
-            index = tuple(members[first : first + LANES])
-            chosen = tuple(lanes[k] for k in index)
-            stacks.append(_Together(index, chosen, step, duration, every))
+            part = members[first : first + LANES]
+            stacks.append({k: replace(lanes[k], step=step) for k in part})
     return stacks
 
 
-def _run_stack(stack: _Together) -> list[Run]:
-    times = sample_times(stack.duration, stack.every)
-    runs = run_lanes(stack.lanes, stack.step, stack.duration, times)
-    return [_with_energies(run, times, stack.every) for run in runs]
-
-
-def _with_energies(run: Run, times: Array, every: float) -> Run:
-    """The run with its energies at the samples, where samples are closer than steps."""
-    return replace(run, energy=energies_at(times, run.energy, run.step, every))
+def _run_stack(duration: float, every: float, stack: dict[int, Lane]) -> list[Run]:
+    lanes, times = list(stack.values()), sample_times(duration, every)
+    runs = run_lanes(lanes, lanes[0].step, duration, times)
+    return [replace(run, energy=energies_at(times, run.energy, run.step, every)) for run in runs]
 
 
 def _gathered(runs: Sequence[Run], time: Array) -> BatchResult:

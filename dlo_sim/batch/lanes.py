@@ -8,19 +8,22 @@ one place that decides.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
+from dlo_sim.core import bspline
 from dlo_sim.core.methods import METHODS, SPLITTING
 from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.methods.explicit_layout import FAILED_STEP, GOOD, GOOD_LEDGER, GOOD_ROWS, GOOD_STEP
 from dlo_sim.methods.splitting import advance_splitting, engine_of
-from dlo_sim.simulation.arrays import Counts, Table, counts_of, line_view, new_shape, rooms
+from dlo_sim.simulation.arrays import from_blocks, line_view, new_shape, rooms
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.stepper import GUARD_STEPS
@@ -123,121 +126,99 @@ def run_lanes(lanes: Sequence[Lane], step: float, duration: float, times: Array)
         step: of all lanes [s]. duration: [s], covered by whole steps. times: of the samples [s],
             rising, the first one 0.
     """
-    stack = _Stack([*lanes, *[lanes[-1]] * (LANES - len(lanes))], times)
+    cable = _stacked([*lanes, *[lanes[-1]] * (LANES - len(lanes))])
+    recorder = Recorder(cable.model, times)
+    recorder.put(cable, cable.ledger[layout.ENERGY_START])
     method = METHODS[lanes[0].method]
     advance_splitting(
-        (stack.shape, stack.model, stack.inputs, stack.state, stack.scratch),
-        engine_of(stack.shape[layout.TERMS]).code,
+        *(cable.arrays, engine_of(cable.terms).code),
         *(np.array(method.drift_weights), np.array(method.kick_weights)),
-        *(0, max(1, int(np.ceil(duration / step - 1e-9))), step, GUARD_STEPS),
-        (times, stack.samples.ravel(), stack.energies.ravel(), stack.marks),
+        *(0, max(1, int(np.ceil(duration / step - 1e-9))), step, GUARD_STEPS, recorder.arrays),
     )
-    return [stack.run(lane, k, step) for k, lane in enumerate(lanes)]
+    return [_run(cable, recorder, lane, k, step) for k, lane in enumerate(lanes)]
 
 
-class _Stack:
-    """The arrays of eight cables side by side, and a recorder that holds their start."""
-
-    def __init__(self, lanes: Sequence[Lane], times: Array) -> None:
-        one = lanes[0].model.shape
-        self._narrow, self._wide = counts_of(one, 1), counts_of(one, LANES)
-        self._one = one
-        axes = tuple(one[layout.AXES : layout.AXES + self._wide.dim])
-        shape, self._sizes = new_shape(self._wide, int(one[layout.TERMS]), axes)
-        tables = slice(layout.POINT_TABLE, layout.LOAD_TABLE + 1)
-        shape[tables] = one[tables]
-        self.shape: Table = np.concatenate((shape, one[layout.TABLES_START :]))
-        self.model = self._stacked("model", [lane.model.values for lane in lanes])
-        self.inputs = self._stacked("inputs", [lane.inputs for lane in lanes])
-        self.state = self._stacked("state", [lane.state for lane in lanes])
-        self.scratch = np.zeros(self._sizes["scratch"])
-        self._keep_start()
-        self.times = times
-        self.samples = np.zeros((len(times), self._wide.size))
-        self.samples[0] = self._at(self.state, layout.X, self._wide.size)
-        self.energies = np.zeros((len(times), LANES))
-        self.energies[0] = self._ledger[layout.ENERGY_START]
-        self.marks = np.array([1, len(times)])
-
-    @property
-    def _ledger(self) -> Array:
-        size = layout.LEDGER_ROWS * LANES
-        return self._at(self.state, layout.LEDGER, size).reshape(-1, LANES)
-
-    def _at(self, array: Array, offset: int, size: int) -> Array:
-        at = int(self.shape[offset])
-        return array[at : at + size]
-
-    def _stacked(self, name: str, arrays: Sequence[Array]) -> Array:
-        """An array of all cables from those of each."""
-        whole = np.zeros(self._sizes[name])
-        narrow, wide = rooms(self._narrow)[name], rooms(self._wide)[name]
-        for offset, size in narrow.items():
-            start, room = int(self._one[offset]), self._at(whole, offset, wide[offset])
-            parts = [array[start : start + size] for array in arrays]
-            if not len(room):
-                continue
-            if offset in _SHARED:
-                room[:] = parts[0]
-            elif offset in _LINES:
-                self._view(room)[:] = np.stack([self._lines(part) for part in parts], axis=-1)
-            elif offset in _BLOCKS and size:
-                spans = [_by_spans(part, self._narrow) for part in parts]
-                room[:] = np.stack(spans, axis=-1).ravel()
-            else:
-                room[:] = np.stack([part[::LANES] for part in parts], axis=-1).ravel()
-        return whole
-
-    def _lines(self, part: Array) -> Array:
-        return line_view(self._one, part, 0, len(part) // self._narrow.line)
-
-    def _view(self, lines: Array) -> Array:
-        """Lines of all cables without margins, shape (lines, n, LANES), a view."""
-        n = self._wide.n
-        by_points = lines.reshape(-1, self._wide.line // LANES, LANES)
-        return by_points[:, layout.MARGIN : layout.MARGIN + n]
-
-    def _keep_start(self) -> None:
-        """The start is the last good state so far."""
-        size = self._wide.size
-        good = self._at(self.scratch, GOOD, 2 * size + GOOD_ROWS * LANES)
-        good[:size] = self._at(self.state, layout.X, size)
-        good[size : 2 * size] = self._at(self.state, layout.W, size)
-        rows = good[2 * size :].reshape(GOOD_ROWS, LANES)
-        counted = (layout.ENERGY_ERROR, layout.EXCHANGED, layout.FLOOR)
-        rows[GOOD_LEDGER:] = self._ledger[list(counted)]
-
-    def run(self, lane: Lane, k: int, step: float) -> Run:
-        """The run of lane k. Samples after its last sane state are that state again."""
-        size = self._wide.size
-        kept = self._at(self.scratch, GOOD, 2 * size + GOOD_ROWS * LANES)
-        rows = kept[2 * size :].reshape(GOOD_ROWS, LANES)[:, k]
-        failed, simulated = int(rows[FAILED_STEP]), float(rows[GOOD_STEP] * step)
-        reached = np.searchsorted(self.times, simulated + 1e-9 * step, side="right")
-        good = min(int(self.marks[0]), int(reached))
-        samples, count = self.samples, len(self.times)
-        lines = self._view(samples.ravel())[..., k].reshape(count, -1, self._wide.n)
-        lines[good:] = self._view(kept[:size])[..., k]
-        energy = self.energies[:, k].copy()
-        energy[good:] = energy[good - 1]
-        error, exchanged, floor = rows[GOOD_LEDGER:]
-        status = Status.DIVERGED if failed else Status.OK
-        method = f"method {lane.method}, step {step:g} s"
-        return Run(
-            control_points=lane.model.to_columns(lines),
-            energy=energy,
-            good=good,
-            energy_error=float(error / max(exchanged, floor)),
-            status=status,
-            message=f"{status.value} (at {failed * step:.6g} s; {method})" if failed else "",
-            method=lane.method,
-            step=step,
-            simulated=simulated,
-            one_by_one="",
-        )
+def _stacked(lanes: Sequence[Lane]) -> Cable:
+    """The arrays of eight cables side by side; their start is the last good state so far."""
+    one = lanes[0].model
+    counts = replace(one.counts, stride=LANES)
+    shape, sizes = new_shape(counts, one.axes, {})
+    tables = slice(layout.POINT_TABLE, layout.LOAD_TABLE + 1)
+    shape[tables] = one.shape[tables]
+    shape = np.concatenate((shape, one.shape[layout.TABLES_START :]))
+    model = replace(one, shape=shape, sizes=sizes, counts=counts)
+    values = _side_by_side(model, "model", one, [lane.model.values for lane in lanes])
+    inputs = _side_by_side(model, "inputs", one, [lane.inputs for lane in lanes])
+    state = _side_by_side(model, "state", one, [lane.state for lane in lanes])
+    cable = Cable(replace(model, values=values), inputs, state, model.new("scratch"))
+    good, rows = _good(cable)
+    at = int(shape[layout.X])
+    good[:] = state[at : at + good.size]  # with w, which is behind x
+    counted = (layout.ENERGY_ERROR, layout.EXCHANGED, layout.FLOOR)
+    rows[GOOD_LEDGER:] = cable.ledger[list(counted)]
+    return cable
 
 
-def _by_spans(part: Array, counts: Counts) -> Array:
-    """Blocks of one cable, whose lanes are spans, as (spans, rows)."""
-    blocks = part.reshape(counts.blocks, -1, LANES)
-    return blocks.transpose(0, 2, 1).reshape(counts.blocks * LANES, -1)[: counts.n - 3]
+def _side_by_side(model: Model, name: str, one: Model, arrays: Sequence[Array]) -> Array:
+    """An array of all cables from those of each, which are like `one`."""
+    whole = np.zeros(model.sizes[name])
+    wide = rooms(model.counts)[name]
+    for offset, size in rooms(one.counts)[name].items():
+        at, start = int(model.shape[offset]), int(one.shape[offset])
+        room = whole[at : at + wide[offset]]
+        parts = [array[start : start + size] for array in arrays]
+        if not len(room):
+            continue
+        if offset in _SHARED:
+            room[:] = parts[0]
+        elif offset in _LINES:
+            count = size // one.counts.line
+            lines = [line_view(one.shape, part, 0, count) for part in parts]
+            _points(room, model)[:] = np.stack(lines, axis=-1)
+        elif offset in _BLOCKS and size:
+            spans = [from_blocks(part, one.n - bspline.DEGREE) for part in parts]
+            room[:] = np.stack(spans, axis=-1).ravel()
+        else:
+            room[:] = np.stack([part[::LANES] for part in parts], axis=-1).ravel()
+    return whole
+
+
+def _points(lines: Array, model: Model) -> Array:
+    """Lines of all cables without margins, shape (lines, n, LANES), a view."""
+    by_points = lines.reshape(-1, model.counts.line // LANES, LANES)
+    return by_points[:, layout.MARGIN : layout.MARGIN + model.n]
+
+
+def _good(cable: Cable) -> tuple[Array, Array]:
+    """The last good states: lines of x and w, and rows behind them; views."""
+    at, size = int(cable.model.shape[GOOD]), 2 * cable.model.counts.size
+    rows = cable.scratch[at + size : at + size + GOOD_ROWS * LANES]
+    return cable.scratch[at : at + size], rows.reshape(GOOD_ROWS, LANES)
+
+
+def _run(cable: Cable, recorder: Recorder, lane: Lane, k: int, step: float) -> Run:
+    """The run of lane k. Samples after its last sane state are that state again."""
+    model, (kept, rows) = cable.model, _good(cable)
+    failed, simulated = int(rows[FAILED_STEP, k]), float(rows[GOOD_STEP, k] * step)
+    reached = np.searchsorted(recorder.times, simulated + 1e-9 * step, side="right")
+    good = min(recorder.count, int(reached))
+    samples, energies = recorder.arrays[1:3]
+    lines = _points(samples, model)[..., k].reshape(len(recorder.times), -1, model.n)
+    lines[good:] = _points(kept[: model.counts.size], model)[..., k]
+    energy = energies.reshape(-1, LANES)[:, k].copy()
+    energy[good:] = energy[good - 1]
+    error, exchanged, floor = rows[GOOD_LEDGER:, k]
+    status = Status.DIVERGED if failed else Status.OK
+    method = f"method {lane.method}, step {step:g} s"
+    return Run(
+        control_points=lane.model.to_columns(lines),
+        energy=energy,
+        good=good,
+        energy_error=float(error / max(exchanged, floor)),
+        status=status,
+        message=f"{status.value} (at {failed * step:.6g} s; {method})" if failed else "",
+        method=lane.method,
+        step=step,
+        simulated=simulated,
+        one_by_one="",
+    )

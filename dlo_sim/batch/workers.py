@@ -11,8 +11,10 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from dlo_sim.process.stopping import cleanup
 from dlo_sim.simulation.processors import processors
@@ -26,53 +28,27 @@ class WorkersError(Exception):
     """Workers that cannot be had: one line that names the address and the cure."""
 
 
-class Workers(Protocol):
-    """Does independent pieces of work."""
+@dataclass(frozen=True)
+class Workers:
+    """Does independent pieces of work.
+
+    Attributes:
+        count: how many pieces at a time. mapped: what `map` calls.
+    """
 
     count: int
+    mapped: Callable[..., Iterator[Any]]
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         """Results of `function` on each item, in their order; yields each as soon as it can.
 
         The function and the items must be picklable: a function of a module, plain data.
         """
-        ...
+        return self.mapped(function, items)
 
 
-class Here:
-    """This process, one piece after the other: what is timed belongs here."""
-
-    count = 1
-
-    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """See Workers."""
-        return map(function, items)
-
-
-class Processes:
-    """Processes of this machine, one per core."""
-
-    def __init__(self, pool: ProcessPoolExecutor, count: int) -> None:
-        self._pool = pool
-        self.count = count
-
-    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """See Workers."""
-        return self._pool.map(function, items)
-
-
-class Cluster:
-    """A Dask cluster; `dlo_sim` must be installed on its workers."""
-
-    def __init__(self, client: Any) -> None:
-        self._client = client
-        self.count = max(sum(client.nthreads().values()), 1)
-
-    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """See Workers."""
-        # pure=False: two equal items are two pieces of work, as they are here.
-        futures = self._client.map(function, list(items), pure=False)
-        return (future.result() for future in futures)
+HERE = Workers(1, map)
+"""This process, one piece after the other: what is timed belongs here."""
 
 
 @contextmanager
@@ -89,22 +65,31 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
     if scheduler is not None:
         client = _connected(scheduler)
         try:
-            yield Cluster(client)
+            yield Workers(max(sum(client.nthreads().values()), 1), partial(_on_cluster, client))
         finally:
             client.close()
         return
     count = processes or processors()
     if count == 1:
-        yield Here()
+        yield HERE
         return
     # Not fork: threads of this process (numba's, ROS's) would not survive it.
     context = multiprocessing.get_context("spawn")
     others = {*multiprocessing.active_children()}
     pool = ProcessPoolExecutor(count, mp_context=context)
     with cleanup(lambda: _end(pool, others)):
-        yield Processes(pool, count)
+        yield Workers(count, pool.map)
         pool.shutdown()
         others |= {*multiprocessing.active_children()}  # the pool's have ended
+
+
+def _on_cluster(
+    client: Any, function: Callable[[Item], Result], items: Sequence[Item]
+) -> Iterator[Result]:
+    """Results from a Dask cluster; `dlo_sim` must be installed on its workers."""
+    # pure=False: two equal items are two pieces of work, as they are here.
+    futures = client.map(function, list(items), pure=False)
+    return (future.result() for future in futures)
 
 
 def _end(pool: ProcessPoolExecutor, others: set[BaseProcess]) -> None:

@@ -20,15 +20,12 @@ SCAN_END = 6.0
 MODES = 40  # samples of the spectrum below the largest frequency of a damped cable
 
 
-def amplification(
-    method: Method, omega: ArrayLike, decay: float = 0.0, psi: float = 0.5, phi: float = 0.5
-) -> Array:
+def amplification(method: Method, omega: ArrayLike, decay: float = 0.0) -> Array:
     """Matrix of one step of an explicit method.
 
     Args:
         method: its family decides what is computed.
         omega, decay: omega tau [-], of any shape, and decay tau [-].
-        psi, phi: parameters of Zhai's method.
 
     Returns:
         Shape omega.shape + (2, 2), or + (3, 3) for Zhai's method.
@@ -45,7 +42,7 @@ def amplification(
     if method.family == RUNGE_KUTTA:
         return _runge_kutta(method, omega, decay)
     if method.family == ZHAI:
-        return _zhai(omega, decay, psi, phi)
+        return _zhai(omega, decay, *method.parameters)
     raise ValueError(f"{method.name} is implicit: any step is stable on an oscillator")
 
 
@@ -93,11 +90,11 @@ def spectral_radius(matrix: Array) -> float:
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
-def stability_limit(method: Method, psi: float = 0.5, phi: float = 0.5) -> float:
+def stability_limit(method: Method) -> float:
     """Largest omega tau up to which every undamped oscillator is stable; 0 if there is none."""
 
     def stable(omega: float) -> bool:
-        return spectral_radius(amplification(method, omega, 0.0, psi, phi)) <= 1.0 + ROUND_OFF
+        return spectral_radius(amplification(method, omega)) <= 1.0 + ROUND_OFF
 
     low = 0.0
     while low < SCAN_END and stable(low + SCAN_STEP):
@@ -107,9 +104,7 @@ def stability_limit(method: Method, psi: float = 0.5, phi: float = 0.5) -> float
     return _bisect(stable, low, low + SCAN_STEP)
 
 
-def largest_step(
-    method: Method, omega: float, decay: float, psi: float = 0.5, phi: float = 0.5
-) -> float:
+def largest_step(method: Method, omega: float, decay: float) -> float:
     """Largest stable step [s] of a cable with modes up to omega [rad/s] and uniform decay [1/s].
 
     A sampled spectrum stands for the cable's own: damping that a method does not solve exactly can
@@ -118,7 +113,7 @@ def largest_step(
     modes = np.linspace(1.0 / MODES, 1.0, MODES) * omega
 
     def stable(tau: float) -> bool:
-        matrices = amplification(method, modes * tau, decay * tau, psi, phi)
+        matrices = amplification(method, modes * tau, decay * tau)
         return spectral_radius(matrices) <= 1.0 + ROUND_OFF
 
     high = SCAN_END / max(omega, decay)

@@ -65,14 +65,15 @@ def breaks(knots: Array) -> Array:
     return knots[DEGREE : len(knots) - DEGREE]
 
 
-def span_polynomials(knots: Array) -> Array:
-    """Cubics of the four active basis functions of every knot span.
+def span_polynomials(knots: Array, derivative: int = 0) -> Array:
+    """Cubics of the four active basis functions of every knot span, or a derivative with respect to
+    u.
 
     Cox-de Boor recursion carried out on polynomial coefficients.
 
     Returns:
-        Coefficients [-], shape (n_spans, 4 basis functions, 4 powers of xi); basis function k of
-        span s belongs to control point s + k.
+        Coefficients [1/m^derivative], shape (n_spans, 4 basis functions, 4 - derivative powers of
+        xi); basis function k of span s belongs to control point s + k.
 
     Source: de Boor, A Practical Guide to Splines, 1978, ch. X.
     """
@@ -94,11 +95,13 @@ def span_polynomials(knots: Array) -> Array:
             raised[:, k + 1] += (mid - left)[:, None] * part + shifted
             raised[:, k] += (right - mid)[:, None] * part - shifted
         basis = raised
+    for _ in range(derivative):
+        basis = basis[..., 1:] * np.arange(1, basis.shape[-1]) / half[:, None, None]
     return basis
 
 
-def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]:
-    """Span index, local coordinate xi in [-1, 1] and half span [m] of material coordinates u."""
+def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+    """Span index and local coordinate xi in [-1, 1] of material coordinates u [m]."""
     u = np.asarray(u, dtype=float)
     length = knots[-1]
     tolerance = 1e-9 * length
@@ -110,7 +113,7 @@ def locate(knots: Array, u: ArrayLike) -> tuple[NDArray[np.int64], Array, Array]
     span = np.clip(np.searchsorted(ends, u, side="right") - 1, 0, len(ends) - 2)
     half = 0.5 * (ends[span + 1] - ends[span])
     xi = (u - 0.5 * (ends[span] + ends[span + 1])) / half
-    return span, np.clip(xi, -1.0, 1.0), half
+    return span, np.clip(xi, -1.0, 1.0)
 
 
 def active_basis(
@@ -126,12 +129,8 @@ def active_basis(
     Returns:
         First active control point, shape (m,), and values [1/m^derivative], shape (m, 4).
     """
-    span, xi, half = locate(knots, u)
-    coefficients = span_polynomials(knots)[span]
-    for _ in range(derivative):
-        coefficients = (
-            coefficients[..., 1:] * np.arange(1, coefficients.shape[-1]) / half[:, None, None]
-        )
+    span, xi = locate(knots, u)
+    coefficients = span_polynomials(knots, derivative)[span]
     values = np.zeros(coefficients.shape[:-1])
     for power in range(coefficients.shape[-1] - 1, -1, -1):
         values = values * xi[:, None] + coefficients[..., power]
@@ -153,8 +152,5 @@ def greville(knots: Array) -> Array:
 
 def interpolate(knots: Array, values: Array) -> Array:
     """Control points of the spline that passes through `values` at the Greville abscissae."""
-    first, basis = active_basis(knots, greville(knots))
-    matrix = np.zeros((len(values), len(values)))
-    rows = np.arange(len(values))[:, None]
-    matrix[rows, first[:, None] + np.arange(ACTIVE)] = basis
+    matrix = evaluate(np.eye(len(values)), knots, greville(knots))
     return np.asarray(np.linalg.solve(matrix, values), dtype=np.float64)

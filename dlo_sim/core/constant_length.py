@@ -24,7 +24,7 @@ def constraint_slopes(knots: Array) -> Array:
     ends = bspline.breaks(knots)
     lengths = np.diff(ends)
     rule = quadrature.gauss(ends, GAUSS_POINTS)
-    u = ends[:-1, None] + 0.5 * (rule.xi + 1.0) * lengths[:, None]
+    u = rule.places(ends)
     result = np.zeros((len(lengths) + 2, GAUSS_POINTS, 5))
     _, slopes = bspline.active_basis(knots, u.ravel(), 1)
     result[1:-1, :, :4] = slopes.reshape(*u.shape, 4)

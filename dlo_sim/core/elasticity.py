@@ -85,10 +85,8 @@ def strains(control_points: Array, knots: Array, u: Array) -> Strains:
 
 def samples(rule: quadrature.Quadrature, knots: Array) -> tuple[Array, Array]:
     """Material coordinates [m] and weights [m] of a rule, shape (m,) each, without its padding."""
-    ends = bspline.breaks(knots)
-    u = ends[:-1, None] + 0.5 * (rule.xi + 1.0) * np.diff(ends)[:, None]
     used = rule.weights != 0.0
-    return u[used], rule.weights[used]
+    return rule.places(bspline.breaks(knots))[used], rule.weights[used]
 
 
 def counted_stretch(stretch: Array, rule: quadrature.Quadrature, section: Section) -> Array:

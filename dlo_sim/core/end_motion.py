@@ -97,9 +97,11 @@ class EndMotion:
 
     def angular_velocity_at(self, t: ArrayLike) -> Array:
         """Angular velocity [rad/s] in the world frame at t [s], shape t.shape + (3,)."""
-        s, moving = self._elapsed(t), self._moving(t)
-        rate = self.rotation[0] + 2.0 * s * self.rotation[1]
-        return moving * rotations.angular_velocity(self._rotation_vector(t), rate)
+        turn, rate = self._rotation_vector(t), self.rotation[0]
+        rate = rate + 2.0 * self._elapsed(t) * self.rotation[1]
+        pairs = zip(turn.reshape(-1, 3).tolist(), rate.reshape(-1, 3).tolist(), strict=True)
+        spin = np.array([one_rotation.angular_velocity(*pair) for pair in pairs])
+        return self._moving(t) * spin.reshape(turn.shape)
 
     def rest(self, now: float) -> EndMotion:
         """What is left of it at `now` [s], as a motion from time 0: the same places at any time and

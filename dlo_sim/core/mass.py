@@ -27,12 +27,8 @@ def gram(
     """
     n = len(knots) - bspline.DEGREE - 1
     n_spans = n - bspline.DEGREE
-    breaks = bspline.breaks(knots)
-    rule = rule or quadrature.gauss(breaks, 4)
-    half = 0.5 * np.diff(breaks)[:, None, None]
-    coefficients = bspline.span_polynomials(knots)
-    for _ in range(derivative):
-        coefficients = coefficients[..., 1:] * np.arange(1, coefficients.shape[-1]) / half
+    rule = rule or quadrature.gauss(bspline.breaks(knots), 4)
+    coefficients = bspline.span_polynomials(knots, derivative)
     powers = rule.xi[..., None] ** np.arange(coefficients.shape[-1])
     values = np.einsum("skp,smp->smk", coefficients, powers)
     weights = rule.weights if scale is None else rule.weights * scale[:, None]

@@ -8,6 +8,7 @@ world frame.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 Vector = tuple[float, float, float]
@@ -110,8 +111,12 @@ def normalized(q: Quaternion) -> Quaternion:
     return x / size, y / size, z / size, w / size
 
 
-def angular_velocity(rotation: Vector, rate: Vector) -> Vector:
-    """World angular velocity [rad/s] of exp(w(t)), as `rotations.angular_velocity`."""
+def angular_velocity(rotation: Sequence[float], rate: Sequence[float]) -> Vector:
+    """World angular velocity [rad/s] of exp(w(t)): J(w) w'.
+
+    With a = |w| and J the left Jacobian of SO(3):
+    J(w) w' = w' + (1 - cos a)/a^2 (w x w') + (a - sin a)/a^3 (w x (w x w')).
+    """
     x, y, z = rotation
     one, two = _jacobian_factors(x * x + y * y + z * z)
     a0, a1, a2 = once = cross(rotation, rate)

@@ -18,19 +18,22 @@ class Quadrature:
     Attributes:
         xi: local coordinates in [-1, 1], shape (n_spans, m).
         weights: [m], shape (n_spans, m); 0 marks padding. They sum to the length.
-        samples: number of samples that carry weight.
     """
 
     xi: NDArray[np.float64]
     weights: NDArray[np.float64]
-    samples: int
+
+    def places(self, breaks: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Material coordinates of the samples [m], shape (n_spans, m)."""
+        inside = 0.5 * (self.xi + 1.0) * np.diff(breaks)[:, None]
+        return np.asarray(breaks[:-1, None] + inside)
 
 
 def gauss(breaks: NDArray[np.float64], points: int) -> Quadrature:
     """`points` Gauss-Legendre points per span: exact for degree 2 points - 1 on each span."""
     xi, weights = np.polynomial.legendre.leggauss(points)
     half = 0.5 * np.diff(breaks)[:, None]
-    return Quadrature(np.tile(xi, (len(half), 1)), weights * half, len(half) * points)
+    return Quadrature(np.tile(xi, (len(half), 1)), weights * half)
 
 
 def with_ends(rule: Quadrature, ends: tuple[bool, bool]) -> Quadrature:
@@ -50,7 +53,7 @@ def with_ends(rule: Quadrature, ends: tuple[bool, bool]) -> Quadrature:
         xi[0], shares[0] = nodes, 0.5 * weights * shares[0].sum()
     if ends[1]:
         xi[-1], shares[-1] = -nodes[::-1], 0.5 * weights[::-1] * shares[-1].sum()
-    return Quadrature(xi, shares, rule.samples)
+    return Quadrature(xi, shares)
 
 
 def uniform(breaks: NDArray[np.float64], samples: int) -> Quadrature:
@@ -68,12 +71,8 @@ def uniform(breaks: NDArray[np.float64], samples: int) -> Quadrature:
     local = 2.0 * (scaled - span) - 1.0
     weight = np.full(samples, length / (samples - 1))
     weight[[0, -1]] *= 0.5
-    width = int(np.bincount(span, minlength=n_spans).max())
-    xi = np.zeros((n_spans, width))
-    weights = np.zeros((n_spans, width))
-    filled = np.zeros(n_spans, dtype=int)
-    for s, x, w in zip(span, local, weight, strict=True):
-        xi[s, filled[s]] = x
-        weights[s, filled[s]] = w
-        filled[s] += 1
-    return Quadrature(xi, weights, samples)
+    within = np.arange(samples) - np.searchsorted(span, span)  # number of the sample in its span
+    xi, weights = np.zeros((2, n_spans, int(within.max()) + 1))
+    xi[span, within] = local
+    weights[span, within] = weight
+    return Quadrature(xi, weights)

@@ -62,12 +62,6 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     return _together(q.ndim == v.ndim == 1, *one_rotation.rotated(_components(q), _components(v)))
 
 
-def cross(a: ArrayLike, b: ArrayLike) -> Array:
-    """a x b over the last axis, shape (..., 3); numpy's own takes ten times as long for one."""
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    return _together(a.ndim == b.ndim == 1, *one_rotation.cross(_components(a), _components(b)))
-
-
 def to_matrix(q: ArrayLike) -> Array:
     """Rotation matrices R(q), shape (..., 3, 3); columns are the body axes in world coordinates."""
     q = np.asarray(q, dtype=float)
@@ -83,38 +77,22 @@ def to_matrix(q: ArrayLike) -> Array:
 
 
 def from_matrix(matrix: ArrayLike) -> Array:
-    """Unit quaternions of rotation matrices (..., 3, 3), shape (..., 4), with w >= 0.
+    """Unit quaternion of a rotation matrix (3, 3), shape (4,), with w >= 0.
 
     Takes the largest of the four squared components as divisor (Shepperd 1978), so no angle loses
     digits.
     """
-    m = np.asarray(matrix, dtype=float)
-    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.asarray(matrix, dtype=float).tolist()
     # The four rows of q q^T times 4, each a valid quaternion up to its norm.
-    sx, sy, sz = (
-        m[..., 2, 1] - m[..., 1, 2],
-        m[..., 0, 2] - m[..., 2, 0],
-        m[..., 1, 0] - m[..., 0, 1],
+    rows = (
+        (1 + xx - yy - zz, xy + yx, xz + zx, zy - yz),
+        (xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx),
+        (xz + zx, yz + zy, 1 - xx - yy + zz, yx - xy),
+        (zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz),
     )
-    xy, xz, yz = (
-        m[..., 0, 1] + m[..., 1, 0],
-        m[..., 0, 2] + m[..., 2, 0],
-        m[..., 1, 2] + m[..., 2, 1],
-    )
-    candidates = np.stack(
-        [
-            np.stack((1 + xx - yy - zz, xy, xz, sx), axis=-1),
-            np.stack((xy, 1 - xx + yy - zz, yz, sy), axis=-1),
-            np.stack((xz, yz, 1 - xx - yy + zz, sz), axis=-1),
-            np.stack((sx, sy, sz, 1 + xx + yy + zz), axis=-1),
-        ],
-        axis=-2,
-    )
-    diagonal = np.diagonal(candidates, axis1=-2, axis2=-1)
-    best = np.argmax(diagonal, axis=-1)
-    q = np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
-    q = normalized(q)
-    return np.where(q[..., 3:] < 0.0, -q, q)
+    best = max(range(4), key=lambda k: rows[k][k])
+    q = normalized(rows[best])
+    return -q if q[3] < 0.0 else q
 
 
 def from_rotation_vector(rotation: ArrayLike) -> Array:
@@ -172,38 +150,14 @@ def minimal_rotation(u: ArrayLike, v: ArrayLike) -> Array:
     u, v = np.broadcast_arrays(u, v)
     cosine = np.sum(u * v, axis=-1, keepdims=True)
     # (u x v, 1 + u.v) is good to about 1e-16 / |u x v|, so to 1e-8 at the cut below.
-    q = np.concatenate((cross(u, v), 1.0 + cosine), axis=-1)
+    q = np.concatenate((np.cross(u, v), 1.0 + cosine), axis=-1)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     opposite = norm < 1e-8
     least = np.eye(3)[np.argmin(np.abs(u), axis=-1)]
-    side = cross(u, least)
+    side = np.cross(u, least)
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
     half_turn = np.concatenate((side, np.zeros_like(cosine)), axis=-1)
     return np.where(opposite, half_turn, q / np.where(opposite, 1.0, norm))
-
-
-def angular_velocity(rotation: ArrayLike, rate: ArrayLike) -> Array:
-    """World angular velocity [rad/s] of exp(w(t)): J(w) w', shape (..., 3).
-
-    With a = |w| and J the left Jacobian of SO(3):
-    J(w) w' = w' + (1 - cos a)/a^2 (w x w') + (a - sin a)/a^3 (w x (w x w')).
-    """
-    rotation, rate = np.asarray(rotation, dtype=float), np.asarray(rate, dtype=float)
-    if rotation.ndim == rate.ndim == 1:
-        return np.array(one_rotation.angular_velocity(rotation.tolist(), rate.tolist()))
-    turn = cross(rotation, rate)
-    angle2 = np.sum(rotation * rotation, axis=-1, keepdims=True)
-    # a < 0.01: the series is exact to rounding, the closed form loses digits.
-    small = angle2 < 1e-4
-    safe2 = np.where(small, 1.0, angle2)
-    safe = np.sqrt(safe2)
-    first = np.where(small, 0.5 - angle2 / 24.0 + angle2**2 / 720.0, (1.0 - np.cos(safe)) / safe2)
-    second = np.where(
-        small,
-        1.0 / 6.0 - angle2 / 120.0 + angle2**2 / 5040.0,
-        (safe - np.sin(safe)) / (safe2 * safe),
-    )
-    return np.asarray(rate + first * turn + second * cross(rotation, turn))
 
 
 def _direction(v: ArrayLike) -> Array:

@@ -16,7 +16,7 @@ Source: Zhai 1996, eqs. 3-4; the remarks are derived here and tested.
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from itertools import product
 from operator import itemgetter
 
@@ -34,20 +34,18 @@ def with_parameters(psi: float, phi: float) -> Method:
     method = METHODS["zhai"]
     if psi == 0.5 and phi == 0.5:
         return method
-    return dataclasses.replace(
-        method, order=2 if phi == 0.5 else 1, stability_limit=stability_limit(method, psi, phi)
-    )
+    method = replace(method, parameters=(psi, phi), order=2 if phi == 0.5 else 1)
+    return replace(method, stability_limit=stability_limit(method))
 
 
 def best_pair(passes: int = 9) -> tuple[float, float, float]:
     """The pair with the largest stability limit, (psi, phi, limit), by a shrinking grid."""
-    method = METHODS["zhai"]
     best, size = (0.0, 0.0, -1.0), 0.5
     centre = (0.47, 0.52)  # off the round numbers, so that the answer is found and not put in
     for _ in range(passes):
         shifts = (size * np.linspace(-1.0, 1.0, GRID)).tolist()
         for psi, phi in product(*([middle + shift for shift in shifts] for middle in centre)):
-            limit = stability_limit(method, psi, phi)
+            limit = with_parameters(psi, phi).stability_limit
             best = max(best, (psi, phi, limit), key=itemgetter(2))
         centre, size = best[:2], size * SHRINK
     return best

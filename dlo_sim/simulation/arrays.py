@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,9 @@ Table = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Counts:
-    """How much of everything a cable, or eight of them side by side, has."""
+    """How much of everything a cable, or `stride` of them side by side, has; terms: their bits."""
 
+    terms: int
     dim: int
     lines: int
     n: int
@@ -31,12 +33,9 @@ class Counts:
     springs: int
     grasps: int
     loads: int
-    plastic: bool
-    curved: bool
-    bishop: bool = False
-    planes: int = 0
-    border: int = 0
-    constraints: int = 0
+    planes: int
+    border: int
+    constraints: int
     stride: int = 1
 
     @property
@@ -64,6 +63,9 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
     """Entries of everything in each of the four arrays, by its offset's place in the shape."""
     c = counts
     samples = c.blocks * c.samples * LANES
+    curved, plastic, bishop = (
+        bool(c.terms & bit) for bit in (layout.CURVED, layout.PLASTICITY, layout.BISHOP)
+    )
     return {
         "model": {
             layout.MESH: c.blocks * (layout.HEAD + layout.SAMPLE * c.samples) * LANES,
@@ -83,7 +85,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.LOAD_POINT: c.loads * layout.LOAD_POINT_ROWS * LANES,
             layout.SCALES: layout.SCALE_ROWS * LANES,
             layout.PLANE: c.planes * layout.PLANE_ROWS * LANES,
-            layout.FRAME_FACTORS: 8 * c.line * c.bishop,
+            layout.FRAME_FACTORS: 8 * c.line * bishop,
             CONSTRAINTS: c.constraints * CONSTRAINT_ENTRIES,
         },
         "inputs": {
@@ -98,17 +100,14 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.BOOKED: c.size,
             layout.DIRECTION: c.held * layout.DIRECTION_ROWS * LANES,
             layout.INVERSE: c.held * c.held * LANES,
-            layout.PULL: c.held * LANES,
-            layout.MOVED: c.held * LANES,
-            layout.REACTION: c.held * LANES,
-            layout.RATES_BEFORE: c.held * LANES,
-            layout.ANCHOR: c.springs * LANES,
-            layout.ANCHOR_BOOKED: c.springs * LANES,
-            layout.REFERENCE: c.size * c.bishop,
-            layout.FRAME_TURN: c.grasps * LANES * c.bishop,
+            **dict.fromkeys((layout.PULL, layout.MOVED), c.held * LANES),
+            **dict.fromkeys((layout.REACTION, layout.RATES_BEFORE), c.held * LANES),
+            **dict.fromkeys((layout.ANCHOR, layout.ANCHOR_BOOKED), c.springs * LANES),
+            layout.REFERENCE: c.size * bishop,
+            layout.FRAME_TURN: c.grasps * LANES * bishop,
             layout.LEDGER: layout.LEDGER_ROWS * LANES,
-            layout.NATURAL: samples * layout.NATURAL_ROWS if c.curved else 0,
-            layout.PLASTIC: samples * layout.PLASTIC_ROWS if c.plastic else 0,
+            layout.NATURAL: samples * layout.NATURAL_ROWS * curved,
+            layout.PLASTIC: samples * layout.PLASTIC_ROWS * plastic,
             layout.MATRIX: band_room(c.n, c.dim) if c.stride == 1 else 0,
         },
         "scratch": {
@@ -117,11 +116,10 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             layout.V0: c.size,
             layout.V1: c.size,
             layout.BEFORE: c.size,
-            layout.RATES: c.held * LANES,
-            layout.TARGETS: c.held * LANES,
+            **dict.fromkeys((layout.RATES, layout.TARGETS), c.held * LANES),
             layout.AHEAD: c.held * layout.DIRECTION_ROWS * LANES,
             layout.SYSTEM: c.held * max(c.held, 1) * LANES,
-            layout.FRAME_SPARE: (c.line + samples) * c.bishop,
+            layout.FRAME_SPARE: (c.line + samples) * bishop,
             layout.NOTES: layout.NOTE_ROWS * LANES,
             **border_rooms(c.n * c.dim, 4 * c.dim, c.border),
             **implicit_rooms(c.n, c.dim, c.samples, c.held, c.size),
@@ -130,8 +128,12 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
     }
 
 
-def new_shape(counts: Counts, terms: int, axes: tuple[int, ...]) -> tuple[Table, dict[str, int]]:
-    """Counts and offsets without tables, and the sizes of the four arrays."""
+def new_shape(
+    counts: Counts, axes: tuple[int, ...], tables: Mapping[int, Sequence[tuple[int, ...]]]
+) -> tuple[Table, dict[str, int]]:
+    """Counts, offsets and, behind them, tables of whole numbers by their offset; and the sizes of
+    the four arrays.
+    """
     c = counts
     shape = np.zeros(layout.TABLES_START, dtype=np.int64)
     dimension = {
@@ -144,7 +146,7 @@ def new_shape(counts: Counts, terms: int, axes: tuple[int, ...]) -> tuple[Table,
         layout.BLOCKS: c.blocks,
         layout.PARTS: c.parts,
         layout.SAMPLES: c.samples,
-        layout.TERMS: terms,
+        layout.TERMS: c.terms,
         layout.POINTS: c.points,
         layout.HELD: c.held,
         layout.SPRINGS: c.springs,
@@ -164,46 +166,11 @@ def new_shape(counts: Counts, terms: int, axes: tuple[int, ...]) -> tuple[Table,
             at += size
         # loads of whole vectors at the end of the last line stay inside
         sizes[name] = at + LANES
-    return shape, sizes
-
-
-def counts_of(shape: Table, stride: int) -> Counts:
-    """Counts of a cable's shape, for so many of its kind side by side."""
-    counted = {
-        "dim": layout.DIM,
-        "lines": layout.LINES,
-        "n": layout.N,
-        "samples": layout.SAMPLES,
-        "points": layout.POINTS,
-        "held": layout.HELD,
-        "springs": layout.SPRINGS,
-        "grasps": layout.GRASPS,
-        "loads": layout.LOADS,
-        "border": layout.BORDER,
-        "planes": layout.PLANES,
-    }
-    terms = int(shape[layout.TERMS])
-    return Counts(
-        **{name: int(shape[index]) for name, index in counted.items()},
-        plastic=bool(terms & layout.PLASTICITY),
-        curved=bool(terms & layout.CURVED),
-        bishop=bool(terms & layout.BISHOP),
-        stride=stride,
-    )
-
-
-def with_table(shape: Table, index: int, rows: list[tuple[int, ...]]) -> Table:
-    """The shape with a table of whole numbers behind it."""
-    extended = shape.copy()
-    extended[index] = len(shape)
-    flat = [entry for row in rows for entry in row]
-    return np.concatenate((extended, np.array(flat, dtype=np.int64)))
-
-
-def rows_of(shape: Table, array: Array, offset: int, count: int) -> Array:
-    """Rows of an array as a view, shape (count, LANES)."""
-    at = shape[offset]
-    return array[at : at + count * LANES].reshape(count, LANES)
+    flat: list[int] = []
+    for index, rows in tables.items():
+        shape[index] = layout.TABLES_START + len(flat)
+        flat += [entry for row in rows for entry in row]
+    return np.concatenate((shape, np.array(flat, dtype=np.int64))), sizes
 
 
 def line_view(shape: Table, array: Array, at: int, count: int) -> Array:
@@ -211,3 +178,16 @@ def line_view(shape: Table, array: Array, at: int, count: int) -> Array:
     width, n = shape[layout.LINE], shape[layout.N]
     lines = array[at : at + count * width].reshape(count, width)
     return lines[:, layout.MARGIN : layout.MARGIN + n]
+
+
+def to_blocks(spans: Array) -> Array:
+    """Numbers of every span, shape (spans, count), as vectors of spans; flat, zeros at the end."""
+    blocks = np.zeros((-(-len(spans) // LANES), LANES, spans.shape[1]))
+    blocks.reshape(-1, spans.shape[1])[: len(spans)] = spans
+    return blocks.transpose(0, 2, 1).ravel()
+
+
+def from_blocks(blocks: Array, spans: int) -> Array:
+    """The inverse of `to_blocks`, a copy."""
+    vectors = blocks.reshape(-(-spans // LANES), -1, LANES)
+    return vectors.transpose(0, 2, 1).reshape(-1, vectors.shape[1])[:spans]

@@ -12,8 +12,8 @@ from dlo_sim.engine import layout
 from dlo_sim.methods.explicit_layout import CONSTRAINTS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
-from dlo_sim.simulation.arrays import Counts, Table, line_view, new_shape, with_table
-from dlo_sim.simulation.external_damping import row_matrices, row_rates
+from dlo_sim.simulation.arrays import Counts, line_view, new_shape, rooms, to_blocks
+from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
@@ -38,6 +38,7 @@ def build_model(
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = needs.bend and (needs.plasticity or scene.cable.shaped)
     counts = Counts(
+        terms=_terms(scene, needs, curved),
         dim=len(axes),
         lines=len(axes) + twist,
         n=n,
@@ -47,21 +48,17 @@ def build_model(
         springs=len(holding.springs),
         grasps=len(geometries),
         loads=len(scene.loads) if needs.loads else 0,
-        plastic=needs.plasticity,
-        curved=curved,
-        bishop=needs.bishop,
         planes=len(scene.obstacles) * needs.contact,
         border=holding.border,
         constraints=n - 1 if inextensible(scene) else 0,
     )
-    shape, sizes = new_shape(counts, _terms(scene, needs, curved), axes)
-    shape = _with_tables(shape, scene, holding, knots, counts.loads)
+    shape, sizes = new_shape(counts, axes, _tables(scene, holding, knots, counts.loads))
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
-    model = Model(
-        *(shape, np.zeros(sizes["model"]), sizes, knots, rule, axes, twist, holding, rest)
-    )
-    _Filling(scene, needs, model, geometries).fill()
+    bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
+    arrays = shape, np.zeros(sizes["model"]), sizes, counts
+    model = Model(*arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest)
+    _Filling(scene, needs, model).fill()
     return model
 
 
@@ -136,26 +133,27 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
     return rule
 
 
-def _with_tables(shape: Table, scene: Scene, holding: Holding, knots: Array, loads: int) -> Table:
+def _tables(
+    scene: Scene, holding: Holding, knots: Array, loads: int
+) -> dict[int, list[tuple[int, ...]]]:
     u = np.array([load.position for load in scene.loads[:loads]]) * scene.cable.length
-    tables: dict[int, list[tuple[int, ...]]] = {
+    return {
         layout.POINT_TABLE: [(p.first, int(p.twist), p.own) for p in holding.points],
         layout.ROW_TABLE: [(row.point, row.grasp, row.line) for row in holding.rows],
         layout.SPRING_TABLE: [(s.point.first, s.grasp, s.line) for s in holding.springs],
         layout.LOAD_TABLE: [(int(first),) for first in bspline.locate(knots, u)[0]],
     }
-    for index, rows in tables.items():
-        shape = with_table(shape, index, rows)
-    return shape
 
 
 class _Filling:
-    """Writes the values of a model."""
+    """Writes the values of a model. Matrices of kind 0 are those of a spatial line, of kind 1 those
+    of the line of the twist.
+    """
 
-    def __init__(self, scene: Scene, needs: Needs, model: Model, geometries: Geometries) -> None:
+    def __init__(self, scene: Scene, needs: Needs, model: Model) -> None:
         self._scene, self._needs, self._model = scene, needs, model
-        self._geometries = geometries
-        self._dim = len(model.axes)
+        self._axes = list(model.axes)
+        self._sizes = rooms(model.counts)["model"]
 
     def fill(self) -> None:
         scene, model = self._scene, self._model
@@ -173,150 +171,140 @@ class _Filling:
         inertia = scene.cable.polar_inertia
         if model.has(layout.STATIC_TWIST):
             inertia *= STATIC  # not 0, which could not be inverted
-        bands = [space] * self._dim + [inertia * gram] * model.twist
-        self._masses(bands)
+        masses = [space] + [inertia * gram] * model.twist
+        for kind, band in enumerate(masses):
+            self._matrix(layout.MASS, kind, band)
+            self._factors(layout.FACTORS, kind, band, np.zeros(model.n, dtype=bool))
         if self._needs.gravity:
-            pull = np.asarray(scene.gravity)[list(model.axes)]
-            self._lines(layout.WEIGHT, self._dim)[:] = np.outer(
-                pull, mass.multiply(space, np.ones(model.n))
-            )
+            pull = np.asarray(scene.gravity)[self._axes]
+            weight = mass.multiply(space, np.ones(model.n))
+            self._lines(layout.WEIGHT)[:] = np.outer(pull, weight)
         if model.twist:
             slopes = mass.gram(model.knots, 1, model.rule)
             self._matrix(layout.TWIST, 0, scene.cable.GJ * slopes)
             if self._needs.bishop:
                 self._factors(layout.FRAME_FACTORS, 0, slopes, np.arange(model.n) == 0)
                 shares = bspline.greville(model.knots) / model.knots[-1]
-                self._lines(layout.FRAME_FACTORS, 1, 7)[:] = shares
+                self._lines(layout.FRAME_FACTORS)[7] = shares
         if self._needs.damping:
-            self._damping(np.stack(bands), gram)
-        self._held(bands)
+            self._damping(masses, gram)
+        self._held(masses)
+        self._springs()
         if inextensible(scene):
-            gram = constraint_gram(model.knots)
-            at = int(model.shape[CONSTRAINTS])
-            model.values[at : at + gram.size] = gram.ravel()
+            self._room(CONSTRAINTS)[:] = constraint_gram(model.knots).ravel()
         self._loads()
         self._scales()
         if self._needs.contact:
             self._planes()
 
-    def _lines(self, offset: int, count: int, skip: int = 0) -> Array:
-        shape = self._model.shape
-        at = int(shape[offset] + skip * shape[layout.LINE])
-        return line_view(shape, self._model.values, at, count)
+    def _room(self, offset: int) -> Array:
+        at = int(self._model.shape[offset])
+        return self._model.values[at : at + self._sizes[offset]]
 
-    def _rows(self, offset: int, count: int) -> Array:
-        return self._model.rows(self._model.values, offset, count)
+    def _lines(self, offset: int) -> Array:
+        """Lines without margins, shape (lines, n)."""
+        count = self._sizes[offset] // self._model.counts.line
+        return line_view(self._model.shape, self._room(offset), 0, count)
+
+    def _rows(self, offset: int, height: int) -> Array:
+        """Rows of everything there, shape (things, height, LANES)."""
+        return self._room(offset).reshape(-1, height, LANES)
 
     def _matrix(self, offset: int, kind: int, band: Array) -> None:
         """A symmetric band matrix as seven lines."""
-        seven = self._lines(offset, 7, 7 * kind)
+        seven = self._lines(offset)[7 * kind :]
         seven[3] = band[0]
         for k in range(1, 4):
-            seven[3 + k, : -k or None] = band[k, : -k or None]
-            seven[3 - k, k:] = band[k, : -k or None]
-
-    def _mesh(self) -> None:
-        scene, model, shape = self._scene, self._model, self._model.shape
-        breaks = bspline.breaks(model.knots)
-        lengths = np.diff(breaks)
-        spans, samples = len(lengths), int(shape[layout.SAMPLES])
-        height = layout.HEAD + layout.SAMPLE * samples
-        table = np.zeros((int(shape[layout.BLOCKS]) * LANES, height))
-        table[:, layout.PADDING] = 1.0
-        polynomials = bspline.span_polynomials(model.knots)
-        slope = (2.0 / lengths)[:, None, None]
-        derivative = polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0]) * slope
-        here = table[:spans]
-        here[:, :12] = derivative.reshape(spans, 12)
-        here[:, layout.PADDING] = 0.0
-        here[:, layout.VALUES : layout.VALUES + 4] = polynomials[:, :, 0]
-        table[:, layout.SLOPE] = 2.0 / lengths[0]
-        here[:, layout.SLOPE] = 2.0 / lengths
-        here[:, layout.SHARE] = 1.0 / lengths
-        here[[0, -1], layout.LINEAR] = 3.0
-        table[:, layout.AXIAL] = scene.cable.EA
-        table[:, layout.BENDING] = scene.cable.EI
-        here[:, layout.BENDING] *= stiffening(scene, self._geometries, breaks)
-        here[:, layout.HEAD + layout.XI :: layout.SAMPLE] = model.rule.xi
-        here[:, layout.HEAD + layout.QUADRATURE :: layout.SAMPLE] = model.rule.weights
-        blocks = table.reshape(-1, LANES, height).transpose(0, 2, 1)
-        at = int(shape[layout.MESH])
-        model.values[at : at + blocks.size] = blocks.ravel()
-
-    def _planes(self) -> None:
-        """The cable keeps its radius away from every plane."""
-        scene, model = self._scene, self._model
-        rows = self._rows(layout.PLANE, len(scene.obstacles) * layout.PLANE_ROWS)
-        for k, plane in enumerate(scene.obstacles):
-            row = rows[k * layout.PLANE_ROWS :]
-            normal = np.array(plane.normal)
-            row[: self._dim] = normal[list(model.axes), None]
-            row[3] = normal @ (plane.position - model.rest) + 0.5 * scene.cable.diameter
-
-    def _masses(self, bands: list[Array]) -> None:
-        for line in {0, len(bands) - 1} if self._model.twist else {0}:
-            kind, band = int(line >= self._dim), bands[line]
-            self._matrix(layout.MASS, kind, band)
-            self._factors(layout.FACTORS, kind, band, np.zeros(self._model.n, dtype=bool))
+            seven[3 + k, :-k] = seven[3 - k, k:] = band[k, :-k]
 
     def _factors(self, offset: int, kind: int, band: Array, held: NDArray[np.bool_]) -> None:
         """L D L^T of a symmetric band matrix as seven lines."""
         lower, inverse = mass.factorize(band, held)
-        seven = self._lines(offset, 7, 7 * kind)
+        seven = self._lines(offset)[7 * kind :]
         seven[3] = inverse
         for k in range(1, 4):
             seven[3 - k] = lower[k - 1]
             seven[3 + k, :-k] = lower[k - 1, k:]
 
-    def _damping(self, bands: Array, gram: Array) -> None:
-        scene, model = self._scene, self._model
-        matrices = row_matrices(scene, bands, gram, self._dim)
-        self._matrix(layout.VISCOUS, 0, matrices[0])
-        if model.twist:
-            self._matrix(layout.VISCOUS, 1, matrices[-1])
-        self._rows(layout.BETA, 3)[:] = np.array(scene.damping.internal)[:, None]
-        rates = row_rates(scene, self._dim, len(bands))
-        self._rows(layout.DECAY, len(bands))[:] = rates[:, None]
+    def _mesh(self) -> None:
+        scene, model, counts = self._scene, self._model, self._model.counts
+        breaks = bspline.breaks(model.knots)
+        lengths = np.diff(breaks)
+        table = np.zeros((counts.blocks * LANES, layout.HEAD + layout.SAMPLE * counts.samples))
+        here, beyond = table[: len(lengths)], table[len(lengths) :]
+        polynomials = bspline.span_polynomials(model.knots)
+        slope = 2.0 / lengths
+        derivative = polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0]) * slope[:, None, None]
+        here[:, :12] = derivative.reshape(-1, 12)
+        beyond[:, layout.PADDING] = 1.0
+        here[:, layout.VALUES : layout.VALUES + 4] = polynomials[:, :, 0]
+        here[:, layout.SLOPE], beyond[:, layout.SLOPE] = slope, slope[0]
+        here[:, layout.SHARE] = 1.0 / lengths
+        here[[0, -1], layout.LINEAR] = 3.0
+        table[:, layout.AXIAL] = scene.cable.EA
+        table[:, layout.BENDING] = scene.cable.EI
+        here[:, layout.BENDING] = model.bending_stiffness
+        here[:, layout.HEAD + layout.XI :: layout.SAMPLE] = model.rule.xi
+        here[:, layout.HEAD + layout.QUADRATURE :: layout.SAMPLE] = model.rule.weights
+        self._room(layout.MESH)[:] = to_blocks(table)
 
-    def _held(self, bands: list[Array]) -> None:
-        holding, n = self._model.holding, self._model.n
-        count = len(holding.points)
-        weights = self._rows(layout.HELD_WEIGHTS, count * layout.POINT_ROWS)
-        shifts = self._lines(layout.HELD_SHIFT, count)
-        vectors = np.zeros((count, n))
-        for p, point in enumerate(holding.points):
+    def _planes(self) -> None:
+        """The cable keeps its radius away from every plane."""
+        rows = self._rows(layout.PLANE, layout.PLANE_ROWS)
+        for row, plane in zip(rows, self._scene.obstacles, strict=True):
+            normal = np.array(plane.normal)
+            row[: len(self._axes)] = normal[self._axes, None]
+            way = plane.position - self._model.rest
+            row[3] = normal @ way + 0.5 * self._scene.cable.diameter
+
+    def _damping(self, masses: list[Array], gram: Array) -> None:
+        """alpha M + c G, with the Gram matrix G that the mass of the cable is made of, without
+        point masses, and c = 0 for the twist.
+
+        The rates of every line are for the explicit methods and rattle, which take no drag beside a
+        point mass: drag and mass have the same shape there.
+        """
+        scene = self._scene
+        centerline, alpha = external_rates(scene)
+        drag = (centerline - alpha) * scene.cable.mu * gram
+        for kind, band in enumerate(masses):
+            self._matrix(layout.VISCOUS, kind, alpha * band + (0.0 if kind else drag))
+        self._rows(layout.BETA, 3)[0] = np.array(scene.damping.internal)[:, None]
+        decay = self._rows(layout.DECAY, 1)
+        decay[: len(self._axes)] = centerline
+        decay[len(self._axes) :] = alpha
+
+    def _held(self, masses: list[Array]) -> None:
+        points, n = self._model.holding.points, self._model.n
+        weights = self._rows(layout.HELD_WEIGHTS, layout.POINT_ROWS)
+        vectors, shifts = np.zeros((len(points), n)), self._lines(layout.HELD_SHIFT)
+        for p, point in enumerate(points):
             vectors[p, point.first : point.first + 4] = point.weights
-            rows = weights[p * layout.POINT_ROWS :]
-            rows[:4] = np.array(point.weights)[:, None]
-            rows[4] = sum(point.weights)
-            shifts[p] = np.linalg.solve(
-                mass.dense(bands[-1] if point.twist else bands[0]), vectors[p]
-            )
-        products = vectors @ shifts.T
-        self._rows(layout.HELD_PRODUCT, count * count)[:] = products.reshape(-1, 1)
-        bodies = self._rows(layout.HELD_BODY, len(holding.rows) * layout.DIRECTION_ROWS)
-        for k, row in enumerate(holding.rows):
-            bodies[k * layout.DIRECTION_ROWS :][:3] = np.array(row.body)[:, None]
-        springs = self._rows(layout.SPRING, len(holding.springs) * layout.SPRING_ROWS)
-        for k, spring in enumerate(holding.springs):
-            rows = springs[k * layout.SPRING_ROWS :]
-            rows[:4] = np.array(spring.point.weights)[:, None]
-            rows[4], rows[5] = spring.stiffness, not spring.tangent
-            _, xi, _ = bspline.locate(self._model.knots, np.array([spring.u]))
-            rows[6] = xi
+            weights[p, :4] = np.array(point.weights)[:, None]
+            weights[p, 4] = sum(point.weights)
+            shifts[p] = np.linalg.solve(mass.dense(masses[point.twist]), vectors[p])
+        self._rows(layout.HELD_PRODUCT, 1)[:, 0] = (vectors @ shifts.T).reshape(-1, 1)
+        bodies = self._rows(layout.HELD_BODY, layout.DIRECTION_ROWS)
+        for body, row in zip(bodies, self._model.holding.rows, strict=True):
+            body[:3] = np.array(row.body)[:, None]
+
+    def _springs(self) -> None:
+        rows = self._rows(layout.SPRING, layout.SPRING_ROWS)
+        for row, spring in zip(rows, self._model.holding.springs, strict=True):
+            row[:4] = np.array(spring.point.weights)[:, None]
+            row[4], row[5] = spring.stiffness, not spring.tangent
+            row[6] = bspline.locate(self._model.knots, spring.u)[1]
 
     def _loads(self) -> None:
-        model = self._model
-        count = int(model.shape[layout.LOADS])
-        u = np.array([load.position for load in self._scene.loads[:count]])
-        first, basis = bspline.active_basis(model.knots, u * self._scene.cable.length)
-        _, slope = bspline.active_basis(model.knots, u * self._scene.cable.length, 1)
-        lines = self._lines(layout.LOAD_BASIS, count)
-        points = self._rows(layout.LOAD_POINT, count * layout.LOAD_POINT_ROWS)
-        for k in range(count):
-            lines[k, first[k] : first[k] + 4] = basis[k]
-            rows = points[k * layout.LOAD_POINT_ROWS :]
-            rows[:4], rows[4:8] = basis[k][:, None], slope[k][:, None]
+        lines = self._lines(layout.LOAD_BASIS)
+        points = self._rows(layout.LOAD_POINT, layout.LOAD_POINT_ROWS)
+        u = np.array([load.position for load in self._scene.loads[: len(lines)]])
+        u *= self._scene.cable.length
+        first, basis = bspline.active_basis(self._model.knots, u)
+        _, slope = bspline.active_basis(self._model.knots, u, 1)
+        points[:, :4], points[:, 4:] = basis[:, :, None], slope[:, :, None]
+        for line, at, values in zip(lines, first, basis, strict=True):
+            line[at : at + 4] = values
 
     def _scales(self) -> None:
         scene, needs = self._scene, self._needs
@@ -330,10 +318,10 @@ class _Filling:
             layout.SPAN_LENGTH: float(np.diff(bspline.breaks(self._model.knots)).min()),
             layout.ROUND_OFF_AXIAL: cable.EA * cable.length * needs.stretch,
             layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,
-            layout.CONTACT_STIFFNESS: self._scene.contact_stiffness,
+            layout.CONTACT_STIFFNESS: scene.contact_stiffness,
             layout.DRAG_ACROSS: scene.drag_across,
             layout.THINNING: scene.damping.thinning**2,
         }
-        rows = self._rows(layout.SCALES, layout.SCALE_ROWS)
+        rows = self._rows(layout.SCALES, 1)
         for row, value in values.items():
             rows[row] = value

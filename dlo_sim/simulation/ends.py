@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, one_rotation, rotations
+from dlo_sim.core import arguments, bspline, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.one_rotation import Vector
 from dlo_sim.engine import grasps
 from dlo_sim.engine.grasps import MOTION_SIZE, TWIST
 from dlo_sim.methods import between_steps
@@ -30,13 +29,12 @@ class EndDrive:
             the scene or was moved by a caller.
     """
 
-    def __init__(self, scene: Scene, geometries: Geometries, first_span: float) -> None:
+    def __init__(self, scene: Scene, geometries: Geometries, knots: Array) -> None:
         self._scene = scene
-        self._geometries = dict(geometries)
         self._rows = {name: row for row, name in enumerate(scene.holders)}
         self.motion = np.zeros((len(self._rows), MOTION_SIZE))
         self._motions: dict[str, EndMotion] = {}
-        self._third = first_span / 3.0
+        self._third = float(bspline.breaks(knots)[1]) / 3.0  # of the first span
         self._near = NEAR * scene.cable.length
         for name, holder in scene.holders.items():
             geometry = geometries[name]
@@ -50,7 +48,6 @@ class EndDrive:
         arm = rotations.rotate(turn, geometry.attachment - geometry.position)
         row[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = arm
         row[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
-        self._geometries[end] = geometry
 
     def count_from(self, end: str, t: float, angle: float) -> None:
         """Prescribe this twist angle [rad] at time t, and what the motion adds from there."""
@@ -81,20 +78,15 @@ class EndDrive:
         motion = self._motions[known_holder(self._scene, end)]
         return motion.position_at(t), motion.orientation_at(t)
 
-    def orientation(self, end: str, t: float) -> Array:
-        """Quaternion of an end effector at time t."""
-        return self._motions[end].orientation_at(t)
-
-    def turned(self, end: str, t: float, direction: Vector) -> Vector:
-        """World direction at time t of one that is fixed in an end effector's frame."""
-        world = np.array(direction)
+    def turned(self, end: str, t: float, direction: ArrayLike) -> Array:
+        """World direction at time t of one that is fixed in an end effector's frame, each (3,)."""
+        world = np.array(direction, dtype=float)
         between_steps.grasp_turn(np.ascontiguousarray(self.motion[self._rows[end]]), 0, t, world)
-        x, y, z = world.tolist()
-        return x, y, z
+        return world
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
-        return rotations.rotate(self.orientation(end, t), self._geometries[end].tangent)
+        return rotations.rotate(self._motions[end].orientation_at(t), self._direction(end))
 
     def put(self, points: Array, t: float, anew: bool = False) -> None:
         """Write the prescribed entries of control points (n, 4) at time t, ends driven or not.
@@ -155,12 +147,8 @@ class EndDrive:
             place = arguments.numbers(f"position of {end}", position, (3,), "m")
         # A swing towards a new orientation keeps the twist that the way there gives it.
         way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
-        row = self.motion[self._rows[end]]
-        row[TWIST] = self.place_at(end, t)[3] + _twist_about(
-            way, rotations.rotate(old_orientation, self._geometries[end].tangent)
-        )
-        self._write(end, EndMotion.resting(place, turned, t))
-        row[0] = 1.0
+        twist = _twist_about(way, rotations.rotate(old_orientation, self._direction(end)))
+        self.follow(end, t, EndMotion.resting(place, turned, t), twist)
 
     def check_motion(self, end: str, t: float, motion: EndMotion, late: float) -> None:
         """Refuse a motion that does not go on from where an end effector is at time t.
@@ -177,10 +165,8 @@ class EndDrive:
                 f"the simulator's time, {t!r} s, or later"
             )
         # One that has yet to start rests where it will.
-        position, orientation = self.pose(end, min(motion.start, t))
-        way = math.dist(motion.position[0].tolist(), position.tolist())
-        turn = math.hypot(
-            *one_rotation.turn_between(orientation.tolist(), motion.orientation.tolist())
+        way, turn = apart(
+            self.pose(end, min(motion.start, t)), motion.position[0], motion.orientation
         )
         if way > self._near or turn > NEAR:
             raise ValueError(
@@ -188,10 +174,10 @@ class EndDrive:
                 f"effector; start it at end_pose('{end}'), or put the end there with set_end before"
             )
 
-    def follow(self, end: str, t: float, motion: EndMotion) -> None:
-        """Follow a motion from time t on; the twist goes on from where it is."""
+    def follow(self, end: str, t: float, motion: EndMotion, twist: float = 0.0) -> None:
+        """Follow a motion from time t on; the twist goes on from where it is plus `twist` [rad]."""
         row = self.motion[self._rows[end]]
-        row[TWIST] = self.place_at(end, min(motion.start, t))[3]
+        row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
         row[0] = 1.0
 
@@ -213,15 +199,17 @@ class EndDrive:
         self.motion[: len(turns), TWIST] += turns[:, 0]
         turns[:] = 0.0
 
-    def stays_in_plane(self, end: str, axes: tuple[int, ...]) -> bool:
-        """Whether this end's motion and tangent keep to the plane of two axes (true for three)."""
+    def stays_in_plane(self, end: str, axes: tuple[int, ...], first: Array) -> bool:
+        """Whether this end's motion and tangent keep to the plane of two axes (true for three) in
+        which it was at first, (3,) [m].
+        """
         if len(axes) == 3:
             return True
         (normal,) = (axis for axis in range(3) if axis not in axes)
         motion = self._motions[end]
-        level = motion.position[0, normal] - self._geometries[end].position[normal]
+        level = motion.position[0, normal] - first[normal]
         away = [level, *motion.position[1:, normal], *motion.rotation[:, list(axes)].ravel()]
-        tangent = rotations.rotate(motion.orientation, self._geometries[end].tangent)
+        tangent = rotations.rotate(motion.orientation, self._direction(end))
         return not any(away) and abs(tangent[normal]) < 1e-15
 
     def twists(self, end: str) -> bool:
@@ -230,7 +218,7 @@ class EndDrive:
         if not self._scene.holders[end].holds_roll:
             return False
         motion = self._motions[end]
-        tangent = rotations.rotate(motion.orientation, self._geometries[end].tangent)
+        tangent = rotations.rotate(motion.orientation, self._direction(end))
         return bool(abs(row[TWIST]) > 1e-12 or np.any(np.abs(motion.rotation @ tangent) > 1e-12))
 
     def restored(self) -> None:
@@ -245,6 +233,10 @@ class EndDrive:
                 rotation=m[21:27].reshape(2, 3).copy(),
             )
 
+    def _direction(self, end: str) -> Array:
+        """Direction of the cable in an end effector's frame."""
+        return self.motion[self._rows[end], grasps.DIRECTION : grasps.DIRECTION + 3]
+
     def _write(self, end: str, motion: EndMotion) -> None:
         m = self.motion[self._rows[end]]
         m[1], m[2] = motion.start, motion.duration
@@ -252,6 +244,13 @@ class EndDrive:
         m[12:21] = rotations.to_matrix(motion.orientation).ravel()
         m[21:27] = motion.rotation.ravel()
         self._motions[end] = motion
+
+
+def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tuple[float, float]:
+    """How far a position [m] and a quaternion are from those of a pose: [m], [rad]."""
+    way = math.dist(pose[0].tolist(), position.tolist())
+    turn = one_rotation.turn_between(pose[1].tolist(), orientation.tolist())
+    return way, math.hypot(*turn)
 
 
 def _twist_about(rotation: ArrayLike, axis: Array) -> float:

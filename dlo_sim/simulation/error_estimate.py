@@ -59,6 +59,8 @@ _MOST_CONTROL_POINTS = next(
     int(row.high or 0) for row in PARAMETERS if row.key == "discretization.control_points"
 )
 _Place = Callable[[Scene], Simulator]
+_Finer = tuple[dict[str, object], int, float]
+"""Keys of a companion's scene, its steps per step, and the factor from distance to error."""
 
 
 class ErrorEstimate:
@@ -72,19 +74,19 @@ class ErrorEstimate:
 
     Attributes:
         simulator: see above.
-        seconds: wall time spent on the companions [s].
+        seconds: wall time spent on the companions [s]. order: of convergence in time.
     """
 
     def __init__(self, simulator: Simulator, place: _Place = Simulator) -> None:
         self.simulator = simulator
         self._begun = simulator.steps
         self.seconds = 0.0
+        self.order = _order_in_time(simulator)
         self._look = max(1, round(LOOK / simulator.step))
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
-        self._time = (
-            None if _short(simulator) else _Companion(_finer_in_time, simulator, place, kept)
-        )
+        self._time = _Companion(_finer_in_time, simulator, place, kept)
         self._space = _Companion(_finer_in_space, simulator, place, kept)
+        self._companions = self._time, self._space
         self._u = np.linspace(0.0, simulator.scene.cable.length, POINTS)
         self._compare()
 
@@ -106,27 +108,19 @@ class ErrorEstimate:
     def take_over(self) -> None:
         """Let the companions start from the present state of the simulator."""
         self._begun = self.simulator.steps
-        for companion in (self._time, self._space):
-            if companion is not None:
-                companion.take_over(self.simulator)
+        for companion in self._companions:
+            companion.take_over(self.simulator)
         self._compare()
-
-    @property
-    def order(self) -> int:
-        """Order of convergence in time."""
-        return _order_in_time(self.simulator)
 
     @property
     def recent(self) -> DiscretizationError:
         """The largest error of the last second."""
-        time_error = 0.0 if self._time is None else self._time.recent
-        return DiscretizationError(time_error, self._space.recent, self._failure)
+        return DiscretizationError(self._time.recent, self._space.recent, self._failure)
 
     @property
     def largest(self) -> DiscretizationError:
         """The largest error of the run."""
-        time_error = 0.0 if self._time is None else self._time.largest
-        return DiscretizationError(time_error, self._space.largest, self._failure)
+        return DiscretizationError(self._time.largest, self._space.largest, self._failure)
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance all three; the report, and a failure, is the simulator's.
@@ -146,8 +140,7 @@ class ErrorEstimate:
             if not report.status.ok or done >= steps:
                 simulated = done * simulator.step
                 note = newton_note(simulator.choice.method, simulator.step, done, evaluations)
-                message = report.message
-                return Report(report.status, message, done, simulated, evaluations, note)
+                return Report(report.status, report.message, done, simulated, evaluations, note)
 
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
@@ -160,22 +153,11 @@ class ErrorEstimate:
         """See `Simulator.set_motion`."""
         self.simulator.set_motion(end, motion)
         start = motion.start - self._begun * self.simulator.step
-        self._move_companions(end, replace(motion, start=start))
+        self._move(end, replace(motion, start=start))
 
     def go_on(self, end: str, motion: EndMotion) -> None:
         """Let new companions take up a motion under way of the simulator's."""
-        self._move_companions(end, motion.rest(self.simulator.time))
-
-    def set_end(
-        self,
-        end: str,
-        position: ArrayLike | None = None,
-        orientation: ArrayLike | None = None,
-        tangent: ArrayLike | None = None,
-    ) -> None:
-        """See `Simulator.set_end`."""
-        for simulator in self._all():
-            simulator.set_end(end, position, orientation, tangent)
+        self._move(end, motion.rest(self.simulator.time))
 
     def take(self, grasp: str, at: float | None = None) -> None:
         """See `Simulator.take`."""
@@ -200,10 +182,6 @@ class ErrorEstimate:
         self._compare()
 
     @property
-    def _companions(self) -> list[_Companion]:
-        return [one for one in (self._time, self._space) if one is not None]
-
-    @property
     def _failure(self) -> str:
         return next((one.failure for one in self._companions if one.failure), "")
 
@@ -212,7 +190,8 @@ class ErrorEstimate:
         finer = (one.simulator for one in self._companions if not one.failure)
         return [self.simulator, *(one for one in finer if one is not None)]
 
-    def _move_companions(self, end: str, motion: EndMotion) -> None:
+    def _move(self, end: str, motion: EndMotion) -> None:
+        """Let the companions follow a motion in their own time."""
         for simulator in self._all()[1:]:
             simulator.set_motion(end, motion)
 
@@ -234,26 +213,27 @@ class _Companion:
     """One finer simulator, and how far it was away.
 
     Attributes:
-        simulator: None where there can be none. failure: why, or why it stopped; empty otherwise.
-        largest: largest error [m] so far; infinite without a companion.
+        simulator: None where none is needed, or there can be none. failure: why there can be none,
+            or why it stopped; empty otherwise.
+        largest: largest error [m] so far; infinite after a failure.
     """
 
     def __init__(
         self,
-        build: Callable[[Simulator, _Place], tuple[Simulator, int, float]],
+        finer: Callable[[Simulator, _Place], _Finer | None],
         original: Simulator,
         place: _Place,
         kept: int,
     ) -> None:
         self.simulator: Simulator | None = None
-        self.failure = ""
-        self.largest = 0.0
+        self.failure, self.largest = "", 0.0
         self._errors: deque[float] = deque(maxlen=kept)
         try:
-            self.simulator, self._per_step, self._factor = build(original, place)
+            if found := finer(original, place):
+                values, self._per_step, self._factor = found
+                self.simulator = place(original.scene.with_values(values))
         except SceneError as refusal:
-            self.failure = f"no finer run to compare with: {refusal}"
-            self.largest = math.inf
+            self._fail(f"no finer run to compare with: {refusal}")
 
     @property
     def recent(self) -> float:
@@ -266,8 +246,7 @@ class _Companion:
             return
         report = self.simulator.advance_steps(steps * self._per_step - self.simulator.steps)
         if not report.status.ok:
-            self.failure = f"the finer run failed: {report.message}"
-            self.largest = math.inf
+            self._fail(f"the finer run failed: {report.message}")
 
     def compare(self, points: Array, u: Array) -> None:
         """Look at the distance to the original's points (len(u), 3) now."""
@@ -294,21 +273,18 @@ class _Companion:
         self.failure, self.largest = "", 0.0
         self._errors.clear()
 
-
-def _short(simulator: Simulator) -> bool:
-    """Whether the step is so short that its error need not be looked for."""
-    explicit = simulator.choice.method.family != IMPLICIT
-    return explicit and simulator.step < SHORT * accurate_step(simulator.scene)[0]
+    def _fail(self, reason: str) -> None:
+        self.failure, self.largest = reason, math.inf
 
 
-def _finer_in_time(original: Simulator, place: _Place) -> tuple[Simulator, int, float]:
-    """(companion, its steps per step, factor from distance to error)."""
-    values = {
-        "integrator.method": original.method,
-        "integrator.step": original.step / TIME_FACTOR,
-    }
+def _finer_in_time(original: Simulator, place: _Place) -> _Finer | None:
+    """None where the step is so short that its error need not be looked for."""
+    explicit = original.choice.method.family != IMPLICIT
+    if explicit and original.step < SHORT * accurate_step(original.scene)[0]:
+        return None
+    values = {"integrator.method": original.method, "integrator.step": original.step / TIME_FACTOR}
     gain = float(TIME_FACTOR) ** _order_in_time(original)
-    return place(original.scene.with_values(values)), TIME_FACTOR, gain / (gain - 1.0)
+    return values, TIME_FACTOR, gain / (gain - 1.0)
 
 
 def _order_in_time(simulator: Simulator) -> int:
@@ -316,11 +292,8 @@ def _order_in_time(simulator: Simulator) -> int:
     return 1 if plasticity_wanted(simulator.scene) else simulator.choice.method.order
 
 
-def _finer_in_space(original: Simulator, place: _Place) -> tuple[Simulator, int, float]:
-    """(companion, its steps per step, factor from distance to error).
-
-    An explicit method takes as many steps more as more control points make necessary.
-    """
+def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
+    """An explicit method takes as many steps more as more control points make necessary."""
     scene = original.scene
     choice = scene.discretization
     spans = choice.control_points - bspline.DEGREE
@@ -341,4 +314,4 @@ def _finer_in_space(original: Simulator, place: _Place) -> tuple[Simulator, int,
         safe = safe_share(original.choice.method) * limit
         per_step = math.ceil(original.step / safe - 1e-6)
         values["integrator.step"] = original.step / per_step
-    return place(scene.with_values(values)), per_step, gain / (gain - 1.0)
+    return values, per_step, gain / (gain - 1.0)

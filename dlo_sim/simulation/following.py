@@ -7,11 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
-from dlo_sim.engine import grasps, layout
-from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.by_sample import to_lanes
+from dlo_sim.engine import grasps
+from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.natural_shape import has_natural_shape, local_turn, natural_rows
+from dlo_sim.simulation.natural_shape import local_turn
 
 Array = NDArray[np.float64]
 
@@ -51,6 +50,27 @@ def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangen
             "of an orientation, 0, 0, 0, 1 for none"
         )
     return rows
+
+
+def checked_times(given: ArrayLike, steps: int, step: float) -> tuple[Array, Array]:
+    """Times of poses [s], and those of the steps [s] from the present, after `steps`, up to their
+    end.
+
+    Raises:
+        TypeError, ValueError: no numbers, or not rising from the present or before to later.
+    """
+    times, present = arguments.numbers("times", given, (None,), "s"), steps * step
+    if len(times) < 2 or not np.all(np.diff(times) > 0.0):
+        raise ValueError("times: needs two or more, each later than the one before")
+    if times[0] > present + 1e-9 * step:
+        raise ValueError(f"times: needs a first time of {present!r} s, the present, or less")
+    last = int(np.ceil(times[-1] / step - 1e-9))
+    if last <= steps:
+        raise ValueError(
+            f"times: end at {times[-1]:g} s, not after the present, {present:g} s; "
+            "give a later last time"
+        )
+    return times, step * np.arange(steps, last + 1, dtype=float)
 
 
 def checked_samples(given: ArrayLike, present: float, end: float) -> Array:
@@ -108,8 +128,7 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     rows[:, grasps.POSITION : grasps.FRAME] = 0.0
     rows[:, grasps.POSITION : grasps.POSITION + 3] = path[:-1, :3]
     rows[:, grasps.POSITION + 3 : grasps.POSITION + 6] = np.diff(path[:, :3], axis=0) / tau[:, None]
-    frames = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
-    rows[:, grasps.FRAME : grasps.TURN] = frames
+    rows[:, grasps.FRAME : grasps.TURN] = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
     rows[:, grasps.TURN : grasps.TURN + 3] = turn / tau[:, None]
     rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
     # The twist goes on from step to step: the part of each turn about the tangent.
@@ -121,15 +140,12 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     return rows
 
 
-def natural_along(
-    scene: Scene, model: Model, tangent: Array, motions: Array
-) -> tuple[Array, Array]:
-    """Natural shape in the frame of the start's end effector, with which it turns, and the nine
-    numbers of that turn at every step; empty if there is none, or it follows the cable.
+def natural_along(model: Model, rows: Array | None, motions: Array) -> tuple[Array, Array]:
+    """Rows of the natural shape in the frame of the start's end effector, with which it turns, and
+    the nine numbers of that turn at every step; empty without rows.
     """
-    if model.has(layout.MATERIAL) or not has_natural_shape(scene, model):
+    if rows is None:
         return np.zeros(0), np.zeros(0)
-    rows = to_lanes(model, natural_rows(scene, model, tangent))
     frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
     turns = np.array([local_turn(one, model.axes) for one in frames])
-    return rows, turns.ravel()
+    return to_blocks(rows.reshape(len(rows), -1)), turns.ravel()

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.strain import strain
+from dlo_sim.simulation.ends import NEAR, apart
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
 EVERY = 0.02  # [s] between two shapes of a forecast
 MOST_SHAPES = 10_000  # of one forecast
-NEAR = 1e-6  # lengths of the cable, and radians: beyond, a plan begins elsewhere than the end is
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,13 @@ def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> 
         )
     poses = {name: simulator.path(name, rows, len(times)) for name, rows in plan.poses.items()}
     for name, rows in poses.items():
-        _check_start(simulator, name, rows[0])
+        first = rows[0, :3], rotations.normalized(rows[0, 3:])
+        way, turn = apart(simulator.end_pose(name), *first)
+        if way > NEAR * simulator.scene.cable.length or turn > NEAR:
+            raise ValueError(
+                f"poses of {name}: begin {way:.3g} m and {turn:.3g} rad away from the end "
+                f"effector; begin at end_pose('{name}')"
+            )
     if times[-1] > MOST_SHAPES * every > 0.0:
         least = times[-1] / MOST_SHAPES
         raise ValueError(
@@ -111,16 +117,3 @@ def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> 
         tension=None if scene.without_tension else shape.tension(place, cable.EA, cable.EI),
         report=report,
     )
-
-
-def _check_start(simulator: CableView, name: str, pose: Array) -> None:
-    """Refuse a plan that begins elsewhere than where the end effector is."""
-    position, orientation = simulator.end_pose(name)
-    way = math.dist(pose[:3].tolist(), position.tolist())
-    way_round = rotations.multiply(rotations.normalized(pose[3:]), rotations.conjugate(orientation))
-    turn = float(np.linalg.norm(rotations.to_rotation_vector(way_round)))
-    if way > NEAR * simulator.scene.cable.length or turn > NEAR:
-        raise ValueError(
-            f"poses of {name}: begin {way:.3g} m and {turn:.3g} rad away from the end effector; "
-            f"begin at end_pose('{name}')"
-        )

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline, mass, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import STIFFEST
 from dlo_sim.simulation.holding import stiffness_of_roll
+from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -21,21 +23,19 @@ ITERATIONS = 120
 KINK = 4.0
 
 
-def largest_frequency(scene: Scene, cable: Cable, lengths: Array | None = None) -> float:
+def largest_frequency(scene: Scene, cable: Cable) -> float:
     """Largest natural frequency omega [rad/s] of K x = omega^2 M x of motions that keep what is
     held, at the present configuration.
 
     Up to DENSE_LIMIT unknowns by a dense eigenvalue solution, beyond by Lanczos iteration, whose
-    estimate is from below and converges first at this end of the spectrum. `lengths`: gradients of
-    further constraints on the spatial unknowns, control point by control point, shape (m, n dim);
-    without stretching only motion that keeps the length counts.
+    estimate is from below and converges first at this end of the spectrum. Of an inextensible cable
+    only motion that keeps the length counts.
     """
     model = cable.model
     dim = len(model.axes)
-    if dim * model.n <= DENSE_LIMIT or lengths is not None:
-        value = _dense(cable, lengths)
-    else:
-        value = _lanczos(cable)
+    constrained = inextensible(scene)
+    is_dense = constrained or dim * model.n <= DENSE_LIMIT
+    value = _dense(cable, constrained) if is_dense else _lanczos(cable)
     if model.twist:
         held = model.held_mask()[dim]
         band, inertia = model.twisting_stiffness, model.band(layout.MASS, dim)
@@ -83,34 +83,30 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
     return frequency
 
 
-def held_rows(model: Model, state: Array) -> Array:
+def _held_rows(cable: Cable) -> Array:
     """Held rows on the spatial unknowns, control point by control point, shape (m, n dim)."""
-    dim, rows = len(model.axes), []
-    at = model.shape[layout.DIRECTION]
-    for k, row in enumerate(model.holding.rows):
+    model, rows = cable.model, []
+    dim = len(model.axes)
+    for row, turning in zip(model.holding.rows, cable.directions, strict=True):
         point = model.holding.points[row.point]
-        if point.twist:
-            continue
-        direction = np.eye(dim)[row.line] if row.line >= 0 else np.zeros(dim)
-        if row.line < 0:
-            first = at + k * layout.DIRECTION_ROWS * 8
-            direction = state[first : first + 8 * dim : 8]
-        line = np.zeros((model.n, dim))
-        line[point.first : point.first + 4] = np.outer(point.weights, direction)
-        rows.append(line.ravel())
+        if not point.twist:
+            direction = np.eye(dim)[row.line] if row.line >= 0 else turning
+            line = np.zeros((model.n, dim))
+            line[point.first : point.first + 4] = np.outer(point.weights, direction)
+            rows.append(line.ravel())
     return np.array(rows).reshape(len(rows), model.n * dim)
 
 
-def _dense(cable: Cable, lengths: Array | None) -> float:
+def _dense(cable: Cable, constrained: bool) -> float:
     model = cable.model
     dim, n = len(model.axes), model.n
     stiffness = spectrum.dense(cable.stiffness(), 4 * dim - 1)
     inertia = np.zeros((n * dim, n * dim))
     for d in range(dim):
         inertia[d::dim, d::dim] = mass.dense(model.band(layout.MASS, d))
-    rows = held_rows(model, cable.state)
-    if lengths is not None:
-        rows = np.concatenate((rows, lengths))
+    rows = _held_rows(cable)
+    if constrained:
+        rows = np.concatenate((rows, length_gradients(cable)))
     return spectrum.largest_of_dense(stiffness, inertia, rows)
 
 
@@ -134,29 +130,25 @@ def _lanczos(cable: Cable) -> float:
     x = np.random.default_rng(0).standard_normal((model.lines, n))
     x[dim:] = 0.0
     x = cable.free_acceleration(weigh(x))
-    basis: list[Array] = []
-    images: list[Array] = []
+    pairs: list[tuple[Array, Array]] = []
     diagonal: list[float] = []
     beside: list[float] = []
     image = weigh(x)
     norm = float(np.sqrt(np.vdot(x, image)))
     for _ in range(ITERATIONS):
         x, image = x / norm, image / norm
-        basis.append(x)
-        images.append(image)
-        y = apply(x)
-        diagonal.append(float(np.vdot(y, image)))
-        for old, old_image in zip(basis, images, strict=True):
-            y = y - np.vdot(y, old_image) * old
-        image = weigh(y)
-        norm = float(np.sqrt(max(float(np.vdot(y, image)), 0.0)))
+        pairs.append((x, image))
+        x = apply(x)
+        diagonal.append(float(np.vdot(x, image)))
+        for old, old_image in pairs:
+            x = x - np.vdot(x, old_image) * old
+        image = weigh(x)
+        norm = float(np.sqrt(max(float(np.vdot(x, image)), 0.0)))
         if norm < 1e-12 * abs(diagonal[-1]):
             break
         beside.append(norm)
-        x = y
-    off = beside[: len(diagonal) - 1]
-    matrix = np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1)
-    return float(np.sqrt(max(np.linalg.eigvalsh(matrix).max(), 0.0)))
+    lower = np.diag(diagonal) + np.diag(beside[: len(diagonal) - 1], -1)  # eigvalsh reads no more
+    return float(np.sqrt(max(np.linalg.eigvalsh(lower).max(), 0.0)))
 
 
 def with_torsion(value: float, scene: Scene, model: Model) -> float:

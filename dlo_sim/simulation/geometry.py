@@ -133,11 +133,6 @@ def _straight_direction(scene: Scene, start: Array, end: Array) -> Array:
     return line / np.linalg.norm(line)
 
 
-def world_tangent(geometry: Geometry) -> Array:
-    """Direction of the cable at an end, world frame."""
-    return rotations.rotate(geometry.orientation, geometry.tangent)
-
-
 def first_shape(scene: Scene, geometries: Geometries, knots: Array) -> Array:
     """Control points [m], shape (n, 3), before any relaxation.
 
@@ -179,7 +174,8 @@ def _first_line(scene: Scene, geometries: Geometries, u: Array) -> Array:
     places = held_places(scene, geometries)
     line = np.empty((len(u), 3))
     for here, (begin, geometry) in ((u <= places[0][0], places[0]), (u > places[0][0], places[-1])):
-        line[here] = geometry.attachment + (u[here] - begin)[:, None] * world_tangent(geometry)
+        direction = rotations.rotate(geometry.orientation, geometry.tangent)
+        line[here] = geometry.attachment + (u[here] - begin)[:, None] * direction
     for (begin, one), (end, other) in pairwise(places):
         here = (u >= begin) & (u <= end)
         share = (u[here] - begin) / (end - begin)

@@ -7,7 +7,6 @@ failed is done in smaller ones.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -42,42 +41,32 @@ class Advance(NamedTuple):
     worst: int = 0
 
 
-@dataclass(frozen=True)
 class GuardedLoop:
-    """The loop of one method on the arrays of a cable.
+    """The loop of one method on the arrays of a cable."""
 
-    Attributes:
-        kept: room to keep a state in. unrecorded: a recorder without room.
-    """
-
-    cable: Cable
-    stepper: Stepper
-    kept: Array
-    unrecorded: Recorder
-
-    @classmethod
-    def of(cls, cable: Cable, stepper: Stepper) -> GuardedLoop:
-        """The loop of a stepper on a cable."""
-        nothing = Recorder(cable.model, np.zeros(0))
-        return cls(cable, stepper, np.empty_like(cable.state), nothing)
+    def __init__(self, cable: Cable, stepper: Stepper) -> None:
+        self.cable, self.stepper = cable, stepper
+        self._kept = np.empty_like(cable.state)  # once: no advance allocates
+        self._unrecorded = Recorder(cable.model, np.zeros(0))
 
     def advance(self, first: int, steps: int, recorder: Recorder | None) -> Advance:
         """Advance by whole steps from step `first`; a failure keeps the last good state."""
-        recorder = self.unrecorded if recorder is None else recorder
-        self._keep()
-        status, made, evaluations = self._run(first, steps, recorder)
-        if status.ok and not self._sane(first + made):
+        recorder = self._unrecorded if recorder is None else recorder
+        self._kept[:] = self.cable.state
+        done = self._run(first, steps, recorder)
+        status = done.status
+        if status.ok and not self._sane(first + done.steps):
             status = Status.DIVERGED
         if status.ok:
-            return Advance(status, made, evaluations)
+            return done
         worst = self._worst_point(status)
-        made = self._redo(first, made)
+        made = self._redo(first, done.steps)
         reached = (first + made + 1e-9) * self.stepper.step
         recorder.forget(int(np.searchsorted(recorder.times, reached, side="right")))
-        done, used = self._retry(status, first + made, recorder)
-        if done:
+        redone, used = self._retry(status, first + made, recorder)
+        if redone:
             status, made = Status.OK, made + 1
-        return Advance(status, made, evaluations + used, worst)
+        return Advance(status, made, done.evaluations + used, worst)
 
     def advance_along(
         self, first: int, recorder: Recorder, motions: Array, natural: Moments
@@ -85,16 +74,12 @@ class GuardedLoop:
         """Steps with motions of their own (`Stepper.advance_along`); implicit steps look at the
         energy themselves, and one that fails is taken back.
         """
-        code, made, evaluations = self.stepper.advance_along(
-            self.cable, first, recorder, motions, natural
-        )
-        return Advance(_STATUS[code], made, evaluations)
+        code, *done = self.stepper.advance_along(self.cable, first, recorder, motions, natural)
+        return Advance(_STATUS[code], *done)
 
-    def _run(
-        self, first: int, steps: int, recorder: Recorder, finer: int = 1
-    ) -> tuple[Status, int, int]:
-        code, made, evaluations = self.stepper.advance(self.cable, first, steps, recorder, finer)
-        return _STATUS[code], made, evaluations
+    def _run(self, first: int, steps: int, recorder: Recorder, finer: int = 1) -> Advance:
+        code, *done = self.stepper.advance(self.cable, first, steps, recorder, finer)
+        return Advance(_STATUS[code], *done)
 
     def _sane(self, step: int) -> bool:
         """Whether the state may be shown: explicit loops look at the energy only now and then."""
@@ -113,27 +98,19 @@ class GuardedLoop:
     def _passes_next_look(self, step: int) -> bool:
         """Whether the loop goes on to its next look at the energy; the state stays as it is."""
         now = self.cable.state.copy()
-        status, _, _ = self._run(step, self.stepper.until_look(step), self.unrecorded)
+        done = self._run(step, self.stepper.until_look(step), self._unrecorded)
         self.cable.state[:] = now
-        return status.ok
-
-    def _keep(self) -> None:
-        """Remember the state before an advance, without allocating."""
-        self.kept[:] = self.cable.state
-
-    def _go_back(self) -> None:
-        """Take back the advance since `_keep`."""
-        self.cable.state[:] = self.kept
+        return done.status.ok
 
     def _redo(self, first: int, made: int) -> int:
         """Take back an advance that failed and do it again up to its last good state; its steps."""
         for good in (made, self.stepper.last_look(first + made) - first):
-            self._go_back()
+            self.cable.state[:] = self._kept
             if good > 0:
-                self._run(first, good, self.unrecorded)
+                self._run(first, good, self._unrecorded)
                 if self._sane(first + good):
                     return good
-        self._go_back()
+        self.cable.state[:] = self._kept
         return 0
 
     def _retry(self, status: Status, step: int, recorder: Recorder) -> tuple[bool, int]:
@@ -146,14 +123,14 @@ class GuardedLoop:
         helps = IMPLICIT if status is Status.DIVERGED else CONSTRAINED
         if family != helps or self.cable.share_open() > SOUND_SHARE:
             return False, 0
-        self._keep()
+        self._kept[:] = self.cable.state
         sample, evaluations = recorder.count, 0
         for finer in RETRIES:
-            status, _, used = self._run(step, 1, recorder, finer)
-            evaluations += used
-            if status.ok and self._sane(step + 1):
+            done = self._run(step, 1, recorder, finer)
+            evaluations += done.evaluations
+            if done.status.ok and self._sane(step + 1):
                 return True, evaluations
-            self._go_back()
+            self.cable.state[:] = self._kept
             recorder.forget(sample)
         return False, evaluations
 

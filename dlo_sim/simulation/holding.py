@@ -9,10 +9,11 @@ place, of r' or of the twist.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, rotations
 from dlo_sim.scene.description import Scene
@@ -90,54 +91,57 @@ class Holding:
         return band
 
 
-def own_point(i: int, n: int, twist: bool = False) -> Point:
+def own_point(i: int, n: int) -> Point:
     """Control point i alone."""
     first = min(i, n - 4)
-    weights = np.eye(4)[i - first]
-    return Point(first, (weights[0], weights[1], weights[2], weights[3]), i, twist)
+    a, b, c, d = np.eye(4)[i - first].tolist()
+    return Point(first, (a, b, c, d), i)
 
 
 def holding_of(
     scene: Scene, geometries: Geometries, knots: Array, axes: tuple[int, ...], twist: bool
 ) -> Holding:
-    """What ends and grasps hold in the lines of these axes."""
+    """What ends and grasps hold in the lines of these axes.
+
+    Raises:
+        SceneError: a grasp holds what is held already.
+    """
     n = scene.discretization.control_points
-    holding = Holding()
-    for grasp, (name, end) in enumerate(scene.ends.items()):
-        geometry = geometries[name]
-        outer, inner = (0, 1) if name == "start" else (n - 1, n - 2)
-        if any(end.fixed[axis] for axis in axes):
-            point = holding.hold(own_point(outer, n))
-            holding.rows += [
-                Row(point, grasp, line) for line, axis in enumerate(axes) if end.fixed[axis]
-            ]
-        if end.clamped:
-            point = holding.hold(own_point(inner, n))
-            for body in across(geometry, axes):
-                x, y, z = body
-                holding.rows.append(Row(point, grasp, -1, (x, y, z)))
-            if twist:
-                point = holding.hold(own_point(outer, n, twist=True))
-                holding.rows.append(Row(point, grasp, len(axes)))
-    for grasp, stiffness in enumerate(_spring_stiffness(scene, geometries)):
-        outer = 0 if grasp == 0 else n - 1
-        _add_springs(holding, own_point(outer, n), grasp, stiffness, axes)
+    holding, ends = Holding(), _end_springs(scene, geometries)
+    directions: list[Spring] = []
+    between: list[Spring] = []
     for grasp, (name, holder) in enumerate(scene.holders.items()):
-        u = geometries[name].u
-        if u is not None and holder.holds_direction:
-            spot, slope = (_point_between(knots, u, derivative) for derivative in (0, 1))
-            if holder.tangent_spring:
-                stiffness = [holder.tangent_spring] * 3
-                _add_springs(holding, slope, grasp, stiffness, axes, tangent=True)
+        geometry, is_end = geometries[name], name in scene.ends
+        if geometry.u is None:
+            continue
+        if is_end:
+            spot, beside = (own_point(i if name == "start" else n - 1 - i, n) for i in (0, 1))
+        else:
+            spot, beside = _between(knots, geometry.u)
+        fixed = [line for line, axis in enumerate(axes) if holder.fixed[axis]]
+        if fixed:
+            point = holding.hold(spot)
+            holding.rows += [Row(point, grasp, line) for line in fixed]
+        if holder.clamped:
+            point = holding.hold(beside)
+            for x, y, z in across(geometry, axes):
+                holding.rows.append(Row(point, grasp, -1, (x, y, z)))
+        if holder.clamped and is_end and twist:
+            holding.rows.append(Row(holding.hold(replace(spot, twist=True)), grasp, len(axes)))
+        if is_end:
+            holding.springs += _springs(spot, grasp, ends[grasp], axes)
+        else:
+            between += _springs(spot, grasp, holder.spring, axes)
+            _check_independent(holding, name, geometry.u, n)
+        if holder.holds_direction:
+            place, slope = _between(knots, geometry.u)
+            stiffness = [holder.tangent_spring] * 3
+            directions += _springs(slope, grasp, stiffness, axes, tangent=True)
             roll = stiffness_of_roll(holder, scene)
             if twist and roll:
-                spot = replace(spot, twist=True)
-                holding.springs.append(Spring(spot, grasp, len(axes), roll, False, u))
-    for grasp, between in enumerate(scene.grasps, start=len(scene.ends)):
-        geometry = geometries[between.name]
-        if geometry.u is not None:
-            _add_grasp(holding, between, grasp, geometry, knots, axes)
-            _check_independent(holding, between.name, geometry.u, n)
+                turning = replace(place, twist=True)
+                directions.append(Spring(turning, grasp, len(axes), roll, False, geometry.u))
+    holding.springs += directions + between
     return holding
 
 
@@ -166,49 +170,28 @@ def _check_independent(holding: Holding, name: str, u: float, n: int) -> None:
         )
 
 
-def _add_springs(
-    holding: Holding,
+def _springs(
     point: Point,
     grasp: int,
-    stiffness: ArrayLike,
+    by_axis: Sequence[float],
     axes: tuple[int, ...],
     tangent: bool = False,
-) -> None:
-    by_axis = np.asarray(stiffness, dtype=float)
-    holding.springs += [
+) -> list[Spring]:
+    return [
         Spring(point, grasp, line, float(by_axis[axis]), tangent)
         for line, axis in enumerate(axes)
         if by_axis[axis]
     ]
 
 
-def _add_grasp(
-    holding: Holding,
-    grasp: Grasp,
-    number: int,
-    geometry: Geometry,
-    knots: Array,
-    axes: tuple[int, ...],
-) -> None:
-    """Rows and springs of a grasp that has taken the cable."""
-    place, slope = (_point_between(knots, geometry.u, derivative) for derivative in (0, 1))
-    fixed = [line for line, axis in enumerate(axes) if grasp.fixed[axis]]
-    if fixed:
-        point = holding.hold(place)
-        holding.rows += [Row(point, number, line) for line in fixed]
-    if grasp.clamped:
-        point = holding.hold(slope)
-        for x, y, z in across(geometry, axes):
-            holding.rows.append(Row(point, number, -1, (x, y, z)))
-    _add_springs(holding, place, number, grasp.spring, axes)
-
-
-def _point_between(knots: Array, u: float | None, derivative: int) -> Point:
-    """The point at u [m], or the tangent there, by its basis values."""
-    first, values = bspline.active_basis(knots, np.array([u]), derivative)
+def _between(knots: Array, u: float) -> tuple[Point, Point]:
+    """The point at u [m] and the tangent there, by their basis values."""
+    first, values = bspline.active_basis(knots, [u])
     a, b, c, d = values[0].tolist()
+    place = Point(int(first[0]), (a, b, c, d))
+    a, b, c, _ = bspline.active_basis(knots, [u], 1)[1][0].tolist()
     # The values of a derivative sum to zero; what they miss of that would pull on the whole cable.
-    return Point(int(first[0]), (a, b, c, -a - b - c if derivative else d))
+    return place, replace(place, weights=(a, b, c, -a - b - c))
 
 
 def across(end: Geometry, axes: tuple[int, ...]) -> list[Array]:
@@ -225,7 +208,7 @@ def across(end: Geometry, axes: tuple[int, ...]) -> list[Array]:
     return [side, np.cross(tangent, side)]
 
 
-def _spring_stiffness(scene: Scene, ends: Geometries) -> Array:
+def _end_springs(scene: Scene, ends: Geometries) -> Array:
     """Stiffness [N/m] of both ends along x, y, z, shape (2, 3)."""
     stiffness = np.array([end.spring for end in scene.ends.values()], dtype=float)
     if inextensible(scene) and scene.cable.EA > 0.0:

@@ -30,11 +30,6 @@ def gradients(cable: Cable) -> Array:
     return rows.reshape(n - 1, n * dim)
 
 
-def to_rest_length(cable: Cable) -> bool:
-    """Move a configuration onto the constraints; true if that succeeded."""
-    return bool(rattle.to_rest_length(cable.arrays))
-
-
 def to_equilibrium(cable: Cable, step: float) -> bool:
     """Let a configuration on the constraints come to rest; true if it did.
 

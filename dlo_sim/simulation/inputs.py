@@ -13,9 +13,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
-from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.build_model import build_model
-from dlo_sim.simulation.by_sample import put_by_sample, sample_coordinates
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
 from dlo_sim.simulation.guarded_loop import GuardedLoop
@@ -26,7 +24,7 @@ from dlo_sim.simulation.natural_shape import (
     rows_in_frames,
     turned_rows,
 )
-from dlo_sim.simulation.transfer import carry_inputs
+from dlo_sim.simulation.transfer import carry_inputs, carry_samples
 from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
@@ -48,12 +46,10 @@ class CableInputs(CableView):
             TypeError, ValueError: no such load, or not three finite numbers.
         """
         arguments.one_of("load", name, self._load_index)
-        push, turn = (
-            _three(f"force of {name}", force, "N"),
-            _three(f"torque of {name}", torque, "N m"),
-        )
+        push = _three(f"force of {name}", force, "N")
+        turn = _three(f"torque of {name}", torque, "N m")
         self._extend(needs_of_load(self._needs, self.scene, push, turn))
-        row = self._cable.loads[self._load_index[name]]
+        row = self.cable.loads[self._load_index[name]]
         if push is not None:
             row[:3] = push[:, None]
         if turn is not None:
@@ -84,7 +80,7 @@ class CableInputs(CableView):
         self._extend(needs)
         self._ends.set_state(end, after)
         self._natural_shape_moves()
-        self._stepper.jump(self._cable, self._ends, self.time)
+        self._stepper.jump(self.cable, self._ends, self.time)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector follow a motion; afterwards it rests at its last pose.
@@ -112,7 +108,7 @@ class CableInputs(CableView):
         """
         if inextensible(self.scene):
             raise ValueError("correct: breaks the constraints of rattle; use energy_momentum")
-        points, rates, cable = self.control_points, self.velocities, self._cable
+        points, rates, cable = self.control_points, self.velocities, self.cable
         shape = len(points), 3
         points[:, :3] += arguments.numbers("shift", shift, shape, "m")
         rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
@@ -164,7 +160,9 @@ class CableInputs(CableView):
         u = share * self.scene.cable.length
         position, orientation = self.end_pose(grasp)
         if share < 0.0:
-            u = self._nearest(position)
+            places = np.linspace(0.0, self.scene.cable.length, NEAREST)
+            away = np.linalg.norm(self.centerline(places) - position, axis=1)
+            u = float(places[np.argmin(away)])
         columns, values, slopes = self._basis(np.array([u]))
         points = self.control_points[columns[0], :3]
         tangent = slopes[0] @ points
@@ -187,7 +185,7 @@ class CableInputs(CableView):
 
     def _fill_inputs(self) -> None:
         """Loads, motions, anchors and natural shape of the scene in the arrays of the cable."""
-        cable, model = self._cable, self._model
+        cable, model = self.cable, self.model
         for row, load in zip(cable.loads, self.scene.loads, strict=False):
             if load.signal != "none":
                 row[:3], row[3:6] = np.array(load.force)[:, None], np.array(load.torque)[:, None]
@@ -201,7 +199,7 @@ class CableInputs(CableView):
 
     def _pull_to_grasps(self) -> None:
         """Let the springs pull to where the grasps are."""
-        cable, model = self._cable, self._model
+        cable, model = self.cable, self.model
         for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
             name = list(self._geometries)[spring.grasp]
             target = self._ends.place_at(name, self.time)
@@ -213,41 +211,60 @@ class CableInputs(CableView):
 
     def _needs_moved(self, end: str) -> Needs:
         """What a moved end needs: the drive itself, the third coordinate, twist."""
-        leaves_plane = not self._ends.stays_in_plane(end, self._model.axes)
+        first = self._geometries[end].position
+        leaves_plane = not self._ends.stays_in_plane(end, self.model.axes, first)
         twists = not self._needs.twist and self._ends.twists(end)
         return needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
 
+    def _needs_along(self, end: str, path: Array) -> Needs:
+        """Needs once an end effector moves along a path of poses, shape (K, 7)."""
+        turned = rotations.multiply(path[:, 3:], rotations.conjugate(path[0, 3:]))
+        turns = rotations.to_rotation_vector(turned)
+        across = [axis for axis in range(3) if axis not in self.model.axes]
+        leaves = bool(across) and bool(
+            np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self.model.axes)]).max() > 1e-12
+        )
+        rolls = self.scene.holders[end].holds_roll
+        twists = rolls and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
+        return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
+
     def _natural_shape_moves(self) -> None:
         """Turn the natural shape with the start's end effector, which does the work."""
-        if self._model.has(layout.CURVED):
-            before = self._cable.potentials().sum()
+        if self.model.has(layout.CURVED):
+            before = self.cable.potentials().sum()
             self._turn_natural_shape()
-            self._cable.ledger[layout.DRIVE_WORK] += self._cable.potentials().sum() - before
+            self.cable.ledger[layout.DRIVE_WORK] += self.cable.potentials().sum() - before
+
+    @property
+    def _turning(self) -> Array | None:
+        """The natural shape if there is one that does not follow the cable: it turns with the
+        start's end effector.
+        """
+        follows = self.model.has(layout.MATERIAL)
+        return None if follows or not has_natural_shape(self.scene, self.model) else self._natural
 
     def _turn_natural_shape(self) -> None:
-        """The natural shape turns with the start's end effector, unless it follows the cable."""
-        if not has_natural_shape(self.scene, self._model) or self._model.has(layout.MATERIAL):
-            return
-        turn = rotations.to_matrix(self.end_pose("start")[1])
-        rows = turned_rows(self._natural, turn, self._model.axes)
-        put_by_sample(self._cable, layout.NATURAL, rows)
+        if self._turning is not None:
+            turn = rotations.to_matrix(self.end_pose("start")[1])
+            rows = turned_rows(self._turning, turn, self.model.axes)
+            self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 
     def _lay_natural_shape(self) -> None:
         """The natural shape of the material frame along the present shape."""
         length = self.scene.cable.length
-        u = np.append(0.0, sample_coordinates(self._model).ravel() * length)
+        u = np.append(0.0, self.model.sample_shares.ravel() * length)
         frames = self.frames(u)
-        samples = frames[1:].reshape(*self._model.rule.xi.shape, 4)
+        samples = frames[1:].reshape(*self.model.rule.xi.shape, 4)
         rows = rows_in_frames(self._natural, self.end_pose("start")[1], frames[0], samples)
-        put_by_sample(self._cable, layout.NATURAL, rows)
-        self._cable.open_frame()
+        self.model.put_samples(self.cable.state, layout.NATURAL, rows)
+        self.cable.open_frame()
 
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
         self._needs = needs
-        self._cable = Cable.new(build_model(self.scene, needs, self._geometries))
+        self.cable = Cable.new(build_model(self.scene, needs, self._geometries))
         self._fill_inputs()
-        self._loop = GuardedLoop.of(self._cable, self._stepper)
+        self._loop = GuardedLoop(self.cable, self._stepper)
 
     def _extend(self, needs: Needs) -> None:
         """A term that was left out matters now: it comes into the step, the state stays."""
@@ -260,28 +277,28 @@ class CableInputs(CableView):
     def _replace(self, needs: Needs, geometries: Geometries) -> None:
         """Go on with other needs or grasps from the present state."""
         points, rates = self.control_points, self.velocities
-        self._ends.take_frame_turns(self._cable.frame_turn)
-        old, ledger = self._cable, self._cable.ledger.copy()
+        self._ends.take_frame_turns(self.cable.frame_turn)
+        old, ledger = self.cable, self.cable.ledger.copy()
         self._geometries = geometries
         self._rebuild(needs)
-        carry_inputs(old, self._cable)
-        self._cable.put(points, rates)
-        optional_terms.carry_samples(old, self._cable)
+        carry_inputs(old, self.cable)
+        self.cable.put(points, rates)
+        carry_samples(old, self.cable)
         ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
-        self._cable.ledger[:] = ledger
-        self._cable.ledger[list(layout.OF_HISTORY)] = 0.0
+        self.cable.ledger[:] = ledger
+        self.cable.ledger[list(layout.OF_HISTORY)] = 0.0
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
         geometries = self._held_with(grasp, geometry)
-        self._cable.settle(self.time)
-        before = self._cable.present_energy()
+        self.cable.settle(self.time)
+        before = self.cable.present_energy()
         self._ends.hold(grasp, geometry)
         if geometry.u is not None:
             angle = self._angle_at(geometry.u, self.control_points)
             self._ends.count_from(grasp, self.time, angle)
         self._replace(self._needs, geometries)
-        self._cable.ledger[layout.DRIVE_WORK] += self._cable.present_energy() - before
+        self.cable.ledger[layout.DRIVE_WORK] += self.cable.present_energy() - before
 
     def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
         """All that holds the cable, with a grasp like this.
@@ -290,7 +307,7 @@ class CableInputs(CableView):
             SceneError: it holds what is held already.
         """
         geometries = {**self._geometries, grasp: geometry}
-        model = self._model
+        model = self.model
         holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
         return geometries
 
@@ -302,11 +319,6 @@ class CableInputs(CableView):
     def _known_grasp(self, name: str) -> Grasp:
         known = [grasp.name for grasp in self.scene.grasps]
         return self.scene.grasp(arguments.one_of("grasp", name, known))
-
-    def _nearest(self, place: Array) -> float:
-        """Material coordinate [m] of the point of the cable that is nearest to a place [m]."""
-        u = np.linspace(0.0, self.scene.cable.length, NEAREST)
-        return float(u[np.argmin(np.linalg.norm(self.centerline(u) - place, axis=1))])
 
 
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import arguments, bspline, quadrature
 from dlo_sim.engine import layout
-from dlo_sim.simulation.arrays import Table, line_view, rows_of
+from dlo_sim.simulation.arrays import Counts, Table, from_blocks, line_view, to_blocks
 from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
@@ -23,10 +23,12 @@ class Model:
 
     Attributes:
         shape, values: what the compiled functions read.
-        sizes: of the arrays inputs, state and scratch.
+        sizes: of the arrays inputs, state and scratch. counts: of everything in them.
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: what is held.
+        axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], with what jaws add,
+            shape (n - 3,).
         rest: where a straight point of the plane is, shape (3,): the constant coordinate of planar
             motion, zero elsewhere.
     """
@@ -34,11 +36,14 @@ class Model:
     shape: Table
     values: Array
     sizes: Mapping[str, int]
+    counts: Counts
     knots: Array
     rule: quadrature.Quadrature
     axes: tuple[int, ...]
     twist: bool
     holding: Holding
+    axial_stiffness: float
+    bending_stiffness: Array
     rest: Array
 
     @property
@@ -65,7 +70,8 @@ class Model:
 
     def rows(self, array: Array, offset: int, count: int) -> Array:
         """Rows at an offset of an array, shape (count, LANES), a view."""
-        return rows_of(self.shape, array, offset, count)
+        at = self.shape[offset]
+        return array[at : at + count * LANES].reshape(count, LANES)
 
     @property
     def columns(self) -> tuple[int, ...]:
@@ -119,18 +125,25 @@ class Model:
         return self.band(layout.TWIST, len(self.axes)) + self.holding.roll_stiffness(self.n)
 
     @property
-    def axial_stiffness(self) -> float:
-        """EA [N]."""
-        return float(self.values[int(self.shape[layout.MESH]) + layout.AXIAL * LANES])
+    def sample_shares(self) -> Array:
+        """Material coordinate of every sample as a share of the length, shape (spans, samples)."""
+        return self.rule.places(bspline.breaks(self.knots)) / self.knots[-1]
 
     @property
-    def bending_stiffness(self) -> Array:
-        """EI of every span [N m^2], with what jaws add, shape (n - 3,)."""
-        blocks = int(self.shape[layout.BLOCKS])
-        height = layout.HEAD + layout.SAMPLE * int(self.shape[layout.SAMPLES])
-        at = int(self.shape[layout.MESH])
-        mesh = self.values[at : at + blocks * height * LANES].reshape(blocks, height, LANES)
-        return mesh[:, layout.BENDING].ravel()[: self.n - bspline.DEGREE]
+    def moment_weights(self) -> Array:
+        """Bending stiffness times quadrature weight [N m^3], shape (spans, samples, 1)."""
+        return np.asarray((self.bending_stiffness[:, None] * self.rule.weights)[..., None])
+
+    def samples(self, state: Array, offset: int, rows: int) -> Array:
+        """Rows of every sample in a state, a copy of shape (spans, samples, rows)."""
+        at, counts = int(self.shape[offset]), self.counts
+        values = state[at : at + counts.blocks * counts.samples * rows * LANES]
+        return from_blocks(values, len(self.rule.xi)).reshape(-1, counts.samples, rows)
+
+    def put_samples(self, state: Array, offset: int, values: Array) -> None:
+        """Write rows of every sample, shape (spans, samples, rows)."""
+        at, flat = int(self.shape[offset]), to_blocks(values.reshape(len(values), -1))
+        state[at : at + flat.size] = flat
 
     def held_mask(self) -> NDArray[np.bool_]:
         """Which entries of the lines a row along an axis holds, shape (lines, n)."""

@@ -9,7 +9,6 @@ from dlo_sim.core import rotations
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
-from dlo_sim.simulation.by_sample import moment_weights, sample_coordinates
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -28,7 +27,7 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
     Raises:
         SceneError: the axis lies along the cable.
     """
-    cable, share = scene.cable, sample_coordinates(model)
+    cable, share = scene.cable, model.sample_shares
 
     def along(values: tuple[float, ...]) -> Array:
         return np.interp(share, np.linspace(0.0, 1.0, len(values)), values)[..., None]
@@ -43,7 +42,7 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
         )
     bent = along(cable.rest_curvature) * axis / np.linalg.norm(axis)
     bent = bent + along(cable.rest_curvature_2) * aside / max(across, LEAST_ACROSS)
-    return np.concatenate([moment_weights(model) * bent, along(cable.rest_twist)], axis=-1)
+    return np.concatenate([model.moment_weights * bent, along(cable.rest_twist)], axis=-1)
 
 
 def turned_rows(rows: Array, turn: Array, axes: tuple[int, ...]) -> Array:

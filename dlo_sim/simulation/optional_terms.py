@@ -1,58 +1,13 @@
-"""Terms that only some scenes ask for: what they leave behind, and which combinations exist."""
+"""Terms that only some scenes ask for: which combinations exist."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
-from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, frenet_wanted, inextensible, plasticity_wanted
-from dlo_sim.simulation.by_sample import (
-    by_sample,
-    carried_over,
-    moment_weights,
-    put_by_sample,
-)
-from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.report import UndefinedTorsion
 
-TINY = 1e-300
 NATURAL_KEYS = ("rest_curvature", "rest_curvature_2", "rest_twist")  # of Cable.natural_shape
-
-
-def carry_samples(old: Cable, new: Cable) -> None:
-    """Take over another cable's plastic curvature, and its natural shape where that follows the
-    material frame.
-    """
-    weights = moment_weights(new.model)
-    if old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY):
-        plastic = by_sample(old, layout.PLASTIC, layout.PLASTIC_ROWS)
-        plastic = carried_over(old, new, plastic)
-        put_by_sample(new, layout.PLASTIC, plastic)
-        vectors = np.zeros((*plastic.shape[:2], layout.NATURAL_ROWS))
-        vectors[..., :3] = weights * plastic[..., :3]
-        put_by_sample(new, layout.NATURAL, vectors)
-    if old.model.has(layout.MATERIAL) and new.model.has(layout.MATERIAL):
-        natural = by_sample(old, layout.NATURAL, layout.NATURAL_ROWS)
-        natural[..., :3] /= np.maximum(moment_weights(old.model), TINY)
-        natural = carried_over(old, new, natural)
-        natural[..., :3] *= weights
-        put_by_sample(new, layout.NATURAL, natural)
-
-
-def undefined_torsion(scene: Scene, cable: Cable) -> UndefinedTorsion:
-    """What the ledger says about samples without torsion."""
-    if not cable.model.has(layout.TORSION):
-        return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
-    return UndefinedTorsion(
-        samples=int(np.count_nonzero(cable.model.rule.weights)),
-        last=int(cable.entry(layout.TORSION_LAST)),
-        mean=cable.entry(layout.TORSION_SUM) / max(cable.entry(layout.TORSION_LOOKS), 1.0),
-        worst=int(cable.entry(layout.TORSION_WORST)),
-        floor=scene.curvature_floor,
-    )
 
 
 def check_terms(scene: Scene, needs: Needs) -> None:

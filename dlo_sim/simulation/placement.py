@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.engine import layout
+from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
 from dlo_sim.simulation import inextensible as length
 from dlo_sim.simulation import statics
 from dlo_sim.simulation.build_model import build_model
-from dlo_sim.simulation.by_sample import by_sample, put_by_sample
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
@@ -49,8 +49,8 @@ def place(
     cable.put(points, np.zeros_like(points), 0.0)
     if lay:
         lay()
-    constrained = inextensible(scene)
-    if wants_equilibrium(scene, geometries):
+    constrained, resting = inextensible(scene), wants_equilibrium(scene, geometries)
+    if resting:
         if frenet_wanted(scene):
             raise SceneError(
                 "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
@@ -65,14 +65,13 @@ def place(
                 "control points or discretization.stretch sample, or check the ends' positions, "
                 "tangents and the stiffness"
             )
-    if constrained and not length.to_rest_length(cable):
+    if constrained and not rattle.to_rest_length(cable.arrays):
         raise SceneError(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
             "its ends; move the ends or use energy_momentum and terms.stretch auto"
         )
-    if constrained and wants_equilibrium(scene, geometries):
-        gradients = length.gradients(cable)
-        frequency = max(largest_frequency(scene, cable, gradients), 1e-3)
+    if constrained and resting:
+        frequency = max(largest_frequency(scene, cable), 1e-3)
         if not length.to_equilibrium(cable, min(0.5 / frequency, 5e-3)):
             raise SceneError(
                 "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
@@ -137,7 +136,7 @@ def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
     points = cable.model.to_columns(cable.x)
     twin.put(points, np.zeros_like(points))
     if twin.model.has(layout.CURVED):
-        natural = by_sample(cable, layout.NATURAL, layout.NATURAL_ROWS)
-        put_by_sample(twin, layout.NATURAL, natural)
+        natural = cable.model.samples(cable.state, layout.NATURAL, layout.NATURAL_ROWS)
+        twin.model.put_samples(twin.state, layout.NATURAL, natural)
     statics.relax(twin)
     cable.x[:] = twin.x

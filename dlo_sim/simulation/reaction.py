@@ -12,12 +12,11 @@ from dlo_sim.simulation.inextensible import held_force
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-Wrench = tuple[float, float, float, float, float, float]
 
 
-def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
-    """Force [N] and moment about the point held [N m] by an end effector, world frame, six numbers,
-    both on the cable.
+def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
+    """Force [N] and moment about the point held [N m] by an end effector, world frame, both on the
+    cable, shape (6,).
 
     After a step of an implicit method it is the mean over that step, otherwise that of the instant.
     Springs count with what they do at its end, and so do the constraint forces of an inextensible
@@ -32,8 +31,7 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Wrench:
     about = points[-grasp, :3] if grasp < 2 else _place_of(model, grasp, points)
     wrench = np.zeros(6)
     add_wrench(cable.arrays, grasp, rows, points, about, wrench)
-    a, b, c, d, e, f = wrench.tolist()
-    return a, b, c, d, e, f
+    return wrench
 
 
 def _place_of(model: Model, grasp: int, points: Array) -> Array:

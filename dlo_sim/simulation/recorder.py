@@ -41,8 +41,8 @@ class Recorder:
         """Keep so many samples at most."""
         self._marks[0] = min(self.count, count)
 
-    def put(self, cable: Cable, energy: float) -> None:
-        """Take the present state as the next sample."""
+    def put(self, cable: Cable, energy: float | Array) -> None:
+        """Take the present state as the next sample; energy: [J], of each of eight cables."""
         at, size = self.model.shape[layout.X], self.model.shape[layout.SIZE]
         self._samples[self.count] = cable.state[at : at + size]
         self.energies[self.count] = energy

@@ -14,7 +14,7 @@ from dlo_sim.core.strain import strain
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import Report, Status, newton_note
+from dlo_sim.simulation.report import DiscretizationError, Report, Status, newton_note
 from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
 from dlo_sim.simulation.simulator import Simulator
 
@@ -135,14 +135,16 @@ def record_simulator(
     scene = simulator.scene
     estimate = ErrorEstimate(simulator) if estimated else None
     compile_s = time.perf_counter() - began
-    recorder = _recorder(simulator, sample_times(duration, every))
-    wall_s, report, counts = _run(estimate or simulator, duration, recorder, progress, tell)
+    recorder = Recorder(simulator.model, sample_times(duration, every))
+    recorder.put(simulator.cable, simulator.energy().total)
+    wall_s, report, counts = _run(simulator, estimate, duration, recorder, progress, tell)
     count, control_points = recorder.count, recorder.control_points
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     shape, points = strain(simulator.model.knots, u), control_points[:, :, :3]
     cable, known = scene.cable, not scene.without_tension
-    error = simulator.energy_error
+    error, why = simulator.energy_error, estimate.largest.unknown if estimate else ""
+    unknown = (f"the position error is unknown: {why}",) if why else ()
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
@@ -165,23 +167,16 @@ def record_simulator(
         force_evaluations=counts.evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
-        error_estimate=None if estimate is None else _estimated(estimate),
+        error_estimate=None if estimate is None else _estimated(estimate.largest),
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
-        notes=simulator.notes + _unknown(estimate) + counts.notes,
+        notes=simulator.notes + unknown + counts.notes,
     )
 
 
-def _estimated(estimate: ErrorEstimate) -> dict[str, float | None]:
-    error = estimate.largest
+def _estimated(error: DiscretizationError) -> dict[str, float | None]:
     parts = {"time": error.time, "space": error.space, "total": error.total}
     return {name: part if np.isfinite(part) else None for name, part in parts.items()}
-
-
-def _unknown(estimate: ErrorEstimate | None) -> tuple[str, ...]:
-    """Why an error is unknown, as notes."""
-    reason = "" if estimate is None else estimate.largest.unknown
-    return (f"the position error is unknown: {reason}",) if reason else ()
 
 
 def sample_times(duration: float, every: float) -> Array:
@@ -190,43 +185,34 @@ def sample_times(duration: float, every: float) -> Array:
     return np.arange(count, dtype=float) * every
 
 
-def _recorder(simulator: Simulator, times: Array) -> Recorder:
-    """Room for samples at these times; the first, at time zero, is the present state."""
-    recorder = Recorder(simulator.model, times)
-    recorder.put(simulator.cable, simulator.energy().total)
-    return recorder
-
-
 class _IterationCounts:
-    """Force evaluations of a run, and those of its unusually slow parts with their steps."""
+    """Force evaluations of a run, and the steps and evaluations of its unusually slow parts."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
         self.evaluations = 0
-        self._part_start = self._part_evaluations = 0
-        self._slow_steps = self._slow_evaluations = 0
+        self._begun, self._slow = np.zeros((2, 2), dtype=np.int64)
 
     def end_part(self) -> None:
-        """Judge what has been added to `evaluations` since the last part."""
-        steps = self._simulator.steps - self._part_start
-        evaluations = self.evaluations - self._part_evaluations
-        if self._note(steps, evaluations):
-            self._slow_steps += steps
-            self._slow_evaluations += evaluations
-        self._part_start, self._part_evaluations = self._simulator.steps, self.evaluations
+        """Judge what has been done since the last part."""
+        now = np.array([self._simulator.steps, self.evaluations])
+        if self._note(now - self._begun):
+            self._slow += now - self._begun
+        self._begun = now
 
     @property
     def notes(self) -> tuple[str, ...]:
         """One line about the slow parts, if there are any."""
-        note = self._note(self._slow_steps, self._slow_evaluations)
-        return (f"in {self._slow_steps} of {self._simulator.steps} steps {note}",) if note else ()
+        note = self._note(self._slow)
+        return (f"in {self._slow[0]} of {self._simulator.steps} steps {note}",) if note else ()
 
-    def _note(self, steps: int, evaluations: int) -> str:
-        return newton_note(self._simulator.choice.method, self._simulator.step, steps, evaluations)
+    def _note(self, part: NDArray[np.int64]) -> str:
+        return newton_note(self._simulator.choice.method, self._simulator.step, *part.tolist())
 
 
 def _run(
-    run: Simulator | ErrorEstimate,
+    simulator: Simulator,
+    estimate: ErrorEstimate | None,
     duration: float,
     recorder: Recorder,
     progress: Callable[[float], None] | None,
@@ -236,15 +222,13 @@ def _run(
 
     Time spent on an error estimate does not count.
     """
-    estimate = run if isinstance(run, ErrorEstimate) else None
-    simulator = run.simulator if isinstance(run, ErrorEstimate) else run
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
     part = max(total // _PARTS, _FEWEST_STEPS)
     wall, counts, piece = 0.0, _IterationCounts(simulator), 1
     while True:
         steps = min(piece, part - simulator.steps % part, total - simulator.steps)
         began = time.perf_counter()
-        report = run.advance_steps(steps, recorder)
+        report = (estimate or simulator).advance_steps(steps, recorder)
         took = time.perf_counter() - began
         wall += took
         counts.evaluations += report.force_evaluations

@@ -63,7 +63,6 @@ def choose(scene: Scene, frequency: float, unchecked_step: bool = False) -> Choi
     if name == "auto":
         name, reason = _automatic(scene, frequency)
     method = _method(scene, name)
-    _check(scene, method)
     limit = _step_limit(scene, method, frequency)
     if step == 0.0:
         step, why = _chosen_step(scene, method, limit)
@@ -107,12 +106,7 @@ def check_named_method(scene: Scene) -> None:
         raise SceneError(
             f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"
         )
-    _check(scene, _method(scene, name))
-
-
-def _check(scene: Scene, method: Method) -> None:
-    _check_damping(scene, method)
-    optional_terms.check_method(scene, method)
+    _method(scene, name)
 
 
 def _chosen_step(scene: Scene, method: Method, limit: float) -> tuple[float, str]:
@@ -176,31 +170,32 @@ def _following(acceleration: float, target: float, method: Method) -> tuple[floa
 
 
 def _method(scene: Scene, name: str) -> Method:
-    """The method with the scene's parameters."""
-    if METHODS[name].family != ZHAI:
-        return METHODS[name]
-    psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-    method = zhai.with_parameters(psi, phi)
-    if method.stability_limit == 0.0:
-        raise SceneError(
-            f"integrator.zhai_phi: no step is stable with psi {psi:g} and phi {phi:g}; "
-            f"use 0.5 for both"
-        )
+    """The method with the scene's parameters; refused if it is not for the scene."""
+    method = METHODS[name]
+    if method.family == ZHAI:
+        psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
+        method = zhai.with_parameters(psi, phi)
+        if method.stability_limit == 0.0:
+            raise SceneError(
+                f"integrator.zhai_phi: no step is stable with psi {psi:g} and phi {phi:g}; "
+                f"use 0.5 for both"
+            )
+    _check_damping(scene, method)
+    optional_terms.check_method(scene, method)
     return method
 
 
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
     """Largest stable step [s] of the linearised scene."""
     rates = set(external_rates(scene))
-    return min(_damped_limit(scene, method, frequency, rate) for rate in rates)
+    return min(_damped_limit(method, frequency, rate) for rate in rates)
 
 
-def _damped_limit(scene: Scene, method: Method, frequency: float, rate: float) -> float:
+def _damped_limit(method: Method, frequency: float, rate: float) -> float:
     """Largest stable step [s] for modes up to a frequency that are all damped at one rate."""
     if rate and method.family in (RUNGE_KUTTA, ZHAI):
         # These take damping as a force; splitting methods solve it exactly.
-        psi, phi = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-        return largest_step(method, frequency, rate, psi, phi)
+        return largest_step(method, frequency, rate)
     return method.stability_limit / frequency if frequency > 0.0 else np.inf
 
 

@@ -13,34 +13,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline, rotations
+from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs, inextensible, needs_of, needs_of_end
-from dlo_sim.simulation import optional_terms
+from dlo_sim.scene.needs import Needs, needs_of
+from dlo_sim.simulation import following, optional_terms
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.following import (
-    checked_samples,
-    motions_along,
-    natural_along,
-    on_grid,
-)
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
 from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
-from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.inputs import CableInputs
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
-from dlo_sim.simulation.start_from_points import IN_PLANE, cable_through
+from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.simulation.transfer import resampled
+from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
 CHUNK = 4096  # steps between two saved states of a long advance
@@ -89,27 +82,22 @@ class Simulator(CableInputs):
         self._needs = needs
         self._geometries: Geometries = geometries_of(scene, end_poses)
         model = build_model(scene, needs, self._geometries)
-        self._cable = Cable.new(model)
+        self.cable = Cable.new(model)
         self._greville = bspline.greville(model.knots)
-        self._pose_points = np.zeros((model.n, 4))
-        x, y, z = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))].tolist()
-        self._frame_axis = x, y, z
-        first_span = float(np.diff(bspline.breaks(model.knots))[0])
-        self._ends = EndDrive(scene, self._geometries, first_span)
+        self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
+        self._ends = EndDrive(scene, self._geometries, model.knots)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
-        self._bases: dict[bytes, tuple[NDArray[np.int64], Array, Array]] = {}
-        self._steps = 0
-        self._remainder = 0.0
+        self._bases = {}
+        self._steps, self._remainder = 0, 0.0
         self._fill_inputs()
         lay = self._lay_natural_shape if model.has(layout.MATERIAL) else None
-        place(scene, self._geometries, self._ends, self._cable, lay)
-        gradients = length_gradients(self._cable) if inextensible(scene) else None
-        frequency = largest_frequency(scene, self._cable, gradients)
+        place(scene, self._geometries, self._ends, self.cable, lay)
+        frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
-        self._choice = choose(scene, frequency, unchecked_step)
-        self._stepper = Stepper(scene, self._choice)
-        self._open_account()
-        self._loop = GuardedLoop.of(self._cable, self._stepper)
+        self.choice = choose(scene, frequency, unchecked_step)
+        self._stepper = Stepper(scene, self.choice)
+        self.cable.open_account(self.scene)
+        self._loop = GuardedLoop(self.cable, self._stepper)
         started = time.perf_counter()
         self._loop.advance(0, 0, None)
         self.compile_seconds = time.perf_counter() - started
@@ -141,7 +129,7 @@ class Simulator(CableInputs):
         steps, done = arguments.count("steps", steps), 0
         if recorder is not None:
             arguments.instance("recorder", recorder, Recorder, "a Recorder of the present model")
-        if recorder is not None and recorder.model is not self._model:
+        if recorder is not None and recorder.model is not self.model:
             raise ValueError("recorder: is of another model; make a new one of the present model")
         evaluations = 0
         while done < steps:
@@ -190,7 +178,7 @@ class Simulator(CableInputs):
         self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
     ) -> tuple[Report, Recorder]:
         """`follow`, with the energies of the samples too."""
-        if self._choice.method.family != IMPLICIT:
+        if self.choice.method.family != IMPLICIT:
             raise ValueError(
                 f"integrator.method: {self.method} follows no poses; give energy_momentum"
             )
@@ -198,32 +186,20 @@ class Simulator(CableInputs):
             raise TypeError(
                 f"poses: needs {{'start': numbers (T, 7)}}, got {arguments.given(poses)}"
             )
-        stamps: Array = arguments.numbers("times", times, (None,), "s")
-        if len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0):
-            raise ValueError("times: needs two or more, each later than the one before")
-        if stamps[0] > self.time + 1e-9 * self.step:
-            raise ValueError(f"times: needs a first time of {self.time!r} s, the present, or less")
-        count = int(np.ceil(stamps[-1] / self.step - 1e-9)) - self._steps
-        if count < 1:
-            raise ValueError(
-                f"times: end at {stamps[-1]:g} s, not after the present, {self.time:g} s; "
-                "give a later last time"
-            )
-        wanted = checked_samples(samples, self.time, stamps[-1])
+        stamps, grid = following.checked_times(times, self._steps, self.step)
+        wanted = following.checked_samples(samples, self.time, stamps[-1])
         rows = {name: self.path(name, given, len(stamps)) for name, given in poses.items()}
-        grid: Array = self.step * np.arange(self._steps, self._steps + count + 1, dtype=float)
-        paths = {}
-        for name, given in rows.items():
-            paths[name] = on_grid(grid, stamps, given)
-            self.set_end(name, paths[name][0, :3], paths[name][0, 3:])
-            self._extend(self._needs_along(name, paths[name]))
-        cable = self._cable  # after set_end, which may have brought in more terms
-        recorder = Recorder(self._model, wanted)
-        motions = np.repeat(cable.motion[None], max(count, 0), axis=0)
+        paths = {name: following.on_grid(grid, stamps, given) for name, given in rows.items()}
+        for name, path in paths.items():
+            self.set_end(name, path[0, :3], path[0, 3:])
+            self._extend(self._needs_along(name, path))
+        cable = self.cable  # after set_end, which may have brought in more terms
+        recorder = Recorder(self.model, wanted)
+        motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
         for name, path in paths.items():
             row = list(self.scene.holders).index(name)
-            motions[:, row] = motions_along(cable.motion[row], grid, path)
-        natural = natural_along(self.scene, self._model, self._geometries["start"].tangent, motions)
+            motions[:, row] = following.motions_along(cable.motion[row], grid, path)
+        natural = following.natural_along(self.model, self._turning, motions)
         made = self._loop.advance_along(self._steps, recorder, motions, natural)
         self._steps += made.steps
         self._ends.restored()
@@ -250,8 +226,8 @@ class Simulator(CableInputs):
             self._steps,
             self._remainder,
             self._needs,
-            self._cable.state.copy(),
-            self._cable.inputs.copy(),
+            self.cable.state.copy(),
+            self.cable.inputs.copy(),
             self._geometries,
         )
 
@@ -268,12 +244,10 @@ class Simulator(CableInputs):
         self._remainder = snapshot.remainder
         if snapshot.needs != self._needs or snapshot.geometries is not self._geometries:
             self._geometries = snapshot.geometries
-            for name, geometry in self._geometries.items():
-                self._ends.hold(name, geometry)
             self._rebuild(snapshot.needs)
         self._needs = snapshot.needs  # its warnings may differ
-        self._cable.state[:] = snapshot.state
-        self._cable.inputs[:] = snapshot.inputs
+        self.cable.state[:] = snapshot.state
+        self.cable.inputs[:] = snapshot.inputs
         self._ends.restored()
 
     def reset(self) -> None:
@@ -289,20 +263,20 @@ class Simulator(CableInputs):
             TypeError: not numbers. ValueError: another shape, not finite, out of the coordinates of
                 the scene's step, or without a finite energy.
         """
-        place = self._model.own_columns("control points", points)
+        place = self.model.own_columns("control points", points)
         speed = np.zeros_like(place)
         if rates is not None:
-            speed = self._model.own_columns("velocities", rates, rest=False)
+            speed = self.model.own_columns("velocities", rates, rest=False)
         before = self.snapshot()
         given = place.copy()
-        self._ends.take_frame_turns(self._cable.frame_turn)
+        self._ends.take_frame_turns(self.cable.frame_turn)
         self._ends.put(place, 0.0)
-        self._cable.put(place, speed, 0.0)
-        if self._model.has(layout.MATERIAL):
+        self.cable.put(place, speed, 0.0)
+        if self.model.has(layout.MATERIAL):
             self._lay_natural_shape()
         moved = np.abs(self.control_points - given).max()
-        self._open_account()
-        if not math.isfinite(self._cable.entry(layout.ENERGY_START)):
+        self.cable.open_account(self.scene)
+        if not math.isfinite(self.cable.entry(layout.ENERGY_START)):
             self.restore(before)
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
         self._steps, self._remainder = 0, 0.0
@@ -340,15 +314,7 @@ class Simulator(CableInputs):
                 cable, or points out of the coordinates of the scene's step.
         """
         given = points, times, coordinates
-        place, rates = cable_through(
-            self.scene, self._ends, self._geometries, self._model.knots, *given
-        )
-        across = [axis for axis in range(3) if axis not in self._model.axes]
-        plane = self._model.rest[across]
-        apart = np.abs(np.asarray(points, dtype=float)[..., across] - plane)
-        if not np.any(apart > IN_PLANE * self.scene.cable.length):
-            # What the solution leaves the plane by is rounding.
-            place[:, across], rates[:, across] = plane, 0.0
+        place, rates = cable_through(self.scene, self._ends, self._geometries, self.model, *given)
         twist = self.control_points[:, 3:]
         self.start_from(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
@@ -378,11 +344,12 @@ class Simulator(CableInputs):
         """
         arguments.instance("other", other, Simulator, "one that runs")
         points, rates = other.control_points, other.velocities
-        old, new = other._model, self._model
+        old, new = other.model, self.model
         if not np.array_equal(new.knots, old.knots):
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
-            points, rates = (resampled(values, old, new, u) for values in (points, rates))
-        self._ends.take_over(other._ends, other.time, other._cable.frame_turn)
+            there = (bspline.evaluate(values, old.knots, u) for values in (points, rates))
+            points, rates = (bspline.interpolate(new.knots, values) for values in there)
+        self._ends.take_over(other._ends, other.time, other.cable.frame_turn)
         if any(self._ends.twists(name) for name in self.scene.holders):
             self._extend(self._needs.with_twist(self.scene))
         taking = self._take_over_grasps(other)
@@ -392,16 +359,16 @@ class Simulator(CableInputs):
                 self._ends.count_from(name, 0.0, self._angle_at(at, points))
         self._pull_to_grasps()
         self._ends.put(points, 0.0)
-        self._cable.point_grasps(0.0)
-        self._cable.put(points, rates, 0.0)
-        optional_terms.carry_samples(other._cable, self._cable)
+        self.cable.point_grasps(0.0)
+        self.cable.put(points, rates, 0.0)
+        carry_samples(other.cable, self.cable)
         cables = self.scene.cable, other.scene.cable
         same = len({(cable.natural_shape, cable.rest_curvature_axis) for cable in cables}) == 1
-        if self._model.has(layout.MATERIAL) and not (same and other._model.has(layout.MATERIAL)):
+        if self.model.has(layout.MATERIAL) and not (same and other.model.has(layout.MATERIAL)):
             self._lay_natural_shape()
         for grasp in taking:
             self.take(grasp)
-        self._open_account()
+        self.cable.open_account(self.scene)
         self._initial = self.snapshot()
 
     # -- inside ---------------------------------------------------------------------------------
@@ -409,22 +376,7 @@ class Simulator(CableInputs):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Of a copy, here or in another process: views of its arrays are views of its own."""
         self.__dict__.update(state)
-        self._ends.live_in(self._cable.motion)
-
-    def _open_account(self) -> None:
-        self._cable.open_account(self.scene)
-
-    def _needs_along(self, end: str, path: Array) -> Needs:
-        """Needs once an end effector moves along a path of poses, shape (K, 7)."""
-        turned = rotations.multiply(path[:, 3:], rotations.conjugate(path[0, 3:]))
-        turns = rotations.to_rotation_vector(turned)
-        across = [axis for axis in range(3) if axis not in self._model.axes]
-        leaves = bool(across) and bool(
-            np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self._model.axes)]).max() > 1e-12
-        )
-        rolls = self.scene.holders[end].holds_roll
-        twists = rolls and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
-        return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
+        self._ends.live_in(self.cable.motion)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:
         """Hold what another simulator's grasps hold and the scene says; those still to take it."""

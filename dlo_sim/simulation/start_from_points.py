@@ -12,15 +12,14 @@ cable from starting under tension.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline
+from dlo_sim.core import arguments, bspline, quadrature
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries
+from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,54 +37,32 @@ IN_PLANE = 1e-9  # of the length, distance from a plane that counts as none
 QUADRATIC = 5  # frames from which the motion is a parabola and not a line
 
 
-@dataclass(frozen=True)
 class _Spline:
     """What the sums need: knots, what is held, and the basis at quadrature points.
 
     Attributes:
-        held: some control points that are where they are held, shape (n, 3). free: changes that
-            keep this, shape (3 n, unknowns). slopes, bends: of the basis, shape (samples, n).
-        weights: of the samples [m].
+        held: some control points that are where they are held at time 0, shape (n, 3).
+        free: changes that keep this, shape (3 n, unknowns).
+        length: at rest [m].
     """
 
-    knots: Array
-    held: Array
-    free: Array
-    slopes: Array
-    bends: Array
-    weights: Array
-
-    @classmethod
-    def of(cls, scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array) -> _Spline:
-        """The spline of a scene whose ends and grasps are where they are at time 0."""
-        n = len(knots) - bspline.DEGREE - 1
-        breaks, (x, w) = bspline.breaks(knots), np.polynomial.legendre.leggauss(SAMPLES)
-        half = 0.5 * np.diff(breaks)[:, None]
-        u = (breaks[:-1, None] + half * (1.0 + x)).ravel()
+    def __init__(self, scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array) -> None:
+        self.knots, self.length = knots, float(knots[-1])
+        breaks = bspline.breaks(knots)
+        rule = quadrature.gauss(breaks, SAMPLES)
+        u = rule.places(breaks).ravel()
+        self._weights = rule.weights.ravel()
+        basis = np.eye(len(knots) - bspline.DEGREE - 1)
+        self._slopes, self._bends = (bspline.evaluate(basis, knots, u, order) for order in (1, 2))
         rows, places = _held_rows(scene, ends, geometries, knots)
-        held = np.linalg.pinv(rows) @ places
-        free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
-        basis = np.eye(n)
-        slopes, bends = (bspline.evaluate(basis, knots, u, order) for order in (1, 2))
-        return cls(
-            knots,
-            held.reshape(n, 3),
-            free,
-            slopes,
-            bends,
-            np.tile(w, len(half)) * half.repeat(SAMPLES),
-        )
-
-    @property
-    def length(self) -> float:
-        """Rest length [m]."""
-        return float(self.knots[-1])
+        self.held = (np.linalg.pinv(rows) @ places).reshape(-1, 3)
+        self.free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
 
     def fitting(self, u: Array, values: Array) -> tuple[Array, Array]:
         """Rows of the points and of BEND on control points, (3 m + 3 samples, 3 n), and what they
         are to be.
         """
-        bend = np.sqrt(BEND * self.length**3 * self.weights)[:, None] * self.bends
+        bend = np.sqrt(BEND * self.length**3 * self._weights)[:, None] * self._bends
         basis = bspline.evaluate(np.eye(len(self.held)), self.knots, u)
         rows = np.kron(np.vstack([basis / np.sqrt(len(u)), bend]), np.eye(3))
         wanted = np.zeros(len(rows))
@@ -94,10 +71,10 @@ class _Spline:
 
     def stretch(self, points: Array) -> tuple[Array, Array]:
         """Mean of (|r'|^2 - 1) / 2 over every span with its weight, and its derivative."""
-        slope = self.slopes @ points
-        shares = self.weights.reshape(-1, SAMPLES)
+        slope = self._slopes @ points
+        shares = self._weights.reshape(-1, SAMPLES)
         shares = self.length * np.sqrt(LENGTH / len(shares)) * shares / shares.sum(1, keepdims=True)
-        rows = (self.slopes[:, :, None] * slope[:, None, :]).reshape(*shares.shape, -1)
+        rows = (self._slopes[:, :, None] * slope[:, None, :]).reshape(*shares.shape, -1)
         strain = 0.5 * (np.sum(slope**2, axis=1) - 1.0).reshape(shares.shape)
         return np.sum(shares * strain, axis=1), np.einsum("sk,skj->sj", shares, rows)
 
@@ -106,14 +83,10 @@ class _Spline:
         unknowns = np.linalg.lstsq(rows @ self.free, values - rows @ held.ravel(), rcond=None)[0]
         return np.asarray(held + (self.free @ unknowns).reshape(held.shape))
 
-    def linear(self, u: Array, points: Array, held: Array) -> Array:
-        """The curve of no particular length through points."""
-        return self.solved(*self.fitting(u, points), held)
-
     def through(self, u: Array, points: Array) -> Array:
         """The curve of the cable's length through points."""
         rows, values = self.fitting(u, points)
-        curve = self.linear(u, points, self.held)
+        curve = self.solved(rows, values, self.held)
         for _ in range(STEPS):
             error, derivative = self.stretch(curve)
             apart = values - rows @ curve.ravel()
@@ -169,14 +142,26 @@ def cable_through(
     scene: Scene,
     ends: EndDrive,
     geometries: Geometries,
-    knots: Array,
+    model: Model,
     points: ArrayLike,
     times: ArrayLike | None,
     coordinates: ArrayLike | None,
 ) -> tuple[Array, Array]:
     """Control points [m] and velocities [m/s], each (n, 3); see `Simulator.start_from_points`."""
     frames, stamps = _frames(points, times)
-    spline = _Spline.of(scene, ends, geometries, knots)
+    spline = _Spline(scene, ends, geometries, model.knots)
+    curve, rates = _fitted(spline, scene, frames, stamps, coordinates)
+    across = [axis for axis in range(3) if axis not in model.axes]
+    plane = model.rest[across]
+    if not np.any(np.abs(frames[..., across] - plane) > IN_PLANE * spline.length):
+        # What the solution leaves the plane by is rounding.
+        curve[:, across], rates[:, across] = plane, 0.0
+    return curve, rates
+
+
+def _fitted(
+    spline: _Spline, scene: Scene, frames: Array, stamps: Array, coordinates: ArrayLike | None
+) -> tuple[Array, Array]:
     place, speed = _at_zero(frames, stamps)
     seen: Mask = np.asarray(np.isfinite(place).all(axis=1))
     if seen.sum() < 2:

@@ -95,8 +95,7 @@ def _loop(method: Method, scene: Scene) -> Loop:
         table, nodes = _butcher_table(method)
         return _Explicit(runge_kutta.advance_runge_kutta, table.ravel(), nodes)
     if method.family == ZHAI:
-        pair = scene.integrator.zhai_psi, scene.integrator.zhai_phi
-        return _Explicit(zhai.advance_zhai, *pair)
+        return _Explicit(zhai.advance_zhai, *method.parameters)
     if method.family == CONSTRAINED:
         return _Explicit(rattle.advance_rattle)
     return _Implicit(method, scene)

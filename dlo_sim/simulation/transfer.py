@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline
+from dlo_sim.engine import layout
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
+TINY = 1e-300
 
 
 def carry_inputs(old: Cable, new: Cable) -> None:
@@ -26,9 +26,32 @@ def carry_inputs(old: Cable, new: Cable) -> None:
             new.anchors[k] = old.anchors[known]
 
 
-def resampled(values: Array, old: Model, new: Model, u: Array) -> Array:
-    """Control points on the knots of another model, the same at its Greville points.
-
-    `u` are those points [m] on the old cable.
+def carry_samples(old: Cable, new: Cable) -> None:
+    """Take over another cable's plastic curvature, and its natural shape where that follows the
+    material frame.
     """
-    return bspline.interpolate(new.knots, bspline.evaluate(values, old.knots, u))
+    weights = new.model.moment_weights
+    if old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY):
+        plastic = old.model.samples(old.state, layout.PLASTIC, layout.PLASTIC_ROWS)
+        plastic = _carried_over(old, new, plastic)
+        new.model.put_samples(new.state, layout.PLASTIC, plastic)
+        vectors = np.zeros((*plastic.shape[:2], layout.NATURAL_ROWS))
+        vectors[..., :3] = weights * plastic[..., :3]
+        new.model.put_samples(new.state, layout.NATURAL, vectors)
+    if old.model.has(layout.MATERIAL) and new.model.has(layout.MATERIAL):
+        natural = old.model.samples(old.state, layout.NATURAL, layout.NATURAL_ROWS)
+        natural[..., :3] /= np.maximum(old.model.moment_weights, TINY)
+        natural = _carried_over(old, new, natural)
+        natural[..., :3] *= weights
+        new.model.put_samples(new.state, layout.NATURAL, natural)
+
+
+def _carried_over(old: Cable, new: Cable, values: Array) -> Array:
+    """Values (spans, samples, rows) of one cable at the samples of another, linear between them."""
+    source, target = old.model.sample_shares, new.model.sample_shares
+    known = old.model.rule.weights != 0.0
+    order = np.argsort(source[known], kind="stable")
+    out = np.empty((*target.shape, values.shape[-1]))
+    for row in range(values.shape[-1]):
+        out[..., row] = np.interp(target, source[known][order], values[..., row][known][order])
+    return out

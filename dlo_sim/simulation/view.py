@@ -7,20 +7,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import CONSTRAINED
-from dlo_sim.core.one_rotation import Vector
 from dlo_sim.core.strain import strain
 from dlo_sim.engine import layout
 from dlo_sim.engine.frames import control_poses, curve_frames
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
-from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.coiling import coiling_warning
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.following import checked_poses
 from dlo_sim.simulation.geometry import Geometries, known_holder
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.reaction import Wrench, reaction
+from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.report import Energy, UndefinedTorsion
 from dlo_sim.simulation.selection import Choice
 from dlo_sim.simulation.stepper import Stepper
@@ -34,20 +32,19 @@ class CableView:
     """The visible side of `Simulator`, which fills in the attributes.
 
     Attributes:
-        scene: what is simulated.
+        scene: what is simulated. cable: its arrays. choice: method, step and the reason for them.
     """
 
     scene: Scene
+    cable: Cable
+    choice: Choice
     _needs: Needs
-    _cable: Cable
     _ends: EndDrive
     _geometries: Geometries
-    _choice: Choice
     _stepper: Stepper
     _steps: int
     _greville: Array
-    _pose_points: Array  # scratch of control_poses
-    _frame_axis: Vector
+    _frame_axis: Array
     _bases: dict[bytes, Basis]
 
     # -- what it is -----------------------------------------------------------------------------
@@ -55,7 +52,7 @@ class CableView:
     @property
     def time(self) -> float:
         """Simulated time [s]: whole steps since the start."""
-        return self._steps * self._choice.step if self._steps else 0.0
+        return self._steps * self.choice.step if self._steps else 0.0
 
     @property
     def steps(self) -> int:
@@ -65,31 +62,17 @@ class CableView:
     @property
     def step(self) -> float:
         """Step tau [s]."""
-        return self._choice.step
+        return self.choice.step
 
     @property
     def method(self) -> str:
         """Name of the integrator."""
-        return self._choice.method.name
-
-    @property
-    def choice(self) -> Choice:
-        """Method, step and the reason for them."""
-        return self._choice
+        return self.choice.method.name
 
     @property
     def model(self) -> Model:
         """Constant arrays of the scene."""
-        return self._cable.model
-
-    @property
-    def _model(self) -> Model:
-        return self._cable.model
-
-    @property
-    def cable(self) -> Cable:
-        """Its arrays."""
-        return self._cable
+        return self.cable.model
 
     @property
     def active_terms(self) -> tuple[str, ...]:
@@ -101,7 +84,7 @@ class CableView:
         """What switched-off terms take away from a scene that needs them, and what the model does
         not show of its present state, one line each.
         """
-        coiling = coiling_warning(self.scene, self._cable)
+        coiling = coiling_warning(self.scene, self.cable)
         return (*self._needs.warnings, *([coiling] if coiling else []))
 
     @property
@@ -114,12 +97,12 @@ class CableView:
     @property
     def control_points(self) -> Array:
         """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
-        return self._model.to_columns(self._cable.x)
+        return self.model.to_columns(self.cable.x)
 
     @property
     def velocities(self) -> Array:
         """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
-        return self._model.to_columns(self._cable.velocities(self.time), rest=False)
+        return self.model.to_columns(self.cable.velocities(self.time), rest=False)
 
     @property
     def greville(self) -> Array:
@@ -145,7 +128,7 @@ class CableView:
         """
         if self.scene.without_tension:
             raise ValueError(f"tension: {self.scene.without_tension}")
-        shape, cable = strain(self._model.knots, _coordinates(u)), self.scene.cable
+        shape, cable = strain(self.model.knots, _coordinates(u)), self.scene.cable
         return shape.tension(self.control_points[:, :3], cable.EA, cable.EI)
 
     def curvature(self, u: ArrayLike) -> Array:
@@ -154,7 +137,7 @@ class CableView:
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        return strain(self._model.knots, _coordinates(u)).curvature(self.control_points[:, :3])
+        return strain(self.model.knots, _coordinates(u)).curvature(self.control_points[:, :3])
 
     def frames(self, u: ArrayLike) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent.
@@ -164,8 +147,7 @@ class CableView:
         """
         basis = self._basis(_coordinates(u))
         poses = np.empty((len(basis[0]), 7))
-        reference = np.array(self._frame_reference())
-        curve_frames(self.control_points, *basis, reference, poses)
+        curve_frames(self.control_points, *basis, self._frame_reference(), poses)
         return poses[:, 3:]
 
     def control_poses(self, out: Array) -> None:
@@ -175,19 +157,18 @@ class CableView:
         Raises:
             TypeError: not such an array of doubles.
         """
-        model = self._model
-        if not _writable(out, (model.n, 7)):
-            raise TypeError(f"out: needs np.empty(({model.n}, 7)), got {arguments.given(out)}")
-        points = self.control_points
-        reference = np.array(self._frame_reference())
-        columns, values, slopes = self._basis(self._greville)
-        control_poses(points, columns, values, slopes, reference, out)
+        shape = self.model.n, 7
+        fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
+        if not (fits and out.flags.c_contiguous and out.flags.writeable):
+            raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
+        basis = self._basis(self._greville)
+        control_poses(self.control_points, *basis, self._frame_reference(), out)
 
     def energy(self) -> Energy:
         """Energies of the present state."""
-        e = dict(zip(layout.ENERGIES, self._cable.potentials().tolist(), strict=True))
+        e = dict(zip(layout.ENERGIES, self.cable.potentials().tolist(), strict=True))
         return Energy(
-            kinetic=self._cable.kinetic(self._cable.velocities(self.time)),
+            kinetic=self.cable.kinetic(self.cable.velocities(self.time)),
             stretch=e["stretch"],
             bend=e["bend"] + e["plasticity"],
             twist=e["twist"] + e["torsion"],
@@ -199,12 +180,21 @@ class CableView:
     @property
     def undefined_torsion(self) -> UndefinedTorsion:
         """Where the Frenet torsion was undefined in the run so far."""
-        return optional_terms.undefined_torsion(self.scene, self._cable)
+        if not self.model.has(layout.TORSION):
+            return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
+        entry = self.cable.entry
+        return UndefinedTorsion(
+            samples=int(np.count_nonzero(self.model.rule.weights)),
+            last=int(entry(layout.TORSION_LAST)),
+            mean=entry(layout.TORSION_SUM) / max(entry(layout.TORSION_LOOKS), 1.0),
+            worst=int(entry(layout.TORSION_WORST)),
+            floor=self.scene.curvature_floor,
+        )
 
     @property
     def plastic_work(self) -> float:
         """Energy [J] that plastic bending has dissipated since the start."""
-        return self._cable.entry(layout.PLASTIC_WORK)
+        return self.cable.entry(layout.PLASTIC_WORK)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -215,7 +205,7 @@ class CableView:
     @property
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
-        cable = self._cable
+        cable = self.cable
         worst, exchanged = cable.entry(layout.ENERGY_ERROR), cable.entry(layout.EXCHANGED)
         if not self._stepper.looked_at(self._steps):
             error, present = cable.balance()
@@ -246,27 +236,28 @@ class CableView:
         wrench = np.array(self.reaction_wrench(end))
         return wrench[:3], wrench[3:]
 
-    def reaction_wrench(self, end: str) -> Wrench:
+    def reaction_wrench(self, end: str) -> tuple[float, ...]:
         """`reaction` as six plain numbers: force, then moment."""
         number = list(self.scene.holders).index(known_holder(self.scene, end))
-        return reaction(self._cable, self.time, number, self._stepper.family == CONSTRAINED)
+        keeps_length = self._stepper.family == CONSTRAINED
+        return tuple(reaction(self.cable, self.time, number, keeps_length).tolist())
 
     # -- inside ---------------------------------------------------------------------------------
 
-    def _basis(self, u: Array) -> tuple[NDArray[np.int64], Array, Array]:
+    def _basis(self, u: Array) -> Basis:
         """Active control points (m, 4), basis values and derivatives at u; kept for reuse."""
         key = u.tobytes()
         table = self._bases.get(key)
         if table is None:
-            first, values = bspline.active_basis(self._model.knots, u)
-            _, slopes = bspline.active_basis(self._model.knots, u, 1)
+            first, values = bspline.active_basis(self.model.knots, u)
+            _, slopes = bspline.active_basis(self.model.knots, u, 1)
             table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
             if len(self._bases) >= MOST_BASES:
                 self._bases.clear()
             self._bases[key] = table
         return table
 
-    def _frame_reference(self) -> Vector:
+    def _frame_reference(self) -> Array:
         """A vector that the second axis of the material frame follows at the start."""
         return self._ends.turned("start", self.time, self._frame_axis)
 
@@ -274,10 +265,3 @@ class CableView:
 def _coordinates(u: ArrayLike) -> Array:
     """Material coordinates that somebody gives."""
     return arguments.numbers("u", u, (None,), "m, from 0 to the length")
-
-
-def _writable(out: object, shape: tuple[int, int]) -> bool:
-    """Whether compiled functions can write doubles into an array of this shape."""
-    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float64:
-        return False
-    return bool(out.flags.c_contiguous and out.flags.writeable)

@@ -13,7 +13,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.tuning.reference import Reference, converged
-from dlo_sim.tuning.setting import Setting, ways_to_resolve
+from dlo_sim.tuning.setting import Setting, present_setting, ways_to_resolve
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, longest_step, timed_again
 
 TRIED = (
@@ -126,20 +126,6 @@ def tune(
     progress(1.0)
     off = farthest(present.points, reference.points)
     return Tuned(best, error, reference, present, off, search.tried, search.least)
-
-
-def present_setting(scene: Scene) -> Setting:
-    """What a scene asks for now."""
-    rule, integrator = scene.discretization, scene.integrator
-    return Setting(
-        integrator.method,
-        rule.control_points,
-        integrator.step,
-        rule.samples,
-        rule.quadrature,
-        rule.stretch,
-        rule.knots,
-    )
 
 
 def _method(search: _Search, kind: Setting) -> None:

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import grading
 
 FEW = 7  # control points, of a cable with long spans
+KEYS = {
+    "method": "integrator.method",
+    "control_points": "discretization.control_points",
+    "step": "integrator.step",
+    "samples": "discretization.samples",
+    "quadrature": "discretization.quadrature",
+    "stretch": "discretization.stretch",
+    "knots": "discretization.knots",
+}
+"""Attribute of a setting -> key of the scene that it decides."""
 
 
 @dataclass(frozen=True, order=True)
@@ -35,16 +45,8 @@ class Setting:
     @property
     def values(self) -> dict[str, object]:
         """The scene's keys that this setting decides, and their values."""
-        return {
-            "discretization.control_points": self.control_points,
-            "discretization.quadrature": self.quadrature,
-            "discretization.samples": self.samples,
-            "discretization.stretch": self.stretch,
-            "discretization.knots": self.knots,
-            "integrator.method": self.method,
-            "integrator.step": self.step,
-            **{f"terms.{name}": "off" for name in self.off},
-        }
+        decided = {key: getattr(self, name) for name, key in KEYS.items()}
+        return decided | {f"terms.{name}": "off" for name in self.off}
 
     def applied(self, scene: Scene) -> Scene:
         """The scene computed with this setting.
@@ -64,6 +66,12 @@ class Setting:
         graded = ", knots auto" if self.knots == "auto" else ""
         points = f"{self.samples} points {rule}{by}{graded}"
         return f"{self.method}, n_u {self.control_points}, {points}, {step}{without}"
+
+
+def present_setting(scene: Scene) -> Setting:
+    """What a scene asks for now."""
+    values = scene_values(scene)
+    return Setting(**{name: values[key] for name, key in KEYS.items()})
 
 
 def ways_to_resolve(scene: Scene, method: str) -> tuple[tuple[str, str], ...]:

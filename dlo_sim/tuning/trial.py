@@ -139,7 +139,9 @@ def timed_again(
     walls: list[float] = []
     while len(walls) < 2 or (sum(walls) < budget and len(walls) < MOST_REPEATS):
         simulator.reset()
-        walls.append(_timed(simulator, job))
+        began = time.perf_counter()
+        _run(simulator, job, None)
+        walls.append(time.perf_counter() - began)
     walls = sorted(wall / simulator.time for wall in walls)
     middle = walls[len(walls) // 2]
     best = min(walls[0], trial.wall)
@@ -193,26 +195,14 @@ def farthest(points: Array, truth: Array) -> float:
 
 def _run(simulator: Simulator, job: Job, recorder: Recorder | None) -> tuple[Report, int]:
     """Step over the job; the last report and all force evaluations."""
-    total = int(np.ceil(job.duration / simulator.step - 1e-9))
     used = 0
-    for start, motions in _legs(job):
-        upto = int(np.ceil(start / simulator.step - 1e-9))
+    for until in sorted({job.duration, *(motion.start for _, motion in job.motions)}):
+        upto = int(np.ceil(until / simulator.step - 1e-9))
         report = simulator.advance_steps(upto - simulator.steps, recorder)
         used += report.force_evaluations
         if not report.status.ok:
-            return report, used
-        for end, motion in motions:
-            simulator.set_motion(end, motion)
-    report = simulator.advance_steps(total - simulator.steps, recorder)
-    return report, used + report.force_evaluations
-
-
-def _timed(simulator: Simulator, job: Job) -> float:
-    began = time.perf_counter()
-    _run(simulator, job, None)
-    return time.perf_counter() - began
-
-
-def _legs(job: Job) -> list[tuple[float, list[tuple[str, EndMotion]]]]:
-    starts = sorted({motion.start for _, motion in job.motions})
-    return [(start, [m for m in job.motions if m[1].start == start]) for start in starts]
+            break
+        for end, motion in job.motions:
+            if motion.start == until:
+                simulator.set_motion(end, motion)
+    return report, used

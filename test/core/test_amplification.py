@@ -84,7 +84,7 @@ def test_zhai_pair_decides_order_and_limit() -> None:
     assert zhai.with_parameters(0.25, 0.5).stability_limit == 0.0  # grows at any step
     assert zhai.with_parameters(7.0 / 12.0, 0.5).stability_limit == pytest.approx(3.0**0.5)
     assert zhai.with_parameters(0.6, 0.6).order == 1
-    matrix = [amplification(METHODS["zhai"], w, 0.0, 0.6, 0.5) for w in (0.05, 0.1)]
+    matrix = [amplification(zhai.with_parameters(0.6, 0.5), w) for w in (0.05, 0.1)]
     decay = [-np.log(spectral_radius(a)) for a in matrix]
     # numerical damping delta omega^4 tau^4 / 2 per step, delta = psi - 1/2
     np.testing.assert_allclose(decay, [0.1 * w**4 / 2.0 for w in (0.05, 0.1)], rtol=0.02)

@@ -18,7 +18,7 @@ def places(rule):
 @pytest.mark.parametrize("n_spans", [1, 2, 9])
 def test_gauss_is_exact_to_its_degree_and_no_further(n_spans, points):
     rule = quadrature.gauss(np.linspace(0.0, LENGTH, n_spans + 1), points)
-    assert rule.samples == n_spans * points
+    assert np.count_nonzero(rule.weights) == n_spans * points
     assert rule.weights.sum() == pytest.approx(LENGTH, rel=1e-14)
     u = places(rule)
     for degree in range(2 * points):
@@ -53,7 +53,7 @@ def test_uniform_is_the_trapezoidal_rule_on_equal_steps(n_spans, samples):
     rule = quadrature.uniform(np.linspace(0.0, LENGTH, n_spans + 1), samples)
     used = rule.weights > 0
     u = np.sort(places(rule)[used])
-    assert rule.samples == samples == used.sum()
+    assert used.sum() == samples
     assert np.allclose(u, np.linspace(0, LENGTH, samples), rtol=0, atol=1e-14)
     assert np.all(np.abs(rule.xi) <= 1.0 + 1e-12)
     assert rule.weights.sum() == pytest.approx(LENGTH, rel=1e-14)

@@ -5,7 +5,7 @@ import pytest
 from simulated_cables import TRUTH, recorded
 
 import dlo_sim
-from dlo_sim.batch.workers import Here
+from dlo_sim.batch.workers import HERE
 from dlo_sim.identification.fit import WIDE, FitError
 from dlo_sim.identification.identify import identify
 from dlo_sim.scene.refusal import SceneError
@@ -20,7 +20,7 @@ def identified(recordings, keys=KEYS, left_out=0.0, asked=None, **changes):
     asked = {key: value for key, value in TRUTH.items() if key not in keys} | (asked or {})
     scene = dlo_sim.load_scene({**TRUTH, **START, **changes})
     found = identify(
-        scene, asked, recordings, Here(), keys, left_out, 5.0, lambda share: None, said.append
+        scene, asked, recordings, HERE, keys, left_out, 5.0, lambda share: None, said.append
     )
     return found, said
 

@@ -7,7 +7,7 @@ import pytest
 from simulated_cables import poses
 
 import dlo_sim
-from dlo_sim.batch.workers import Here
+from dlo_sim.batch.workers import HERE
 from dlo_sim.identification.fit import FitError
 from dlo_sim.identification.identify import identify
 from dlo_sim.identification.measurement import MeasurementError, Recording, clamped_at
@@ -50,7 +50,7 @@ def moved():
 def fitted(recording, keys=(), **changes):
     scene = dlo_sim.load_scene({**HANGING, **changes})
     return identify(
-        scene, {}, [recording], Here(), keys, 0.3, 5.0, lambda share: None, lambda line: None
+        scene, {}, [recording], HERE, keys, 0.3, 5.0, lambda share: None, lambda line: None
     )
 
 

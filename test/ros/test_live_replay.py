@@ -320,8 +320,9 @@ def compare(
     )
     assert not stalled, f"in {PLAYS} plays the machine stopped for longer than inputs.latency"
     # A timer that fires once for two periods leaves out a state; what a long gap loses is caught up
-    # in parts, and so is what a busy machine delays. Otherwise the grid is one, but for the first and the last few states. The replay
-    # goes on to the last stamp of the bag; `play` listens until the latency before it.
+    # in parts, and so is what a busy machine delays. Otherwise the grid is one, but for the first
+    # and the last few states. The replay goes on to the last stamp of the bag; `play` listens until
+    # the latency before it.
     edge = 20 * round(SECOND / RATE)
     begin, end = min(grid) + edge, min(max(grid), max(live)) - edge
     missing, extra = (

@@ -120,9 +120,9 @@ def test_short_explicit_step_errs_far_less_in_time_than_in_space():
 
 
 def test_simulator_is_not_disturbed_and_cuts_do_not_matter():
-    first = Simulator(shipped(
-        "two_grippers", discretization__control_points=41, discretization__knots="uniform"
-    ))
+    first = Simulator(
+        shipped("two_grippers", discretization__control_points=41, discretization__knots="uniform")
+    )
     whole, pieces = (ErrorEstimate(Simulator(first.scene)) for _ in range(2))
     motion = swing(first.scene, "end", 1)[0]
     for one in (first, whole, pieces):
@@ -141,9 +141,9 @@ def test_largest_error_is_held_for_a_second():
     """A tug at a damped cable: each look's error counts for 50 looks, and for the whole run."""
     scene = shipped("hanging_cable", damping__mass=6.0, integrator__step=2.5e-3)
     estimate = ErrorEstimate(Simulator(scene))
-    estimate.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     fine = finer(estimate.simulator, 2, 1)
-    fine.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
+    for one in (estimate.simulator, *(one.simulator for one in estimate._companions), fine):
+        one.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     u, looks, held = U * scene.cable.length, [0.0], []
     for _ in range(150):
         estimate.advance_steps(8)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dlo_sim.batch.workers import Here, open_workers
+from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.studies.omission import study as omission
 from dlo_sim.studies.omission.study import variants
@@ -45,7 +45,7 @@ def test_references_are_the_same(cluster):
     case = cases.cantilever().shortened(0.1, (9, 11))
     given = Counting(cluster)
     there = references([case], given)[case.name]
-    here = references([case], Here())[case.name]
+    here = references([case], HERE)[case.name]
     assert given.given == 4
     assert np.array_equal(there.points, here.points)
     assert len(here.points) == 101 and np.ptp(here.points[:, 0, 2]) > 0.01
@@ -56,7 +56,7 @@ def test_references_are_the_same(cluster):
 
 def test_pieces_of_the_paper_are_the_same(cluster):
     sizes = [(9, 51, 0.02), (11, 101, 0.02)]
-    there, here = (each(who, accuracy.track, sizes) for who in (cluster, Here()))
+    there, here = (each(who, accuracy.track, sizes) for who in (cluster, HERE))
     assert here[sizes[0]].shape == (accuracy.INSTANTS, accuracy.POINTS, 3)
     assert not np.array_equal(here[sizes[0]], here[sizes[1]])
     assert all(np.array_equal(there[size], here[size]) for size in sizes)
@@ -66,7 +66,7 @@ def test_motions_of_omission_are_the_same(cluster):
     scene = load_scene(shipped_scene("paper_wire"))
     (gravity,) = (variant for variant in variants(scene) if variant.term == "gravity")
     pieces = omission.pieces(gravity, 0.02)
-    there, here = (list(each(who, omission.motion, pieces).values()) for who in (cluster, Here()))
+    there, here = (list(each(who, omission.motion, pieces).values()) for who in (cluster, HERE))
     assert [trial.status for trial in here] == ["ok", "ok"]
     assert np.abs(here[0].points - here[1].points).max() > 1e-4
     for a, b in zip(there, here, strict=True):

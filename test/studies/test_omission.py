@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from dlo_sim.batch.workers import Here
+from dlo_sim.batch.workers import HERE
 from dlo_sim.scene import needs
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
 from dlo_sim.studies.catalogue import STUDIES, Request
@@ -26,7 +26,7 @@ ALONG = {
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("omission")
-    outcome = STUDIES["omission"].run(Request(folder, True, "dlo_sim study omission", Here()))
+    outcome = STUDIES["omission"].run(Request(folder, True, "dlo_sim study omission", HERE))
     return folder, outcome
 
 

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from dlo_sim.batch.workers import Here
+from dlo_sim.batch.workers import HERE
 from dlo_sim.core.methods import METHODS
 from dlo_sim.studies.catalogue import STUDIES, Request
 from dlo_sim.studies.scaling import study as scaling
@@ -23,7 +23,7 @@ def study(tmp_path_factory):
         patch.setattr(scaling, "SIZES", {True: SIZES})
         patch.setattr(scaling, "REPEATS", {True: 2})
         patch.setattr(scaling, "WATCHED", {True: {"forest_ruth": 20_000, "energy_momentum": 5_000}})
-        outcome = STUDIES["scaling"].run(Request(folder, True, "dlo_sim study scaling", Here()))
+        outcome = STUDIES["scaling"].run(Request(folder, True, "dlo_sim study scaling", HERE))
     return folder, outcome
 
 

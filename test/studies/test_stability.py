@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from dlo_sim.batch.workers import Here
+from dlo_sim.batch.workers import HERE
 from dlo_sim.studies import plotting
 from dlo_sim.studies.catalogue import STUDIES, Request
 from dlo_sim.studies.stability import maps, stiff, study
@@ -113,7 +113,7 @@ def outcome(small, tmp_path_factory):
         patch.setattr(stiff, "CONVERGED", 1e-3)
         patch.setattr(stiff, "DURATION", 1.0)
         patch.setattr(stiff, "COMPARED", 0.1)
-        request = Request(folder, True, "dlo_sim study stability", Here(), progress=seen.append)
+        request = Request(folder, True, "dlo_sim study stability", HERE, progress=seen.append)
         result = STUDIES["stability"].run(request)
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlo_sim.batch.workers import Here
+from dlo_sim.batch.workers import HERE
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.catalogue import STUDIES, Request
 from dlo_sim.studies.work_precision import analytic, cases, elastica, separate, sweep
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("work_precision")
-    request = Request(folder, True, "dlo_sim study work-precision", Here(), peers=True)
+    request = Request(folder, True, "dlo_sim study work-precision", HERE, peers=True)
     return folder, STUDIES["work-precision"].run(request)
 
 

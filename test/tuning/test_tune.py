@@ -29,10 +29,9 @@ from dlo_sim.tuning.search import (
     _Search,
     _steps,
     _without_terms,
-    present_setting,
     tune,
 )
-from dlo_sim.tuning.setting import Setting, ways_to_resolve
+from dlo_sim.tuning.setting import Setting, present_setting, ways_to_resolve
 from dlo_sim.tuning.trial import Job, attempt, farthest, timed_again
 
 TOLERANCE, DURATION = 1e-3, 0.3

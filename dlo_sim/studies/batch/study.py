@@ -9,7 +9,7 @@ import numpy as np
 
 from dlo_sim.batch import simulate_batch
 from dlo_sim.batch.lanes import LANES, new_lane, run_lanes
-from dlo_sim.batch.workers import Here
+from dlo_sim.batch.workers import HERE
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.simulation.simulator import Simulator
@@ -116,7 +116,7 @@ def _cores(report: Report, request: Request) -> dict[str, str]:
     results = {}
 
     def one() -> None:
-        results["one"] = simulate_batch(scenes, CORE_DURATION, workers=Here())
+        results["one"] = simulate_batch(scenes, CORE_DURATION, workers=HERE)
 
     def all_of_them() -> None:
         results["all"] = simulate_batch(scenes, CORE_DURATION, workers=request.workers)

@@ -18,7 +18,7 @@ from dlo_sim.studies import plotting
 from dlo_sim.studies.catalogue import Outcome, Request
 from dlo_sim.studies.report import Cell, Report, columns
 from dlo_sim.studies.runs import each
-from dlo_sim.tuning.search import present_setting
+from dlo_sim.tuning.setting import present_setting
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, timed_again
 
 Values = dict[str, object]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from dlo_sim.core import zhai
-from dlo_sim.core.amplification import stability_limit
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -216,7 +215,7 @@ def _zhai_map(paper: Paper) -> None:
     """Add the stability of Zhai's method over its parameters, best pair, distance from Verlet."""
     psi, phi, limit = zhai.best_pair(4 if paper.quick else 9)
     pairs = list(product(np.round(np.linspace(0.0, 1.0, 11), 2).tolist(), repeat=2))
-    limits = [stability_limit(METHODS["zhai"], *pair) for pair in pairs]
+    limits = [zhai.with_parameters(*pair).stability_limit for pair in pairs]
     label, (rows, columns) = "largest stable omega tau [-]", np.array(pairs).T
     data: dict[str, Array] = {"psi [-]": rows, "phi [-]": columns, label: np.array(limits)}
     caption = (
