@@ -26,10 +26,11 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Progress = Callable[[float], None]
 TOGETHER = 20.0  # errors that count as one, before the fit
-EVALUATIONS, FEW = 9, 6  # steps of a stage, at most, and of a fit that goes on from another
+EVALUATIONS, FEW = 15, 6  # steps of a stage, at most, and of a fit that goes on from another
 GAIN = 1e-3  # share of the cost that ends a stage
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
+TWISTED = ("cable.torsional_stiffness", "cable.bending_stiffness")
 THINNED = ("damping.thinning", "damping.stiffness")
 THINNINGS = ((0.0, 0.0), (0.025, 0.1), (0.12, 0.4))
 DELAYS = tuple(np.linspace(-0.1, 0.1, 11).tolist())  # [s] to start from
@@ -100,6 +101,7 @@ def fit(
         left, stages = dict(before.left), stages[active][:1]
     for stage in np.unique(stages):
         if before is None:
+            seen = run.in_proportion(seen, stages == stage)
             if THINNED[0] in {one.key for one in problem.unknowns if one.stage == stage}:
                 seen = run.best(seen, active | (stages == stage), THINNED, THINNINGS)
             active, reasons = run.distinct(seen, active, stages == stage)
@@ -150,6 +152,13 @@ class _Run:
         for point, shifts in zip(points, grid, strict=True):
             point[places] += shifts[: len(places)]
         return points[int(np.argmin([_cost(error) for error in self._all(points)]))]
+
+    def in_proportion(self, seen: Array, joining: Mask) -> Array:
+        """With the torsional stiffness, where it joins, changed as the bending stiffness was."""
+        labels = np.array([one.label for one in self.problem.unknowns])
+        torsion, bending = (labels == name for name in TWISTED)
+        changed = (seen - self.problem.start())[bending].sum()  # 0 where it is not fitted
+        return np.where(torsion & joining, seen + changed, seen)
 
     def _with_best_delays(self, seen: Array) -> Array:
         """With the delay of each force from a grid that leaves least of it but a constant."""

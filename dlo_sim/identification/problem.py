@@ -65,14 +65,15 @@ class Unknown:
 
 def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
     """All that can be fitted to a scene from markers, or from forces."""
-    length, mu = scene.cable.length, scene.cable.mu
+    length, mu, markers = scene.cable.length, scene.cable.mu, recording.forces is None
+    twisting = int(markers)  # with the natural curvature, by which twist moves markers
     material = (
         Unknown("cable.bending_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
-        Unknown("cable.torsional_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu),
+        Unknown("cable.torsional_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu, stage=twisting),
         Unknown("damping.stiffness", 1.0, 6.0, log=True, least=0.03),
         Unknown("damping.air_drag", 0.2 * mu, 5.0 * mu, least=0.0),
     )
-    if recording.forces is not None:
+    if not markers:
         return (
             *material,
             *(Unknown(OFFSET, 0.3, 5.0, at=k) for k in range(3)),

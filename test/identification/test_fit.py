@@ -46,6 +46,22 @@ def test_a_second_plane_of_natural_curvature_is_fitted_where_asked_for():
     assert found.scene.cable.rest_curvature_2 == pytest.approx([3.0] * 7, abs=0.3)
 
 
+def test_torsional_stiffness_starts_in_proportion_to_bending_stiffness():
+    """Both are a hundred times too small at first. With so little torsional stiffness the natural
+    shape rolls freely and nothing tells it.
+    """
+    bent = {"cable.rest_curvature": [5.0, -3.0, 4.0], "cable.torsional_stiffness": 1.4e-3}
+    truth = {**TRUTH, **bent, "terms.twist": "quasistatic"}
+    pieces = [recorded(truth, seed, noise=2e-4) for seed in (1, 2)]
+    keys = ("cable.bending_stiffness", "cable.torsional_stiffness", "cable.rest_curvature")
+    soft = {"cable.bending_stiffness": 2e-5, "cable.torsional_stiffness": 1.4e-5}
+    found, said = identified(pieces, keys, asked={"terms.twist": "quasistatic"}, **soft)
+    assert not said
+    assert found.scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.1)
+    assert found.scene.cable.torsional_stiffness == pytest.approx(1.4e-3, rel=0.3)
+    assert found.scores["training pieces"].distance < 1e-3
+
+
 @pytest.mark.parametrize("thinning", [0.1, 0.0])
 def test_thinning_is_told_from_damping(thinning):
     truth = {**TRUTH, "damping.stiffness": 0.12, "damping.thinning": thinning}
