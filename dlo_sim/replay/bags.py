@@ -217,6 +217,10 @@ class BagWriter:
         self.failure = ""
         if self.path.exists() or self.path.is_symlink():
             raise BagError(f"output {self.path} exists; remove it or choose another name")
+        folder = self.path.resolve().parent
+        if not folder.is_dir():
+            missing = f"the folder {folder} does not exist; create it first"
+            raise BagError(f"output {self.path}: {missing}")
         typestore = get_typestore(Stores.ROS2_JAZZY)
         with ExitStack() as undo:
             try:
@@ -280,7 +284,9 @@ class BagWriter:
             self._writer.abort()
 
     def _cannot_write(self, error: Exception) -> BagError:
-        return BagError(f"output {self.path} cannot be written: {_reason(error)}")
+        return BagError(
+            f"output {self.path} cannot be written ({_reason(error)}); choose another folder"
+        )
 
 
 def _reason(error: Exception) -> str:

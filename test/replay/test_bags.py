@@ -186,7 +186,7 @@ class TestWriter:
     @pytest.mark.parametrize("place", ["file/bag", "missing/bag"])
     def test_refuses_a_place_that_cannot_be_written(self, tmp_path, place):
         (tmp_path / "file").write_text("")
-        with pytest.raises(BagError, match="cannot be written"):
+        with pytest.raises(BagError, match="does not exist; create it first"):
             BagWriter(tmp_path / place, TOPICS, "mcap")
         assert [p.name for p in tmp_path.iterdir()] == ["file"]
 

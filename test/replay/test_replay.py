@@ -288,8 +288,9 @@ class TestRefused:
 
     def test_output_that_cannot_be_written(self, make_bag, scene, tmp_path):
         (tmp_path / "file").write_text("")
-        self.refuse(make_bag(), scene, tmp_path / "file" / "out", "cannot be written")
-        self.refuse(make_bag(name="b"), scene, tmp_path / "none" / "out", "cannot be written")
+        for name in ("file", "none"):
+            missing = f"/{name} does not exist; create it first"
+            self.refuse(make_bag(name=f"bag_{name}"), scene, tmp_path / name / "out", missing)
 
     def test_comparisons_that_make_no_sense(self, make_bag, scene, tmp_path):
         bag = make_bag()
