@@ -39,6 +39,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import plasticity_wanted
 from dlo_sim.scene.parameters import PARAMETERS
+from dlo_sim.simulation.build_model import grading
 from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
@@ -282,9 +283,18 @@ def _finer_in_time(original: Simulator, place: _Place) -> _Finer | None:
     explicit = original.choice.method.family != IMPLICIT
     if explicit and original.step < SHORT * accurate_step(original.scene)[0]:
         return None
-    values = {"integrator.method": original.method, "integrator.step": original.step / TIME_FACTOR}
+    values = _like(original) | {"integrator.step": original.step / TIME_FACTOR}
     gain = float(TIME_FACTOR) ** _order_in_time(original)
     return values, TIME_FACTOR, gain / (gain - 1.0)
+
+
+def _like(original: Simulator) -> dict[str, object]:
+    """Method and kind of knots of the original, whatever its scene leaves open."""
+    graded = grading(original.scene) != bspline.EQUAL
+    return {
+        "integrator.method": original.method,
+        "discretization.knots": "auto" if graded else "uniform",
+    }
 
 
 def _order_in_time(simulator: Simulator) -> int:
@@ -300,9 +310,8 @@ def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
     finer = min(math.ceil(SPACE_FACTOR * spans), _MOST_CONTROL_POINTS - bspline.DEGREE)
     if finer <= spans:
         raise SceneError(f"discretization.control_points: {choice.control_points} is the most")
-    values: dict[str, object] = {
+    values = _like(original) | {
         "discretization.control_points": finer + bspline.DEGREE,
-        "integrator.method": original.method,
         "integrator.step": original.step,
     }
     if choice.quadrature == "uniform":

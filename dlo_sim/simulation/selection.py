@@ -21,6 +21,7 @@ SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
 # with it the largest frequency: without it, falling cables of 1e4 Pa diverged.
 CLAMPED_SHARE = 0.75
 CONSTRAINED_SAFETY = 0.8  # the pull of a fast inextensible cable adds to its frequencies
+SPLINE = 2.4  # largest frequency of axial waves of a spline over that of half a wave per span
 EXPLICIT_ENOUGH = 2.5e-4  # [s] stable step from which an explicit method is preferred
 WORTH_COMPOSING = 0.8  # of the sub-steps of energy_momentum, from which fourth order is chosen
 FAR_LESS = 0.5  # of the work, from which another method is worth a word
@@ -225,10 +226,12 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
 
 
 def is_implicit(scene: Scene) -> bool:
-    """Whether the scene's method is implicit; with `auto` judged by waves on equal spans."""
+    """Whether the scene's method is implicit, without its model: with `auto` by waves on equal
+    spans. Near the limit of explicit methods `choose` may choose another one.
+    """
     name = scene.integrator.method
     if name == "auto":
-        name, _ = _automatic(scene, max(_waves(scene).values()))
+        name, _ = _automatic(scene, SPLINE * max(_waves(scene).values()))
     return name in METHODS and METHODS[name].family == IMPLICIT
 
 

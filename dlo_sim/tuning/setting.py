@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import grading
@@ -63,7 +64,9 @@ class Setting:
         rule = "per span" if self.quadrature == "gauss" else "in all"
         without = f", without {', '.join(self.off)}" if self.off else ""
         by = ", stretch by span" if self.stretch == "span" else ""
-        graded = ", knots auto" if self.knots == "auto" else ""
+        implicit = self.method in METHODS and METHODS[self.method].family == IMPLICIT
+        may_grade = implicit and self.quadrature == "gauss"
+        graded = ", knots auto" if self.knots == "auto" and may_grade else ""
         points = f"{self.samples} points {rule}{by}{graded}"
         return f"{self.method}, n_u {self.control_points}, {points}, {step}{without}"
 

@@ -330,7 +330,8 @@ def compare(
         for stamps in (grid - set(live), set(live) - grid)
     )
     print(f"{len(missing)} states missing, {len(extra)} in between, {publications.skipped} skipped")
-    assert not FULL or len(missing) <= publications.skipped
+    spare = 0 if FULL else len(grid) // 5
+    assert len(missing) <= publications.skipped + spare
     assert late or not extra
     if tolerance:
         errors = np.abs(positions(live, common) - positions(expected, common)).max(axis=(1, 2))

@@ -5,6 +5,7 @@ import pytest
 from cables import scene_of
 
 from dlo_sim.core import bspline
+from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.simulation.build_model import grading
 from dlo_sim.simulation.simulator import Simulator
 
@@ -50,6 +51,8 @@ def test_where_a_cable_is_clamped(values, start, end, bend):
         {"discretization.quadrature": "uniform", "discretization.samples": 31},
         {"start.clamped": False},
         {"gravity": [0.0, 0.0, 0.0]},
+        {"terms.gravity": "off"},
+        {"terms.bend": "off"},
         {"cable.bending_stiffness": 0.03},  # a bend of two spans and more
         {"grasps.names": ["middle"], "grasps.middle.position": [0.4, 0.0, 0.0]},
         {"damping.stiffness": 0.0, "integrator.method": "velocity_verlet"},
@@ -83,3 +86,20 @@ def test_a_change_that_moves_the_knots_keeps_the_shape():
     assert np.abs(softer.model.knots - sim.model.knots).max() > 1e-3
     u = np.linspace(0.0, 1.0, 41)
     np.testing.assert_allclose(softer.centerline(u), sim.centerline(u), atol=1e-3)
+
+
+@pytest.mark.parametrize("stiffness", 100.0 * 4.0 ** np.arange(7))
+def test_knots_fit_the_method_that_is_chosen(stiffness):
+    """Undamped: the frequency decides, and the knots the frequency."""
+    changes = {"damping.stiffness": 0.0, "cable.axial_stiffness": stiffness}
+    sim = Simulator(scene_of(HANGING, changes, n=13))
+    graded = np.ptp(np.diff(bspline.breaks(sim.model.knots))) > 1e-3
+    assert graded == (sim.choice.method.family == IMPLICIT)
+
+
+def test_an_inextensible_cable_is_placed_on_its_own_knots():
+    """Its first shape comes from an elastic cable, whose method alone would have graded knots."""
+    slack = {"terms.stretch": "off", "damping.stiffness": 0.0, "initial.shape": "equilibrium"}
+    bend = {"cable.bending_stiffness": 0.06 * 9.81 * 0.01**2, "end.position": [0.5, 0.0, 0.0]}
+    sim = Simulator(scene_of(HANGING, HELD, slack, bend, n=17))
+    assert sim.method == "rattle"
