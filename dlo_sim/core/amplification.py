@@ -42,7 +42,7 @@ def amplification(method: Method, omega: ArrayLike, decay: float = 0.0) -> Array
     if method.family == RUNGE_KUTTA:
         return _runge_kutta(method, omega, decay)
     if method.family == ZHAI:
-        return _zhai(omega, decay, *method.parameters)
+        return _zhai(omega, decay, *method.zhai_pair)
     raise ValueError(f"{method.name} is implicit: any step is stable on an oscillator")
 
 

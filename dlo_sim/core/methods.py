@@ -34,7 +34,7 @@ class Method:
         mass_damping, stiffness_damping: whether the method is valid with such damping.
         drift_weights, kick_weights: c_i and d_i in units of the step, executed drift first.
         stage_matrix, stage_weights: a_ij and b_j of a Runge-Kutta method.
-        parameters: psi and phi of Zhai's method (`core.zhai`).
+        zhai_pair: psi and phi of Zhai's method (`core.zhai`).
         substeps: lengths of the sub-steps that make up a step of an implicit method.
         phase_error: k of the error k omega T (omega tau)^order of the phase of an oscillator after
             a time T, for an implicit method.
@@ -54,7 +54,7 @@ class Method:
     kick_weights: tuple[float, ...] = ()
     stage_matrix: tuple[tuple[float, ...], ...] = ()
     stage_weights: tuple[float, ...] = ()
-    parameters: tuple[float, float] = (0.5, 0.5)
+    zhai_pair: tuple[float, float] = (0.5, 0.5)
     substeps: tuple[float, ...] = (1.0,)
     phase_error: float = 1.0 / 12.0
 

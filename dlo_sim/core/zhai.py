@@ -34,7 +34,7 @@ def with_parameters(psi: float, phi: float) -> Method:
     method = METHODS["zhai"]
     if psi == 0.5 and phi == 0.5:
         return method
-    method = replace(method, parameters=(psi, phi), order=2 if phi == 0.5 else 1)
+    method = replace(method, zhai_pair=(psi, phi), order=2 if phi == 0.5 else 1)
     return replace(method, stability_limit=stability_limit(method))
 
 

@@ -94,7 +94,7 @@ class ClockWatch:
     Attributes:
         problem: what is wrong, one line; empty if the clock runs.
         refused: messages on /clock that are no time, in all.
-        jumps: how often the clock was set back or exchanged; whoever notices counts.
+        jumps: how often the clock was set back or exchanged; incremented by LiveCable.
     """
 
     def __init__(self) -> None:

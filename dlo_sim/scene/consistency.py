@@ -13,7 +13,7 @@ from dlo_sim.scene.holders import End, Grasp, Holder
 from dlo_sim.scene.refusal import SceneError, refusal, shown
 
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-LEAST_STEP = 1e-9  # [s]; 0 has the step chosen
+LEAST_STEP = 1e-9  # [s]; 0 = chosen automatically
 LEAST_DENSITY = 1e-15  # [kg/m], of the least diameter and density allowed
 LEAST_QUATERNION = 1e-3  # norm below which an orientation is refused
 _LARGEST_STRETCH = 2.0  # distance of held ends, in lengths, above which it is surely a mistake

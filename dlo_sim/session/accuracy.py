@@ -1,6 +1,4 @@
-"""The estimated discretisation error: when it is estimated, and what it means: a warning that says
-which part and the cure.
-"""
+"""When the discretisation error is estimated, and the warning that names its cause and the cure."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ class Reader:
     def table(self, width: int) -> Array:
         """A sequence of rows of so many doubles, shape (n, width)."""
         count = self.whole()
-        begin = self._pass(8 * width * count, 8 if count else 1)  # nothing is not aligned
+        begin = self._pass(8 * width * count, 8 if count else 1)  # an empty sequence has no padding
         values = np.frombuffer(self._raw, self._order + "f8", width * count, begin)
         return values.astype(float).reshape(count, width)
 
@@ -147,7 +147,7 @@ class Reader:
             raise DecodeError(f"{len(self._raw)} bytes, such a message has {self._at}")
 
     def _pass(self, size: int, aligned: int, name: str = "a field") -> int:
-        """Go on behind so many bytes, which begin at a multiple; returns where."""
+        """Skip `size` bytes after aligning; returns their offset."""
         begin = self._at + -(self._at - 4) % aligned
         self._at = begin + size
         if self._at > len(self._raw):

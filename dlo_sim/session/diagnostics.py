@@ -44,7 +44,8 @@ EVENTS: dict[str, str] = {
     "time_jump": "the clock or the stamps jumped; the simulation was reset",
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
-    "late": "a message arrived after the simulation had passed its time; it takes effect now",
+    "late": "a message arrived after the simulation had passed its time; it takes effect now, "
+    "measured points are rejected",
     "not_taken": "a gripper was to take the cable where it is already held",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",

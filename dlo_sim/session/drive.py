@@ -82,12 +82,12 @@ class Drive:
         self.paths = {k: GripperPath(k, x, note) for k, x in scene.holders.items() if x.driven}
         self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
         self.takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
-        self._waiting: list[Waiting[Any]] = [*self.schedules.values(), *self.takes.values()]
+        self._timed: list[Waiting[Any]] = [*self.schedules.values(), *self.takes.values()]
         self.observer: Observer | None = None
         if scene.measured.type != "none":
             self.observer = Observer(scene.measured, note)
-            self._waiting.append(self.observer)
-        self._inputs: list[Waiting[Any]] = [*self.paths.values(), *self._waiting]
+            self._timed.append(self.observer)
+        self._inputs: list[Waiting[Any]] = [*self.paths.values(), *self._timed]
         self.grid: StepGrid | None = None
         self._segments: dict[str, Segment] = {}
 
@@ -231,7 +231,7 @@ class Drive:
         for segment in self._segments.values():
             if segment.last is not None and segment.last < stop:
                 stop = segment.last
-        for waiting in self._waiting:
+        for waiting in self._timed:
             change = waiting.next_change_ns()
             if change is not None and change < grid.time_of(stop):
                 stop = min(stop, max(self.simulator.steps + 1, grid.first_at_or_after(change)))

@@ -21,7 +21,7 @@ Table = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Counts:
-    """How much of everything a cable, or `stride` of them side by side, has; terms: their bits."""
+    """Sizes of a cable, or of `stride` cables side by side; terms: bits of the active terms."""
 
     terms: int
     dim: int

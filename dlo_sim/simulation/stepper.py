@@ -95,7 +95,7 @@ def _loop(method: Method, scene: Scene) -> Loop:
         table, nodes = _butcher_table(method)
         return _Explicit(runge_kutta.advance_runge_kutta, table.ravel(), nodes)
     if method.family == ZHAI:
-        return _Explicit(zhai.advance_zhai, *method.parameters)
+        return _Explicit(zhai.advance_zhai, *method.zhai_pair)
     if method.family == CONSTRAINED:
         return _Explicit(rattle.advance_rattle)
     return _Implicit(method, scene)
