@@ -26,7 +26,6 @@ SOFT = {
     "cable.torsional_stiffness": 0.015,
     "discretization.control_points": 8,
     "discretization.stretch": "sample",
-    "discretization.knots": "uniform",
     "integrator.tolerance": 1e-10,
     "terms.gravity": "on",
     "terms.twist": "off",

@@ -45,8 +45,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--params",
         metavar="SCENE",
-        help="scene of a bag: without it there is no tension, and knot spans are taken to be "
-        "equal, which they are not near clamped ends",
+        help="scene of a bag, needed for the tension and for discretization.knots auto",
     )
     parser.add_argument(
         "--node", metavar="NAME", default="", help="full name of the node, if the bag has several"

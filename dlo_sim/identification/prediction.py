@@ -21,7 +21,6 @@ STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 
 # How recordings are simulated where nobody says otherwise; the start comes from the markers.
 COMPUTATION: dict[str, object] = {
     "discretization.control_points": 17,
-    "discretization.knots": "uniform",  # so that the fitted numbers do not move them
     "discretization.stretch": "span",
     "integrator.method": "energy_momentum",
     "integrator.step": STEP,

@@ -43,10 +43,10 @@ class Discretization:
         choices=("consistent", "lumped", "selective"),
     )
     knots: str = parameter(
-        "auto",
-        "Auto: knot spans that are shorter near clamped ends, where a cable bends most, with gauss "
-        "and an implicit method, without grasps. Uniform: spans of equal length.",
-        choices=("auto", "uniform"),
+        "uniform",
+        "Knot spans of equal length (uniform), or shorter ones near clamped ends, where a heavy "
+        "cable bends most (auto; with gauss and an implicit method, without grasps).",
+        choices=("uniform", "auto"),
     )
 
     @property

@@ -46,6 +46,7 @@ EVENTS: dict[str, str] = {
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
     "late": "a message arrived after the simulation had passed its time; it takes effect now, "
     "measured points are rejected",
+    "full": "more measurements wait than fit; the oldest is lost",
     "not_taken": "a gripper was to take the cable where it is already held",
     "load_removed": "no message for the load's timeout; the load was removed",
     "time_skipped": "the simulation could not keep up; simulated time was skipped",

@@ -34,7 +34,8 @@ class EndDrive:
         self._rows = {name: row for row, name in enumerate(scene.holders)}
         self.motion = np.zeros((len(self._rows), MOTION_SIZE))
         self._motions: dict[str, EndMotion] = {}
-        self._third = float(bspline.breaks(knots)[1]) / 3.0  # of the first span
+        spans = np.diff(bspline.breaks(knots))
+        self._thirds = {"start": float(spans[0]) / 3.0, "end": float(spans[-1]) / 3.0}
         self._near = NEAR * scene.cable.length
         for name, holder in scene.holders.items():
             geometry = geometries[name]
@@ -92,7 +93,7 @@ class EndDrive:
         """Write the prescribed entries of control points (n, 4) at time t, ends driven or not.
 
         The neighbour of a clamped end goes onto the tangent, as far along it as it is; with `anew`,
-        or where that is nowhere, a third of the first span away.
+        or where that is nowhere, a third of the span at that end away.
         """
         n = len(points)
         for name, end in self._scene.ends.items():
@@ -105,8 +106,8 @@ class EndDrive:
             if end.clamped:
                 direction = self.tangent(name, t) * (1.0 if start else -1.0)
                 along = float((points[inner, :3] - place[:3]) @ direction)
-                if anew or abs(along) < LEAST_THIRD * self._third:
-                    along = self._third
+                if anew or abs(along) < LEAST_THIRD * self._thirds[name]:
+                    along = self._thirds[name]
                 at = place[:3] + along * direction
                 # Round-off is no reason to change the bits of a cable that goes on.
                 if anew or np.abs(points[inner, :3] - at).max() > 1e-3 * self._near:

@@ -17,7 +17,6 @@ TRUTH = {
     "cable.bending_stiffness": 2e-3,
     "damping.stiffness": 0.06,
     "damping.air_drag": 0.01,
-    "discretization.knots": "uniform",
 }
 
 

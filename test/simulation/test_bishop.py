@@ -24,7 +24,6 @@ SHAFT = {
     "damping.stiffness": 0.02,
     "damping.mass": 1.0,
     "discretization.control_points": 17,
-    "discretization.knots": "uniform",
 }
 SLACK = {
     "gravity": [0.0, 0.0, -9.81],

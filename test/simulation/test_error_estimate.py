@@ -160,9 +160,7 @@ def test_largest_error_is_held_for_a_second():
 
 
 def test_companions_continue_from_the_present_state():
-    scene = shipped(
-        "two_grippers", discretization__control_points=41, discretization__knots="uniform"
-    )
+    scene = shipped("two_grippers")
     running = Simulator(scene)
     running.advance_steps(100)
     placed = ErrorEstimate(Simulator(scene))

@@ -17,6 +17,7 @@ HANGING = {
     "cable.axial_stiffness": 100.0,
     "cable.bending_stiffness": 1e-3,
     "damping.stiffness": 0.02,
+    "discretization.knots": "auto",
     "start.clamped": True,
     "start.tangent": [1.0, 0.0, 0.0],
 }
@@ -77,6 +78,14 @@ def test_a_cable_at_rest_is_much_closer_to_the_converged_one(values, share):
         for knots in ("auto", "uniform")
     )
     assert graded < share * equal
+
+
+def test_a_cable_clamped_at_its_end_alone_begins_unstretched():
+    turned = {"start.fixed": [False] * 3, "start.clamped": False} | HELD
+    sim = Simulator(scene_of(HANGING, turned, {"initial.shape": "straight"}, n=13))
+    spans = np.diff(bspline.breaks(sim.model.knots))
+    assert spans[-1] < 0.5 * spans[0]
+    assert sim.energy().stretch < 1e-20  # J
 
 
 def test_a_change_that_moves_the_knots_keeps_the_shape():

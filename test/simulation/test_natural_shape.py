@@ -27,7 +27,6 @@ HELD = {
     "terms.twist": "bishop",
     "terms.out_of_plane": "on",
     "discretization.control_points": 25,
-    "discretization.knots": "uniform",
 }
 BENT = {"cable__rest_curvature": [4.0], "cable__rest_curvature_2": [-1.0, 2.0]}
 

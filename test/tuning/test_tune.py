@@ -101,7 +101,7 @@ def test_tuned_scene_is_the_same_cable_and_faster(tuned):
     }
     assert changed <= {
         *("discretization.control_points", "discretization.quadrature"),
-        *("discretization.samples", "discretization.stretch", "discretization.knots"),
+        *("discretization.samples", "discretization.stretch"),
         *("integrator.method", "integrator.step"),
         *("terms.bend", "terms.gravity", "terms.damping", "terms.out_of_plane"),
     }

@@ -16,7 +16,6 @@ VALUES = {
     "start.clamped": True,
     "start.tangent": [1.0, 0.0, 0.0],
     "discretization.control_points": 7,
-    "discretization.knots": "uniform",
     "damping.stiffness": 0.01,
 }
 TIMES = 21
