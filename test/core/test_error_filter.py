@@ -51,3 +51,13 @@ def test_many_points_count_as_their_mean():
     single = one.update(seen, np.full((1, 3), 0.01))
     for a, b in zip(several, single, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-15)
+
+
+def test_gains_stay_what_they_are_however_many_updates():
+    u = np.linspace(0.0, 0.8, 13)
+    filter_ = ErrorFilter(u, np.eye(13)[:2], 0.02, 0.08, 0.25, 0.005)
+    gains = []
+    for _ in range(400):
+        filter_.advance(0.03)
+        gains.append(filter_.update(np.eye(13), np.full((13, 3), 1e-3))[0])
+    np.testing.assert_allclose(gains[40], gains[-1], rtol=1e-9, atol=1e-12)
