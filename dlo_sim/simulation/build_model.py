@@ -73,11 +73,11 @@ def grading(scene: Scene) -> bspline.Grading:
     """Grading of the knots towards clamped ends.
 
     A cable under tension T bends at a clamp within sqrt(EI / T). T is taken to be its weight, with
-    that of a body at a free end; half of it where both ends are held. Excess and reach are those
-    that gave the least error over cables of sqrt(EI / T) from 0.004 to 0.2 of the length, hanging
-    and swung from a clamp and between grippers 0.5 to 0.95 of the length apart. The reach is at
-    least half a span, so that a narrower bend has knots, too. Grasps bend a cable everywhere; with
-    them equal spans gave less error. So they did with explicit steps, which short spans shorten.
+    that of a body at a free end; half of it where both ends are held. Excess and reach were chosen
+    by the errors of ten cables, with sqrt(EI / T) from 0.004 to 0.1 of the length, hanging and
+    swung from a clamp and between grippers 0.5 to 0.95 of the length apart. The reach is at least
+    half a span, so that a narrower bend has knots, too. Grasps bend a cable everywhere: with them
+    spans stay equal, and with explicit steps, whose accuracy and length shorter spans reduce.
     """
     cable, ends = scene.cable, (scene.start, scene.end)
     held = [any(end.fixed) or any(end.spring) for end in ends]
