@@ -81,7 +81,9 @@ def test_interpreted_is_compiled(method):
     assert np.abs(simulator.control_points[:, 1]).max() > 1e-4
     assert np.abs(state.position - simulator.control_points[:, :3]).max() < 1e-12
     if method != "zhai":
-        assert np.abs(state.velocity - simulator.velocities[:, :3]).max() < 1e-9
+        apart = np.abs(state.velocity - simulator.velocities[:, :3]).max(axis=0)
+        # Along the wire its axial stiffness amplifies round-off a thousandfold.
+        assert np.all(apart < [1e-8, 1e-11, 1e-11])
 
 
 def test_both_ways_of_writing_the_force_agree():
