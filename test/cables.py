@@ -13,7 +13,7 @@ from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
-from dlo_sim.simulation.natural_shape import natural_rows, turned_rows
+from dlo_sim.simulation.natural_shape import natural_rows, turned_rows, weighted
 from dlo_sim.simulation.simulator import Simulator
 
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
@@ -93,7 +93,8 @@ class Bench:
         self.pull_to(0.0)
         self.cable.point_grasps(0.0)
         if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
-            rows = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
+            natural = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
+            rows = weighted(self.scene, self.model, natural)
             rows = turned_rows(rows, np.eye(3), self.model.axes)
             self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 

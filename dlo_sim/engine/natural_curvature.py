@@ -1,9 +1,10 @@
-"""Natural curvature, assembled: one vector per sample, fixed in the world or the material frame.
+"""Natural and plastic curvature, assembled: vectors per sample, fixed in the world or the material
+frame.
 
-Fixed in the world, the vector in the state changes only if the caller rotates it or the cable
-yields. In the material frame (bit MATERIAL) the state holds the vector at the end of the last step;
-within a step it rotates with the tangent and with theta (`terms.material_frame`), which couples
-bending to twist.
+Fixed in the world, the natural curvature in the state changes only if the caller rotates it, the
+plastic one at the end of a step (`engine.plasticity`). In the material frame (bit MATERIAL) the
+state holds the vectors at the end of the last step; within a step they rotate with the tangent and
+with theta (`terms.material_frame`), which couples bending to twist.
 """
 
 from __future__ import annotations
@@ -38,10 +39,41 @@ def rows_of(shape, b, j):
 
 
 @part
-def natural_at(shape, state, b, j):
-    """Natural curvature vector of sample j of block b, times quadrature weight and EI."""
-    at = rows_of(shape, b, j)
-    return load(state, at), load(state, at + LANES), load(state, at + 2 * LANES)
+def plastic_rows_of(shape, b, j):
+    """Offset of the rows of sample j of block b: plastic curvature (3), its normal tangent (3)."""
+    return shape[layout.PLASTIC] + (b * shape[layout.SAMPLES] + j) * layout.PLASTIC_ROWS * LANES
+
+
+@part
+def three(array, at):
+    """Load three rows as a vector."""
+    return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
+
+
+@part
+def store_three(array, at, v):
+    """Store a vector as three rows."""
+    store(array, at, v[0])
+    store(array, at + LANES, v[1])
+    store(array, at + 2 * LANES, v[2])
+
+
+@part
+def moment_weight(shape, model, b, j):
+    """Quadrature weight times EI of sample j of block b."""
+    block = block_of(shape, b)
+    weight = load(model, sample_of(block, j) + layout.QUADRATURE * LANES)
+    return weight * load(model, block + layout.BENDING * LANES)
+
+
+@part
+def natural_at(shape, model, state, b, j):
+    """Natural plus plastic curvature of sample j of block b, times quadrature weight and EI."""
+    n = three(state, rows_of(shape, b, j))
+    if shape[layout.TERMS] & layout.PLASTICITY:
+        p = three(state, plastic_rows_of(shape, b, j))
+        n = combined(1.0, n, moment_weight(shape, model, b, j), p)
+    return n
 
 
 @part
@@ -87,7 +119,7 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
             ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
             tb, kb = tangent_at(q, xi), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
-            n0 = n1 = natural_at(shape, state, b, j)
+            n0 = n1 = natural_at(shape, model, state, b, j)
             on_t = (zero(), zero(), zero())
             on_angle = zero()
             if follows:
@@ -150,7 +182,7 @@ def energy(shape, model, state, x, out):
         for j in range(shape[layout.SAMPLES]):
             xi = load(model, sample_of(block, j) + layout.XI * LANES)
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
-            n = natural_at(shape, state, b, j)
+            n = natural_at(shape, model, state, b, j)
             if follows:
                 n = vector_now(n, tangent_at(r, xi), t, integrated(1.0 / s, angle, xi))
             sum_ += natural_curvature.energy(n, t, k, dot(t, t))
@@ -174,12 +206,14 @@ def follow_natural(shape, model, state, x):
         angle = turn_polynomial(shape, model, reference, x, b)
         for j in range(shape[layout.SAMPLES]):
             xi = load(model, sample_of(block_of(shape, b), j) + layout.XI * LANES)
-            n = natural_at(shape, state, b, j)
-            n = vector_now(n, tangent_at(r, xi), tangent_at(p, xi), integrated(1.0 / s, angle, xi))
+            before, t = tangent_at(r, xi), tangent_at(p, xi)
+            turned = integrated(1.0 / s, angle, xi)
             at = rows_of(shape, b, j)
-            store(state, at, n[0])
-            store(state, at + LANES, n[1])
-            store(state, at + 2 * LANES, n[2])
+            store_three(state, at, vector_now(three(state, at), before, t, turned))
+            if shape[layout.TERMS] & layout.PLASTICITY:
+                at = plastic_rows_of(shape, b, j)
+                store_three(state, at, vector_now(three(state, at), before, t, turned))
+                store_three(state, at + 3 * LANES, material_frame.unit(t))
 
 
 @piece(NOTHING, CABLE)
@@ -209,7 +243,7 @@ def add_natural_stiffness(shape, model, state, x0, x1, matrix):
             ka, kb = bending_at(p, xi, s), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
             angle = 0.5 * (integrated(1.0 / s, angle0, xi) + integrated(1.0 / s, angle1, xi))
-            m = vector_now(natural_at(shape, state, b, j), tangent_at(r, xi), t, angle)
+            m = vector_now(natural_at(shape, model, state, b, j), tangent_at(r, xi), t, angle)
             c = dot(t, t)
             f = -0.5 * natural_curvature.energy(m, t, k, c)
             for first in range(4):

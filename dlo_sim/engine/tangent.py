@@ -123,7 +123,7 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
         keep(scratch, z + X3 * LANES, combined(4.0 * w * hc, tb, 0.0, kb))
         keep(scratch, z + DIAGONAL * LANES, (w * on_c, 0.5 * w * on_d, w * on_h))
         if terms & layout.CURVED:
-            factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch)
+            factor_natural(shape, model, state, b, j, ta, ka, tb, kb, t, k, z, scratch)
         if viscous != 0.0:
             ratio, n, inverse = viscosity.curvature_of(t, k)
             g = zero()
@@ -146,9 +146,9 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
 
 
 @part
-def factor_natural(shape, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
-    """Add the natural curvature to the factors of sample j."""
-    n = natural_at(shape, state, b, j)
+def factor_natural(shape, model, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
+    """Add the natural and plastic curvature to the factors of sample j."""
+    n = natural_at(shape, model, state, b, j)
     c0, c1 = dot(ta, ta), dot(tb, tb)
     e0, e1 = natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
     on_c, on_e = natural_curvature.mean_gradient(c0, c1, e0, e1)

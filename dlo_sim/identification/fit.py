@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.intervals import NORMAL, covariance
 from dlo_sim.identification.prediction import Sensor
-from dlo_sim.identification.problem import DELAY, Problem, Unknown
+from dlo_sim.identification.problem import DELAY, HARDENING, YIELD, Problem, Unknown
 from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
@@ -31,8 +31,24 @@ GAIN = 1e-3  # share of the cost that ends a stage
 STARTS = ((-3.0, 0.0), (-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (3.0, 0.0), (0.0, 1.5), (-1.5, 1.5))
 STARTED = ("cable.bending_stiffness", "damping.stiffness")
 TWISTED = ("cable.torsional_stiffness", "cable.bending_stiffness")
-THINNED = ("damping.thinning", "damping.stiffness")
-THINNINGS = ((0.0, 0.0), (0.025, 0.1), (0.12, 0.4))
+# Unknowns for which a stage that has the first of them looks for a better start in a grid.
+GRIDS: tuple[tuple[tuple[str, ...], tuple[tuple[float, ...], ...]], ...] = (
+    (
+        ("damping.thinning", "damping.stiffness"),
+        ((0.0, 0.0), (0.025, 0.1), (0.12, 0.4)),
+    ),
+    (
+        (HARDENING, YIELD, "cable.bending_stiffness", "damping.stiffness"),
+        (
+            (0.0, 0.0, 0.0, 0.0),
+            (-0.3, -1.0, 0.2, -0.3),
+            (-0.3, 0.0, 0.2, -0.3),
+            (-0.3, 1.0, 0.2, -0.3),
+            (-0.5, -1.0, 0.4, -0.7),
+            (-0.5, 0.0, 0.4, -0.7),
+        ),
+    ),
+)
 DELAYS = tuple(np.linspace(-0.1, 0.1, 11).tolist())  # [s] to start from
 WIDE = "its 95 % interval is wider than the range that was searched"
 KEPT = 40  # points whose errors are kept: a fit comes back to them
@@ -102,8 +118,10 @@ def fit(
     for stage in np.unique(stages):
         if before is None:
             seen = run.in_proportion(seen, stages == stage)
-            if THINNED[0] in {one.key for one in problem.unknowns if one.stage == stage}:
-                seen = run.best(seen, active | (stages == stage), THINNED, THINNINGS)
+            joining = {one.key for one in problem.unknowns if one.stage == stage}
+            for names, grid in GRIDS:
+                if names[0] in joining:
+                    seen = run.best(seen, active | (stages == stage), names, grid)
             active, reasons = run.distinct(seen, active, stages == stage)
             seen = np.where((stages == stage) & ~active, problem.start(), seen)
             left |= reasons

@@ -10,7 +10,15 @@ from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
 from dlo_sim.identification.measurement import START_FRAMES, Recording
 from dlo_sim.identification.prediction import COMPUTATION, Prediction, predicted_of
-from dlo_sim.identification.problem import Problem, Unknown, prepared, unknowns_of
+from dlo_sim.identification.problem import (
+    HARDENING,
+    YIELD,
+    Problem,
+    Unknown,
+    plastic,
+    prepared,
+    unknowns_of,
+)
 from dlo_sim.identification.scores import Score, mean_score, reaction, score
 from dlo_sim.replay.comparison import AxisComparison
 from dlo_sim.scene.description import Scene
@@ -73,6 +81,8 @@ def identify(
         _check_alone(base)
     pieces = tuple(part.smoothed(base) for one in recordings for part in one.pieces(piece))
     unknowns = _chosen(unknowns_of(base, recordings[0]), keys, asked)
+    if {YIELD, HARDENING} & {one.key for one in unknowns}:
+        base = plastic(base)
     problem = Problem(base, unknowns, pieces, START_FRAMES)
     away = int(left_out * len(pieces))
     first = replace(problem, recordings=pieces[: len(pieces) - away])

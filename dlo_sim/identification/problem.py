@@ -19,6 +19,8 @@ BETWEEN = 0.05  # [s] between frames that are compared: markers of a cable hardl
 POINTS = 7  # of the natural curvature
 MARKER, FORCE = 0.02, 0.3  # [m], [N], errors beyond which a measurement counts less
 MARKER_NOISE, FORCE_NOISE = 0.1, 0.3  # of these
+YIELD, HARDENING = "plasticity.yield_curvature", "plasticity.hardening"
+ELASTIC = 0.99  # hardening of a cable that is hardly plastic
 DELAY, OFFSET = "sensor.delay", "sensor.offset"
 
 
@@ -31,6 +33,7 @@ class Unknown:
         log: the fit sees the logarithm.
         width: how far it is usually off; reach: how far it may go; both of what the fit sees.
         least: what it may not fall below; of a logarithm its start where the scene has less.
+        most: what it may not exceed.
         stage: unknowns of a stage join those of the earlier ones once these are fitted.
         extra: fitted only where its key is asked for.
     """
@@ -41,6 +44,7 @@ class Unknown:
     at: int | None = None
     log: bool = False
     least: float = -np.inf
+    most: float = np.inf
     stage: int = 0
     extra: bool = False
 
@@ -56,7 +60,7 @@ class Unknown:
     def range(self, start: float) -> tuple[float, float]:
         """Bounds of what the fit sees, from its start."""
         low = start - self.reach
-        return (low if self.log else max(low, self.least)), start + self.reach
+        return (low if self.log else max(low, self.least)), min(start + self.reach, self.most)
 
     def value(self, seen: float) -> float:
         """The value of what the fit sees."""
@@ -83,6 +87,8 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
         *material,
         Unknown("cable.length", 0.02 * length, 0.1 * length),
         Unknown("damping.thinning", 0.03, 1.0, least=0.0, stage=2, extra=True),
+        Unknown(YIELD, 1.0, 4.0, log=True, extra=True),
+        Unknown(HARDENING, 0.2, 1.0, least=0.0, most=ELASTIC, extra=True),
         *(
             Unknown("cable.rest_curvature", 2.0 / length, 20.0 / length, at=k, stage=1)
             for k in range(POINTS)
@@ -96,6 +102,13 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
         *(Unknown("cable.rest_curvature_axis", 0.5, 1.0, at=k, stage=2) for k in (0, 2)),
         *(Unknown(f"{end}.offset", 0.005, 0.03, at=0, stage=2) for end in ("start", "end")),
     )
+
+
+def plastic(scene: Scene) -> Scene:
+    """The scene with plastic bending, as good as elastic if it had none, to be fitted."""
+    if scene.plasticity.yield_curvature:
+        return scene
+    return scene.with_values({YIELD: 1.0, HARDENING: ELASTIC})
 
 
 def prepared(scene: Scene) -> Scene:

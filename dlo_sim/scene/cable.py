@@ -147,17 +147,21 @@ class Damping:
 
 @dataclass(frozen=True)
 class Plasticity:
-    """Plastic bending."""
+    """Plastic bending, or friction between strands of a cable, which slip at the yield curvature.
+
+    Beyond it, the share `hardening` of the bending stiffness remains.
+    """
 
     yield_curvature: float = parameter(
         0.0,
-        "Curvature beyond which bending is plastic; 0 = always elastic.",
+        "Curvature beyond which bending is plastic, or at which strands slip; 0 = always elastic.",
         "1/m",
         (0.0, 1.0e5),
     )
     hardening: float = parameter(
         0.0,
-        "Ratio of tangent to elastic bending stiffness beyond yield (linear kinematic hardening).",
+        "Ratio of tangent to elastic bending stiffness beyond yield (linear kinematic hardening); "
+        "cable.bending_stiffness is the elastic one, of small motion.",
         "",
         (0.0, 0.999),
     )

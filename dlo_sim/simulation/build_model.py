@@ -113,7 +113,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
         layout.DRAG: scene.drag_across > 0.0,
         layout.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
-        layout.MATERIAL: curved and needs.bishop and not needs.plasticity,
+        layout.MATERIAL: curved and needs.bishop,
     }
     return sum(bit for bit, there in present.items() if there)
 

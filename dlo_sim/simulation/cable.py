@@ -17,6 +17,7 @@ from dlo_sim.engine.assembly import Assembly, assembly
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.natural_curvature import follow_to_present
+from dlo_sim.engine.plasticity import flow_to_present, plastic_flow
 from dlo_sim.methods import between_steps
 from dlo_sim.methods.implicit_layout import BALANCE, BAND
 from dlo_sim.methods.works import evaluate
@@ -156,6 +157,11 @@ class Cable:
         """Take the natural shape of the material frame from where it was opened to the present."""
         if self.model.has(layout.MATERIAL):
             follow_to_present(self.arrays)
+
+    def flow(self) -> None:
+        """Plastic flow at the present shape."""
+        if self.model.has(layout.PLASTICITY):
+            flow_to_present(self.arrays, plastic_flow.code)
 
     def open_frame(self) -> None:
         """The twist angles are those in the Bishop frame of the present shape."""

@@ -23,6 +23,8 @@ from dlo_sim.simulation.natural_shape import (
     natural_rows,
     rows_in_frames,
     turned_rows,
+    unslipped,
+    weighted,
 )
 from dlo_sim.simulation.transfer import carry_inputs, carry_samples
 from dlo_sim.simulation.view import CableView
@@ -241,7 +243,9 @@ class CableInputs(CableView):
         start's end effector.
         """
         follows = self.model.has(layout.MATERIAL)
-        return None if follows or not has_natural_shape(self.scene, self.model) else self._natural
+        if follows or not has_natural_shape(self.scene, self.model):
+            return None
+        return weighted(self.scene, self.model, self._natural)
 
     def _turn_natural_shape(self) -> None:
         if self._turning is not None:
@@ -249,14 +253,35 @@ class CableInputs(CableView):
             rows = turned_rows(self._turning, turn, self.model.axes)
             self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 
+    @property
+    def _lays_natural_shape(self) -> bool:
+        """Whether the natural shape follows the cable, all of it or that of its plastic part."""
+        follows = self.model.has(layout.MATERIAL) or self.model.has(layout.PLASTICITY)
+        return follows and has_natural_shape(self.scene, self.model)
+
+    def _has_natural_shape_of(self, other: CableInputs) -> bool:
+        """Whether another simulator has the same natural shape, kept in the same way."""
+        terms = layout.MATERIAL | layout.PLASTICITY
+        same_terms = self.cable.terms & terms == other.cable.terms & terms
+        scenes = self.scene, other.scene
+        shapes = {(scene.cable.natural_shape, scene.cable.rest_curvature_axis) for scene in scenes}
+        return same_terms and len(shapes) == 1 and self.scene.plasticity == other.scene.plasticity
+
     def _lay_natural_shape(self) -> None:
-        """The natural shape of the material frame along the present shape."""
-        length = self.scene.cable.length
-        u = np.append(0.0, self.model.sample_shares.ravel() * length)
-        frames = self.frames(u)
-        samples = frames[1:].reshape(*self.model.rule.xi.shape, 4)
-        rows = rows_in_frames(self._natural, self.end_pose("start")[1], frames[0], samples)
-        self.model.put_samples(self.cable.state, layout.NATURAL, rows)
+        """The natural shape along the present shape, before any plastic flow."""
+        model, start = self.model, self.end_pose("start")[1]
+        frames = self.frames(np.append(0.0, model.sample_shares.ravel() * self.scene.cable.length))
+        samples = frames[1:].reshape(*model.rule.xi.shape, 4)
+        if model.has(layout.MATERIAL):
+            rows = rows_in_frames(self._natural, start, frames[0], samples)
+            of_elastic = weighted(self.scene, model, rows)
+            model.put_samples(self.cable.state, layout.NATURAL, of_elastic)
+        else:
+            rows = turned_rows(self._natural, rotations.to_matrix(start), model.axes)
+        if model.has(layout.PLASTICITY):
+            tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
+            plastic = unslipped(self.scene, rows, tangents.reshape(*rows.shape[:2], 3))
+            model.put_samples(self.cable.state, layout.PLASTIC, plastic)
         self.cable.open_frame()
 
     def _rebuild(self, needs: Needs) -> None:

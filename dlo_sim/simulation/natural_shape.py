@@ -1,4 +1,6 @@
-"""The natural curvature and rest twist of a scene at the samples of its model."""
+"""Natural curvature and rest twist of a scene at the samples of its model: rows of the curvature
+vector [1/m] (3) and the twist [rad/m], shape (spans, samples, 4).
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ def has_natural_shape(scene: Scene, model: Model) -> bool:
 
 
 def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
-    """Rows of `layout.NATURAL` where the cable leaves the start's end effector, in whose frame it
-    has this unit tangent: EI kappa0 times the weight (3), rest twist; (spans, samples, 4).
+    """Rows where the cable leaves the start's end effector, in whose frame it has this unit
+    tangent.
 
     Raises:
         SceneError: the axis lies along the cable.
@@ -42,7 +44,22 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
         )
     bent = along(cable.rest_curvature) * axis / np.linalg.norm(axis)
     bent = bent + along(cable.rest_curvature_2) * aside / max(across, LEAST_ACROSS)
-    return np.concatenate([model.moment_weights * bent, along(cable.rest_twist)], axis=-1)
+    return np.concatenate([bent, along(cable.rest_twist)], axis=-1)
+
+
+def weighted(scene: Scene, model: Model, rows: Array) -> Array:
+    """Rows of `layout.NATURAL`: the vectors times quadrature weight and EI; of a plastic cable with
+    h EI, the stiffness of its elastic part (`engine.plasticity`).
+    """
+    share = scene.plasticity.hardening if model.has(layout.PLASTICITY) else 1.0
+    return np.concatenate([share * model.moment_weights * rows[..., :3], rows[..., 3:]], axis=-1)
+
+
+def unslipped(scene: Scene, rows: Array, tangents: Array) -> Array:
+    """Rows of `layout.PLASTIC` before any plastic flow; tangents: unit, (spans, samples, 3)."""
+    bent = rows[..., :3]
+    across = bent - tangents * (tangents * bent).sum(axis=-1, keepdims=True)
+    return np.concatenate([(1.0 - scene.plasticity.hardening) * across, tangents], axis=-1)
 
 
 def turned_rows(rows: Array, turn: Array, axes: tuple[int, ...]) -> Array:

@@ -7,8 +7,6 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import Needs, frenet_wanted, inextensible, plasticity_wanted
 
-NATURAL_KEYS = ("rest_curvature", "rest_curvature_2", "rest_twist")  # of Cable.natural_shape
-
 
 def check_terms(scene: Scene, needs: Needs) -> None:
     """Refuse terms, and combinations of them, that have no meaning here.
@@ -43,24 +41,15 @@ def check_terms(scene: Scene, needs: Needs) -> None:
             "terms.plasticity: bends nothing, since terms.bend is off; set one of them"
         )
     constrained = inextensible(scene) and scene.integrator.method == "auto"
-    if scene.terms.twist == "quasistatic" and (needs.plasticity or constrained):
-        other = "terms.plasticity" if needs.plasticity else "terms.stretch off"
-        cure = "it to off" if needs.plasticity else "it to auto"
+    if scene.terms.twist == "quasistatic" and constrained:
         raise SceneError(
-            f"terms.twist: quasistatic is not available together with {other}; set {cure}, or "
-            "terms.twist to bishop"
+            "terms.twist: quasistatic is not available together with terms.stretch off; set it to "
+            "auto, or terms.twist to bishop"
         )
     if any(scene.cable.rest_twist) and not needs.bishop:
         raise SceneError(
             f"cable.rest_twist: {list(scene.cable.rest_twist)} needs the twist that acts on the "
             "shape; set terms.twist to bishop"
-        )
-    if needs.plasticity and scene.cable.shaped:
-        values = scene.cable.natural_shape
-        key = next(key for key, value in zip(NATURAL_KEYS, values, strict=True) if any(value))
-        raise SceneError(
-            f"cable.{key}: is not available together with terms.plasticity; set it to [0.0] or "
-            "terms.plasticity to off"
         )
 
 
@@ -82,12 +71,13 @@ def check_method(scene: Scene, method: Method) -> None:
         )
     if method.family in (SPLITTING, RUNGE_KUTTA, ZHAI):
         return
-    for wanted, key, value in (
-        (frenet_wanted(scene), "terms.twist", "frenet"),
-        (plasticity_wanted(scene), "terms.plasticity", "on"),
-    ):
-        if wanted:
-            raise SceneError(
-                f"integrator.method: {method.name} does not know {key} {value}; use "
-                f"velocity_verlet, rk4 or forest_ruth"
-            )
+    if frenet_wanted(scene):
+        raise SceneError(
+            f"integrator.method: {method.name} does not know terms.twist frenet; use "
+            "velocity_verlet, rk4 or forest_ruth"
+        )
+    if plasticity_wanted(scene) and (method.family == CONSTRAINED or len(method.substeps) > 1):
+        raise SceneError(
+            f"integrator.method: {method.name} does not know terms.plasticity on; use "
+            "energy_momentum, velocity_verlet or rk4"
+        )

@@ -26,6 +26,7 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
 MOST_LAYINGS = 12
+MOST_FLOWS = 50  # each leaves a share 1 - hardening of what has yet to flow
 LAID = 1e-9  # of the length, movement after which the natural shape fits the frames
 
 
@@ -79,20 +80,24 @@ def place(
             )
     if lay:
         lay()
+    cable.flow()
     points = cable.model.to_columns(cable.x)
     _check_obstacles(scene, cable.model, points[:, :3])
     cable.put(points, np.zeros_like(points))
 
 
 def _relaxed(cable: Cable, lay: Callable[[], None] | None) -> bool:
-    """Whether an equilibrium was found, with the natural shape along it."""
-    if not lay:
+    """Whether an equilibrium was found, with the natural shape along it and after plastic flow."""
+    plastic = cable.model.has(layout.PLASTICITY)
+    if not (lay or plastic):
         return statics.relax(cable)
-    for _ in range(MOST_LAYINGS):
+    for _ in range(MOST_FLOWS if plastic else MOST_LAYINGS):
         before = cable.x.copy()
         if not statics.relax(cable):
             return False
-        lay()
+        if lay:
+            lay()
+        cable.flow()
         if np.abs(cable.x - before).max() < LAID * float(cable.model.knots[-1]):
             break
     return True

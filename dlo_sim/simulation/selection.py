@@ -201,8 +201,8 @@ def _damped_limit(method: Method, frequency: float, rate: float) -> float:
 
 
 def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
-    if frenet_wanted(scene) or plasticity_wanted(scene):
-        return "velocity_verlet", "Frenet torsion and plasticity need an explicit method"
+    if frenet_wanted(scene):
+        return "velocity_verlet", "Frenet torsion needs an explicit method"
     if inextensible(scene):
         return "rattle", "terms.stretch is off: constraints keep the length"
     damped = scene.terms.damping != "off"
@@ -219,7 +219,7 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     stiffest = max(waves, key=lambda name: waves[name])
     stiff = f"stiff in {stiffest}: an explicit step would have to be below {limit:.2g} s"
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
-    undamped = not any(external_rates(scene))
+    undamped = not any(external_rates(scene)) and not plasticity_wanted(scene)
     if undamped and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
         return fourth.name, f"{stiff}; accuracy.target {scene.accuracy.target:g} m wants order 4"
     return second.name, stiff
@@ -272,11 +272,10 @@ def _check_damping(scene: Scene, method: Method) -> None:
     inside = {name: getattr(damping, name) for name in ("stiffness", "stretch", "bend", "twist")}
     name = next((name for name, value in inside.items() if value), "")
     if name and not method.stiffness_damping:
-        if frenet_wanted(scene) or plasticity_wanted(scene):
+        if frenet_wanted(scene):
             raise SceneError(
-                f"damping.{name}: {inside[name]:g} needs an implicit method, Frenet "
-                "torsion and plasticity an explicit one; set it to 0.0 (damping.mass damps as "
-                "well), or terms.plasticity to off and terms.twist to auto"
+                f"damping.{name}: {inside[name]:g} needs an implicit method, Frenet torsion an "
+                "explicit one; set it to 0.0 (damping.mass damps as well), or terms.twist to auto"
             )
         raise SceneError(
             f"integrator.method: {method.name} is not valid with damping.{name} "
@@ -287,10 +286,10 @@ def _check_damping(scene: Scene, method: Method) -> None:
             f"integrator.method: {method.name} is not valid with damping.thinning "
             f"{damping.thinning:g}; use energy_momentum, or set it to 0.0"
         )
-    if scene.drag_across and (frenet_wanted(scene) or plasticity_wanted(scene)):
+    if scene.drag_across and frenet_wanted(scene):
         raise SceneError(
             f"damping.air_drag_ratio: {damping.air_drag_ratio:g} needs an implicit method, Frenet "
-            "torsion and plasticity an explicit one; set it to 1.0"
+            "torsion an explicit one; set it to 1.0"
         )
     if scene.drag_across and method.family != IMPLICIT:
         raise SceneError(

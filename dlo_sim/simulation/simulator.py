@@ -90,7 +90,7 @@ class Simulator(CableInputs):
         self._bases = {}
         self._steps, self._remainder = 0, 0.0
         self._fill_inputs()
-        lay = self._lay_natural_shape if model.has(layout.MATERIAL) else None
+        lay = self._lay_natural_shape if self._lays_natural_shape else None
         place(scene, self._geometries, self._ends, self.cable, lay)
         frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
@@ -272,8 +272,9 @@ class Simulator(CableInputs):
         self._ends.take_frame_turns(self.cable.frame_turn)
         self._ends.put(place, 0.0)
         self.cable.put(place, speed, 0.0)
-        if self.model.has(layout.MATERIAL):
+        if self._lays_natural_shape:
             self._lay_natural_shape()
+        self.cable.flow()
         moved = np.abs(self.control_points - given).max()
         self.cable.open_account(self.scene)
         if not math.isfinite(self.cable.entry(layout.ENERGY_START)):
@@ -362,9 +363,7 @@ class Simulator(CableInputs):
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
         carry_samples(other.cable, self.cable)
-        cables = self.scene.cable, other.scene.cable
-        same = len({(cable.natural_shape, cable.rest_curvature_axis) for cable in cables}) == 1
-        if self.model.has(layout.MATERIAL) and not (same and other.model.has(layout.MATERIAL)):
+        if self._lays_natural_shape and not self._has_natural_shape_of(other):
             self._lay_natural_shape()
         for grasp in taking:
             self.take(grasp)

@@ -30,19 +30,15 @@ def carry_samples(old: Cable, new: Cable) -> None:
     """Take over another cable's plastic curvature, and its natural shape where that follows the
     material frame.
     """
-    weights = new.model.moment_weights
     if old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY):
         plastic = old.model.samples(old.state, layout.PLASTIC, layout.PLASTIC_ROWS)
         plastic = _carried_over(old, new, plastic)
         new.model.put_samples(new.state, layout.PLASTIC, plastic)
-        vectors = np.zeros((*plastic.shape[:2], layout.NATURAL_ROWS))
-        vectors[..., :3] = weights * plastic[..., :3]
-        new.model.put_samples(new.state, layout.NATURAL, vectors)
     if old.model.has(layout.MATERIAL) and new.model.has(layout.MATERIAL):
         natural = old.model.samples(old.state, layout.NATURAL, layout.NATURAL_ROWS)
         natural[..., :3] /= np.maximum(old.model.moment_weights, TINY)
         natural = _carried_over(old, new, natural)
-        natural[..., :3] *= weights
+        natural[..., :3] *= new.model.moment_weights
         new.model.put_samples(new.state, layout.NATURAL, natural)
 
 

@@ -103,15 +103,21 @@ def test_a_soft_cable_gets_a_step_that_it_bears(modulus):
 
 
 @pytest.mark.parametrize("method", ["auto", "velocity_verlet"])
-@pytest.mark.parametrize("term", [{"plasticity.yield_curvature": 2.0}, {"terms.twist": "frenet"}])
-def test_stiffness_damping_against_what_needs_an_explicit_method(method, term):
-    """The cure is not an implicit method, which these terms do not have."""
+def test_stiffness_damping_against_what_needs_an_explicit_method(method):
+    """The cure is not an implicit method, which does not know Frenet torsion."""
+    term = {"terms.twist": "frenet"}
     values = {"damping.stiffness": 0.01} | term
     with pytest.raises(SceneError, match="^damping.stiffness: 0.01 needs an implicit method, Fren"):
         chosen(values, method=method, step=1e-6)
     with pytest.raises(SceneError, match="velocity_verlet is not valid with damping.stiffness"):
         chosen({"damping.stiffness": 0.01}, method="velocity_verlet", step=1e-6)
     assert chosen(term, {"damping.mass": 0.1}).method == "velocity_verlet"
+
+
+def test_a_plastic_cable_has_explicit_and_implicit_methods():
+    slipping = {"plasticity.yield_curvature": 2.0}
+    assert chosen(slipping, {"damping.stiffness": 0.01}).method == "energy_momentum"
+    assert chosen(slipping, method="velocity_verlet", step=1e-6).method == "velocity_verlet"
 
 
 def test_negative_steps_with_damping_are_refused():
@@ -136,7 +142,7 @@ def test_what_would_take_far_less_work_is_known():
     assert (other.method.name, other.step) == ("energy_momentum", 2.5e-3)
     free = wire.with_values({"integrator.method": "auto", "integrator.step": 0.0})
     assert less_work(free, Simulator(free).choice) is None
-    # Plasticity leaves no choice of the method, only of the step.
-    plastic = slow.with_values({"terms.plasticity": "on", "plasticity.yield_curvature": 1.0})
-    other = less_work(plastic, Simulator(plastic).choice)
+    # Frenet torsion leaves no choice of the method, only of the step.
+    frenet = slow.with_values({"terms.twist": "frenet"})
+    other = less_work(frenet, Simulator(frenet).choice)
     assert other is not None and other.method.name == "velocity_verlet"
