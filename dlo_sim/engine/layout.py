@@ -80,7 +80,7 @@ ANCHOR_BOOKED = 63  # target values up to which the ledger contains the work
 LEDGER = 61
 NATURAL = 62  # NATURAL_ROWS per sample of every block (`engine.natural_curvature`)
 RATES_BEFORE = 65  # rows, held: target rates of the last velocity correction (`methods.rattle`)
-PLASTIC = 64  # 6 rows per sample of every block: plastic curvature, and the tangent it is normal to
+PLASTIC = 64  # PLASTIC_ROWS per sample of every block (`engine.slip`)
 REFERENCE = 66  # positions at the end of the last step, SIZE (`engine.bishop`)
 MATRIX = 42  # LU factors of the last Newton matrix (`methods.implicit`)
 FRAME_TURN = 67  # one row per grasp: lag of the frame of theta behind the grasp's frame [rad]
@@ -140,7 +140,7 @@ BENDING = 17  # EI [N m^2]
 VALUES = 18  # values of the four basis functions at xi = 0
 HEAD = 22
 XI, QUADRATURE, SAMPLE = 0, 1, 2  # rows of a sample: xi, weight [m]
-NATURAL_ROWS, PLASTIC_ROWS = 4, 6
+NATURAL_ROWS, PLASTIC_ROWS = 4, 9
 
 # -- bits of the terms --------------------------------------------------------------------------
 STRETCH = 1
@@ -188,7 +188,8 @@ MATRIX_WEIGHT = ENERGY_BEGIN + len(ENERGIES)  # factor of the mass in MATRIX [1/
 MATRIX_SHRINKING = MATRIX_WEIGHT + 1  # contraction of the corrections, as last measured
 MATRIX_WAIT = MATRIX_SHRINKING + 1  # steps that must factorise anew before a matrix is reused
 MATRIX_SETBACKS = MATRIX_WAIT + 1  # log2 of the next such wait
-LEDGER_ROWS = MATRIX_SETBACKS + 1
+SLIP = MATRIX_SETBACKS + 1  # share of the plastic flow of a step that its forces contain
+LEDGER_ROWS = SLIP + 1
 OF_HISTORY = (KNOWN, IS_BOOKED, PENDING, HAS_REACTION, MATRIX_WEIGHT)  # 0 without earlier steps
 
 OK, DIVERGED, NOT_CONVERGED = 0, 1, 2

@@ -27,6 +27,15 @@ from dlo_sim.engine.elastic import (
     scatter_values,
     tangent_at,
 )
+from dlo_sim.engine.slip import (
+    CURVATURE,
+    TANGENT,
+    curvature,
+    plastic_rows_of,
+    slipping,
+    store_three,
+    three,
+)
 from dlo_sim.engine.term import ENERGY, FORCE, Term, add_energy
 from dlo_sim.terms import material_frame, natural_curvature
 from dlo_sim.terms.viscosity import combined, dot
@@ -39,26 +48,6 @@ def rows_of(shape, b, j):
 
 
 @part
-def plastic_rows_of(shape, b, j):
-    """Offset of the rows of sample j of block b: plastic curvature (3), its normal tangent (3)."""
-    return shape[layout.PLASTIC] + (b * shape[layout.SAMPLES] + j) * layout.PLASTIC_ROWS * LANES
-
-
-@part
-def three(array, at):
-    """Load three rows as a vector."""
-    return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
-
-
-@part
-def store_three(array, at, v):
-    """Store a vector as three rows."""
-    store(array, at, v[0])
-    store(array, at + LANES, v[1])
-    store(array, at + 2 * LANES, v[2])
-
-
-@part
 def moment_weight(shape, model, b, j):
     """Quadrature weight times EI of sample j of block b."""
     block = block_of(shape, b)
@@ -67,13 +56,23 @@ def moment_weight(shape, model, b, j):
 
 
 @part
-def natural_at(shape, model, state, b, j):
-    """Natural plus plastic curvature of sample j of block b, times quadrature weight and EI."""
+def natural_at(shape, model, state, b, j, kappa):
+    """Natural plus plastic curvature of sample j of block b, times quadrature weight and EI, in a
+    step that ends with the curvature kappa.
+    """
     n = three(state, rows_of(shape, b, j))
     if shape[layout.TERMS] & layout.PLASTICITY:
-        p = three(state, plastic_rows_of(shape, b, j))
+        p = slipping(shape, model, state, b, j, kappa)
         n = combined(1.0, n, moment_weight(shape, model, b, j), p)
     return n
+
+
+@part
+def curvature_before(before, t, k, angle):
+    """Curvature of t, k rotated back by `vector_now`."""
+    kappa = curvature(t, k)
+    u, now = material_frame.unit(before), material_frame.unit(t)
+    return material_frame.turned(material_frame.transported(kappa, now, u), u, -angle)
 
 
 @part
@@ -119,7 +118,11 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
             ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
             tb, kb = tangent_at(q, xi), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
-            n0 = n1 = natural_at(shape, model, state, b, j)
+            kappa = curvature(tb, kb)
+            if follows:
+                turned = integrated(1.0 / s, angle1, xi)
+                kappa = curvature_before(tangent_at(r, xi), tb, kb, turned)
+            n0 = n1 = natural_at(shape, model, state, b, j, kappa)
             on_t = (zero(), zero(), zero())
             on_angle = zero()
             if follows:
@@ -182,7 +185,7 @@ def energy(shape, model, state, x, out):
         for j in range(shape[layout.SAMPLES]):
             xi = load(model, sample_of(block, j) + layout.XI * LANES)
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
-            n = natural_at(shape, model, state, b, j)
+            n = natural_at(shape, model, state, b, j, curvature(t, k))
             if follows:
                 n = vector_now(n, tangent_at(r, xi), t, integrated(1.0 / s, angle, xi))
             sum_ += natural_curvature.energy(n, t, k, dot(t, t))
@@ -213,7 +216,9 @@ def follow_natural(shape, model, state, x):
             if shape[layout.TERMS] & layout.PLASTICITY:
                 at = plastic_rows_of(shape, b, j)
                 store_three(state, at, vector_now(three(state, at), before, t, turned))
-                store_three(state, at + 3 * LANES, material_frame.unit(t))
+                store_three(state, at + TANGENT, material_frame.unit(t))
+                at += CURVATURE
+                store_three(state, at, vector_now(three(state, at), before, t, turned))
 
 
 @piece(NOTHING, CABLE)
@@ -243,7 +248,9 @@ def add_natural_stiffness(shape, model, state, x0, x1, matrix):
             ka, kb = bending_at(p, xi, s), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
             angle = 0.5 * (integrated(1.0 / s, angle0, xi) + integrated(1.0 / s, angle1, xi))
-            m = vector_now(natural_at(shape, model, state, b, j), tangent_at(r, xi), t, angle)
+            kappa = curvature_before(tangent_at(r, xi), tb, kb, angle)
+            m = natural_at(shape, model, state, b, j, kappa)
+            m = vector_now(m, tangent_at(r, xi), t, angle)
             c = dot(t, t)
             f = -0.5 * natural_curvature.energy(m, t, k, c)
             for first in range(4):

@@ -211,6 +211,8 @@ def implicit_step(
     stalls = 0  # successive stalled corrections
     known = np.int64(0)  # corrections since the matrix was factorised
     lost, floor = 0.0, 0.0
+    # Share of the flow at the configuration at which the forces of the step are evaluated.
+    state[ledger + layout.SLIP * LANES] = 0.5 if discrete else 1.0
     while True:
         lost = step_force(
             shape, model, inputs, state, scratch, gradient, t0, tau, theta, rate, discrete
@@ -274,9 +276,11 @@ def implicit_step(
             shape, model, inputs, state, scratch, end_twist, constants, newmark,
             t0, tau, whole, lost, dissipates,
         )  # fmt: skip
+        state[ledger + layout.SLIP * LANES] = 0.5
         flow(flows, shape, model, inputs, state, scratch)
     else:
         undo_step(shape, state, scratch)
+    state[ledger + layout.SLIP * LANES] = 0.0
     return converged, iterations
 
 

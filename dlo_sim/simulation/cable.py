@@ -151,6 +151,7 @@ class Cable:
         self.ledger[list(layout.OF_HISTORY)] = 0.0
         if follow:
             self.follow()
+            self.flow()
         self.open_frame()
 
     def follow(self) -> None:

@@ -56,10 +56,13 @@ def weighted(scene: Scene, model: Model, rows: Array) -> Array:
 
 
 def unslipped(scene: Scene, rows: Array, tangents: Array) -> Array:
-    """Rows of `layout.PLASTIC` before any plastic flow; tangents: unit, (spans, samples, 3)."""
+    """Rows of `layout.PLASTIC` before any plastic flow, at no curvature; tangents: unit, shape
+    (spans, samples, 3).
+    """
     bent = rows[..., :3]
     across = bent - tangents * (tangents * bent).sum(axis=-1, keepdims=True)
-    return np.concatenate([(1.0 - scene.plasticity.hardening) * across, tangents], axis=-1)
+    plastic = (1.0 - scene.plasticity.hardening) * across
+    return np.concatenate([plastic, tangents, np.zeros_like(tangents)], axis=-1)
 
 
 def turned_rows(rows: Array, turn: Array, axes: tuple[int, ...]) -> Array:

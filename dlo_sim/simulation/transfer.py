@@ -34,6 +34,7 @@ def carry_samples(old: Cable, new: Cable) -> None:
         plastic = old.model.samples(old.state, layout.PLASTIC, layout.PLASTIC_ROWS)
         plastic = _carried_over(old, new, plastic)
         new.model.put_samples(new.state, layout.PLASTIC, plastic)
+        new.flow()
     if old.model.has(layout.MATERIAL) and new.model.has(layout.MATERIAL):
         natural = old.model.samples(old.state, layout.NATURAL, layout.NATURAL_ROWS)
         natural[..., :3] /= np.maximum(old.model.moment_weights, TINY)
