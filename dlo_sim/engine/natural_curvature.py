@@ -56,13 +56,11 @@ def moment_weight(shape, model, b, j):
 
 
 @part
-def natural_at(shape, model, state, b, j, kappa):
-    """Natural plus plastic curvature of sample j of block b, times quadrature weight and EI, in a
-    step that ends with the curvature kappa.
-    """
+def natural_at(shape, model, state, b, j):
+    """Natural plus plastic curvature of sample j of block b, times quadrature weight and EI."""
     n = three(state, rows_of(shape, b, j))
     if shape[layout.TERMS] & layout.PLASTICITY:
-        p = slipping(shape, model, state, b, j, kappa)
+        p = three(state, plastic_rows_of(shape, b, j))
         n = combined(1.0, n, moment_weight(shape, model, b, j), p)
     return n
 
@@ -118,11 +116,15 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
             ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
             tb, kb = tangent_at(q, xi), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
-            kappa = curvature(tb, kb)
-            if follows:
-                turned = integrated(1.0 / s, angle1, xi)
-                kappa = curvature_before(tangent_at(r, xi), tb, kb, turned)
-            n0 = n1 = natural_at(shape, model, state, b, j, kappa)
+            n0 = natural_at(shape, model, state, b, j)
+            if shape[layout.TERMS] & layout.PLASTICITY:
+                kappa = curvature(tb, kb)
+                if follows:
+                    turned = integrated(1.0 / s, angle1, xi)
+                    kappa = curvature_before(tangent_at(r, xi), tb, kb, turned)
+                slip = slipping(shape, model, state, b, j, kappa)
+                n0 = combined(1.0, n0, moment_weight(shape, model, b, j), slip)
+            n1 = n0
             on_t = (zero(), zero(), zero())
             on_angle = zero()
             if follows:
@@ -185,7 +187,7 @@ def energy(shape, model, state, x, out):
         for j in range(shape[layout.SAMPLES]):
             xi = load(model, sample_of(block, j) + layout.XI * LANES)
             t, k = tangent_at(p, xi), bending_at(p, xi, s)
-            n = natural_at(shape, model, state, b, j, curvature(t, k))
+            n = natural_at(shape, model, state, b, j)
             if follows:
                 n = vector_now(n, tangent_at(r, xi), t, integrated(1.0 / s, angle, xi))
             sum_ += natural_curvature.energy(n, t, k, dot(t, t))
@@ -248,9 +250,7 @@ def add_natural_stiffness(shape, model, state, x0, x1, matrix):
             ka, kb = bending_at(p, xi, s), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
             angle = 0.5 * (integrated(1.0 / s, angle0, xi) + integrated(1.0 / s, angle1, xi))
-            kappa = curvature_before(tangent_at(r, xi), tb, kb, angle)
-            m = natural_at(shape, model, state, b, j, kappa)
-            m = vector_now(m, tangent_at(r, xi), t, angle)
+            m = vector_now(natural_at(shape, model, state, b, j), tangent_at(r, xi), t, angle)
             c = dot(t, t)
             f = -0.5 * natural_curvature.energy(m, t, k, c)
             for first in range(4):

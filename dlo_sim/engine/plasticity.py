@@ -80,11 +80,11 @@ def plastic_flow(shape, model, inputs, state, scratch):
             at = plastic_rows_of(shape, b, j)
             p, kappa_before = three(state, at), three(state, at + CURVATURE)
             moved = combined(1.0, kappa, -1.0, kappa_before)
-            work = -dot(slipping(shape, model, state, b, j, kappa), moved) - dot(p, kappa_before)
+            work = -dot(slipping(shape, model, state, b, j, kappa), moved) - dot(p, kappa)
             # smallest rotation from the old tangent to t, applied to p normal to the old one
             h = combined(1.0, three(state, at + TANGENT), 1.0, t)
             after = combined(1.0, p, -2.0 * dot(t, p) / (dot(h, h) + TINY), h)
-            after, _, _ = returned(shape, model, b, kappa, after)
+            after = returned(shape, model, b, kappa, after)
             stored = 0.5 * (stiffness + hardening) * (dot(after, after) - dot(p, p))
             lost += w * (stiffness * (work + dot(after, kappa)) - stored)
             store_three(state, at, after)

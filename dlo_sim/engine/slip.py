@@ -11,7 +11,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, root, size, store
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import layout
-from dlo_sim.engine.elastic import block_of, dot, sample_of
+from dlo_sim.engine.elastic import block_of, dot
 from dlo_sim.terms.natural_curvature import cross
 from dlo_sim.terms.viscosity import combined
 
@@ -50,49 +50,20 @@ def curvature(t, k):
 
 @part
 def returned(shape, model, b, kappa, p):
-    """Plastic curvature after bending to kappa, the direction of m, and the amount of flow."""
+    """Plastic curvature after bending to kappa."""
     stiffness = load(model, block_of(shape, b) + layout.BENDING * LANES)
     whole = stiffness + load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
     m = combined(stiffness, kappa, -whole, p)
     moment = root(dot(m, m))
     over = moment - load(model, shape[layout.SCALES] + layout.YIELD_MOMENT * LANES)
     flow = 0.5 * (over + size(over)) / (whole + TINY)  # TINY: lanes beyond the last span
-    way = combined(1.0 / (moment + TINY), m, 0.0, m)
-    return combined(1.0, p, flow, way), way, flow
-
-
-@part
-def share_of_slip(shape, state):
-    """Share of the plastic flow of the present step that its forces contain."""
-    return state[shape[layout.LEDGER] + layout.SLIP * LANES]
+    return combined(1.0, p, flow / (moment + TINY), m)
 
 
 @part
 def slipping(shape, model, state, b, j, kappa):
-    """Plastic curvature in the forces of a step that ends with kappa."""
+    """Plastic curvature in the forces of a step that ends with kappa, less that at its start."""
+    share = state[shape[layout.LEDGER] + layout.SLIP * LANES]
     p = three(state, plastic_rows_of(shape, b, j))
-    share = share_of_slip(shape, state)
-    if share > 0.0:
-        after, _, _ = returned(shape, model, b, kappa, p)
-        p = combined(1.0 - share, p, share, after)
-    return p
-
-
-@part
-def softening(shape, model, state, b, j, t, k):
-    """Vectors on r' and r'' whose dyad the flow takes off the Jacobian of a step that ends with
-    t, k: share * weight * EI^2 / (EI + H) d(m.kappa)/d(t, k), squared, along the direction of m.
-    """
-    kappa = curvature(t, k)
-    p = three(state, plastic_rows_of(shape, b, j))
-    _, way, flow = returned(shape, model, b, kappa, p)
-    block = block_of(shape, b)
-    stiffness = load(model, block + layout.BENDING * LANES)
-    whole = stiffness + load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
-    weight = load(model, sample_of(block, j) + layout.QUADRATURE * LANES)
-    weight = weight * stiffness * stiffness / (whole + TINY) * share_of_slip(shape, state)
-    f = root(weight * flow / (flow + TINY))
-    c = dot(t, t)
-    g = f / (c * root(c))
-    on_t = combined(g, cross(k, way), -3.0 * f * dot(way, kappa) / c, t)
-    return on_t, combined(g, cross(way, t), 0.0, t)
+    after = returned(shape, model, b, kappa, p)
+    return combined(share, after, -share, p)

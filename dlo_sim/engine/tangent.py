@@ -24,7 +24,6 @@ from dlo_sim.engine.elastic import (
     tangent_at,
 )
 from dlo_sim.engine.natural_curvature import natural_at
-from dlo_sim.engine.slip import curvature, share_of_slip, softening
 from dlo_sim.terms import bend, natural_curvature, stretch, viscosity
 from dlo_sim.terms.viscosity import combined
 
@@ -33,8 +32,7 @@ T, K, X1, Y1, X2, Y2, X3, DIAGONAL = 0, 3, 6, 9, 12, 15, 18, 21
 KN, NT, XE, SKEW = 24, 27, 30, 33  # natural curvature
 NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C = 36, 39, 40, 41, 42  # viscosity
 THINNED_T, THINNED_K = 43, 46  # rate-thinning viscosity (`viscosity.thinned`)
-SLIP_T, SLIP_K = 49, 52  # plastic flow (`slip.softening`)
-SAMPLE_ROWS = 55
+SAMPLE_ROWS = 49
 # After the samples: moments with 1, xi, xi^2, xi^3 of the directions of force, strain and strain
 # rate, for the strain projected on a span.
 FORCE_MOMENTS, STRAIN_MOMENTS, FLOW_MOMENTS, MOMENT_ROWS = 0, 12, 24, 36
@@ -126,10 +124,6 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
         keep(scratch, z + DIAGONAL * LANES, (w * on_c, 0.5 * w * on_d, w * on_h))
         if terms & layout.CURVED:
             factor_natural(shape, model, state, b, j, ta, ka, tb, kb, t, k, z, scratch)
-        if slips(shape, state):
-            slip_t, slip_k = softening(shape, model, state, b, j, tb, kb)
-            keep(scratch, z + SLIP_T * LANES, slip_t)
-            keep(scratch, z + SLIP_K * LANES, slip_k)
         if viscous != 0.0:
             ratio, n, inverse = viscosity.curvature_of(t, k)
             g = zero()
@@ -154,7 +148,7 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
 @part
 def factor_natural(shape, model, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
     """Add the natural and plastic curvature to the factors of sample j."""
-    n = natural_at(shape, model, state, b, j, curvature(tb, kb))
+    n = natural_at(shape, model, state, b, j)
     c0, c1 = dot(ta, ta), dot(tb, tb)
     e0, e1 = natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
     on_c, on_e = natural_curvature.mean_gradient(c0, c1, e0, e1)
@@ -187,7 +181,7 @@ def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
         factor_samples(shape, model, state, b, p, q, viscous, scratch)
         for i in range(dim):
             for j in range(dim):
-                add_entry(shape, model, state, b, i, j, viscous, scale, scratch, band)
+                add_entry(shape, model, b, i, j, viscous, scale, scratch, band)
 
 
 @part
@@ -213,21 +207,7 @@ def add_products(h, one, next_, r):
 
 
 @part
-def slips(shape, state):
-    """Whether the Jacobian is that of a step with plastic flow."""
-    return shape[layout.TERMS] & layout.PLASTICITY != 0 and share_of_slip(shape, state) > 0.0
-
-
-@part
-def dyad(array, t, k, i, j):
-    """Entry (i, j) of the blocks tt, tk, kt, kk of the dyad of vectors at t and k."""
-    t_i, t_j = load(array, t + i * LANES), load(array, t + j * LANES)
-    k_i, k_j = load(array, k + i * LANES), load(array, k + j * LANES)
-    return t_i * t_j, t_i * k_j, k_i * t_j, k_i * k_j
-
-
-@part
-def blocks_of(shape, state, z, i, j, viscous, scratch):
+def blocks_of(shape, z, i, j, viscous, scratch):
     """Entry (i, j) of a sample's Jacobian blocks tt, tk, kt, kk: gradient on t or k by t or k."""
     unit = 1.0 if i == j else 0.0
     t, k = load(scratch, z + (T + i) * LANES), load(scratch, z + (K + i) * LANES)
@@ -261,24 +241,30 @@ def blocks_of(shape, state, z, i, j, viscous, scratch):
         kt += more[2]
         kk += more[3]
         if shape[layout.TERMS] & layout.THINNED:
-            less = dyad(scratch, z + THINNED_T * LANES, z + THINNED_K * LANES, i, j)
-            tt, tk, kt, kk = tt - less[0], tk - less[1], kt - less[2], kk - less[3]
-    if slips(shape, state):
-        less = dyad(scratch, z + SLIP_T * LANES, z + SLIP_K * LANES, i, j)
-        tt, tk, kt, kk = tt - less[0], tk - less[1], kt - less[2], kk - less[3]
+            t_i, k_i = (
+                load(scratch, z + (THINNED_T + i) * LANES),
+                load(scratch, z + (THINNED_K + i) * LANES),
+            )
+            t_j, k_j = (
+                load(scratch, z + (THINNED_T + j) * LANES),
+                load(scratch, z + (THINNED_K + j) * LANES),
+            )
+            tt -= t_i * t_j
+            tk -= t_i * k_j
+            kt -= k_i * t_j
+            kk -= k_i * k_j
     return tt, tk, kt, kk
 
 
 @part
-def add_entry(shape, model, state, b, i, j, viscous, scale, scratch, band):
+def add_entry(shape, model, b, i, j, viscous, scale, scratch, band):
     """Add entry (i, j), between two lines, of the Jacobian of a block's spans to `band`."""
     terms, block = shape[layout.TERMS], block_of(shape, b)
     s = load(model, block + layout.SLOPE * LANES)
     h00 = h01 = h02 = h10 = h11 = h12 = h20 = h21 = h22 = zero()
     for sample in range(shape[layout.SAMPLES]):
         y = load(model, sample_of(block, sample) + layout.XI * LANES)
-        z = sample * SAMPLE_ROWS * LANES
-        tt, tk, kt, kk = blocks_of(shape, state, z, i, j, viscous, scratch)
+        tt, tk, kt, kk = blocks_of(shape, sample * SAMPLE_ROWS * LANES, i, j, viscous, scratch)
         tk, kt, kk = s * tk, s * kt, s * s * kk
         a, c = y * tt, tk + tk
         h00 += tt
