@@ -1,5 +1,5 @@
-"""Messages in, simulator, messages out: the one piece of code that the live node and the bag replay
-share.
+"""From input messages through the simulator to output messages; shared by the live node and the bag
+replay.
 
-Works on serialised messages (CDR bytes) and integer nanoseconds; knows neither ROS nor bags.
+Works on serialised messages (CDR bytes) and integer nanoseconds, without ROS or bags.
 """

@@ -1,4 +1,4 @@
-"""When the discretisation error is estimated, and the warning that names its cause and the cure."""
+"""Whether the discretisation error is estimated, and the warning with its cause and cure."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.geometry import Pose
     from dlo_sim.simulation.simulator import Simulator
 
-AGAIN = 0.5  # of the target: the error must have been below it before a new excess is an event
-# EA h^2 / EI of a knot span h from which on stretching by span was nearer to the reference where a
-# cable bends much (cantilever of the work-precision study: 225 to 3600).
+AGAIN = 0.5  # of the target: the error must have fallen below it before an excess counts again
+# EA h^2 / EI of a knot span h above which stretching by span was more accurate for strongly bent
+# cables (cantilever of the work-precision study: 225 to 3600).
 THIN = 200.0
-_SPARE = 1.2  # in the advice, so that a setting that follows it is not at the target again
+_SPARE = 1.2  # safety factor of the advice, so that the error ends up below the target
 
 
 def estimated(scene: Scene, live: bool) -> bool:
     """Whether the error of a prediction is estimated."""
     wanted = scene.accuracy.estimate
-    corrected = scene.measured.type != "none"  # its companions are not
+    corrected = scene.measured.type != "none"  # by measurements; companions are not corrected
     return wanted == "on" or (wanted == "auto" and live and not corrected)
 
 
 def companions(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> ErrorEstimate:
-    """Companions placed at these poses as the simulator was; without, from its present state on."""
-    from dlo_sim.simulation.error_estimate import ErrorEstimate  # brings the compiler along
+    """Companions of a simulator that was placed at these poses; None: from its present state on."""
+    from dlo_sim.simulation.error_estimate import ErrorEstimate  # imports the compiler
 
     if poses is None:
         return ErrorEstimate.continued(simulator)
@@ -39,10 +39,13 @@ def companions(simulator: Simulator, poses: Mapping[str, Pose] | None = None) ->
 
 
 class Accuracy:
-    """The estimated error of a session against its target.
+    """Compares the estimated error of a session with its target.
+
+    Args:
+        note: called with the name of an event and one line of text.
 
     Attributes:
-        warning: what is wrong and the cure, one line; empty while the error is acceptable.
+        warning: the excess and its cure, one line; empty while the error is acceptable.
     """
 
     def __init__(self, scene: Scene, note: Callable[[str, str], None]) -> None:
@@ -55,7 +58,7 @@ class Accuracy:
         self.warning = ""
 
     def look(self, estimate: ErrorEstimate | None) -> None:
-        """Compare the largest error of the last second with the target; None: it is unknown."""
+        """Compare the largest error of the last second with the target; None: no estimate."""
         self._estimate = estimate
         if estimate is None:
             self._exceeded, self.warning = False, ""
@@ -99,7 +102,8 @@ class Accuracy:
 
 def _locks(scene: Scene) -> bool:
     """Whether the cable is so thin for its spans that stretching at every sample may keep it from
-    bending freely, and stretching by span can be set."""
+    bending freely (locking), and discretization.stretch can be set to span.
+    """
     needs, cable = needs_of(scene), scene.cable
     span = cable.length / max(scene.discretization.control_points - 3, 1)
     thin = needs.stretch and needs.bend and cable.EA * span**2 > THIN * cable.EI

@@ -1,11 +1,11 @@
-"""Serialised ROS 2 messages as bytes: exactly the few types that the session needs, without ROS.
+"""Serialises and parses the few ROS 2 message types that the session needs, without ROS.
 
 CDR (XCDR1): four bytes of encapsulation (`00 01 00 00` little endian, `00 00 00 00` big endian),
 then the fields, each aligned to its own size counted from byte 4. Strings are a 32-bit length that
-includes the closing NUL, then the characters. Decoders take both byte orders and raise
-`DecodeError` on anything that is not a whole message. Encoders write little endian; they keep the
-serialised message and overwrite only what changes (2 us for 50 poses instead of 400 us with message
-objects).
+includes the closing NUL, then the characters. Decoders accept both byte orders and raise
+`DecodeError` on anything that is not a complete message. Encoders write little endian. An `Encoder`
+keeps the serialised message and overwrites only what changes (2 us for 50 poses instead of 400 us
+with message objects).
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ _VALUES = {WRENCH_STAMPED: 6, VECTOR3_STAMPED: 3, POSE_STAMPED: 7}
 
 _NANO = 1_000_000_000
 _STAMP = struct.Struct("<iI")
-# Serialisers may pad a message to a multiple of four or eight bytes; more than that is not padding.
+# Serialisers may pad a message to a multiple of four or eight bytes.
 _MOST_PADDING = 7
 
 
 class DecodeError(ValueError):
-    """Bytes that are not a whole message of the expected type; one line says why."""
+    """Bytes that are not a complete message of the expected type; its text is one line."""
 
 
 class Stamped(NamedTuple):
@@ -94,9 +94,9 @@ def decode_pose_array(raw: Bytes) -> PoseArray:
 
 
 class Reader:
-    """Reads field after field of little- or big-endian CDR.
+    """Reads the fields of little- or big-endian CDR in sequence.
 
-    Every method raises a DecodeError where the message ends too early or cannot be one.
+    Every method raises a DecodeError if the message ends too early or is malformed.
     """
 
     def __init__(self, raw: Bytes) -> None:
@@ -105,17 +105,17 @@ class Reader:
         self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
 
     def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
-        """Numbers of one struct code."""
+        """`count` numbers of one struct code."""
         size = struct.calcsize(code)
         begin = self._pass(size * count, size)
         return struct.unpack_from(f"{self._order}{count}{code}", self._raw, begin)
 
     def whole(self, code: str = "I") -> int:
-        """One whole number."""
+        """One integer."""
         return int(self.numbers(code)[0])
 
     def table(self, width: int) -> Array:
-        """A sequence of rows of so many doubles, shape (n, width)."""
+        """A sequence of rows of `width` doubles, shape (n, width)."""
         count = self.whole()
         begin = self._pass(8 * width * count, 8 if count else 1)  # an empty sequence has no padding
         values = np.frombuffer(self._raw, self._order + "f8", width * count, begin)
@@ -142,12 +142,12 @@ class Reader:
         return seconds * _NANO + nanoseconds, frame_id[:-1].decode("utf-8", "replace")
 
     def end(self) -> None:
-        """Refuse what follows, but for padding."""
+        """Refuse remaining bytes other than padding."""
         if len(self._raw) > self._at + _MOST_PADDING:
             raise DecodeError(f"{len(self._raw)} bytes, such a message has {self._at}")
 
     def _pass(self, size: int, aligned: int, name: str = "a field") -> int:
-        """Skip `size` bytes after aligning; returns their offset."""
+        """Align, then skip `size` bytes; returns their offset."""
         begin = self._at + -(self._at - 4) % aligned
         self._at = begin + size
         if self._at > len(self._raw):
@@ -156,13 +156,13 @@ class Reader:
 
 
 class Writer:
-    """Serialises field after field; used to build templates and the rare messages."""
+    """Serialises fields in sequence; used for templates and infrequent messages."""
 
     def __init__(self) -> None:
         self.data = bytearray(b"\x00\x01\x00\x00")
 
     def align(self, size: int) -> int:
-        """Pad so that a field of this size may follow; returns its offset."""
+        """Pad for a following field of this size; returns its offset."""
         self.data.extend(bytes(-(len(self.data) - 4) % size))
         return len(self.data)
 
@@ -173,9 +173,9 @@ class Writer:
         return offset
 
     def zeros(self, shape: tuple[int, ...], code: str = "d") -> int:
-        """Append a table of doubles, or of another struct code; returns the offset."""
+        """Append a table of zeros, doubles or of another struct code; returns the offset."""
         count = math.prod(shape)
-        # Nothing is not aligned to anything.
+        # An empty table is not aligned.
         return self.numbers(code, *([0.0] * count)) if count else len(self.data)
 
     def text(self, text: str) -> None:
@@ -193,22 +193,22 @@ class Writer:
 
 
 class Encoder:
-    """Encodes messages of constant layout of which the stamp and the numbers change.
+    """Encodes messages of constant layout in which only the stamp and the numbers change.
 
     Attributes:
-        rows: the numbers in the message; fill them in, or give them to `encode`.
+        rows: the numbers in the message; fill them in, or pass them to `encode`.
     """
 
     def __init__(
         self, writer: Writer, begin: int, shape: tuple[int, ...], kind: str = "<f8"
     ) -> None:
-        # Four bytes in front put the numbers where compiled code wants them: on multiples of eight.
+        # With four bytes in front the numbers are aligned to eight bytes, as compiled code needs.
         self._data = memoryview(bytearray(4) + writer.data)[4:]
         self.rows = np.frombuffer(self._data, kind, math.prod(shape), begin).reshape(shape)
 
     def encode(self, stamp_ns: int, values: Sequence[float] | Array | None = None) -> bytes:
-        """The message with this stamp [ns] and these numbers, shape of `rows`; None: those there
-        are.
+        """The message with this stamp [ns] and these numbers, shape of `rows`; None: the present
+        ones.
         """
         _STAMP.pack_into(self._data, 4, *divmod(stamp_ns, _NANO))
         if values is not None:
@@ -244,7 +244,7 @@ class PoseArrayEncoder(Encoder):
 class DiagnosticStatus(NamedTuple):
     """One diagnostic_msgs/DiagnosticStatus; level 0 OK, 1 WARN, 2 ERROR, 3 STALE.
 
-    Its name says what it is about; the name of the node comes before it when it is encoded.
+    The encoder puts the name of the node before `name`.
     """
 
     level: int
@@ -254,7 +254,11 @@ class DiagnosticStatus(NamedTuple):
 
 
 def encode_transforms(stamp_ns: int, frame_id: str, frames: Mapping[str, Sequence[float]]) -> bytes:
-    """A serialised TFMessage: child frame -> x, y, z [m], quaternion x, y, z, w in frame_id."""
+    """A serialised TFMessage.
+
+    Args:
+        frames: child frame -> x, y, z [m], quaternion x, y, z, w in frame_id.
+    """
     writer = Writer()
     writer.numbers("I", len(frames))
     for child, pose in frames.items():
@@ -267,9 +271,10 @@ def encode_transforms(stamp_ns: int, frame_id: str, frames: Mapping[str, Sequenc
 def encode_diagnostic_array(
     stamp_ns: int, node: str, statuses: Sequence[DiagnosticStatus]
 ) -> bytes:
-    """A DiagnosticArray of these statuses of a node, whose full name tells them from other nodes'.
+    """A serialised DiagnosticArray of these statuses.
 
-    It is the hardware_id and the beginning of each name: `/left/dlo_sim: session`.
+    The full name of the node is the hardware_id and the prefix of each name, such as
+    `/left/dlo_sim: session`, to distinguish several nodes.
     """
     writer = Writer()
     writer.header("", stamp_ns)
@@ -287,7 +292,7 @@ def encode_diagnostic_array(
 
 
 def decode_diagnostic_array(raw: Bytes) -> tuple[int, list[DiagnosticStatus]]:
-    """Stamp [ns] and statuses of a DiagnosticArray; names as they are in the message.
+    """Stamp [ns] and statuses of a DiagnosticArray; names include that of the node.
 
     Raises:
         DecodeError: as `decode`.

@@ -1,4 +1,4 @@
-"""Markers as bytes: lines with a colour at each point, and chains of capsules (`cdr`)."""
+"""Serialised markers: lines, optionally with a colour at each point, and chains of capsules."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NANO = 1_000_000_000
 
 
 class _Offsets(NamedTuple):
-    """Where in a message the numbers of one marker are."""
+    """Offsets of the numbers of one marker in a message."""
 
     stamp: int
     pose: int  # and scale behind it
@@ -35,16 +35,17 @@ class LineEncoder(Encoder):
 
     Args:
         frame_id: frame of the points.
-        namespace: what a viewer identifies the marker by.
+        namespace: by which a viewer identifies the marker.
         count: number of points.
         width: line width, scale.x [m].
         color: red, green, blue, alpha, 0..1.
-        lifetime_ns: after this time without a new message the viewer removes the line.
-        colored: every point has a colour of its own.
+        lifetime_ns: time without a new message after which the viewer removes the line.
+        colored: whether every point has its own colour.
         kind: LINE_STRIP through all points, or LINE_LIST between the points of each pair.
 
     Attributes:
-        colors: red, green, blue, alpha of each point, shape (count, 4), to be filled in; or none.
+        colors: red, green, blue, alpha of each point, shape (count, 4), to be filled in; shape
+            (0, 4) unless colored.
     """
 
     def __init__(
@@ -70,10 +71,10 @@ class LineEncoder(Encoder):
 
 
 class CapsuleEncoder:
-    """Encodes a chain of capsules as a MarkerArray: a cylinder each, and a sphere at each joint.
+    """Encodes a chain of capsules as a MarkerArray: one cylinder each, and a sphere at each joint.
 
     Args:
-        frame_id, namespace, color, lifetime_ns: as of `LineEncoder`.
+        frame_id, namespace, color, lifetime_ns: as for `LineEncoder`.
         count: number of capsules.
     """
 
@@ -91,7 +92,7 @@ class CapsuleEncoder:
         ]
         self._count = count
         self._data = bytearray(writer.data)
-        # Offsets count from byte 4, where CDR aligns from.
+        # CDR aligns fields relative to byte 4.
         body = memoryview(self._data)[4:]
         self._doubles = np.frombuffer(body, "<f8", len(body) // 8)
         self._words = np.frombuffer(body, "<u4", len(body) // 4)
@@ -99,12 +100,14 @@ class CapsuleEncoder:
         self._rows = _places([one.pose for one in offsets], 8, 10)  # poses and scales
 
     def encode(self, stamp_ns: int, joints: Array, radii: Array) -> bytes:
-        """The chain through joints [m], shape (count + 1, 3), with the radii [m] of the capsules,
-        shape (count,); a joint is as thick as the thicker of its two.
+        """The chain through joints [m], shape (count + 1, 3).
+
+        Args:
+            radii: of the capsules [m], shape (count,); a joint has the larger one of its capsules.
         """
         count, ways = self._count, np.diff(joints, axis=0)
         lengths = np.linalg.norm(ways, axis=1)
-        # Seen from either side a cylinder is the same: its axis never turns by more than 90 deg.
+        # A cylinder can be reversed, so its axis never has to turn by more than 90 degrees.
         upward = np.where(ways[:, 2:] < 0.0, -ways, ways)
         upward[lengths == 0.0] = 0.0, 0.0, 1.0
         thick = np.maximum(np.append(radii, 0.0), np.insert(radii, 0, 0.0))
@@ -118,7 +121,7 @@ class CapsuleEncoder:
 
 
 def encode_marker_delete_all(frame_id: str, stamp_ns: int, array: bool = False) -> bytes:
-    """A Marker, or an array of one, with action DELETEALL: removes every marker of its topic."""
+    """A Marker (or a MarkerArray) with action DELETEALL, which removes all markers of its topic."""
     writer = Writer()
     if array:
         writer.numbers("I", 1)
@@ -132,7 +135,7 @@ def encode_marker_delete_all(frame_id: str, stamp_ns: int, array: bool = False) 
 
 
 def _places(offsets: list[int], size: int, count: int) -> NDArray[np.int64]:
-    """Indices of so many numbers from each offset on, in an array that begins at byte 4."""
+    """Indices of `count` numbers from each offset on, in an array that begins at byte 4."""
     first = (np.array(offsets) - 4) // size
     return first[:, None] + np.arange(count)
 
@@ -152,7 +155,7 @@ def _write_marker(
     stamp_ns: int = 0,
     action: int = _ADD,
 ) -> _Offsets:
-    """Append a Marker with room for so many points and colours."""
+    """Append a Marker with space for these numbers of points and colours."""
     stamp = writer.align(4)
     writer.header(frame_id, stamp_ns)
     writer.text(namespace)

@@ -1,6 +1,4 @@
-"""Points from serialised PoseArray, MarkerArray and PointCloud2 messages, and clouds as bytes
-(`cdr`).
-"""
+"""Parses points from PoseArray, MarkerArray and PointCloud2 messages, and serialises clouds."""
 
 from __future__ import annotations
 
@@ -27,8 +25,8 @@ class Cloud(NamedTuple):
 
 
 def decode_input(message_type: str, raw: Bytes) -> Stamped:
-    """`cdr.decode`, and the points, one after the other, of a PoseArray or PointCloud2; those that
-    are missing are left out.
+    """As `cdr.decode`, for PointCloud2 too; the values of clouds and PoseArrays are the coordinates
+    of all points without a NaN.
 
     Raises:
         DecodeError: as `cdr.decode`.
@@ -48,7 +46,8 @@ def decode_pose_positions(raw: Bytes) -> Cloud:
 
 
 def decode_marker_array(raw: Bytes) -> Cloud:
-    """Stamp and frame of the first marker, the points of all: those of a list, else the position.
+    """Stamp and frame of the first marker, and the points of all markers: its list of points, or
+    its position if that is empty.
 
     Raises:
         DecodeError: not such a message, or one without markers.
@@ -126,7 +125,7 @@ def decode_point_cloud(raw: Bytes) -> Cloud:
 
 
 class PointCloudEncoder(Encoder):
-    """Encodes a PointCloud2 of a constant number of points with fields of float32, shape (count,
+    """Encodes a PointCloud2 of a constant number of points; fields are float32, shape (count,
     fields).
     """
 

@@ -1,4 +1,4 @@
-"""Whether the numbers and the frame of a message can be used, whenever it came."""
+"""Checks of the numbers and the frame of a message, independent of its time."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from dlo_sim.core.two_points import LEAST_APART
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import Stamped
 
-# Positions beyond this cannot be meant [m].
+# Positions further from the origin than this must be a mistake [m].
 MOST_DISTANT = 1e6
 
-# Two points may be this share further apart, or nearer, than pose_spacing.
+# The distance of two points may differ from pose_spacing by this share.
 SPACING_TOLERANCE = 0.1
 
-# A quaternion may be this far from unit length; within it is normalised.
+# The norm of a quaternion may differ from 1 by this much; it is then normalised.
 NORM_TOLERANCE = 1e-3
 
 
 class Refused(Exception):
-    """A message that is not used: a reason (`diagnostics.REASONS`) and one line of detail."""
+    """Why a message is not used: a reason (`diagnostics.REASONS`) and one line of detail."""
 
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(reason, detail)
@@ -27,7 +27,7 @@ class Refused(Exception):
 
 
 class ContentCheck:
-    """The limits and frames of a scene."""
+    """Checks messages against the limits and frames of a scene."""
 
     def __init__(self, scene: Scene) -> None:
         self._limits = scene.inputs
@@ -41,13 +41,14 @@ class ContentCheck:
         return frame_id in self._frames
 
     def check(self, message: Stamped, kind: str, spacing: float = 0.0) -> Stamped:
-        """Finite, not absurd, in a known frame.
+        """Check that a message is finite, within the limits and in a known frame.
 
         Args:
             kind: of its topic (`session.topics`). spacing: [m] of two points, 0 = any.
 
         Returns:
-            The message; its frame is the name of the end in whose frame it is, "" = the world's.
+            The message; its frame_id is replaced by the name of the end or grasp in whose
+            end-effector frame it is, or "" for the world frame.
 
         Raises:
             Refused: it cannot be used.
@@ -80,7 +81,7 @@ class ContentCheck:
 
     def _check_frame(self, frame_id: str, kind: str) -> str:
         end = self._frames.get(frame_id)
-        # A pose in the frame that it moves says nothing.
+        # Only forces and torques may be given in the frame of an end effector, which moves.
         fixed = kind not in ("wrench", "force")
         if end is not None and not (end and fixed):
             return end
@@ -114,7 +115,7 @@ def _check_position(position: tuple[float, ...]) -> None:
 
 
 def check_pose(values: tuple[float, ...]) -> None:
-    """Refuse a position that cannot be meant, or a quaternion that is not unit.
+    """Refuse a position that is too far away, or a quaternion that is not of unit length.
 
     Raises:
         Refused: it cannot be used.

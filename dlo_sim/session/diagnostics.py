@@ -1,8 +1,7 @@
-"""What happened to every message and to the simulation: counters with reasons, and their
-DiagnosticArray.
+"""Counters of what happened to messages and to the simulation, with reasons, for diagnostics.
 
-Nothing is dropped, held, skipped or reset without a count and one line of text here. REP-107:
-levels OK, WARN, ERROR, STALE.
+Nothing is dropped, held, skipped or reset without being counted here with one line of text. REP-107
+defines the levels OK, WARN, ERROR, STALE.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ REASONS: dict[str, str] = {
     "too_many": "a plan while a hundred wait",
     "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
 }
-"""Every reason for which a message can be refused."""
+"""The reasons for which messages are refused."""
 
 EVENTS: dict[str, str] = {
     "other_epoch": "stamps come from another epoch than the clock; their own time base is used",
@@ -60,11 +59,11 @@ EVENTS: dict[str, str] = {
     "estimate_spared": "the prediction fell behind; its error is no longer estimated",
     "taken_up": "the prediction keeps up again; what was dropped last is resumed",
 }
-"""Everything else that is counted."""
+"""The other events that are counted."""
 
 
 class SessionStatus(Enum):
-    """What a session is doing; the values are readable."""
+    """State of a session; the values are for the user."""
 
     WAITING = "waiting for the first pose"
     RUNNING = "running"
@@ -73,15 +72,14 @@ class SessionStatus(Enum):
 
 
 class TickReport(NamedTuple):
-    """What a tick did.
+    """Result of a tick.
 
     Attributes:
         advanced_steps: steps taken.
-        lag_ns: how far the state is behind the time it should have [ns]: missing poses, or too slow
-            a computer.
-        status: what the session is doing.
-        message: one line when there is something to say (why it failed, what it waits for), else
-            "".
+        lag_ns: time by which the state is behind the wanted one [ns], because poses are missing or
+            the computer is too slow.
+        status: state of the session.
+        message: one line: why it failed or what it waits for; else "".
         stop: the simulator failed and `integrator.on_failure` is `stop`.
     """
 
@@ -94,8 +92,9 @@ class TickReport(NamedTuple):
 
 @dataclass
 class TopicRecord:
-    """What arrived on one input topic; `timeout` [s] is the silence worth a warning, 0 = none;
-    `occasional`: that nothing has come is worth none.
+    """Counters of one input topic.
+
+    timeout: silence that is reported [s], 0 = never. occasional: it is normal to receive nothing.
     """
 
     topic: str
@@ -129,7 +128,7 @@ class Journal:
         self._reported = 0
 
     def event(self, name: str, detail: str) -> None:
-        """Count an event; `detail` is one line for people."""
+        """Count an event; `detail` is one line for the user."""
         assert name in EVENTS, name
         self.events[name] += 1
         self.last_event = detail
@@ -142,12 +141,12 @@ class Journal:
 
     @property
     def accepted(self) -> int:
-        """Messages used."""
+        """Number of messages used."""
         return sum(record.accepted for record in self.topics.values())
 
     @property
     def refused(self) -> Counter[str]:
-        """Messages refused, by reason, all topics together."""
+        """Number of messages refused on all topics, by reason."""
         total: Counter[str] = Counter()
         for record in self.topics.values():
             total.update(record.refused)
@@ -155,8 +154,9 @@ class Journal:
 
 
 def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
-    """Status of one input topic at this time of the clock [ns]; refusals since the last report or a
-    silence are warnings.
+    """Status of one input topic at this clock time [ns].
+
+    WARN: refusals since the last report, or no message yet. STALE: silent for longer than timeout.
     """
     fresh = record.refusals - record.reported_refusals
     record.reported_refusals = record.refusals
@@ -191,14 +191,14 @@ def session_status(
     delay: float | None,
     offset: float,
 ) -> DiagnosticStatus:
-    """Status of the session itself: state, time, energy, lag, every event counted.
+    """Status of the session itself: state, time, energy, lag, counts of events.
 
     Args:
-        message: what there is to say, may be empty.
-        accuracy: the estimated error and what it means.
-        lag: how far the state is behind [s].
-        delay: how long ago the stamp of the state was [s]: an input acts in the state of its stamp.
-            None before the cable is placed.
+        message: one line, takes precedence over other texts; may be empty.
+        accuracy: the estimated error and its warning.
+        lag: time by which the state is behind the wanted one [s].
+        delay: age of the state's stamp [s], after which inputs take effect; None before the cable
+            is placed.
         offset: clock minus stamps [s].
     """
     simulator, fresh = drive.simulator, journal.fresh_events()
@@ -212,7 +212,7 @@ def session_status(
         level, text = WARN, message or accuracy.warning
     elif fresh:
         level, text = WARN, message or journal.last_event
-    elif warnings:  # last: they last as long as the scene, and would hide what is new
+    elif warnings:  # last, because they are permanent and would hide what is new
         level, text = WARN, message or warnings[0]
     values = [
         ("status", status.value),

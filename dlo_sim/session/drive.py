@@ -1,8 +1,8 @@
-"""One simulator on the grid of its steps, fed with end motions and loads at exactly the steps where
-they begin.
+"""One simulator on the grid of its steps; end motions and inputs are applied at exactly the steps
+where they begin.
 
-How far it goes decides `session.py`; what acts when is decided here, by stamps alone, so that the
-same messages give the same bits however the advance is cut into ticks.
+`session.py` decides how far it advances. When an input acts is decided here, from stamps only, so
+that the same messages give the same bits however the advance is divided into ticks.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 
 class Advance(NamedTuple):
-    """What an advance did: steps taken, ends that wait for a pose, why the simulator gave up or was
-    slow ("" = it did not, was not).
+    """Result of an advance: steps taken, ends that wait for a pose, and why the simulator failed or
+    was slow ("" = it did not, was not).
     """
 
     steps: int
@@ -36,9 +36,9 @@ class Advance(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """What goes on with another scene: a simulator, and its companions if it has any.
+    """A simulator of another scene to continue with, and its companions if it has any.
 
-    before: the scene that was simulated when this was made.
+    before: the scene that was simulated when this was prepared.
     """
 
     before: Scene
@@ -47,21 +47,21 @@ class Prepared(NamedTuple):
 
 
 class Drive:
-    """A simulator, the paths of its driven ends, the schedules of its loads, and the time of its
+    """A simulator, the paths of its driven ends, the schedules of its inputs, and the grid of its
     steps.
 
     Args:
         scene: what is simulated.
         factory: builds the simulator: factory(scene, end_poses=None).
         note: called with the name of an event and one line of text.
-        live: whether the prediction is made live, for accuracy.estimate auto.
+        live: whether the prediction is live, for accuracy.estimate auto.
 
     Attributes:
         scene: what is simulated now.
         simulator: the simulator; placed by `begin`.
-        estimate: runs its companions, None without any.
-        observer: corrects the simulator by what is measured, None unless asked for.
-        grid: times of its steps, None before `begin`.
+        estimate: runs its companions; None if it has none.
+        observer: corrects the simulator by measurements; None if the scene has no measured points.
+        grid: times of the steps; None before `begin`.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Drive:
         self.estimate: ErrorEstimate | None = None
         self._live = live
         self._too_slow = False
-        self._rebuilt = False  # the simulator, so that its first state is not the scene's
+        self._rebuilt = False  # whether the simulator's initial state differs from the scene's
         self.scene = scene
         self._note = note
         self._factory = factory
@@ -93,7 +93,7 @@ class Drive:
 
     @property
     def _driven(self) -> Simulator | ErrorEstimate:
-        """What takes motions, loads and steps: the simulator, alone or with its companions."""
+        """The simulator, alone or with its companions, to be stepped, moved and loaded."""
         return self.simulator if self.estimate is None else self.estimate
 
     @property
@@ -104,7 +104,7 @@ class Drive:
 
     @property
     def without_pose(self) -> tuple[str, ...]:
-        """Driven ends of which no pose is known yet, until `begin`."""
+        """Driven ends that have no pose yet; valid until `begin`."""
         return tuple(name for name, path in self.paths.items() if path.next_change_ns() is None)
 
     def ready_ns(self, wanted_ns: int) -> int | None:
@@ -112,7 +112,7 @@ class Drive:
         None: not yet.
 
         Args:
-            wanted_ns: how far the simulation would like to go, to tell a silence.
+            wanted_ns: time to which the simulation should advance; a silence is measured up to it.
         """
         for path in self.paths.values():
             path.settle(wanted_ns)
@@ -121,7 +121,7 @@ class Drive:
         return max(known, default=wanted_ns) if len(known) == len(stamps) else None
 
     def add(self, entry: InputTopic, message: Any) -> None:
-        """Take an accepted message for this input, of the kind that it takes."""
+        """Take an accepted message of the kind of this input."""
         if entry.is_pose:
             self.paths[entry.target].add(message)
         elif entry.kind == "taken":
@@ -132,16 +132,15 @@ class Drive:
             self.observer.add(message)
 
     def begin(self, base_ns: int, saved: Snapshot | None = None) -> None:
-        """Place the cable at the poses known at `base_ns`; step 0 is the first multiple of the step
-        from there.
+        """Place the cable at the poses known at `base_ns`; step 0 is at the first multiple of the
+        step from there.
 
         Args:
-            saved: a state to go on from instead: loads are those of the scene, ends rejoin their
+            saved: a state to resume instead: loads are those of the scene, and ends rejoin their
                 poses smoothly from where they were.
 
         Raises:
-            ValueError: if the cable cannot be placed there (the simulator says why), or it is the
-                state of another simulator.
+            ValueError: the simulator refuses the poses or the state.
         """
         origin = grid_multiple_at_or_after(base_ns, self.simulator.step)
         poses = {name: path.begin(origin) for name, path in self.paths.items()}
@@ -167,7 +166,7 @@ class Drive:
             self.estimate = companions(self.simulator, None if saved is not None else poses)
 
     def clear(self) -> None:
-        """Forget the inputs and the place in time; the simulator keeps its state until `begin`."""
+        """Discard the inputs and the grid; the simulator keeps its state until `begin`."""
         for one in self._inputs:
             one.clear()
         self.grid = None
@@ -175,10 +174,10 @@ class Drive:
         self._too_slow = False
 
     def advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> Advance:
-        """Take whole steps up to `wanted_ns`, at most so many, stopping where a pose is missing.
+        """Take at most `most_steps` whole steps up to `wanted_ns`; stop where a pose is missing.
 
         Args:
-            silence_ns: time by which a silence is measured.
+            silence_ns: time base [ns] up to which a silence is measured.
         """
         grid = self.grid
         assert grid is not None, "advance() needs begin()"
@@ -194,13 +193,13 @@ class Drive:
             slow = report.note or slow
             if not report.status.ok:
                 return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
-        # A state at a knot belongs to the motion that begins there (its velocity is the same, its
-        # acceleration is not), so whoever looks at it now must find that motion if it is known.
+        # A state between two motions belongs to the later one (velocities agree, accelerations do
+        # not), so outputs of this state need that motion if it is known.
         self._renew_motions(grid, silence_ns)
         return Advance(self.simulator.steps - begin, slow=slow)
 
     def _renew_motions(self, grid: StepGrid, silence_ns: int) -> tuple[str, ...]:
-        """Give every end whose motion is over the next one; returns the ends that have none yet."""
+        """Set the next motion of every end whose motion is over; returns the ends without one."""
         waiting: tuple[str, ...] = ()
         for name, path in self.paths.items():
             present = self._segments.get(name)
@@ -217,8 +216,10 @@ class Drive:
         return waiting
 
     def _apply_inputs(self, grid: StepGrid, target: int) -> int:
-        """Correct, take, release and load as of the present step; returns the step up to which
-        nothing changes.
+        """Apply corrections, takes, releases and loads of the present step.
+
+        Returns:
+            The step, at most `target`, up to which no input changes.
         """
         now_ns, step_ns = self.now_ns, grid.step * 1e9
         if self.observer is not None:
@@ -238,11 +239,11 @@ class Drive:
         return stop
 
     def skip_to(self, base_ns: int) -> int:
-        """Leave out the time up to `base_ns`: the state stays, its time jumps, ends rejoin their
+        """Skip the time up to `base_ns`: the state is kept, its time jumps, and ends rejoin their
         poses smoothly.
 
         Returns:
-            The time left out [ns].
+            The skipped time [ns].
         """
         grid = self.grid
         assert grid is not None, "skip_to() needs begin()"
@@ -255,15 +256,16 @@ class Drive:
         return after - before
 
     def spare_estimate(self) -> bool:
-        """Go on without companions that are not asked for by name; whether there were any."""
+        """Drop the companions unless accuracy.estimate is on; returns whether any were dropped."""
         if self.estimate is None or self.scene.accuracy.estimate == "on":
             return False
         self.estimate, self._too_slow = None, True
         return True
 
     def resume_estimate(self) -> bool:
-        """Estimate again after `spare_estimate`, from the present state; whether it was spared and
-        can go on: companions would begin a sine load anew.
+        """Estimate again from the present state after `spare_estimate`; returns whether it does.
+
+        Not with sine loads, whose phase new companions would begin anew.
         """
         if any(load.signal == "sine" for load in self.scene.loads):
             return False
@@ -277,11 +279,11 @@ class Drive:
         return spared
 
     def shift_time(self, delta_ns: int, inputs: bool) -> None:
-        """Relabel the simulation by delta [ns].
+        """Shift the time stamps of the simulation by delta [ns].
 
         Args:
-            inputs: they were dated by the clock until now, too. Else only a simulation that waits
-                for no pose is relabelled: its time is read off the clock.
+            inputs: shift those of the inputs too, as they were dated by the clock so far. Else only
+                a simulation without driven ends is shifted, since its time is that of the clock.
         """
         if self.grid is not None and (inputs or not self.paths):
             self.grid.origin_ns += delta_ns
@@ -290,10 +292,10 @@ class Drive:
                 one.shift_time(delta_ns)
 
     def prepare(self, scene: Scene) -> Prepared:
-        """What `reconfigure` needs for another scene with the same driven ends and loads.
+        """Prepare `reconfigure` for another scene with the same driven ends and loads.
 
-        Nothing is changed, and `advance` may go on meanwhile in another thread. The simulator goes
-        on itself where grasps only take or release the cable.
+        Nothing is changed, and `advance` may run meanwhile in another thread. If the scenes differ
+        only in which grasps hold the cable, the present simulator is kept.
 
         Raises:
             ValueError: the simulator refuses the scene.
@@ -311,7 +313,7 @@ class Drive:
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:
         """Continue from the present state with another scene, for which `prepare` was called.
 
-        Taking over the state takes a small part of the time that building took.
+        This takes only a small part of the time of `prepare`.
         """
         old, grid = self.simulator, self.grid
         # Messages may have let grasps take or release since `prepare`.
@@ -339,14 +341,14 @@ class Drive:
         self._take_and_release(told)
 
     def _told(self, now_ns: int) -> dict[str, bool]:
-        """Grasp -> whether it holds the cable, as messages up to a time tell."""
+        """Grasp -> whether it should hold the cable, from the messages up to a time."""
         takes = self.takes.items()
         return {name: message.taken for name, take in takes for message in take.due(now_ns)}
 
     def _take_and_release(self, told: Mapping[str, bool]) -> None:
-        """Let the grasps of these names hold the cable, or not, where they do otherwise now."""
+        """Take or release the cable with those grasps whose state differs from `told`."""
         changed = [g.name for g in self.scene.grasps if told.get(g.name, g.taken) != g.taken]
-        for name in sorted(changed, key=told.__getitem__):  # what is released comes first
+        for name in sorted(changed, key=told.__getitem__):  # release before taking
             try:
                 (self._driven.take if told[name] else self._driven.release)(name)
             except ValueError as refusal:
@@ -355,8 +357,8 @@ class Drive:
                 self.scene, self._rebuilt = _with_taken(self.scene, {name: told[name]}), True
 
     def _continue_motions(self, old_grid: StepGrid, old: Simulator) -> None:
-        """Put a new simulator, which is at its time 0, on a new grid, its ends going on as they
-        were.
+        """Put a new simulator, which is at its time 0, on a new grid and continue the motions of
+        its ends.
         """
         grid = self.grid = StepGrid(old_grid.time_of(old.steps), self.simulator.step)
         for name, segment in list(self._segments.items()):
@@ -377,7 +379,7 @@ def _taken(scene: Scene) -> dict[str, bool]:
 
 
 def _with_taken(scene: Scene, taken: Mapping[str, bool]) -> Scene:
-    """A scene whose grasps of these names hold the cable, or do not; itself if they do already."""
+    """The scene with these grasps taken or not; the same object if nothing changes."""
     if not any(taken.get(g.name, g.taken) != g.taken for g in scene.grasps):
         return scene
     grasps = (replace(g, taken=taken.get(g.name, g.taken)) for g in scene.grasps)

@@ -1,4 +1,4 @@
-"""What comes of a plan, as messages: `~/forecast` and `~/forecast/ghosts`."""
+"""Forecasts of plans as messages: `~/forecast` and `~/forecast/ghosts`."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _GHOST_COLOR = (0.4, 0.8, 0.4, 0.3)
 
 
 class Answer(NamedTuple):
-    """What is said about one plan.
+    """Result of one plan.
 
     Attributes:
         messages: to be published. values: for the diagnostics.
-        problem: why the cable cannot be predicted to the end of the plan, one line; or empty.
+        problem: why the cable could not be predicted to the end of the plan, one line; or empty.
     """
 
     messages: tuple[OutgoingMessage, ...] = ()
@@ -38,7 +38,7 @@ class Answer(NamedTuple):
 
 
 def answer(planned: Planned) -> Answer:
-    """Forecast a plan."""
+    """Predict the cable along a plan and serialise the result."""
     began = time.perf_counter()
     scene, stamp_ns = planned.simulator.scene, planned.stamp_ns
     end = float(np.max(planned.plan.times))
@@ -64,7 +64,7 @@ def answer(planned: Planned) -> Answer:
 
 
 def _cloud(scene: Scene, found: Forecast, ahead: float) -> PointCloudEncoder:
-    """All points of all shapes; t counts from the plan's stamp [s]."""
+    """A cloud of the points of all shapes; its field t counts from the plan's stamp [s]."""
     fields = ["x", "y", "z", "u", "t"] + ["tension"] * (found.tension is not None)
     shapes, points, _ = found.centerline.shape
     cloud = PointCloudEncoder(scene.frame_id, fields, shapes * points)
@@ -77,7 +77,7 @@ def _cloud(scene: Scene, found: Forecast, ahead: float) -> PointCloudEncoder:
 
 
 def _ghosts(scene: Scene, found: Forecast, lifetime: float) -> LineEncoder:
-    """A few shapes, the last one among them, for as long as the plan lasts [s]."""
+    """Lines of a few shapes including the last one, displayed for `lifetime` [s]."""
     count = len(found.times)
     chosen = np.unique(np.linspace(count - 1, -1, scene.forecast.ghosts, endpoint=False).round())
     # A list of lines: each point inside a shape ends one and begins the next.

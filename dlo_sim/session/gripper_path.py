@@ -1,18 +1,19 @@
-"""Poses of one end effector -> a continuous path, one `EndMotion` after the other.
+"""From the poses of one end effector to a continuous path, as a sequence of `EndMotion`.
 
-Between the midpoints of consecutive stamps the path is a parabola, so it is a quadratic B-spline
-through the stamps: C1, with piecewise constant acceleration, following a moving gripper without
-delay and smoothing only by 1/8 of the second difference. With d = target minus present position,
-v0 = present velocity, v1 = (p_next - p) / dt and the duration h of a segment:
+Between the midpoints of consecutive stamps the path is a parabola. For equal intervals it is the
+quadratic B-spline whose control points are the poses: C1, with piecewise constant acceleration, no
+delay for a moving gripper, and a smoothing of only 1/8 of the second difference. With d = target
+minus present position, v0 = present velocity, v1 = (p_next - p) / dt and the duration h of a
+segment:
     defect c = h (v0 + v1)/2 - d;  end velocity = v1 - c/h;  so the path misses its target by c/2.
-For equal intervals c = 0 and this is the B-spline; for unequal ones the miss dies out within one
-segment instead of growing (taking all of c at once would alternate for ever). Each segment starts
-where the last one ended, so the path is continuous whatever arrives. Knots lie on the simulator's
-steps, so no step straddles two parabolas.
+For equal intervals c = 0. For unequal ones the miss decays within one segment instead of growing
+(correcting all of c at once would make it alternate forever). Each segment starts where the last
+one ended, so the path is continuous for any sequence of poses. Knots are rounded up to the
+simulator's steps, so that no step contains two parabolas.
 
-The path is never guessed: without the next pose there is no next segment and the simulation waits.
-After a silence longer than `pose_timeout` the last pose counts as repeated and is held; when poses
-return, the path rejoins them smoothly from the pose held.
+The path is never extrapolated: without the next pose there is no next segment, and the simulation
+waits. After a silence longer than `pose_timeout` the last pose is held as if it were repeated; when
+poses return, the path rejoins them smoothly from the held pose.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ Array = NDArray[np.float64]
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
-# Poses waiting to be used; a paused simulation must not collect them for ever.
+# Poses waiting to be used; a paused simulation must not collect them without limit.
 _MOST_WAITING = 5000
 
 
@@ -61,7 +62,7 @@ class Segment(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Where an end effector is [m, quaternion] and how it moves [m/s, rad/s]."""
+    """Pose [m, quaternion] and velocities [m/s, rad/s] of an end effector."""
 
     position: Vector = _ZERO
     orientation: Quaternion = rotations.IDENTITY
@@ -73,13 +74,13 @@ class GripperPath(Waiting[Pose]):
     """The path of one end effector from its accepted poses.
 
     Args:
-        end: name of the end, for texts.
-        holder: says after how long a silence the last pose is held, and how poses are smoothed.
+        end: name of the end, for messages.
+        holder: gives pose_timeout and pose_smoothing.
         note: called with the name of an event and one line of text.
 
     Attributes:
         silent: whether the last pose is being held after a silence.
-        newest: the last pose that came, used or not; None = none since `clear`.
+        newest: the last pose received, used or not; None = none since `clear`.
     """
 
     def __init__(self, end: str, holder: Holder, note: Callable[[str, str], None]) -> None:
@@ -90,12 +91,12 @@ class GripperPath(Waiting[Pose]):
         super().__init__(_MOST_WAITING)
 
     def configure(self, holder: Holder) -> None:
-        """Take other settings from the next pose on."""
+        """Use the settings of this holder from the next pose on."""
         self.timeout_ns = self._smoother.longest_gap_ns = round(holder.pose_timeout * SECOND)
         self._smoother.half_window_ns = round(holder.pose_smoothing * SECOND)
 
     def clear(self) -> None:
-        """Forget every pose; the next one starts a new path."""
+        """Discard all poses; the next one starts a new path."""
         super().clear()
         self.silent = False
         self.newest: Pose | None = None
@@ -121,12 +122,12 @@ class GripperPath(Waiting[Pose]):
             self._pending.extend(self._smoother.flush())
 
     def _long_silent(self, wanted_ns: int) -> bool:
-        """Whether no pose has come for the timeout before a time [ns]; needs one."""
+        """Whether the newest pose, which must exist, is older than the timeout at `wanted_ns`."""
         assert self.newest is not None
         return wanted_ns - self.newest.stamp_ns > self.timeout_ns
 
     def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns]."""
+        """Shift all stamps by delta [ns]."""
         super().shift_time(delta_ns)
         self._smoother.shift_time(delta_ns)
         self.newest = self.newest and self.newest.moved(delta_ns)
@@ -134,8 +135,8 @@ class GripperPath(Waiting[Pose]):
         self._shift = self._shift and self._shift.moved(delta_ns)
 
     def begin(self, base_ns: int) -> tuple[Array, Array]:
-        """Start the path at rest at the newest pose not after `base_ns`; returns (position,
-        orientation).
+        """Start the path at rest at the newest pose not after `base_ns`, else at the first pose;
+        returns (position, orientation).
         """
         while self._pending and (self._center is None or self._pending[0].stamp_ns <= base_ns):
             self._center = self._pending.popleft()
@@ -144,8 +145,8 @@ class GripperPath(Waiting[Pose]):
         return np.array(self._present.position), np.array(self._present.orientation)
 
     def skip_to(self, base_ns: int, position: Array, orientation: Array) -> None:
-        """The simulation jumped to `base_ns` with the end resting at this pose: drop older poses,
-        rejoin newer ones.
+        """Handle a jump of the simulation to `base_ns`, with the end at rest at this pose: drop
+        older poses and rejoin newer ones.
         """
         for pose in self.due(base_ns):
             self._center = pose
@@ -154,12 +155,12 @@ class GripperPath(Waiting[Pose]):
             self._rejoin(self._center._replace(stamp_ns=base_ns))
 
     def replan(self, motion: EndMotion, now: float, grid: StepGrid, last: int) -> Segment:
-        """The rest of the present motion on another grid: from where it is at `now` to its end.
+        """The remainder of the present motion on another grid.
 
         Args:
-            motion: the motion under way, given out by `next_segment`, on the old simulator's time
-                `now` [s].
-            last: step of the new grid at which it ends; it goes on at step 0 and time 0.
+            motion: the motion in progress, from `next_segment`.
+            now: present time of the old simulator [s]; the new one is at time 0 and step 0.
+            last: step of the new grid at which the motion ends.
         """
         target = self._present
         self._present = _State(
@@ -176,8 +177,9 @@ class GripperPath(Waiting[Pose]):
         """The motion that begins at step `index` (simulator time `time` [s]), or None: wait for a
         pose.
 
-        `wanted_ns` is how far the simulation would like to go; a silence is measured against it, so
-        that it is found at the same stamp whatever the arrival times.
+        Args:
+            wanted_ns: time base [ns] up to which a silence is measured, so that it is detected at
+                the same stamp whenever poses arrive.
         """
         self.settle(wanted_ns)
         self._pass_over(grid.time_of(index - 1))
@@ -207,15 +209,15 @@ class GripperPath(Waiting[Pose]):
     def _segment_between(
         self, center: Pose, pose: Pose, grid: StepGrid, index: int, time: float
     ) -> Segment | None:
-        """The parabola that ends half-way in time between two poses; None if that is past or too
-        near.
+        """The parabola that ends half-way in time between two poses; None if that time is past or
+        too close.
         """
         interval_ns = pose.stamp_ns - center.stamp_ns
         self._interval_ns = interval_ns
         middle_ns = center.stamp_ns + interval_ns // 2
         last = grid.first_at_or_after(middle_ns)
-        # A segment much shorter than the interval would turn a small miss into a jerk; the next one
-        # takes over.
+        # In a segment much shorter than the interval, a small miss would cause a large
+        # acceleration; the next segment covers that time.
         if last <= index or (last - index) * grid.step < 0.25e-9 * interval_ns:
             return None
         first_p, first_q = self._shifted(center)
@@ -230,8 +232,8 @@ class GripperPath(Waiting[Pose]):
         return self._move_to(target, index, last, grid.step, time)
 
     def _move_to(self, target: _State, first: int, last: int, step: float, time: float) -> Segment:
-        """Parabola from the present state to a target, see the module's formula; advances the
-        present.
+        """Parabola from the present state to a target by the formula of the module; the present
+        state becomes that at its end.
         """
         duration = (last - first) * step
         p0, q0, p1, w1 = self._present
@@ -254,7 +256,9 @@ class GripperPath(Waiting[Pose]):
         return Segment(first, last, motion)
 
     def _come_to_rest(self, grid: StepGrid, index: int, time: float) -> Segment | None:
-        """As if the last pose were repeated: to it, then absorb the miss; None: at rest."""
+        """A segment to the last pose as if it were repeated, then one more to remove the miss; None
+        once at rest.
+        """
         center = self._center
         assert center is not None
         if not any(self._present.velocity) and not any(self._present.spin):
@@ -271,8 +275,8 @@ class GripperPath(Waiting[Pose]):
         return segment
 
     def _pass_over(self, now_ns: int) -> None:
-        """Leave out the poses before `now_ns`, which the simulation has passed; from where the end
-        is, it returns to those that follow.
+        """Skip the poses before `now_ns`, which the simulation has passed, and rejoin the following
+        ones from the present pose of the end.
         """
         late = self._center
         while self._pending and self._pending[0].stamp_ns < now_ns:
@@ -284,7 +288,7 @@ class GripperPath(Waiting[Pose]):
             self._rejoin(late._replace(stamp_ns=now_ns))
 
     def _resume(self, grid: StepGrid, index: int, time: float) -> Segment | None:
-        """Poses are back: rest until the first of them, then rejoin from the pose held."""
+        """After a silence: rest until the first new pose, then rejoin from the held pose."""
         pose = self._pending[0]
         first = grid.first_at_or_after(pose.stamp_ns)
         if first > index:
@@ -296,7 +300,7 @@ class GripperPath(Waiting[Pose]):
         return None
 
     def _rejoin(self, pose: Pose) -> None:
-        """From its stamp on, shift the poses so that this one is where the end is; it fades."""
+        """Shift poses from this one on so that it coincides with the end's; the shift fades."""
         self._shift = Shift.to_present(pose, self._present.position, self._present.orientation)
         if self._shift is not None:
             self._note(
@@ -311,7 +315,7 @@ class GripperPath(Waiting[Pose]):
         return EndMotion.resting(self._present.position, self._present.orientation, time)
 
 
-# Vectors in plain numbers: three of them as an array take ten times as long.
+# Vectors as tuples of floats: arrays of three numbers take ten times as long.
 
 
 def _sum(a: Vector, b: Vector) -> Vector:
@@ -327,17 +331,17 @@ def _scaled(a: Vector, factor: float) -> Vector:
 
 
 def _way(v0: Vector, curvature: Vector, s: float) -> Vector:
-    """What v0 s + curvature s^2 is."""
+    """v0 s + curvature s^2."""
     return _scaled(_sum(v0, _scaled(curvature, s)), s)
 
 
 def _rate(v0: Vector, curvature: Vector, s: float) -> Vector:
-    """Its derivative by s."""
+    """Derivative of `_way` with respect to s."""
     return _sum(v0, _scaled(curvature, 2.0 * s))
 
 
 def _curvature(way: Vector, v0: Vector, v1: Vector, duration: float) -> Vector:
-    """Quadratic coefficient of the module's formula, for each component; v0 is the linear one."""
+    """Quadratic coefficient by the formula of the module, per component; v0 is the linear one."""
     x, y, z = (
         (b - (0.5 * duration * (a + b) - d) / duration - a) / (2.0 * duration)
         for d, a, b in zip(way, v0, v1, strict=True)

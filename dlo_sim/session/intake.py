@@ -1,8 +1,8 @@
-"""Serialised input messages -> checked poses and loads. A bad message is refused with a reason,
-never raised, never used.
+"""Checks serialised input messages: poses, loads, grasps that take or release, measured points.
 
-Sign and frame of every input: config/NODE.md. Loads act on the cable; a torque is about the point
-of the cable where it acts, whatever the frame of its axes.
+A bad message is refused with a reason; it never raises and is never used. Signs and frames of the
+inputs: config/NODE.md. Loads act on the cable; a torque is about the point of the cable where it
+acts, whatever the frame of its axes.
 """
 
 from __future__ import annotations
@@ -30,23 +30,24 @@ from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.transforms import Transforms, in_world
 from dlo_sim.session.waiting import LoadMessage, TakeMessage
 
-# Poses may differ by inputs.max_speed times the time between them, but no more time than this
-# counts, plus a little noise.
+# Consecutive positions may differ by inputs.max_speed times the time between them, at most this
+# window, plus a slack for noise.
 SPEED_WINDOW, SPEED_SLACK = 0.1, 1e-3  # s, m
 
-# Two points turn by no more than this from one message to the next [rad].
+# Largest rotation of two points from one message to the next [rad].
 MOST_TURN = 0.5 * math.pi
 
-# So many messages of a topic wait for their transforms while the clock stands still.
+# Most messages of a topic that wait for their transforms while the clock stands still.
 _MOST_WAITING = 1000
 
 
 class Accepted(NamedTuple):
-    """A message that is used, or whose stamp alone is.
+    """A message that is used, or of which only the stamp is used.
 
     Attributes:
         verdict: what its stamp means for everything before it.
-        entries: whom it is for (one topic may drive several); nobody if its stamp alone is used.
+        entries: the inputs that it is for (one topic may drive several); empty if only the stamp is
+            used.
     """
 
     verdict: Verdict
@@ -55,7 +56,7 @@ class Accepted(NamedTuple):
 
 
 class _Topic:
-    """One topic: what it drives, and what is known of its last messages."""
+    """One topic: its inputs, and the state of its last messages."""
 
     def __init__(
         self, entries: tuple[InputTopic, ...], record: TopicRecord, source: Source
@@ -66,11 +67,12 @@ class _Topic:
         self.is_pose = entries[0].is_pose
         self.entries = entries
         self.spacing = 0.0
-        self.waiting: deque[tuple[Stamped, int]] = deque()  # for a transform; with their arrivals
+        # Messages that wait for a transform, with their arrivals.
+        self.waiting: deque[tuple[Stamped, int]] = deque()
         self.clear()
 
     def configure(self, scene: Scene) -> None:
-        """Take what the scene says about the targets."""
+        """Use the settings of the targets in this scene."""
         targets = [entry.target for entry in self.entries]
         if self.is_pose:
             holders = [scene.holders[target] for target in targets]
@@ -86,7 +88,7 @@ class _Topic:
         self.too_fast_since_ns: int | None = None
 
     def pose(self, values: tuple[float, ...], stamp_ns: int) -> Pose:
-        """The pose that a message gives."""
+        """The pose of a message with these values."""
         if self.kind == "two_points":
             before = IDENTITY if self.last is None else self.last.orientation
             points = np.reshape(values, (1, 2, 3))
@@ -99,11 +101,11 @@ class Intake:
     """Checks every message of a scene's input topics.
 
     Args:
-        scene: gives limits, frames and signs.
-        inputs: the topics it listens to, by their names on the wire, and frames of tf2.
-        time_base: decides by the stamps which messages are used, and where in time.
-        journal: where messages are counted.
-        transforms: knows the frames that the scene does not name; None: nobody does.
+        scene: gives limits, frames and timeouts.
+        inputs: the input topics, by their resolved names, and frames of tf2.
+        time_base: decides from the stamps which messages are used and at which time.
+        journal: counts the messages.
+        transforms: looks up frames that the scene does not name; None: such frames are refused.
     """
 
     def __init__(
@@ -125,7 +127,7 @@ class Intake:
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:
-        """Take limits, frames, signs and timeouts from this scene; its topics are the same."""
+        """Use limits, frames and timeouts of this scene, which has the same topics."""
         self._limits = scene.inputs
         self._content = ContentCheck(scene)
         self._patience_ns = round(scene.inputs.latency * SECOND)
@@ -133,17 +135,16 @@ class Intake:
             topic.configure(scene)
 
     def clear(self) -> None:
-        """Take the next poses wherever they are (reset)."""
+        """Accept the next poses wherever they are (reset)."""
         for topic in self._topics.values():
             topic.clear()
 
     def accept(self, name: str, raw: cdr.Bytes, arrival_ns: int) -> list[Accepted]:
-        """Check one message; returns what is used now: it, and others that it has waited with.
-        Everything refused is counted.
+        """Check one message; returns the messages to be used now: this one, and waiting ones of its
+        topic. Refused messages are counted.
 
         Raises:
-            KeyError: if the scene has no such input topic (a mistake of the caller, not of a
-                message).
+            KeyError: the scene has no such input topic (an error of the caller, not of a message).
         """
         topic = self._topics[name]
         topic.record.last_arrival_ns = arrival_ns
@@ -157,8 +158,8 @@ class Intake:
         return self._look_up(topic, arrival_ns)
 
     def sample(self, clock_ns: int) -> list[Accepted]:
-        """Take the newest pose of every frame that drives something, if it is another one than
-        before, as a message that comes at this time of the clock [ns].
+        """Take the newest pose of every tf2 frame that drives an end effector, unless it was taken
+        before, as a message that arrives at this clock time [ns].
         """
         found: list[Accepted] = []
         if self._transforms is None:
@@ -166,7 +167,7 @@ class Intake:
         for frame, last_ns in self._sampled.items():
             try:
                 stamp_ns, position, orientation = self._transforms.lookup(frame, None)
-            except Refused:  # the session says that it waits
+            except Refused:  # the session reports that it waits
                 continue
             if stamp_ns and stamp_ns == last_ns:
                 continue
@@ -178,7 +179,7 @@ class Intake:
         return found
 
     def due(self, clock_ns: int) -> list[Accepted]:
-        """Messages that have waited and are used at this time of the clock [ns]."""
+        """Messages that have waited and are to be used at this clock time [ns]."""
         found: list[Accepted] = []
         for topic in self._topics.values():
             found += self._look_up(topic, clock_ns)
@@ -187,14 +188,12 @@ class Intake:
         return found
 
     def refuse_waiting(self) -> None:
-        """Nothing more will come that could tell about the messages that still wait."""
+        """Refuse the messages whose stamps still wait for confirmation, as no more will arrive."""
         for topic in self._topics.values():
             self._follow(topic, self.time_base.refute(topic.source))
 
     def _look_up(self, topic: _Topic, clock_ns: int) -> list[Accepted]:
-        """Go on with the messages of a topic, one after the other, up to one whose transform may
-        still come.
-        """
+        """Process the messages of a topic in order, up to one whose transform may still arrive."""
         found: list[Accepted] = []
         while topic.waiting:
             message, arrival_ns = topic.waiting[0]
@@ -214,10 +213,10 @@ class Intake:
         return found
 
     def _in_world(self, message: Stamped, arrival_ns: int, kind: str) -> Stamped:
-        """A message in a frame that the scene names, or in the world frame.
+        """A message, transformed to the world frame unless the scene names its frame.
 
         Raises:
-            Refused: the transform is not known, or not yet.
+            Refused: the transform is not available, or not yet.
         """
         if self._transforms is None or not self._limits.tf or self._content.knows(message.frame_id):
             return message
@@ -233,15 +232,15 @@ class Intake:
                 found.append(self._use(topic, decision))
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
-                if decision.verdict is Verdict.DECIDE:  # its place does not depend on its content
+                if decision.verdict is Verdict.DECIDE:  # its stamp is valid all the same
                     found.append(Accepted(decision.verdict))
         return found
 
     def _use(self, topic: _Topic, decision: Decision) -> Accepted:
-        """Note a message that is in time.
+        """Convert and count a message that the time base accepts.
 
         Raises:
-            Refused: it is not, or its pose is out of reach.
+            Refused: the time base refuses it, or its pose is too far from the last one.
         """
         if decision.refusal is not None:
             raise decision.refusal
@@ -266,7 +265,7 @@ class Intake:
         return Accepted(decision.verdict, topic.entries, message)
 
     def _check_speed(self, topic: _Topic, pose: Pose) -> None:
-        """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm; p_last = last one used."""
+        """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm, p_last = last used pose."""
         last, last_stamp, stamp_ns = topic.last, topic.source.last_ns, pose.stamp_ns
         if last is None or last_stamp is None:
             topic.too_fast_since_ns = None
@@ -287,7 +286,7 @@ class Intake:
 
 
 def _check_turn(last: Pose | None, pose: Pose) -> None:
-    """Refuse two points that have changed places."""
+    """Refuse two points that were exchanged, or turned by more than MOST_TURN."""
     turn = math.hypot(*turn_between(last.orientation, pose.orientation)) if last else 0.0
     if turn > MOST_TURN:
         raise Refused(

@@ -1,9 +1,10 @@
-"""Points seen on the cable pull the prediction towards them: an observer with stated gains.
+"""An observer that corrects the prediction by points measured on the cable.
 
-A measurement counts at the first step not before its stamp. Each point belongs to the nearest point
-of the predicted centerline; one that is further away than `measured.gate` is rejected. The gains
-are those of `core.error_filter`; what has to be corrected again and again is taken for a force that
-the model lacks, and goes on acting. The energy that a correction puts into the cable is booked.
+A measurement is used at the first step not before its stamp. Each point is assigned to the nearest
+point of the predicted centerline; points further away than `measured.gate` are rejected. The gains
+are those of `core.error_filter`. Corrections that have to be repeated are attributed to a force
+that the model lacks, which continues to act. The energy that a correction adds to the cable enters
+the energy account.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
-_PLACES = 201  # of the centerline among which the nearest is looked for
-_AT_ONCE = 4096  # points whose distances from all places are held
-# An acceleration that the model lacks [m/s^2] is learnt per metre of correction, and lasts [s]. On
-# recorded cables this takes 8 % off the error; six times as much makes the lightest one swing.
+_PLACES = 201  # points of the centerline that are searched for the nearest
+_AT_ONCE = 4096  # points whose distances from all places are computed together
+# Missing acceleration that is learnt per metre of correction [1/s^2], and its decay time [s]. On
+# recorded cables this reduces the error by 8 %; six times as much makes the lightest one swing.
 _LEARNT, _LASTS = 45.0, 1.6
 
 
@@ -42,12 +43,13 @@ class Observer(Waiting[Points]):
     """Corrects a simulator by measured points.
 
     Args:
-        measured: what the scene says about it.
+        measured: settings of the scene.
         note: called with the name of an event and one line of text.
 
     Attributes:
-        used, rejected: points so far. work: energy put in [J]. innovation: rms distance between the
-            points of the last measurement that were used and the prediction before it [m].
+        used, rejected: numbers of points so far. work: energy added by corrections [J].
+        innovation: rms distance of the used points of the last measurement from the prediction
+            before the correction [m].
     """
 
     def __init__(self, measured: Measured, note: Callable[[str, str], None]) -> None:
@@ -58,13 +60,15 @@ class Observer(Waiting[Points]):
         super().__init__()
 
     def clear(self) -> None:
-        """Forget the measurements that wait, and what was learnt from the others."""
+        """Discard the waiting measurements, and what was learnt from earlier ones."""
         super().clear()
         self._simulator: Simulator | None = None
         self._time, self._lacking = 0.0, np.zeros((0, 3))
 
     def add(self, message: Points) -> None:
-        """Take an accepted measurement; stamps must increase. One too many replaces the oldest."""
+        """Take an accepted measurement; stamps must increase. If the queue is full, the oldest is
+        lost.
+        """
         most = self._pending.maxlen
         if len(self._pending) == most:
             self.rejected += len(self._pending[0].points)
@@ -72,7 +76,7 @@ class Observer(Waiting[Points]):
         super().add(message)
 
     def apply(self, now_ns: int, step_ns: float, simulator: Simulator) -> None:
-        """Correct the simulator, which is at `now_ns`, by what was measured then."""
+        """Correct the simulator, which is at `now_ns`, by the measurements of that time."""
         for stamp_ns, points in self.due(now_ns):
             if now_ns - stamp_ns > step_ns:
                 self.rejected += len(points)
@@ -112,13 +116,13 @@ class Observer(Waiting[Points]):
         distances = points[near] - line[nearest[near]]
         self.innovation = float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
         shift, speed = self._filter.update(self._basis[nearest[near]], distances)
-        # What corrections have to repeat is the work of a force that the model lacks.
+        # Repeated corrections are the effect of a force that the model lacks.
         self._lacking = math.exp(-passed / _LASTS) * self._lacking + _LEARNT * shift
         speed += min(passed, self.measured.alike_for) * self._lacking
         self.work += simulator.correct(shift, speed)
 
     def _begin(self, simulator: Simulator) -> None:
-        """Know nothing about the error of this simulator."""
+        """Start with a new filter for this simulator."""
         knots, given = simulator.model.knots, self.measured
         length = simulator.scene.cable.length
         n = simulator.model.n

@@ -1,20 +1,22 @@
-"""The simulator's state -> serialised output messages.
+"""Serialises the simulator's state to output messages.
 
-SIGN AND FRAME OF EVERY OUTPUT (all in the world frame `frame_id`; the stamp is the time at which
-the state holds)
+SIGN AND FRAME OF EVERY OUTPUT (all in the world frame `frame_id`; the stamp is the time of the
+state)
 - `~/start/reaction`, `~/end/reaction`, `~/<grasp>/reaction` (WrenchStamped, not for a free end):
   force [N] and torque [N m] acting ON THE CABLE BY THE END EFFECTOR, torque about the attachment
-  point, axes of the world. It includes what moves the point mass `<end>.mass`. A force-torque
-  sensor in the wrist that measures the load of the cable on the robot reads the NEGATIVE of it.
-- `~/control_points` (PoseArray): control point i, which lies near but not on the cable, with the
-  material frame of the cable at the control point's material coordinate: x axis = tangent from
-  start to end.
-- `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable, coloured as
-  outputs.color_by says; the control points.
-- `~/points` (PointCloud2, if asked for): the points of the centerline with u [m] and tension [N].
-- `~/capsules` (MarkerArray, if asked for): capsules that hold the cable.
-- `/tf` (TFMessage, if asked for): both ends of the cable with its material frame there, x axis =
-  tangent from start to end; the end effector of each grasp, holding or not.
+  point, world axes. It includes the inertia and weight of the point mass `<end>.mass`. A
+  force-torque sensor in the wrist, which measures the load of the cable on the robot, reads the
+  NEGATIVE of it.
+- `~/control_points` (PoseArray): control point i, which lies on the cable only at its ends, else
+  near it, with the material frame of the cable at the control point's material coordinate: x axis =
+  tangent from start to end.
+- `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable, coloured according
+  to outputs.color_by; the control points.
+- `~/points` (PointCloud2, if enabled): the points of the centerline with u [m] and, where the scene
+  determines it, tension [N].
+- `~/capsules` (MarkerArray, if enabled): capsules that enclose the cable.
+- `/tf` (TFMessage, if enabled): both ends of the cable with the material frame there, x axis =
+  tangent from start to end; the end effector of each grasp, whether it holds the cable or not.
 """
 
 from __future__ import annotations
@@ -52,13 +54,12 @@ Array = NDArray[np.float64]
 
 _CABLE_COLOR = (0.95, 0.55, 0.1, 1.0)
 _POLYGON_COLOR = (0.3, 0.5, 0.9, 0.6)
-# A marker that is not renewed disappears after this many marker periods.
-_MARKER_PERIODS = 5
-_FINER = 4  # points of the cable per capsule that its radius is made from
+_MARKER_PERIODS = 5  # after which a marker that is not renewed disappears
+_FINER = 4  # points of the cable per capsule from which its radius is computed
 
 
 class OutgoingMessage(NamedTuple):
-    """A serialised message: topic as in the scene (`~/...`), ROS type, stamp on the clock [ns], CDR
+    """A serialised message: topic as in the scene (`~/...`), ROS type, stamp (clock time [ns]), CDR
     bytes.
     """
 
@@ -114,7 +115,7 @@ class Outputs:
         self._topics = tuple(
             (topic, message_type, encoders[topic])
             for topic, message_type in output_topics(scene).items()
-            if topic in encoders  # others are not made of the present state alone
+            if topic in encoders  # the others need more than the present state
         )
         self.topics = [topic for topic, _, _ in self._topics]
 
@@ -124,7 +125,7 @@ class Outputs:
         """The messages of this state.
 
         Args:
-            stamp_ns: time of the state on the clock [ns].
+            stamp_ns: clock time of the state [ns].
             wanted: topics; nothing is computed for the others.
         """
         found: list[OutgoingMessage] = []
@@ -138,7 +139,7 @@ class Outputs:
                 found.append(OutgoingMessage(topic, message_type, stamp_ns, data))
         return found
 
-    # Each returns None instead of a message with a number that is not finite.
+    # Each encoder returns None if a number is not finite.
 
     def _encode_reaction(self, end: str, simulator: Simulator, stamp_ns: int) -> bytes | None:
         wrench = simulator.reaction_wrench(end)
@@ -190,8 +191,8 @@ class Outputs:
 
 
 def _sag(pieces: Array, joints: Array) -> Array:
-    """How far [m] the points of each piece, shape (n, k, 3), lie from the line between its joints,
-    shape (n,).
+    """Largest distance [m] of the points of each piece, shape (n, k, 3), from the segment between
+    its joints, shape (n,).
     """
     ways = np.diff(joints, axis=0)[:, None]
     from_joint = pieces - joints[:-1, None]

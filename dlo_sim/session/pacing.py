@@ -1,4 +1,4 @@
-"""How far a tick goes, and what happens to a simulation that is too slow."""
+"""Limits how far a tick advances, and handles simulations that are too slow."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from dlo_sim.session.drive import Drive
 from dlo_sim.session.step_grid import OutputGrid
 from dlo_sim.session.time_base import SECOND
 
-# Beyond pose_timeout and inputs.catch_up, a simulation this far behind that does not catch up skips
-# time instead of falling back for ever [s].
+# A simulation that does not catch up skips time once its lag exceeds this [s], or the longest
+# pose_timeout if that is longer, plus inputs.catch_up.
 MOST_LAG = 1.0
-# A process that stood still catches up with at most so much [s]; what is further back is skipped.
+# A lag that exceeds that limit by more than this [s] is skipped at once (a stopped process).
 MOST_CATCH_UP = 3.0
-# A tick that comes late has not listened meanwhile. No more of that time than this, or two timer
-# periods, counts as a silence: messages that waited are handed over between the next ticks [s].
+# Before a late tick no messages were received. At most this much of that time [s], or two timer
+# periods, counts as silence: the messages that waited are delivered between the next ticks.
 _MOST_LISTENED = 0.1
-# A live tick takes at most so many steps: callbacks, services and diagnostics wait for it. A step
-# so short that this is not enough falls behind, which is reported as lag and skipped time.
+# Most steps of a live tick, since callbacks, services and diagnostics wait for it. If the step is
+# too short for that, the simulation falls behind, which is reported as lag and skipped time.
 _MOST_LIVE_STEPS = 20_000
-# What a simulation that falls behind goes without, in this order, before it skips time: event,
-# share of the most lag from which on, and what is given up.
+# What a simulation that falls behind drops, in this order, before it skips time: event, share of
+# the largest lag at which it is dropped, and what is dropped.
 _SHED = (
     ("markers_spared", 0.25, "its markers"),
     ("estimate_spared", 0.5, "its error estimate; keep it with accuracy.estimate: on"),
 )
-# The last of it comes back after the simulation has kept up for so long, and the next after twice
-# as long: it may be just that which is too much [s].
+# What was dropped last is resumed after the simulation has kept up for this long [s], the next
+# after twice as long, up to a limit: it may be what makes the simulation too slow.
 _CALM, _MOST_CALM = 10.0, 600.0
 
 
 class Pacing:
-    """The limits of a tick in whole numbers, the lag, and what a lag costs.
+    """The limits of a tick, the lag, and the reactions to a lag.
 
     Attributes:
-        grid: the states that are wanted.
-        most_steps: steps that one tick may take.
-        lag_ns: how far the simulation is behind what was wanted [ns].
+        grid: times of the states to publish.
+        most_steps: most steps of one tick.
+        lag_ns: time by which the state is behind the wanted one [ns].
     """
 
     def __init__(self, scene: Scene, step: float, journal: Journal, live: bool) -> None:
@@ -46,7 +46,7 @@ class Pacing:
         self.clear()
 
     def configure(self, scene: Scene, step: float) -> None:
-        """Take the limits from this scene and the step [s] of its simulator."""
+        """Use the limits of this scene and the step [s] of its simulator."""
         inputs = scene.inputs
         timeouts = [end.pose_timeout for end in scene.holders.values() if end.driven]
         self.grid = OutputGrid(scene.rate, round(inputs.latency * SECOND))
@@ -58,34 +58,33 @@ class Pacing:
         self._most_lag_ns = round(max([MOST_LAG, *timeouts]) * SECOND) + self._catch_up_ns
 
     def clear(self) -> None:
-        """Forget the lag, what was given up for it, and what was listened to."""
+        """Clear the lag, resume what was dropped, and start to measure silences anew."""
         self.lag_ns = 0
-        self._shed = 0  # of _SHED, the first so many are given up
+        self._shed = 0  # number of entries of _SHED that are dropped
         self._calm_ns = round(_CALM * SECOND)
         self._kept_up_since_ns: int | None = None
         self.listen_anew()
 
     @property
     def without_markers(self) -> bool:
-        """Whether there is no time for markers."""
+        """Whether markers are dropped."""
         return self._shed > 0
 
     def listen_anew(self) -> None:
-        """The time base has other names: a silence begins with the next tick."""
+        """Measure silences from the next tick on, after the time base has changed its offset."""
         self._listened_ns: int | None = None
 
     def listen(self, wanted_ns: int) -> int:
-        """Up to where a silence would have been noticed by this tick [ns]."""
+        """Time base [ns] up to which a silence can be detected by this tick."""
         listened_ns = wanted_ns if self._listened_ns is None else self._listened_ns
         self._listened_ns = min(wanted_ns, listened_ns + self._most_listened_ns)
         return self._listened_ns
 
     def reached(self, wanted_ns: int, drive: Drive, held_up: bool) -> None:
-        """Note the lag; keep a simulation that is too slow from falling behind for ever: first
-        without what it can go without, then by leaving out time.
+        """Update the lag. If the simulation is too slow, drop optional work first, then skip time.
 
         Args:
-            held_up: it waits for a pose or has failed, and is not slow.
+            held_up: it waits for a pose or has failed, so it is not too slow.
         """
         before, self.lag_ns = self.lag_ns, max(0, wanted_ns - drive.now_ns)
         if held_up:
@@ -114,7 +113,7 @@ class Pacing:
             self._journal.event(event, f"the prediction fell behind and goes on without {what}")
 
     def _take_up(self, wanted_ns: int, drive: Drive) -> None:
-        """Give back what was given up last, once the simulation has kept up for long enough."""
+        """Resume what was dropped last once the simulation has kept up for long enough."""
         if self._kept_up_since_ns is None or self.lag_ns > self._catch_up_ns:
             self._kept_up_since_ns = wanted_ns
         if wanted_ns - self._kept_up_since_ns < self._calm_ns:

@@ -1,7 +1,8 @@
-"""Planned motions of end effectors as messages -> plans for the simulator, or refusals.
+"""Converts messages with planned motions of end effectors to plans for the simulator, or refuses
+them.
 
-A plan begins at the newest pose of its end effector. The forecast begins at the present state,
-which is older by the latency, and goes from there to the first pose of the plan.
+A plan has to begin near the newest pose of its end effector. The forecast begins at the present
+state, which is older by the latency, and moves from there to the plan.
 """
 
 from __future__ import annotations
@@ -26,17 +27,17 @@ if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
-JUMP = 0.02, 0.2  # [m], [rad] from the newest pose to the first of a plan
-LONGEST = 60.0  # [s] of a plan
-_TRANSFORM, _TWIST = 7, 6  # numbers
+JUMP = 0.02, 0.2  # [m], [rad]: largest distance of a plan's first pose from the newest pose
+LONGEST = 60.0  # [s]: longest plan, counted from the present state
+_TRANSFORM, _TWIST = 7, 6  # numbers of doubles
 
 
 class Trajectory(NamedTuple):
     """A decoded trajectory.
 
     Attributes:
-        joints: their names, J.
-        times: of the points, from the stamp on [s], shape (T,).
+        joints: names of the J joints.
+        times: of the points, counted from the stamp [s], shape (T,).
         poses: position [m] and quaternion x, y, z, w, shape (T, J, 7).
     """
 
@@ -48,10 +49,11 @@ class Trajectory(NamedTuple):
 
 
 def decode_trajectory(raw: cdr.Bytes) -> Trajectory:
-    """Names, times and transforms; velocities and accelerations are passed over.
+    """Names, times and transforms of a message; velocities and accelerations are ignored.
 
     Raises:
-        DecodeError: not such a message, or a point with another number of transforms than joints.
+        DecodeError: not such a message, or a point whose number of transforms is not that of the
+            joints.
     """
     reader = cdr.Reader(raw)
     stamp_ns, frame_id = reader.header()
@@ -75,8 +77,8 @@ class Planned(NamedTuple):
     """A plan for a simulator in its present state.
 
     Attributes:
-        stamp_ns: what the answer is stamped with: the plan's stamp, or its arrival.
-        ahead: from the present state to that stamp [s].
+        stamp_ns: stamp of the answer: that of the plan, or its arrival if the plan has none.
+        ahead: time from the present state to that stamp [s].
     """
 
     simulator: Simulator
@@ -86,13 +88,13 @@ class Planned(NamedTuple):
 
 
 class Plans:
-    """Checks the plans for a session.
+    """Checks plans for a session.
 
     Attributes:
-        record: what became of them.
+        record: counts the plans.
 
     Raises:
-        SceneError: the method of the session follows no plans.
+        SceneError: the session's method cannot follow plans, as it is explicit.
     """
 
     def __init__(self, session: Session, topic: str) -> None:
@@ -145,7 +147,7 @@ class Plans:
         return Planned(session.simulator, Plan(grid, poses), stamp_ns, ahead)
 
     def _check_begin(self, name: str, pose: Array) -> None:
-        """Refuse a plan that begins elsewhere than where the end effector was last."""
+        """Refuse a plan that does not begin near the newest pose of the end effector."""
         newest = self._session.newest_poses.get(name)
         position, orientation = self._session.simulator.end_pose(name)
         if newest is not None:
@@ -161,10 +163,10 @@ class Plans:
 
 
 def check_plan(scene: Scene, trajectory: Trajectory) -> None:
-    """Refuse what is no plan for a scene, whatever the state of its cable.
+    """Refuse a plan that is invalid for a scene in every state of its cable.
 
     Raises:
-        Refused: saying why.
+        Refused: with the reason.
     """
     joints, times = trajectory.joints, trajectory.times
     if trajectory.frame_id not in ("", scene.frame_id):
@@ -193,10 +195,10 @@ def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float
     """Refuse poses (T, 7) of an end effector that are further apart than inputs.max_speed allows.
 
     Args:
-        jump: by which the second may be further from the first [m].
+        jump: additional distance allowed between the first two [m].
 
     Raises:
-        Refused: saying how fast they are.
+        Refused: with the speed.
     """
     ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
     ways[0] = max(ways[0] - jump, 0.0)
@@ -208,5 +210,5 @@ def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float
 
 
 def bad_plan(detail: str) -> Refused:
-    """The refusal of a plan that `detail`."""
+    """The refusal of a plan; `detail` completes "the plan ..."."""
     return Refused("bad_plan", f"the plan {detail}")

@@ -1,11 +1,11 @@
-"""Noise of measured poses, taken out by local parabolas.
+"""Smooths measured poses by local parabolas.
 
-Poses tracked by a camera are off by half a millimetre or so. That is little for a shape and far
-too much for a force: at 30 Hz a white noise of 1 mm is an acceleration noise of sqrt(6) mm / dt^2
-= 2 m/s^2, which the whole mass of the cable turns into newtons. Each pose is replaced by the value,
-at its own stamp, of the parabola that fits the poses within +-w best (weights 1 - (t/w)^2): motion
-of constant acceleration passes unchanged and undelayed. The price is waiting: a pose is released
-when one beyond its window has arrived, or after a silence.
+Poses tracked by a camera have errors of about half a millimetre. That hardly affects shapes but
+spoils forces: at 30 Hz a white noise of 1 mm is an acceleration noise of sqrt(6) mm / dt^2
+= 2 m/s^2, and the inertia of the whole cable makes it a force noise. Each pose is replaced by the
+value, at its own stamp, of the parabola that best fits the poses within +-w (weights 1 - (t/w)^2).
+Motion of constant acceleration is unchanged, without a phase lag. The cost is latency: a pose is
+released when one beyond its window has arrived, or after a silence.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Pose(NamedTuple):
     orientation: Quaternion
 
     def moved(self, delta_ns: int) -> Pose:
-        """The same pose with its time relabelled by delta [ns]."""
+        """The same pose with its stamp shifted by delta [ns]."""
         return self._replace(stamp_ns=self.stamp_ns + delta_ns)
 
 
@@ -33,8 +33,8 @@ class PoseSmoother:
     """Smooths a stream of poses whose stamps increase.
 
     Args:
-        half_window_ns: w; 0 = poses pass as they are.
-        longest_gap_ns: windows do not reach across a longer gap.
+        half_window_ns: w; 0 = no smoothing.
+        longest_gap_ns: windows do not extend across a longer gap.
     """
 
     def __init__(self, half_window_ns: int, longest_gap_ns: int) -> None:
@@ -43,9 +43,9 @@ class PoseSmoother:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all poses."""
+        """Discard all poses."""
         self._poses: deque[Pose] = deque()
-        self._next = 0  # index in _poses of the first that has not been released
+        self._next = 0  # index in _poses of the first one not released yet
 
     @property
     def held_back(self) -> int:
@@ -53,7 +53,7 @@ class PoseSmoother:
         return len(self._poses) - self._next
 
     def add(self, pose: Pose) -> list[Pose]:
-        """Take a pose; returns those whose window is complete now, smoothed."""
+        """Take a pose; returns the smoothed poses whose windows are now complete."""
         if self.half_window_ns == 0 and not self.held_back:
             return [pose]
         released: list[Pose] = []
@@ -65,17 +65,17 @@ class PoseSmoother:
         return released
 
     def flush(self) -> list[Pose]:
-        """Release all poses with what their windows hold, and begin anew."""
+        """Release all poses with incomplete windows, and start anew."""
         released = [self._release() for _ in range(self.held_back)]
         self.clear()
         return released
 
     def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns]."""
+        """Shift all stamps by delta [ns]."""
         self._poses = deque(p.moved(delta_ns) for p in self._poses)
 
     def _release(self) -> Pose:
-        """The next pose, smoothed; drops the poses that no window needs any more."""
+        """The next pose, smoothed; drops poses that no window needs any more."""
         pose = self._poses[self._next]
         oldest = pose.stamp_ns - self.half_window_ns
         while self._poses[0].stamp_ns < oldest:
@@ -91,7 +91,7 @@ def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
     """Value at the pose's stamp of the weighted parabola through the poses of its window."""
     if len(window) < 4:  # a parabola through three points smooths nothing
         return pose
-    # One part in a thousand wider, so that poses at the very ends still count for something.
+    # Slightly wider, so that the weights of poses at the very ends are not zero.
     scale = 1.0 / (1.001 * half_window_ns)
     share = weights_of_the_value_at_zero([(p.stamp_ns - pose.stamp_ns) * scale for p in window])
     position = _weighted(share, [p.position for p in window])
@@ -109,11 +109,11 @@ def _weighted(share: list[float], vectors: list[Vector]) -> Vector:
 
 
 def weights_of_the_value_at_zero(times: list[float]) -> list[float]:
-    """Weights g so that g.y = a for the best parabola a + b t + c t^2; |t| < 1.
+    """Weights g so that g.y = a for the best parabola a + b t + c t^2 through y; |t| < 1.
 
     With w = 1 - t^2 and the moments m_k = sum w t^k, g_i = w_i (x_0 + x_1 t_i + x_2 t_i^2), where x
-    solves the normal equations [m_(j+k)] x = (1, 0, 0). In plain numbers: a fifth of the time that
-    nine poses take with arrays.
+    solves the normal equations [m_(j+k)] x = (1, 0, 0). For nine poses plain floats take a fifth of
+    the time of arrays.
     """
     m0 = m1 = m2 = m3 = m4 = 0.0
     weights = []

@@ -1,4 +1,4 @@
-"""How an end that was held returns to its poses: by a shift that fades, never by a jump."""
+"""A smooth return of a held end to its poses, by a shift of the poses that fades."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dlo_sim.core.one_rotation import Quaternion, Vector, turn_between, turned
 from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import SECOND
 
-# Mean speed of the return, and the least time that it takes.
+# Largest mean speeds of the return, and its shortest duration.
 SPEED, TURN, LEAST_TIME = 1.0, 2.0, 0.1  # m/s, rad/s, s
 
 _NEAR = 1e-9  # m, rad
@@ -31,7 +31,7 @@ class Shift(NamedTuple):
 
     @classmethod
     def to_present(cls, pose: Pose, position: Vector, orientation: Quaternion) -> Shift | None:
-        """What takes `pose` at its stamp to where the end is; None if it is there already."""
+        """The shift from `pose` at its stamp to the pose of the end; None if they agree."""
         (x, y, z), (px, py, pz) = position, pose.position
         offset = (x - px, y - py, z - pz)
         turn = turn_between(pose.orientation, orientation)
@@ -47,12 +47,12 @@ class Shift(NamedTuple):
         return math.hypot(*self.offset)
 
     def weight(self, stamp_ns: int) -> float:
-        """How much of the shift is left, 1 to 0."""
+        """Remaining share of the shift, from 1 to 0."""
         x = min(1.0, max(0.0, (stamp_ns - self.begin_ns) / (self.duration * SECOND)))
         return 1.0 - x * x * (3.0 - 2.0 * x)
 
     def applied(self, pose: Pose) -> Pose:
-        """The pose, displaced."""
+        """The displaced pose."""
         weight = self.weight(pose.stamp_ns)
         if weight == 0.0:
             return pose
@@ -64,5 +64,5 @@ class Shift(NamedTuple):
         )
 
     def moved(self, delta_ns: int) -> Shift:
-        """The same shift with its time relabelled by delta [ns]."""
+        """The same shift with its time shifted by delta [ns]."""
         return self._replace(begin_ns=self.begin_ns + delta_ns)

@@ -1,6 +1,6 @@
-"""The state of a session in a file, to go on from after its process was ended, however it was.
+"""Saves the state of a session to a file, to resume from after the process has ended in any way.
 
-The file is written beside its place and put there whole, so that it is never half a state.
+The file is written elsewhere and then moved into place, so that it is never incomplete.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _VECTORS = {"position": 3, "orientation": 4, "attachment": 3, "tangent": 3}  # of a geometry
-# Groups whose parameters may differ: they do not change what the state means.
+# Groups whose parameters may differ, since they do not affect the meaning of the state.
 _FREE = ("inputs.", "outputs.", "state.")
-_TAKEN = re.compile(r"grasps\..*\.taken")  # is part of the state
+_TAKEN = re.compile(r"grasps\..*\.taken")  # may differ, as it is part of the state
 
 
 def save_state(path: Path, state: Snapshot) -> None:
-    """Write the state; what was there is replaced.
+    """Write the state, replacing an existing file.
 
     Raises:
-        OSError: the disk refuses; what was there is kept.
+        OSError: the file cannot be written; an existing one is kept.
     """
     head = {
         "version": __version__,
@@ -59,18 +59,19 @@ def save_state(path: Path, state: Snapshot) -> None:
                 stream, head=np.array(json.dumps(head)), state=state.state, inputs=state.inputs
             )
             stream.flush()
-            os.fsync(stream.fileno())  # or a power cut could leave the name without the content
+            os.fsync(stream.fileno())  # else a power cut could leave a name without content
 
     write_atomically(path, write)
 
 
 def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
-    """The state that was saved of this scene, and how long ago [s]; None if there is no file.
+    """The saved state of this scene and its age [s]; None if there is no file.
 
-    The grasps of its scene hold the cable as they did.
+    In its scene, each grasp is taken or not as in the state.
 
     Raises:
-        SceneError: it is no state, or one of another scene or version; with the cure.
+        SceneError: the file cannot be read, is not a state, or is one of another scene or version;
+            with the cure.
     """
     cure = "remove the file, or give state.save_to another name"
     try:
@@ -85,7 +86,7 @@ def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
         raise SceneError(
             f"state.save_to: {path} cannot be read ({error.strerror or error}); {cure}"
         ) from None
-    except Exception:  # there is no end of what numpy, zipfile and json make of a damaged file
+    except Exception:  # a damaged file makes numpy, zipfile and json raise almost anything
         raise SceneError(
             f"state.save_to: {path} is no saved state, or a damaged one; {cure}"
         ) from None
@@ -93,7 +94,7 @@ def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
 
 
 def _unfit(head: dict[str, Any], scene: Scene) -> str:
-    """What a state is of that is not of this program and scene; empty if it is."""
+    """Which other version or scene a state is of; empty if it fits."""
     if head["version"] != __version__:
         return f"dlo_sim {head['version']}"
     saved, now = head["scene"], json.loads(json.dumps(scene_values(scene)))
@@ -105,13 +106,13 @@ def _unfit(head: dict[str, Any], scene: Scene) -> str:
 
 
 def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -> Snapshot:
-    """The state of a file.
+    """The state in the contents of a file.
 
     Raises:
-        ValueError, TypeError, KeyError: its numbers do not fit together.
+        ValueError, TypeError, KeyError: the contents are not consistent.
     """
     from dlo_sim.simulation.build_model import build_model
-    from dlo_sim.simulation.geometry import Geometry  # these bring the compiler along
+    from dlo_sim.simulation.geometry import Geometry  # these import the compiler
     from dlo_sim.simulation.simulator import Snapshot
 
     plain: dict[str, Any] = {

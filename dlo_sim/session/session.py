@@ -1,14 +1,14 @@
-"""A session: messages in, the simulator stepped up to a time, messages out. The live node and the
-bag replay are shells of it.
+"""A session takes input messages, steps the simulator up to a time and gives output messages. The
+live node and the bag replay are shells around it.
 
-TIME. Inputs count by their header stamps (`inputs.time`). The prediction runs `inputs.latency`
-behind the clock, so that poses can be interpolated and loads sorted; arrival jitter below it
-changes nothing, not a bit. The simulation never runs ahead of its inputs: if the next pose is
-missing it waits, up to `pose_timeout`, and catches up at most `inputs.catch_up` per tick. What
-cannot be caught up is skipped, counted and reported. Published states carry the time at which they
-hold, converted to the clock.
+TIME. Inputs take effect at their header stamps (`inputs.time`). The prediction runs
+`inputs.latency` behind the clock, so that poses can be interpolated and loads sorted; an arrival
+jitter below that does not change the result by a single bit. The simulation never runs ahead of its
+inputs: if the next pose is missing it waits, up to `pose_timeout`, and then catches up by at most
+`inputs.catch_up` per tick. Time that cannot be caught up is skipped, counted and reported.
+Published states are stamped with their time, converted to the clock.
 
-The session never raises on a message or a tick and never puts out a number that is not finite.
+The session never raises on a message or a tick, and never outputs a number that is not finite.
 """
 
 from __future__ import annotations
@@ -40,20 +40,21 @@ if TYPE_CHECKING:
 
 
 class Session:
-    """One scene being simulated from messages.
+    """Simulates one scene from messages.
 
     Args:
-        scene: what is simulated.
+        scene: what to simulate.
         simulator_factory: builds the simulator, `Simulator` by default: factory(scene,
             end_poses=None).
-        transforms: knows the frames that the scene takes from tf2; needed where it asks for them.
-        naming: what node and topics are called; default: as the scene is written.
-        live: a prediction made live, whose error is worth knowing (accuracy.estimate auto).
+        transforms: looks up frames of tf2; needed if the scene uses them.
+        naming: names of the node and its topics; default: not remapped.
+        live: whether the prediction is live, so that its error is estimated if accuracy.estimate is
+            auto.
         resume: a saved state to begin with.
 
     Attributes:
-        inputs: the topics it listens to, by their names on the wire.
-        journal: counters of everything accepted, refused, held, skipped.
+        inputs: the input topics, by their resolved names.
+        journal: counts everything accepted, refused, held, skipped.
 
     Raises:
         ValueError: the simulator refuses the scene, or two topics of different types have one name.
@@ -70,7 +71,7 @@ class Session:
         resume: Snapshot | None = None,
     ) -> None:
         if simulator_factory is None:
-            # Here, because it brings the compiler along; importing this module must stay light.
+            # Imported here because it loads the compiler; importing this module must stay fast.
             from dlo_sim.simulation.simulator import Simulator
 
             simulator_factory = Simulator
@@ -97,34 +98,34 @@ class Session:
 
     @property
     def scene(self) -> Scene:
-        """The scene as configured now; its grasps hold what they were told to by messages."""
+        """The scene as configured now; its grasps are taken or not as messages have told."""
         return self._drive.scene
 
     @property
     def simulator(self) -> Simulator:
-        """The simulator, for reading; it is replaced on reset and when the scene changes."""
+        """The simulator, read-only; replaced when the cable is placed or the scene changes."""
         return self._drive.simulator
 
     @property
     def started(self) -> bool:
-        """Whether the cable has been placed (every driven end has had a pose)."""
+        """Whether the cable has been placed (every driven end has received a pose)."""
         return self._drive.grid is not None
 
     @property
     def newest_poses(self) -> dict[str, Pose | None]:
-        """The last pose of each driven end, which the simulation may not have come to."""
+        """The last pose received of each driven end; the simulation may not have reached it yet."""
         return {name: path.newest for name, path in self._drive.paths.items()}
 
     @property
     def saved(self) -> Snapshot | None:
-        """All that another session of this scene needs to go on; None before the cable is placed
-        and after a failure.
+        """A state from which another session of this scene can continue; None before the cable is
+        placed and after a failure.
         """
         return self._drive.simulator.snapshot() if self.started and not self._failure else None
 
     @property
     def status(self) -> SessionStatus:
-        """What the session is doing."""
+        """State of the session."""
         if self._failure:
             return SessionStatus.FAILED
         if self._paused:
@@ -138,7 +139,7 @@ class Session:
 
     @property
     def stamp_ns(self) -> int:
-        """Time at which the present state holds, on the clock [ns]; needs `started`."""
+        """Clock time of the present state [ns]; needs `started`."""
         return self._time.to_clock(self._drive.now_ns)
 
     def receive(self, topic: str, raw: cdr.Bytes, arrival_ns: int) -> None:
@@ -147,15 +148,15 @@ class Session:
         Args:
             topic: its name as in `inputs`.
             raw: CDR bytes.
-            arrival_ns: when it came, on the clock [ns].
+            arrival_ns: clock time of its arrival [ns].
         """
         self._watch_clock(arrival_ns, tick=False)
         before = self._time.offset_ns
         self._use(self._intake.accept(topic, raw, arrival_ns), before)
 
     def until_tick(self, now_ns: int) -> int:
-        """How long after this time of the clock a regular tick should come, so that it finds a
-        state that has just become due [ns]; less than a timer period.
+        """Time [ns] from this clock time to when a regular tick should come, just after a state has
+        become due; less than a timer period.
         """
         return self._pacing.grid.until_tick(self._time.from_clock(now_ns))
 
@@ -183,14 +184,14 @@ class Session:
     def messages(
         self, wanted: Collection[str] | None = None, again: Collection[str] = ()
     ) -> list[OutgoingMessage]:
-        """What is due of the present state, serialised; empty until the cable is placed.
+        """Serialised messages that are due for the present state; empty until the cable is placed.
 
-        A state is given out once; the markers, which expire, at outputs.marker_rate whether it is
-        new or not. Diagnostics are made by `diagnostics`.
+        A state is published once. Markers, which expire, are published at outputs.marker_rate, even
+        for the same state. Diagnostics are made by `diagnostics`.
 
         Args:
             wanted: topics to build, None = all.
-            again: topics to build in any case, for readers that have come since.
+            again: topics to build in any case, for new subscribers.
         """
         if not self.started:
             return []
@@ -208,8 +209,8 @@ class Session:
         return found
 
     def diagnostics(self, now_ns: int) -> bytes:
-        """A serialised DiagnosticArray at this time of the clock [ns]: the session, and each input
-        with its refusals by reason.
+        """A serialised DiagnosticArray at this clock time [ns]: the session, and each input with
+        its refusals by reason.
         """
         status = session_status(
             self.journal,
@@ -225,19 +226,19 @@ class Session:
         return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
 
     def reset(self) -> None:
-        """Start over: the cable is placed anew at the next poses (at once if no end is driven),
-        loads are forgotten.
+        """Start over: place the cable at the next poses (at once if no end is driven), without the
+        loads received so far.
         """
         self._time.start_over()
         self._intake.clear()
         self._restart("reset", "reset was called")
 
     def end_inputs(self) -> None:
-        """No message will come any more; those that still wait for their time are refused."""
+        """Refuse the messages whose stamps still wait for confirmation, as no more will come."""
         self._intake.refuse_waiting()
 
     def pause(self, flag: bool) -> None:
-        """Stop or go on. The time of a pause is not simulated; driven ends rejoin their poses
+        """Pause or resume. The time of a pause is not simulated; driven ends rejoin their poses
         smoothly afterwards.
         """
         if self._paused and not flag and self.started:
@@ -245,20 +246,20 @@ class Session:
         self._paused = flag
 
     def step_once(self) -> TickReport:
-        """While paused: advance by one timer period (at least one step). Does nothing unless paused
-        and placed.
+        """Advance a paused session by one timer period (at least one step). Does nothing unless it
+        is paused and placed, or after a failure.
         """
         if not self._paused or not self.started or self._failure:
             return self._report(0)
         step = self._drive.simulator.step
         steps = max(1, round(1.0 / (self.scene.rate * step)))
-        # There is no clock to wait for: an end without a further pose stays at its last one.
+        # There is nothing to wait for: an end without a further pose is held at its last one.
         done = self._advance(self._drive.now_ns + round(steps * step * 1e9) + 1, steps, 1 << 62)
         self._markers_due = True
         return self._report(done)
 
     def prepare(self, scene: Scene) -> Prepared:
-        """Build what `reconfigure` needs for other parameters; ticks may go on in another thread.
+        """Prepare `reconfigure` for other parameters; ticks may continue in another thread.
 
         Raises:
             ValueError: a read-only parameter differs, or the simulator refuses the scene.
@@ -278,7 +279,7 @@ class Session:
         """Continue with other parameters from the same state, between two ticks.
 
         Args:
-            prepared: what `prepare` made for this scene, to lose less time between the ticks.
+            prepared: result of `prepare` for this scene, to save time between the ticks.
 
         Raises:
             ValueError: as `prepare`; nothing is changed.
@@ -303,7 +304,7 @@ class Session:
             self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
     def _use(self, found: list[Accepted], offset_before: int) -> None:
-        """Hand messages to the drive; the offset may have changed by them."""
+        """Pass messages to the drive; they may have changed the offset."""
         offset = self._time.offset_ns
         if not found and offset == offset_before:
             return
@@ -323,7 +324,7 @@ class Session:
                 self._drive.add(entry, accepted.message)
 
     def _begin(self, wanted_ns: int) -> bool:
-        """Place the cable if every driven end has had a pose; returns whether it is placed."""
+        """Place the cable if every driven end has received a pose; returns whether it is placed."""
         begin_ns = self._drive.ready_ns(wanted_ns)
         if begin_ns is None or begin_ns > wanted_ns:
             return False
@@ -385,12 +386,12 @@ class Session:
 
 
 def _look_at(simulator: Simulator, scene: Scene) -> None:
-    """Make every output once: the first look of each kind loads machine code, or compiles it."""
+    """Make every output once, as the first one of each kind loads or compiles machine code."""
     outputs = Outputs(scene, len(simulator.greville))
     outputs.messages(simulator, 0, outputs.topics)
     simulator.energy()
 
 
 def _fixed(scene: Scene) -> dict[str, object]:
-    """Everything that a running session cannot change: key -> value."""
+    """The parameters that a running session cannot change: key -> value."""
     return {row.key: row.default for row in parameters_of(scene) if row.read_only}

@@ -1,11 +1,11 @@
-"""The grids in the time base: of the simulator's steps, and of the states that are published."""
+"""Grids in the time base: of the simulator's steps, and of the published states."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-_JITTER = 500_000  # of ticks, usually [ns]; a quarter of a period at most
+_JITTER = 500_000  # [ns]: usual jitter of ticks; at most a quarter of the period is used
 
 
 @dataclass
@@ -40,21 +40,21 @@ class StepGrid:
 
 
 def grid_multiple_at_or_after(base_ns: int, step: float) -> int:
-    """The first integer multiple of the step [s] at or after `base_ns` [ns]: where a simulation may
-    begin.
+    """The first multiple of the step [s], rounded to 1 ns, at or after `base_ns` [ns], where a
+    simulation may begin.
     """
     step_ns = max(1, round(step * 1e9))
     return -(-base_ns // step_ns) * step_ns
 
 
 class OutputGrid:
-    """Times of the states that are published: integer multiples of the timer period.
+    """Times of the published states: integer multiples of the timer period.
 
-    So the states of a run have the same stamps whenever its timer happened to start.
+    Their stamps therefore do not depend on when the timer was started.
 
     Args:
         rate: of the timer [Hz].
-        latency_ns: by which the states are behind the ticks.
+        latency_ns: time by which the states are behind the ticks [ns].
     """
 
     def __init__(self, rate: float, latency_ns: int = 0) -> None:
@@ -64,17 +64,17 @@ class OutputGrid:
         self._last: int | None = None
 
     def until_tick(self, base_ns: int) -> int:
-        """How long after this time of the time base a regular tick should come, less than a period
-        [ns]: when a state has just become due, and by more than ticks jitter.
+        """Time [ns] from `base_ns` to when a regular tick should come, less than a period: after a
+        state has become due, by slightly more than the jitter of ticks.
         """
         due_ns = 5 * self._jitter_ns // 4 + self._latency_ns
         return (due_ns - base_ns) % self._period_ns
 
     def aim(self, base_ns: int) -> int:
-        """The time [ns] to which a tick goes at `base_ns`.
+        """The time [ns] to which a tick at `base_ns` should advance.
 
-        That is the newest multiple, or the next one after the last tick's until shortly after a
-        newer one: ticks that jitter about a multiple take them one by one all the same.
+        It is the newest multiple; but the successor of the last tick's multiple is used until the
+        next one is older than the jitter, so that ticks which jitter about a multiple skip none.
         """
         base_ns, period = base_ns - self._latency_ns, self._period_ns
         index = base_ns // period

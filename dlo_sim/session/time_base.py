@@ -1,8 +1,8 @@
-"""Which time a message counts at: its header stamp against the clock that delivers it.
+"""The time at which a message takes effect, from its header stamp and the clock at its arrival.
 
-Everything inside a session is counted in the *time base* [ns]: the header stamps of the inputs, so
-that the result does not depend on when a message arrived. The offset (clock minus time base) is
-zero unless the stamps come from another epoch.
+All times within a session are in the *time base* [ns], that of the header stamps of the inputs, so
+that the result does not depend on when messages arrive. The offset (clock minus time base) is zero
+unless the stamps are of another epoch.
 """
 
 from __future__ import annotations
@@ -18,32 +18,32 @@ from dlo_sim.session.content import Refused
 
 SECOND = 1_000_000_000
 
-# A stamp fits the offset if it is no further ahead of the clock than this (two clocks that are not
-# quite synchronised), and no further behind (everyday delays). A clock set back by more than the
+# A stamp fits the offset if it is at most this far ahead of the clock (clocks that are not quite
+# synchronised) and at most this far behind it (usual delays). A clock set back by more than the
 # latter has jumped.
 MOST_AHEAD = SECOND // 2
 MOST_BEHIND = 1 * SECOND
 
-# What does not fit is believed after so long, in a row of so many messages.
+# Stamps that do not fit are believed after this time, from this many messages in a row.
 PATIENCE = 2 * SECOND // 5
 AGREEMENT = 3
 
-# The clock may pass several seconds at once (a process that was stopped, /clock); what has not been
-# waited for while messages were handled does not count as patience.
+# The clock may advance by seconds at once (a stopped process, /clock); time in which no messages
+# were handled does not count as patience, so each advance counts at most this much.
 _LONGEST_WAIT = SECOND // 10
 
-# The lag of messages behind a clock that was set stays; if it shrinks by more than this, it is that
-# of a queue which empties.
+# The lag of messages behind a clock that was set is constant; if it shrinks by more than this, it
+# is the lag of a queue that empties.
 _SHRUNK = SECOND // 20
 
-# While the clock stands still no patience is spent; no more than so many of a topic wait for it.
+# While the clock stands still no patience is spent; at most this many messages of a topic wait.
 MOST_PENDING = 1000
 
 _CURE = "synchronise the clocks or set inputs.time: arrival"
 
 
 class Verdict(Enum):
-    """What a message means for everything before it."""
+    """Effect of a message on everything before it."""
 
     USE = "nothing"
     DECIDE = "it has decided the offset, until which all was dated by the clock"
@@ -51,10 +51,11 @@ class Verdict(Enum):
 
 
 class Decision(NamedTuple):
-    """What becomes of a message: it is used, or refused.
+    """Whether a message is used or refused.
 
     Attributes:
-        message: it, with its stamp in the time base.
+        message: the message, with its stamp in the time base.
+        verdict: its effect on everything before it.
         refusal: reason and detail; None if it is used.
     """
 
@@ -64,7 +65,7 @@ class Decision(NamedTuple):
 
 
 class _Pending(NamedTuple):
-    """A message that waits, its arrival [ns], and the patience spent when it came."""
+    """A waiting message, its arrival [ns], and the watched time [ns] at its arrival."""
 
     message: Stamped
     arrival_ns: int
@@ -72,7 +73,7 @@ class _Pending(NamedTuple):
 
 
 class _Late(NamedTuple):
-    """The lag [ns] with which all messages come, the patience spent when it began."""
+    """The watched time [ns] since which all messages are late, and their lag [ns]."""
 
     since_ns: int
     lag_ns: int
@@ -80,14 +81,14 @@ class _Late(NamedTuple):
 
 @dataclass
 class Source:
-    """What is known of the stamps of one topic.
+    """State of the stamps of one topic.
 
     Attributes:
-        last_ns: stamp of the last message used, in the time base [ns], None = none; whoever uses a
-            message sets it.
-        pending: messages that wait, in the order of their stamps.
-        strays: stamps and arrivals [ns] of the last messages in a row that jump back.
-        uses: messages used of all sources when the strays began.
+        last_ns: stamp of the last used message in the time base [ns], None = none; set by the user
+            of the message.
+        pending: waiting messages, in the order of their stamps.
+        strays: stamps and arrivals [ns] of the latest consecutive messages that jump back.
+        uses: number of messages of all sources used when the strays began.
     """
 
     last_ns: int | None = None
@@ -96,41 +97,41 @@ class Source:
     uses: int = 0
 
     def clear(self) -> None:
-        """Forget what was used; what waits is judged by what comes."""
+        """Forget the used messages; waiting ones are decided by those that follow."""
         self.last_ns = None
         self.strays.clear()
 
 
 class TimeBase:
-    """Decides for every message whether its stamp can be used, and the offset.
+    """Decides for every message whether its stamp can be used, and determines the offset.
 
-    Queueing only ever adds delay: of all differences clock - stamp the smallest is the one that
-    tells about the epoch, and stamps that go on in their topic are the same epoch however late they
-    arrive. With d = clock - stamp, the offset o, and `last` = the last stamp used of the topic:
+    Queues can only add delay: the smallest difference clock - stamp determines the epoch, and
+    stamps that continue those of their topic are of the same epoch however late they arrive. With
+    d = clock - stamp, the offset o, and `last` = the last used stamp of the topic:
 
     | message | case | decision |
     |---|---|---|
-    | stamp 0, or mode `arrival` | after last | counts at its arrival |
+    | stamp 0, or mode `arrival` | after last | used at its arrival |
     | | at the same instant | `out_of_order` |
     | first stamped one of all, mode `auto` | -0.5 s <= d <= 1 s: the clock's epoch | o = 0 |
-    | | else: another epoch (an old recording), or held up, or nonsense | o = d |
+    | | else: another epoch (an old recording), delayed, or wrong | o = d |
     | after last | -0.5 s <= d - o <= 1 s: it fits | used; if o was not 0, o = min(o, d) |
-    | | later: a hold-up, a slow network, a queue that ran over | used all the same |
-    | | later, less and less (50 ms): a queue that empties | used all the same |
-    | | later, as all has been for 0.4 s: a clock was set forward | o = d, start over |
-    | | earlier, /clock follows: the clock had stood still in a hold-up | waits, used |
-    | | earlier, a later message refutes it: a nonsense stamp | waits, `in_future` |
+    | | later: a delay, a slow network, a queue that overflowed | used all the same |
+    | | later, with a shrinking lag (50 ms): a queue that empties | used all the same |
+    | | later, as all messages for 0.4 s: a clock was set forward | o = d, start over |
+    | | earlier, /clock follows: the clock had stood still in a delay | waits, used |
+    | | earlier, a later message refutes it: a wrong stamp | waits, `in_future` |
     | | earlier, more than 1000 wait: the clock stands still | the oldest `in_future` |
     | | earlier for 0.4 s, other messages fit: one source's clock is wrong | `in_future` |
     | | earlier for 0.4 s, nothing fits, 3 wait: a clock was set, o was wrong | o = d, start over |
-    | none of the topic used | later: one source's clock is wrong, or held up | `too_old` |
-    | not after last | up to 1 s back: duplicates, disorder | `out_of_order` |
-    | | further back: one source is wrong, a nonsense stamp | `too_old` |
+    | none of the topic used | later: one source's clock is wrong, or delayed | `too_old` |
+    | not after last | up to 1 s back: duplicates, wrong order | `out_of_order` |
+    | | further back: one source is wrong, a wrong stamp | `too_old` |
     | | third in a row, nothing used meanwhile: a bag loops | o = d, start over |
     | the clock goes back by more than 1 s | set back, /clock loops | start over |
 
-    Two sources whose clocks differ by less than 0.5 s both fit. `o = d` means 0 where d fits the
-    clock itself. In mode `stamp` o is 0 for good; what would change it is refused.
+    Two sources whose clocks differ by less than 0.5 s both fit. `o = d` means o = 0 if d fits the
+    clock itself. In mode `stamp` o is always 0; stamps that would change it are refused.
 
     Args:
         mode: `auto`, `stamp` or `arrival` (stamps are ignored).
@@ -151,12 +152,12 @@ class TimeBase:
         self.start_over()
 
     def add_source(self) -> Source:
-        """A topic more."""
+        """Add a topic; returns its state."""
         self._sources.append(Source())
         return self._sources[-1]
 
     def start_over(self) -> None:
-        """Forget all messages that were used; the next stamped one decides the offset."""
+        """Forget all used messages; in mode auto the next stamped one decides the offset."""
         self._decided = self.mode != "auto"
         self._fit_ns = self._spent_ns - PATIENCE
         self._late: _Late | None = None
@@ -164,21 +165,22 @@ class TimeBase:
             source.clear()
 
     def from_clock(self, clock_ns: int) -> int:
-        """Time base [ns] at this time of the clock."""
+        """Time base [ns] at this clock time [ns]."""
         return clock_ns - self.offset_ns
 
     def to_clock(self, base_ns: int) -> int:
-        """Time of the clock [ns] at this time of the time base."""
+        """Clock time [ns] at this time of the time base [ns]."""
         return base_ns + self.offset_ns
 
     def watch(self, clock_ns: int, tick: bool) -> int:
-        """Look at the clock [ns].
+        """Read the clock, and start over if it was set back by more than 1 s since the last tick.
 
         Args:
-            tick: whether a tick is made now: those are what the clock may not go back behind.
+            clock_ns: clock time [ns].
+            tick: whether a tick is made now.
 
         Returns:
-            How far [ns] it was set back, more than 1 s, and all was forgotten; else 0.
+            By how much the clock was set back [ns] if the time base has started over; else 0.
         """
         passed = 0 if self._seen_ns is None else clock_ns - self._seen_ns
         self._spent_ns += min(max(0, passed), _LONGEST_WAIT)
@@ -192,13 +194,13 @@ class TimeBase:
         return back if back > MOST_BEHIND else 0
 
     def sort(self, source: Source, message: Stamped, arrival_ns: int) -> Iterator[Decision]:
-        """Decide about a sound message, and about those of its topic that wait.
+        """Decide about a valid message and the waiting ones of its topic.
 
         Set `source.last_ns` before taking the next decision.
 
         Args:
             message: stamp 0 = unstamped.
-            arrival_ns: when it came, on the clock.
+            arrival_ns: clock time of its arrival [ns].
         """
         yield from self.due(source, arrival_ns)
         if message.stamp_ns == 0 or self.mode == "arrival":
@@ -222,12 +224,12 @@ class TimeBase:
             yield Decision(message, verdict)
 
     def refute(self, source: Source, stamp_ns: int = 0) -> Iterator[Decision]:
-        """Refuse the messages of a topic that wait with this stamp or a later one."""
+        """Refuse the waiting messages of a topic with this stamp or a later one."""
         while source.pending and source.pending[-1].message.stamp_ns >= stamp_ns:
             yield self._refused(source.pending.pop())
 
     def due(self, source: Source, clock_ns: int) -> Iterator[Decision]:
-        """Decide about messages of a topic that have waited long enough; as `sort`."""
+        """Decide about the messages of a topic that have waited long enough; as `sort`."""
         while source.pending:
             first = source.pending[0]
             verdict, refusal = Verdict.USE, None
@@ -251,12 +253,12 @@ class TimeBase:
         return Decision(pending.message, refusal=_in_future(ahead))
 
     def _place(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict | None:
-        """The table for a stamped message that comes now; None: it waits.
+        """Apply the table to a stamped message that arrives now; None: it waits.
 
         Raises:
             Refused: it is not used.
         """
-        # What was dated by the clock until the offset is decided gets other names by it.
+        # Deciding the offset shifts the stamps that were dated by the clock so far.
         renaming = 0 if self._decided else self.offset_ns - _offset(clock_ns - stamp_ns)
         if source.last_ns is not None and stamp_ns <= source.last_ns + renaming:
             back_ns = source.last_ns + renaming - stamp_ns
@@ -306,7 +308,7 @@ class TimeBase:
         return self._begin_again(clock_ns - stamp_ns)
 
     def _begin_again(self, difference_ns: int) -> Verdict:
-        """Forget all messages that were used, of every topic, and fix another offset."""
+        """Forget all used messages of all topics, and set a new offset."""
         self.start_over()
         self._decide(difference_ns)
         return Verdict.START_OVER

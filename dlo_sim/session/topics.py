@@ -1,4 +1,4 @@
-"""Every topic that a scene listens to or publishes: name, type, and name on the wire."""
+"""The topics that a scene subscribes to or publishes: names, types, resolved names."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _INPUTS = {**_POSES, **_LOADS, **POINT_KINDS, "taken": cdr.BOOL, "plan": cdr.TRA
 
 
 def output_topics(scene: Scene) -> dict[str, str]:
-    """Topic -> ROS type of everything that a scene publishes, in the order of publication."""
+    """Topic -> ROS type of all outputs of a scene, in the order of publication."""
     free = {REACTION.format(name) for name, holder in scene.holders.items() if not holder.held}
     asked = {POINTS: scene.outputs.points, CAPSULES: scene.outputs.capsules, TF: scene.outputs.tf}
     asked |= dict.fromkeys((FORECAST, GHOSTS), scene.forecast.processes)
@@ -45,9 +45,7 @@ def output_topics(scene: Scene) -> dict[str, str]:
 
 
 def possible_outputs(scene: Scene) -> dict[str, str]:
-    """Topic -> ROS type of all that it publishes once its free ends are held as well and every
-    output is asked for.
-    """
+    """Topic -> ROS type of all outputs if the free ends were held and every output enabled."""
     return {
         CONTROL_POINTS: cdr.POSE_ARRAY,
         **dict.fromkeys(map(REACTION.format, scene.holders), cdr.WRENCH_STAMPED),
@@ -60,13 +58,13 @@ def possible_outputs(scene: Scene) -> dict[str, str]:
 
 
 class InputTopic(NamedTuple):
-    """A topic that the scene listens to.
+    """An input topic of a scene.
 
     Attributes:
-        topic: its name; as in the scene (`~/...`), or on the wire.
+        topic: its name as in the scene (`~/...`), or resolved.
         kind: `pose` or `two_points`, `wrench` or `force`, `taken`, `plan`, or `point_cloud` or
             `pose_array` of points on the cable.
-        target: name of what holds the cable, or of the load.
+        target: name of the end, grasp or load; empty if it has none.
     """
 
     topic: str
@@ -85,7 +83,7 @@ class InputTopic(NamedTuple):
 
 
 def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
-    """Every topic that this scene listens to, poses first; one may drive several targets."""
+    """The input topics of a scene, poses first; several targets may share a topic."""
     found = [
         InputTopic(e.pose_topic, e.pose_type, name)
         for name, e in scene.holders.items()
@@ -99,40 +97,40 @@ def input_topics(scene: Scene) -> tuple[InputTopic, ...]:
 
 
 def tf_inputs(scene: Scene) -> tuple[InputTopic, ...]:
-    """Every frame of tf2 that drives something, in the place of a topic."""
+    """The tf2 frames that drive end effectors, each as an input topic."""
     return tuple(
         InputTopic(e.tf_frame, "pose", name) for name, e in scene.holders.items() if e.tf_frame
     )
 
 
 def plan_topics(scene: Scene) -> tuple[InputTopic, ...]:
-    """Where the node takes plans, if the scene asks for forecasts."""
+    """The topic of plans, if the scene enables forecasts."""
     return (InputTopic(PLAN, "plan", ""),) if scene.forecast.processes else ()
 
 
 def resolved(topic: str) -> str:
-    """A topic as the node `dlo_sim` in the root namespace would name it."""
+    """The name of a topic in the node `/dlo_sim`."""
     if topic.startswith("~/"):
         return f"/{NODE_NAME}/{topic[2:]}"
     return topic if topic.startswith("/") else f"/{topic}"
 
 
 class Naming(NamedTuple):
-    """Names of a node and its topics; the defaults are those of a node that nothing renames.
+    """Names of a node and its topics; the defaults are those without remapping.
 
     Attributes:
         node: full name of the node, namespace included.
-        topic: name of a topic in the scene (`~/force`) -> name on the wire, remapped.
+        topic: name of a topic in the scene (`~/force`) -> resolved name, remapped.
     """
 
     node: str = f"/{NODE_NAME}"
     topic: Callable[[str], str] = resolved
 
     def inputs(self, scene: Scene) -> tuple[InputTopic, ...]:
-        """What the scene listens to, by its names on the wire.
+        """The input topics of a scene, by their resolved names.
 
         Raises:
-            SceneError: two topics of the scene share a name there and no type; naming both.
+            SceneError: two topics of different types have the same resolved name; names both.
         """
         found = input_topics(scene)
         seen: dict[str, tuple[str, str]] = {}

@@ -1,4 +1,4 @@
-"""Where other frames are in the world frame: what a session asks of tf2, without knowing it."""
+"""Transforms of other frames to the world frame: an interface to tf2 that does not depend on it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from dlo_sim.session.cdr import Stamped
 
 
 class Transform(NamedTuple):
-    """Where a frame is in the world frame: its stamp [ns], 0 = it stands still; position [m], unit
-    quaternion x, y, z, w.
+    """Pose of a frame in the world frame: stamp [ns], 0 = static; position [m], unit quaternion
+    x, y, z, w.
     """
 
     stamp_ns: int
@@ -22,26 +22,26 @@ class Transform(NamedTuple):
 
 
 class Transforms(Protocol):
-    """What is known of the frames."""
+    """Looks up frames."""
 
     def lookup(self, frame: str, stamp_ns: int | None) -> Transform:
-        """Where a frame is at a stamp [ns], interpolated, never extrapolated; None = the newest.
+        """Pose of a frame at a stamp [ns], interpolated, never extrapolated; None = the newest.
 
         Raises:
-            Refused: `no_transform`: it is not known there, or not yet.
+            Refused: `no_transform`: not available at that stamp, or not yet.
         """
 
     def clear(self) -> None:
-        """Forget how frames have moved: clock or stamps have jumped."""
+        """Discard the poses of moving frames, because the clock or the stamps have jumped."""
 
 
 def in_world(message: Stamped, kind: str, transform: Transform) -> Stamped:
-    """A message in the world frame.
+    """The message transformed to the world frame.
 
-    Positions become p + R x; forces and torques, whose point the frame does not change, R x.
+    Positions become p + R x. Forces and torques become R x: the point they refer to is the same.
 
     Args:
-        message: its numbers in the frame of the transform.
+        message: in the frame of the transform.
         kind: of its topic (`session.topics`).
     """
     _, position, orientation = transform

@@ -1,9 +1,9 @@
-"""Stamped messages that wait until the simulation comes to their time, and loads that act from
-their stamps on (zero-order hold).
+"""Queues of stamped messages until the simulation reaches their time, and loads that act from their
+stamps on (zero-order hold).
 
-During a step acts the newest load whose stamp is not after the start of the step; it is held until
-the next one, or until `timeout` after its stamp, when it is removed. A load, times
-`loads.<name>.sign`, is a wrench ON THE CABLE.
+During a step the newest load whose stamp is not after the start of the step acts. It is held until
+the next one, or removed `timeout` after its stamp. A load times `loads.<name>.sign` is a wrench ON
+THE CABLE.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class LoadMessage(NamedTuple):
 
     Attributes:
         stamp_ns: time base [ns].
-        force: x, y, z [N], world frame, or the end-effector's if `end` names one.
-        torque: x, y, z [N m], likewise.
-        end: "" = world frame; "start" or "end" = the frame of that end-effector.
+        force: x, y, z [N], in the world frame or that of the end effector `end`.
+        torque: x, y, z [N m], in the same frame.
+        end: name of an end or a grasp; "" = world frame.
     """
 
     stamp_ns: int
@@ -56,7 +56,8 @@ class Waiting(Generic[Message]):
     """The pending messages of one input.
 
     Args:
-        most: of them are kept, the newest: a paused simulation must not collect them for ever.
+        most: number of newest ones that are kept, so that a paused simulation does not collect
+            them without limit.
     """
 
     def __init__(self, most: int = 1000) -> None:
@@ -64,7 +65,7 @@ class Waiting(Generic[Message]):
         self.clear()
 
     def clear(self) -> None:
-        """Forget all messages."""
+        """Discard all messages."""
         self._pending.clear()
 
     def add(self, message: Message) -> None:
@@ -72,18 +73,18 @@ class Waiting(Generic[Message]):
         self._pending.append(message)
 
     def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns] (the time base was decided later than the first messages
-        came).
+        """Shift all stamps by delta [ns], when the offset of the time base is decided after the
+        first messages have come.
         """
         for k, one in enumerate(self._pending):
             self._pending[k] = one._replace(stamp_ns=one.stamp_ns + delta_ns)
 
     def next_change_ns(self) -> int | None:
-        """Time base [ns] of the next message that is known now, None = none."""
+        """Time base [ns] of the next known message, None = none."""
         return self._pending[0].stamp_ns if self._pending else None
 
     def due(self, now_ns: int) -> Iterator[Message]:
-        """Take out the messages up to a time [ns], the oldest first."""
+        """Remove and yield the messages up to a time [ns], the oldest first."""
         while self._pending and self._pending[0].stamp_ns <= now_ns:
             yield self._pending.popleft()
 
@@ -102,7 +103,7 @@ class LoadSchedule(Waiting[LoadMessage]):
         self.configure(load)
 
     def configure(self, load: Load) -> None:
-        """Take name, timeout, and the sign of the messages that come from now on."""
+        """Use name and timeout of this load, and its sign for messages received from now on."""
         self.name, self._sign = load.name, load.sign
         self.timeout_ns = round(load.timeout * SECOND)
 
@@ -115,18 +116,18 @@ class LoadSchedule(Waiting[LoadMessage]):
         super().add(message)
 
     def clear(self) -> None:
-        """Forget all messages."""
+        """Discard all messages and the held load."""
         super().clear()
         self._held: LoadMessage | None = None
 
     def shift_time(self, delta_ns: int) -> None:
-        """Relabel all stamps by delta [ns]."""
+        """Shift all stamps by delta [ns]."""
         super().shift_time(delta_ns)
         if self._held is not None:
             self._held = self._held._replace(stamp_ns=self._held.stamp_ns + delta_ns)
 
     def next_change_ns(self) -> int | None:
-        """Time base [ns] of the next change that is known now, None = none."""
+        """Time base [ns] of the next known change of the load, None = none."""
         change = super().next_change_ns()
         if self._held is None or not self.timeout_ns:
             return change
@@ -134,7 +135,7 @@ class LoadSchedule(Waiting[LoadMessage]):
         return removed if change is None else min(change, removed)
 
     def apply(self, now_ns: int, step_ns: float, simulator: Simulator | ErrorEstimate) -> None:
-        """Give the simulator the load that acts during the step that begins at `now_ns`."""
+        """Set the load that acts during the step that begins at `now_ns`."""
         newest: LoadMessage | None = None
         for newest in self.due(now_ns):
             if now_ns - newest.stamp_ns > step_ns:
@@ -157,7 +158,7 @@ class LoadSchedule(Waiting[LoadMessage]):
             simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
 
     def resend(self, simulator: Simulator | ErrorEstimate) -> None:
-        """Apply the load that is held again (to a new simulator)."""
+        """Set the held load again, for a new simulator."""
         if self._held is not None:
             self._pending.appendleft(self._held)
             self.apply(self._held.stamp_ns, 0.0, simulator)

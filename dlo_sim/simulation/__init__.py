@@ -1,1 +1,1 @@
-"""One cable that can be stepped, loaded and moved: scenes turned into arrays and loops."""
+"""One cable that can be stepped, loaded and moved: turns a scene into arrays and a time loop."""

@@ -1,4 +1,6 @@
-"""The four arrays of a cable and the whole numbers that say what is where (`engine.layout`)."""
+"""The four arrays of a cable, and the table of integers that locates their fields
+(`engine.layout`).
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ Table = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Counts:
-    """Sizes of a cable, or of `stride` cables side by side; terms: bits of the active terms."""
+    """Sizes of one cable, or of `stride` interleaved cables; terms: bits of the active terms."""
 
     terms: int
     dim: int
@@ -45,12 +47,12 @@ class Counts:
 
     @property
     def blocks(self) -> int:
-        """Vectors of spans."""
+        """Vectors that cover the knot spans."""
         return -(-(self.n - 3) * self.stride // LANES)
 
     @property
     def line(self) -> int:
-        """Entries of a line with its margins, whole vectors."""
+        """Entries of a line with its margins, rounded up to whole vectors."""
         return LANES * (self.parts + -(-2 * layout.MARGIN * self.stride // LANES))
 
     @property
@@ -60,7 +62,7 @@ class Counts:
 
 
 def rooms(counts: Counts) -> dict[str, dict[int, int]]:
-    """Entries of everything in each of the four arrays, by its offset's place in the shape."""
+    """Sizes of all fields: name of the array -> index of the field in `shape` -> size."""
     c = counts
     samples = c.blocks * c.samples * LANES
     curved, plastic, bishop = (
@@ -131,8 +133,10 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
 def new_shape(
     counts: Counts, axes: tuple[int, ...], tables: Mapping[int, Sequence[tuple[int, ...]]]
 ) -> tuple[Table, dict[str, int]]:
-    """Counts, offsets and, behind them, tables of whole numbers by their offset; and the sizes of
-    the four arrays.
+    """The array `shape` (counts, offsets, then integer tables) and the sizes of the four arrays.
+
+    Args:
+        axes: world axis of each spatial line. tables: index in `shape` of a table's offset -> rows.
     """
     c = counts
     shape = np.zeros(layout.TABLES_START, dtype=np.int64)
@@ -164,7 +168,7 @@ def new_shape(
         for index, size in fields.items():
             shape[index] = at
             at += size
-        # loads of whole vectors at the end of the last line stay inside
+        # padding: loading a whole vector at the end of the last line stays within the array
         sizes[name] = at + LANES
     flat: list[int] = []
     for index, rows in tables.items():
@@ -174,20 +178,20 @@ def new_shape(
 
 
 def line_view(shape: Table, array: Array, at: int, count: int) -> Array:
-    """Lines of one cable as a view without margins, shape (count, n)."""
+    """View of the lines of one cable without margins, shape (count, n)."""
     width, n = shape[layout.LINE], shape[layout.N]
     lines = array[at : at + count * width].reshape(count, width)
     return lines[:, layout.MARGIN : layout.MARGIN + n]
 
 
 def to_blocks(spans: Array) -> Array:
-    """Numbers of every span, shape (spans, count), as vectors of spans; flat, zeros at the end."""
+    """Values of every span, shape (spans, count), as vectors of spans; flat, padded with zeros."""
     blocks = np.zeros((-(-len(spans) // LANES), LANES, spans.shape[1]))
     blocks.reshape(-1, spans.shape[1])[: len(spans)] = spans
     return blocks.transpose(0, 2, 1).ravel()
 
 
 def from_blocks(blocks: Array, spans: int) -> Array:
-    """The inverse of `to_blocks`, a copy."""
+    """The inverse of `to_blocks`; returns a copy."""
     vectors = blocks.reshape(-(-spans // LANES), -1, LANES)
     return vectors.transpose(0, 2, 1).reshape(-1, vectors.shape[1])[:spans]

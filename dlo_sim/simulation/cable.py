@@ -1,4 +1,4 @@
-"""The arrays of one simulated cable, and what compiled functions do with them between steps."""
+"""The arrays of one simulated cable, and the compiled operations on them between steps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from dlo_sim.simulation.arrays import line_view
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-CREEP = 1e-6  # of the length per second: motion slower than that exchanges no energy
+CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of such a motion
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Cable:
     """A model with its inputs, state and scratch.
 
     Attributes:
-        inputs: what callers change. state: what steps change. scratch: what no step needs of the
-            one before.
+        inputs: changed by callers. state: changed by steps. scratch: working memory, not needed
+            from one step to the next.
     """
 
     model: Model
@@ -45,7 +45,7 @@ class Cable:
 
     @classmethod
     def new(cls, model: Model) -> Cable:
-        """All zeros."""
+        """A cable whose arrays are all zero."""
         return cls(model, *(model.new(name) for name in ("inputs", "state", "scratch")))
 
     @property
@@ -55,7 +55,7 @@ class Cable:
 
     @property
     def terms(self) -> int:
-        """Bits of its terms."""
+        """Bits of the active terms."""
         return int(self.model.shape[layout.TERMS])
 
     @property
@@ -65,7 +65,7 @@ class Cable:
     # -- views ----------------------------------------------------------------------------------
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies make views of their own arrays."""
+        """Only the fields: a copy makes cached views of its own arrays."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
@@ -93,29 +93,29 @@ class Cable:
 
     @property
     def anchors(self) -> Array:
-        """Where the springs pull to, a view of shape (springs, LANES)."""
+        """Target values of the springs, a view of shape (springs, LANES)."""
         return self.model.rows(self.state, layout.ANCHOR, int(self.model.shape[layout.SPRINGS]))
 
     @property
     def frame_turn(self) -> Array:
-        """By how much the frame of the twist is behind that of each grasp [rad], a view of shape
-        (grasps, LANES); empty without such a frame.
+        """Angle by which the Bishop frame lags behind each grasp [rad], a view of shape
+        (grasps, LANES); empty if twist is not measured against a Bishop frame.
         """
         count = int(self.model.shape[layout.GRASPS]) * self.model.has(layout.BISHOP)
         return self.model.rows(self.state, layout.FRAME_TURN, count)
 
     @cached_property
     def ledger(self) -> Array:
-        """The account, a view of shape (LEDGER_ROWS, LANES); of one cable lane 0 counts."""
+        """The energy account, a view of shape (LEDGER_ROWS, LANES); one cable uses lane 0."""
         return self.model.rows(self.state, layout.LEDGER, layout.LEDGER_ROWS)
 
     def entry(self, row: int) -> float:
-        """An entry of the account."""
+        """An entry of the energy account."""
         return float(self.state[self.model.shape[layout.LEDGER] + row * LANES])
 
     @property
     def directions(self) -> Array:
-        """Directions of the held rows in the spatial lines, a view of shape (held, dim)."""
+        """Directions of the held rows, a view of shape (held, dim)."""
         count = len(self.model.holding.rows)
         rows = self.model.rows(self.state, layout.DIRECTION, count * layout.DIRECTION_ROWS)
         return rows.reshape(count, layout.DIRECTION_ROWS, LANES)[:, : len(self.model.axes), 0]
@@ -129,16 +129,18 @@ class Cable:
     # -- state ----------------------------------------------------------------------------------
 
     def point_grasps(self, t: float) -> None:
-        """Directions of what is held: those of the grasps at time t."""
+        """Set the directions of the held rows to those of the grasps at time t."""
         between_steps.turn_to(self.arrays, t)
 
     def put(
         self, points: Array, rates: Array, time: float | None = None, follow: bool = False
     ) -> None:
-        """Take over control points (n, 4) and their velocities; nothing of before is known.
+        """Set the control points (n, 4) and their velocities, and clear the history.
 
-        With a time, points held between control points go to where they are held then. `follow`: it
-        is the same cable a little further on, with which the natural shape goes.
+        Args:
+            time: if points between control points are held, project the configuration onto the
+                constraints at this time [s].
+            follow: the natural shape follows the change of shape.
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
@@ -155,7 +157,7 @@ class Cable:
         self.open_frame()
 
     def follow(self) -> None:
-        """Take the natural shape of the material frame from where it was opened to the present."""
+        """Let the natural shape in the material frame follow the cable to the present shape."""
         if self.model.has(layout.MATERIAL):
             follow_to_present(self.arrays)
 
@@ -165,7 +167,7 @@ class Cable:
             flow_to_present(self.arrays, plastic_flow.code)
 
     def open_frame(self) -> None:
-        """The twist angles are those in the Bishop frame of the present shape."""
+        """From now on measure the twist angles in the Bishop frame of the present shape."""
         if self.model.has(layout.BISHOP):
             self.model.view(self.state, layout.REFERENCE)[:] = self.x
             self.frame_turn[:] = 0.0
@@ -184,7 +186,7 @@ class Cable:
     # -- account --------------------------------------------------------------------------------
 
     def open_account(self, scene: Scene) -> None:
-        """Begin the account at the present state."""
+        """Open the energy account at the present state."""
         cable = scene.cable
         self.ledger[:] = 0.0
         self.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
@@ -197,9 +199,7 @@ class Cable:
         return self.ledger[first : first + len(layout.ENERGIES), 0].copy()
 
     def balance(self) -> tuple[float, float]:
-        """|energy - work done + energy lost| [J] now, and the largest energy exchanged so far
-        [J].
-        """
+        """|energy - work done + energy lost| now and the largest energy exchanged so far [J]."""
         parts, kinetic = self.potentials(), self.kinetic()
         first = layout.ENERGY_BEGIN
         start = self.ledger[first : first + len(parts), 0]
@@ -211,7 +211,7 @@ class Cable:
         return abs(error), exchanged
 
     def settle(self, t: float) -> None:
-        """Book the work up to time t that a step has left for the next one."""
+        """Add the work up to time t, which a step leaves to the next one, to the account."""
         if self.entry(layout.IS_BOOKED):
             between_steps.settle(self.arrays, evaluate.code, code_of(self._assembly.forces), t)
 
@@ -227,8 +227,9 @@ class Cable:
     # -- forces ---------------------------------------------------------------------------------
 
     def forces(self, t: float = 0.0, rates: Array | None = None) -> Array:
-        """Potential and load forces at the present configuration, lines (lines, n); with `rates`,
-        velocities in lines, those of the damping too.
+        """Potential and load forces at the present configuration, shape (lines, n).
+
+        With `rates`, velocities (lines, n), the damping forces are included.
         """
         out = self._lines()
         between_steps.forces_now(self.arrays, code_of(self._assembly.forces), t, out)
@@ -239,8 +240,10 @@ class Cable:
         return self.shown(out)
 
     def held_force(self, t: float, force: Array | None = None) -> Array:
-        """Forces of the grasps on the held rows at time t, shape (held,), where all others are
-        `force`, lines, by default those of the present motion.
+        """Forces of the grasps on the held rows at time t, shape (held,).
+
+        Args:
+            force: all other forces, shape (lines, n); default: those of the present motion.
         """
         lines = self.padded(self.forces(t, self.velocities(t)) if force is None else force)
         held = np.zeros(int(self.model.shape[layout.HELD]))
@@ -248,15 +251,17 @@ class Cable:
         return held
 
     def stiffness(self) -> Array:
-        """Hessian of the potential energy of the spatial lines: the band matrix of scratch, a view
-        of shape (n dim, width); entry (r, c) at [r, c - r + 4 dim - 1].
+        """Hessian of the potential energy with respect to the spatial lines, as a band matrix.
+
+        Returns:
+            A view of scratch, shape (n dim, width); entry (r, c) is at [r, c - r + 4 dim - 1].
         """
         between_steps.stiffness(self.arrays, code_of(self._assembly.tangent))
         return self.band
 
     @property
     def band(self) -> Array:
-        """The band matrix of scratch."""
+        """The band matrix in scratch, a view of shape (n dim, width)."""
         shape = self.model.shape
         dim, n = int(shape[layout.DIM]), int(shape[layout.N])
         width = 16 * (dim - 1)
@@ -265,36 +270,41 @@ class Cable:
 
     @property
     def unbalanced(self) -> Array:
-        """What the last correction of an implicit step was solved for [N], shape (n, dim)."""
+        """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
         shape = self.model.shape
         count, at = int(shape[layout.N] * shape[layout.DIM]), shape[BALANCE]
         return self.scratch[at : at + count].reshape(self.model.n, -1)
 
     def add_moment_stiffness(self) -> None:
-        """Add the stiffness of moments at time zero to the band matrix (unsymmetric)."""
+        """Add the (unsymmetric) stiffness of the moments at time zero to the band matrix."""
         between_steps.moment_stiffness(self.arrays)
 
     def solve_held(self, unknowns: Array) -> int:
-        """Solve band x = unknowns in place with what is held kept; negative pivots, or -1."""
+        """Solve band x = unknowns in place with the held rows fixed.
+
+        Returns:
+            The number of negative pivots, or -1 if a pivot is not usable.
+        """
         return int(between_steps.solve_held(self.arrays, unknowns))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
-        """P M^-1 f of forces in lines (lines, n); with `keep` false without P."""
+        """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""
         lines = self.padded(force)
         between_steps.free_acceleration(self.arrays, lines, keep)
         return self.shown(lines)
 
     @property
     def shifts(self) -> Array:
-        """M^-1 times the basis values of every held point, a view of shape (points, n)."""
+        """M^-1 b for the basis values b of every held point, a view of shape (points, n)."""
         at, count = int(self.model.shape[layout.HELD_SHIFT]), len(self.model.holding.points)
         return line_view(self.model.shape, self.model.values, at, count)
 
     def jump(self, t: float, put: Callable[[Array], None]) -> None:
-        """Put what is held in no time where it is at t; that is the work of the grasps.
+        """Move the held points instantly to their places at time t.
 
-        `put` writes what is held to control points (n, 4), and what is free only where a neighbour
-        of a clamp came too near.
+        The change of the potential energy counts as work of the grasps. `put` writes the prescribed
+        entries of control points (n, 4); it changes free ones only where the neighbour of a clamp
+        came too close.
         """
         self.settle(t)
         before = self.potentials().sum()
@@ -314,13 +324,13 @@ class Cable:
         return np.zeros(int(self.model.shape[layout.SIZE]))
 
     def shown(self, lines: Array) -> Array:
-        """Lines without margins, a view of shape (lines, n)."""
+        """View of `lines` without margins, shape (lines, n)."""
         width = int(self.model.shape[layout.LINE])
         begin = layout.MARGIN
         return lines.reshape(-1, width)[:, begin : begin + self.model.n]
 
     def padded(self, lines: Array) -> Array:
-        """Lines (lines, n) with margins."""
+        """Copy of lines (lines, n) with margins, flat."""
         out = self._lines()
         self.shown(out)[:] = lines
         return out

@@ -1,4 +1,4 @@
-"""When a twisted cable would coil, where its twist does not act on its shape."""
+"""A warning for scenes whose cable would coil under torsion although their model cannot show it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from dlo_sim.simulation.cable import Cable
 
 
 def coiling_warning(scene: Scene, cable: Cable) -> str:
-    """One line if the twisting moment exceeds that of a straight cable's buckling; empty otherwise.
+    """One line if the twisting moment exceeds the buckling moment of a straight cable, else empty.
 
     A straight cable of length L without tension coils under a moment of 2 pi EI / L (Greenhill
-    1883, ends free to turn); tension T raises that to 2 sqrt(EI (T + (pi / L)^2 EI)). The moment
-    is GJ times the mean of theta', the tension that of the mean stretch; slack counts as none.
+    1883, ends free to turn); tension T raises it to 2 sqrt(EI (T + (pi / L)^2 EI)). The moment is
+    GJ times the mean of theta'. T is EA times the strain of the chord, zero for a slack cable.
+    Always empty if twist acts on the shape.
     """
     model, material = cable.model, scene.cable
     if not model.twist or model.has(layout.TORSION) or model.has(layout.BISHOP):

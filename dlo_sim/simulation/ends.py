@@ -1,4 +1,4 @@
-"""The end effectors of a simulator: where they are, how they move, what that prescribes."""
+"""The end effectors of a simulator: their poses and motions, and what these prescribe."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
 
 Array = NDArray[np.float64]
-LEAST_THIRD = 0.01  # of a third of the first span
-NEAR = 1e-6  # lengths of the cable, and radians: beyond, a motion begins elsewhere than the end is
+LEAST_THIRD = 0.01  # of a third of the span at a clamp: least distance of the clamp's neighbour
+NEAR = 1e-6  # cable lengths, and radians: largest gap between an end effector and its next motion
 
 
 class EndDrive:
     """All end effectors of a scene: those of the ends, then those of the grasps.
 
     Attributes:
-        motion: what compiled functions read (`engine.grasps`), shape (holders, MOTION_SIZE): a view
-            of the inputs once they are there. A row is active once its end effector is driven by
-            the scene or was moved by a caller.
+        motion: their motions for compiled functions (`engine.grasps`), shape (holders,
+            MOTION_SIZE); after `live_in` a view of the inputs. A row is active if the scene drives
+            the end effector or a caller has moved it.
     """
 
     def __init__(self, scene: Scene, geometries: Geometries, knots: Array) -> None:
@@ -44,18 +44,18 @@ class EndDrive:
             self.motion[self._rows[name], 0] = float(holder.driven and holder.held)
 
     def hold(self, end: str, geometry: Geometry) -> None:
-        """Hold the cable at the attachment point and with the tangent of a geometry."""
+        """Hold the cable at the attachment point and tangent of a geometry."""
         row, turn = self.motion[self._rows[end]], rotations.conjugate(geometry.orientation)
         arm = rotations.rotate(turn, geometry.attachment - geometry.position)
         row[grasps.ATTACHMENT : grasps.ATTACHMENT + 3] = arm
         row[grasps.DIRECTION : grasps.DIRECTION + 3] = geometry.tangent
 
     def count_from(self, end: str, t: float, angle: float) -> None:
-        """Prescribe this twist angle [rad] at time t, and what the motion adds from there."""
+        """Prescribe this twist angle [rad] at time t; the motion adds to it from there."""
         self.motion[self._rows[end], TWIST] += angle - self.place_at(end, t)[3]
 
     def live_in(self, motion: Array) -> None:
-        """Let `motion`, a view of the inputs, be what is written to from now on."""
+        """From now on write to `motion`, a view of the inputs."""
         motion[:] = self.motion
         self.motion = motion
 
@@ -67,11 +67,11 @@ class EndDrive:
         return out
 
     def state_of(self, end: str) -> tuple[Array, EndMotion]:
-        """Where an end effector is and how it moves, for `set_state`."""
+        """Pose and motion of an end effector, for `set_state`."""
         return self.motion[self._rows[known_holder(self._scene, end)]].copy(), self._motions[end]
 
     def set_state(self, end: str, state: tuple[Array, EndMotion]) -> None:
-        """Let it be where it was, and move as it did."""
+        """Restore the pose and motion that `state_of` returned."""
         self.motion[self._rows[end]], self._motions[end] = state
 
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
@@ -80,7 +80,7 @@ class EndDrive:
         return motion.position_at(t), motion.orientation_at(t)
 
     def turned(self, end: str, t: float, direction: ArrayLike) -> Array:
-        """World direction at time t of one that is fixed in an end effector's frame, each (3,)."""
+        """World components at time t of a direction in an end effector's frame, each (3,)."""
         world = np.array(direction, dtype=float)
         between_steps.grasp_turn(np.ascontiguousarray(self.motion[self._rows[end]]), 0, t, world)
         return world
@@ -90,10 +90,10 @@ class EndDrive:
         return rotations.rotate(self._motions[end].orientation_at(t), self._direction(end))
 
     def put(self, points: Array, t: float, anew: bool = False) -> None:
-        """Write the prescribed entries of control points (n, 4) at time t, ends driven or not.
+        """Write the entries of control points (n, 4) that the ends prescribe at time t.
 
-        The neighbour of a clamped end goes onto the tangent, as far along it as it is; with `anew`,
-        or where that is nowhere, a third of the span at that end away.
+        The neighbour of a clamped end is projected onto the tangent. With `anew`, or if it is then
+        too close to the end, it is put at a distance of a third of the span at that end.
         """
         n = len(points)
         for name, end in self._scene.ends.items():
@@ -109,7 +109,7 @@ class EndDrive:
                 if anew or abs(along) < LEAST_THIRD * self._thirds[name]:
                     along = self._thirds[name]
                 at = place[:3] + along * direction
-                # Round-off is no reason to change the bits of a cable that goes on.
+                # A difference of round-off must not change the bits of a running simulation.
                 if anew or np.abs(points[inner, :3] - at).max() > 1e-3 * self._near:
                     points[inner, :3] = at
                 points[outer, 3] = place[3]
@@ -125,8 +125,8 @@ class EndDrive:
         """Rest at a pose from time t on.
 
         Raises:
-            TypeError, ValueError: not finite numbers, a zero quaternion or tangent, or both
-                orientation and tangent.
+            TypeError, ValueError: not finite numbers, a zero quaternion or tangent, or both an
+                orientation and a tangent.
         """
         old_position, old_orientation = self.pose(end, t)
         if orientation is not None and tangent is not None:
@@ -146,17 +146,17 @@ class EndDrive:
         place = old_position
         if position is not None:
             place = arguments.numbers(f"position of {end}", position, (3,), "m")
-        # A swing towards a new orientation keeps the twist that the way there gives it.
+        # The twist angle changes by the part of the rotation about the tangent.
         way = one_rotation.turn_between(old_orientation.tolist(), turned.tolist())
         twist = _twist_about(way, rotations.rotate(old_orientation, self._direction(end)))
         self.follow(end, t, EndMotion.resting(place, turned, t), twist)
 
     def check_motion(self, end: str, t: float, motion: EndMotion, late: float) -> None:
-        """Refuse a motion that does not go on from where an end effector is at time t.
+        """Check that a motion continues from the pose of an end effector at time t.
 
         Raises:
-            TypeError, ValueError: no end, or no motion; one that starts more than `late` [s] before
-                t, or elsewhere.
+            TypeError, ValueError: no such end effector, no motion, or one that starts more than
+                `late` [s] before t or at another pose.
         """
         known_holder(self._scene, end)
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
@@ -165,7 +165,7 @@ class EndDrive:
                 f"motion of {end}: starts at {motion.start!r} s, before the present; start it at "
                 f"the simulator's time, {t!r} s, or later"
             )
-        # One that has yet to start rests where it will.
+        # A motion that has not started yet rests at its first pose.
         way, turn = apart(
             self.pose(end, min(motion.start, t)), motion.position[0], motion.orientation
         )
@@ -176,17 +176,17 @@ class EndDrive:
             )
 
     def follow(self, end: str, t: float, motion: EndMotion, twist: float = 0.0) -> None:
-        """Follow a motion from time t on; the twist goes on from where it is plus `twist` [rad]."""
+        """Follow a motion from time t on; twist angle: the present one plus `twist` [rad]."""
         row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
         row[0] = 1.0
 
     def take_over(self, other: EndDrive, t: float, turns: Array) -> None:
-        """Rest at the poses, and with the twist, that another pair of end effectors has at t.
+        """Rest at the poses and twist angles of another simulator's end effectors at time t.
 
-        `turns`: by how much the frame of the twist is behind those of the other's grasps [rad], a
-        row a grasp, if they are known.
+        Args:
+            turns: its `Cable.frame_turn` [rad], one row per grasp, or empty.
         """
         for end, row in self._rows.items():
             self._write(end, EndMotion.resting(*other.pose(end, t)))
@@ -194,15 +194,15 @@ class EndDrive:
             self.motion[row, TWIST] = other.place_at(end, t)[3] + behind
 
     def take_frame_turns(self, turns: Array) -> None:
-        """Count from here on with the angles [rad], a row a grasp, by which the frame of the twist
-        fell behind (`engine.bishop`); they become zero.
+        """Add the lags of the Bishop frame [rad], one row per grasp (`engine.bishop`), to the twist
+        angles, and set them to zero.
         """
         self.motion[: len(turns), TWIST] += turns[:, 0]
         turns[:] = 0.0
 
     def stays_in_plane(self, end: str, axes: tuple[int, ...], first: Array) -> bool:
-        """Whether this end's motion and tangent keep to the plane of two axes (true for three) in
-        which it was at first, (3,) [m].
+        """Whether an end's motion and tangent stay in the plane of two axes through the point
+        `first`, shape (3,) [m]; always true for three axes.
         """
         if len(axes) == 3:
             return True
@@ -214,7 +214,7 @@ class EndDrive:
         return not any(away) and abs(tangent[normal]) < 1e-15
 
     def twists(self, end: str) -> bool:
-        """Whether what holds the roll turns, or has turned, about its own tangent."""
+        """Whether an end effector holds the roll and turns, or has turned, about its tangent."""
         row = self.motion[self._rows[end]]
         if not self._scene.holders[end].holds_roll:
             return False
@@ -248,14 +248,14 @@ class EndDrive:
 
 
 def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tuple[float, float]:
-    """How far a position [m] and a quaternion are from those of a pose: [m], [rad]."""
+    """Distance [m] and angle [rad] between a pose and a position and quaternion."""
     way = math.dist(pose[0].tolist(), position.tolist())
     turn = one_rotation.turn_between(pose[1].tolist(), orientation.tolist())
     return way, math.hypot(*turn)
 
 
 def _twist_about(rotation: ArrayLike, axis: Array) -> float:
-    """Swing-twist: angle [rad] of a rotation vector about an axis."""
+    """Twist angle [rad] of a rotation vector about an axis (swing-twist decomposition)."""
     angle = float(np.linalg.norm(rotation))
     norm = float(np.linalg.norm(axis))
     if angle == 0.0 or norm == 0.0:

@@ -1,24 +1,24 @@
-"""What the discretisation costs in accuracy, estimated while the simulation runs.
+"""Estimate of the discretisation error while the simulation runs.
 
-Beside the simulator run two companions with the same loads and the same moving ends: one with half
-the step, one with half as many spans again. How far the centerlines are apart is the error, up to a
-factor that follows from the order of convergence e(h) = C h^p: a companion that is q times finer is
-D = e(h) - e(h/q) away, so e(h) = D q^p / (q^p - 1).
+Two companions with the same loads and end motions run beside the simulator: one with half the step,
+one with 1.5 times as many spans. The distance between the centerlines gives the error: with
+e(h) = C h^p, a companion that is q times finer is at the distance D = e(h) - e(h/q), so
+e(h) = D q^p / (q^p - 1).
 
-In time p is the method's order. In space p = 2 is taken: what is discretised worst is a load
-between knots, of second order, and a coarse mesh beside a clamp; where the spline does better (a
-wire on pinned ends) the estimate is too large, by 1.8 at most. Against
-runs with three or four times as many spans it was 0.8 to 1.8 times the true error, in twenty runs
-of the shipped scenes with 5 to 25 control points. A coarser companion would take half the time but
-was off by factors from 0.3 to 6: with so few spans it does not follow the power of h yet.
+In time p is the order of the method. In space p = 2: the largest errors come from loads between
+knots, which are of second order, and from a coarse mesh beside a clamp. Where the spline does
+better (a wire on pinned ends) the estimate is too large, at most 1.8 times. Compared with runs with
+three or four times as many spans it was 0.8 to 1.8 times the true error, in twenty runs of the
+shipped scenes with 5 to 25 control points. A coarser companion would take half the time but was off
+by factors from 0.3 to 6: with so few spans the error does not follow the power of h yet.
 
 Explicit steps at the stability limit are often far shorter than accuracy needs. Halving them would
-be most of the cost and show nothing: at 13 us the shipped paper scenes err by 5e-6 m in time and by
-3e-3 m in space. Then the companion in space alone runs; its step is shorter too, for stability, and
-what the step costs is in its distance.
+be most of the cost for no information: with a step of 13 us the shipped paper scenes err by 5e-6 m
+in time and by 3e-3 m in space. In such a case only the companion in space runs. Its step is shorter
+too, for stability, so its distance includes the error in time.
 
-It is the error of the run so far, not of one step: the phase errors of a cable that nothing damps
-add up, and the estimate grows with them. What the quadrature and the model leave out is not in it.
+The estimate is the error of the run so far, not of one step: the phase errors of an undamped cable
+accumulate, and the estimate grows with them. It excludes errors of the quadrature and of the model.
 """
 
 from __future__ import annotations
@@ -49,29 +49,28 @@ from dlo_sim.simulation.simulator import Simulator
 Array = NDArray[np.float64]
 
 POINTS = 20  # of the centerline, equally spaced in u, that are compared
-LOOK = 0.02  # [s] of simulated time between two looks
-WINDOW = 1.0  # [s] over which the largest error is held
-TIME_FACTOR = 2  # times finer: the companions
+LOOK = 0.02  # [s] of simulated time between two comparisons
+WINDOW = 1.0  # [s] whose largest error is the recent one
+TIME_FACTOR = 2  # refinement of the companions
 SPACE_FACTOR = 1.5
 SPACE_ORDER = 2
-SHORT = 0.1  # of the accurate step: the time error is then below a hundredth of accuracy.target
+SHORT = 0.1  # of the accurate step; below it the time error is below 1 % of accuracy.target
 
 _MOST_CONTROL_POINTS = next(
     int(row.high or 0) for row in PARAMETERS if row.key == "discretization.control_points"
 )
 _Place = Callable[[Scene], Simulator]
 _Finer = tuple[dict[str, object], int, float]
-"""Keys of a companion's scene, its steps per step, and the factor from distance to error."""
+"""Scene values of a companion, its steps per step of the original, and the ratio error/distance."""
 
 
 class ErrorEstimate:
     """A simulator that is stepped, loaded and moved together with its two companions.
 
     Args:
-        simulator: the one whose error is estimated; from now on it is stepped and changed through
-            this object alone.
-        place: builds a companion from its scene; default: as the simulator was built if no
-            end-effector was moved, Simulator(scene).
+        simulator: its error is estimated; from now on step and change it only through this object.
+        place: builds a companion from its scene; the default `Simulator` is right if no end
+            effector was moved.
 
     Attributes:
         simulator: see above.
@@ -95,19 +94,19 @@ class ErrorEstimate:
     def placed(
         cls, simulator: Simulator, end_poses: Mapping[str, Pose] | None = None
     ) -> ErrorEstimate:
-        """Companions placed as the simulator was: each in its own first shape at these poses."""
+        """An estimate for a simulator built with these poses; its companions are built alike."""
         return cls(simulator, lambda scene: Simulator(scene, end_poses))
 
     @classmethod
     def continued(cls, simulator: Simulator) -> ErrorEstimate:
-        """Companions that start from the present shape, motion and ends of a simulator; what has
-        gone wrong before does not count. Loads and motions that are under way are to be given again
-        (`go_on`).
+        """An estimate whose companions start from the present shape, motion and ends of a
+        simulator; earlier errors do not count. The caller sets loads, and motions in progress
+        (`go_on`), again.
         """
         return cls(simulator, simulator.reconfigured)
 
     def take_over(self) -> None:
-        """Let the companions start from the present state of the simulator."""
+        """Restart the companions from the present state of the simulator."""
         self._begun = self.simulator.steps
         for companion in self._companions:
             companion.take_over(self.simulator)
@@ -124,10 +123,10 @@ class ErrorEstimate:
         return DiscretizationError(self._time.largest, self._space.largest, self._failure)
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
-        """Advance all three; the report, and a failure, is the simulator's.
+        """Advance all three; returns the simulator's report.
 
-        The simulator's state is the same bit for bit as without companions, and the looks at them
-        depend on simulated time alone.
+        The simulator's state is the same bit for bit as without companions. The times of the
+        comparisons depend on simulated time only.
         """
         simulator = self.simulator
         done = evaluations = 0
@@ -157,7 +156,7 @@ class ErrorEstimate:
         self._move(end, replace(motion, start=start))
 
     def go_on(self, end: str, motion: EndMotion) -> None:
-        """Let new companions take up a motion under way of the simulator's."""
+        """Let new companions continue a motion that the simulator has in progress."""
         self._move(end, motion.rest(self.simulator.time))
 
     def take(self, grasp: str, at: float | None = None) -> None:
@@ -175,7 +174,7 @@ class ErrorEstimate:
         return self.simulator.end_pose(end)
 
     def reset(self) -> None:
-        """Back to the first state, and the errors forgotten."""
+        """Go back to the initial state and clear the errors."""
         self.simulator.reset()
         self._begun = 0
         for companion in self._companions:
@@ -187,12 +186,12 @@ class ErrorEstimate:
         return next((one.failure for one in self._companions if one.failure), "")
 
     def _all(self) -> list[Simulator]:
-        # One that failed stands still in time, and would refuse to jump to a motion of now.
+        # A failed companion has stopped at an earlier time and would refuse motions that begin now.
         finer = (one.simulator for one in self._companions if not one.failure)
         return [self.simulator, *(one for one in finer if one is not None)]
 
     def _move(self, end: str, motion: EndMotion) -> None:
-        """Let the companions follow a motion in their own time."""
+        """Set a motion, whose start is in the companions' time, in the companions."""
         for simulator in self._all()[1:]:
             simulator.set_motion(end, motion)
 
@@ -211,11 +210,11 @@ class ErrorEstimate:
 
 
 class _Companion:
-    """One finer simulator, and how far it was away.
+    """One finer simulator, and the errors estimated from its distance.
 
     Attributes:
-        simulator: None where none is needed, or there can be none. failure: why there can be none,
-            or why it stopped; empty otherwise.
+        simulator: None if none is needed or possible.
+        failure: why it is impossible, or why it stopped; empty otherwise.
         largest: largest error [m] so far; infinite after a failure.
     """
 
@@ -238,11 +237,11 @@ class _Companion:
 
     @property
     def recent(self) -> float:
-        """Largest error [m] of the looks that are kept."""
+        """Largest error [m] of the last WINDOW; infinite after a failure."""
         return math.inf if self.failure else max(self._errors, default=0.0)
 
     def follow(self, steps: int) -> None:
-        """Advance to where the original is after so many of its steps."""
+        """Advance to the time of the original after this number of its steps."""
         if self.simulator is None or self.failure:
             return
         report = self.simulator.advance_steps(steps * self._per_step - self.simulator.steps)
@@ -250,7 +249,7 @@ class _Companion:
             self._fail(f"the finer run failed: {report.message}")
 
     def compare(self, points: Array, u: Array) -> None:
-        """Look at the distance to the original's points (len(u), 3) now."""
+        """Estimate the error from the distance to the original's present points (len(u), 3)."""
         if self.simulator is None or self.failure:
             return
         gap = self.simulator.centerline(u) - points
@@ -259,7 +258,7 @@ class _Companion:
         self.largest = max(self.largest, error)
 
     def reset(self) -> None:
-        """Start over."""
+        """Go back to the initial state and clear the errors."""
         if self.simulator is not None:
             self.simulator.reset()
             self._forget()
@@ -279,7 +278,7 @@ class _Companion:
 
 
 def _finer_in_time(original: Simulator, place: _Place) -> _Finer | None:
-    """None where the step is so short that its error need not be looked for."""
+    """None for explicit steps so short that their error is negligible."""
     explicit = original.choice.method.family != IMPLICIT
     if explicit and original.step < SHORT * accurate_step(original.scene)[0]:
         return None
@@ -289,7 +288,7 @@ def _finer_in_time(original: Simulator, place: _Place) -> _Finer | None:
 
 
 def _like(original: Simulator) -> dict[str, object]:
-    """Method and kind of knots of the original, whatever its scene leaves open."""
+    """Method and kind of knots of the original, fixed even where its scene has `auto`."""
     graded = grading(original.scene) != bspline.EQUAL
     return {
         "integrator.method": original.method,
@@ -298,12 +297,12 @@ def _like(original: Simulator) -> dict[str, object]:
 
 
 def _order_in_time(simulator: Simulator) -> int:
-    """That of the method; plastic bending is applied once per step, which is first order."""
+    """The order of the method, or 1 with plastic bending, which is applied once per step."""
     return 1 if plasticity_wanted(simulator.scene) else simulator.choice.method.order
 
 
 def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
-    """An explicit method takes as many steps more as more control points make necessary."""
+    """More spans; an explicit method takes as many more steps as stability requires."""
     scene = original.scene
     choice = scene.discretization
     spans = choice.control_points - bspline.DEGREE

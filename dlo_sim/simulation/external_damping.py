@@ -1,9 +1,9 @@
-"""Damping from outside the cable, for every method, account and stability limit from this place.
+"""Damping from outside the cable, the same for all methods, the account and stability limits.
 
 Mass-proportional damping acts on all momenta. Air drag is a force per length and speed of the
-centerline: it has no torque about it, so it leaves the twist alone. Where it depends on the
-direction of motion, its part along the cable is here, and what it has more across the cable is
-assembled with the forces (`engine.drag`).
+centerline. It has no torque about the centerline, so it does not damp twist. If the drag depends on
+the direction of motion, only the coefficient along the cable is used here; the excess across the
+cable is assembled with the forces (`engine.drag`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from dlo_sim.scene.description import Scene
 
 
 def external_rates(scene: Scene) -> tuple[float, float]:
-    """Rates [1/s] at which the momenta of the centerline and of the twist die away,
-    alpha + c / mu and alpha; both 0 where damping is switched off.
+    """Decay rates [1/s] of the momenta of centerline and twist, alpha + c / mu and alpha.
+
+    c is the air drag along the cable. Both are 0 if terms.damping is off.
     """
     if scene.terms.damping == "off":
         return 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Whole trajectories of end effectors as motions of single steps, for one compiled call."""
+"""Trajectories of end effectors, split into one motion per step for one compiled call."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from dlo_sim.simulation.natural_shape import local_turn
 
 Array = NDArray[np.float64]
 
-UNEVEN = 4.0  # ratio of neighbouring intervals
+UNEVEN = 4.0  # ratio of neighbouring intervals from which the slope is that of the longer one
 
 
 def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangent: Array) -> Array:
-    """Poses (count, 7) of an end, given as such or as two points (count, 2, 3).
+    """Poses (count, 7) of an end effector from poses or pairs of points (count, 2, 3).
 
     Args:
-        before: orientation from which the first two points turn. tangent: of the cable in the
-            end effector's frame.
+        before: orientation before the first pose; pairs of points do not determine the roll.
+        tangent: of the cable in the end effector's frame.
 
     Raises:
-        TypeError, ValueError: no such numbers, a quaternion of zero, or points that coincide.
+        TypeError, ValueError: not such numbers, a zero quaternion, or points that coincide.
     """
     try:
         are_points = np.ndim(given) == 3
@@ -53,11 +53,14 @@ def checked_poses(name: str, given: ArrayLike, count: int, before: Array, tangen
 
 
 def checked_times(given: ArrayLike, steps: int, step: float) -> tuple[Array, Array]:
-    """Times of poses [s], and those of the steps [s] from the present, after `steps`, up to their
-    end.
+    """Times of the poses, and of the steps from the present to the last pose [s].
+
+    Args:
+        steps: number of steps up to the present. step: [s].
 
     Raises:
-        TypeError, ValueError: no numbers, or not rising from the present or before to later.
+        TypeError, ValueError: not numbers, not rising, the first after the present, or the last
+            not after it.
     """
     times, present = arguments.numbers("times", given, (None,), "s"), steps * step
     if len(times) < 2 or not np.all(np.diff(times) > 0.0):
@@ -77,7 +80,7 @@ def checked_samples(given: ArrayLike, present: float, end: float) -> Array:
     """Times of samples [s].
 
     Raises:
-        TypeError, ValueError: no numbers, or not rising from after the present to the end.
+        TypeError, ValueError: not numbers, not rising, or not between the present and the end.
     """
     samples = arguments.numbers("samples", given, (None,), "s")
     if not np.all(np.diff(samples, prepend=present) > 0.0) or np.any(samples > end):
@@ -89,7 +92,7 @@ def checked_samples(given: ArrayLike, present: float, end: float) -> Array:
 
 
 def on_grid(grid: Array, times: Array, poses: Array) -> Array:
-    """Poses (T, 7) at the times of a grid: cubic Hermite, quaternions made unit again."""
+    """Poses (T, 7) at the times of a grid: cubic Hermite interpolation, quaternions normalised."""
     signs = np.sign(np.sum(poses[1:, 3:] * poses[:-1, 3:], axis=1))
     poses = poses.copy()
     poses[1:, 3:] *= np.cumprod(np.where(signs < 0.0, -1.0, 1.0))[:, None]
@@ -105,8 +108,10 @@ def on_grid(grid: Array, times: Array, poses: Array) -> Array:
 
 
 def _slopes(times: Array, poses: Array) -> Array:
-    """Rates at the times: of the parabola through three neighbours; beside an interval that is much
-    shorter than the other, whose chord would swing through the long one, that of the long one.
+    """Slopes of the poses at their times: those of the parabola through three neighbours.
+
+    Where one interval is over UNEVEN times longer than the other, the slope of its chord; with the
+    slope of the short one the path would overshoot in the long one.
     """
     slopes: Array = np.gradient(poses, times, axis=0)
     lengths = np.diff(times)
@@ -118,7 +123,7 @@ def _slopes(times: Array, poses: Array) -> Array:
 
 
 def motions_along(present: Array, grid: Array, path: Array) -> Array:
-    """Rows of `engine.grasps` of the steps of a path (K + 1, 7), shape (K, MOTION_SIZE)."""
+    """Motions of the steps of a path (K + 1, 7), as in `engine.grasps`, shape (K, MOTION_SIZE)."""
     rows = np.repeat(present[None], len(grid) - 1, axis=0)
     tau = np.diff(grid)
     turn = rotations.to_rotation_vector(
@@ -131,7 +136,7 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     rows[:, grasps.FRAME : grasps.TURN] = rotations.to_matrix(path[:-1, 3:]).reshape(-1, 9)
     rows[:, grasps.TURN : grasps.TURN + 3] = turn / tau[:, None]
     rows[:, grasps.TURN + 3 : grasps.ATTACHMENT] = 0.0
-    # The twist goes on from step to step: the part of each turn about the tangent.
+    # The twist angle accumulates the part of each step's rotation about the tangent.
     direction = present[grasps.DIRECTION : grasps.DIRECTION + 3]
     half = 0.5 * np.linalg.norm(turn, axis=1)
     along = np.sum(turn * rotations.rotate(path[:-1, 3:], direction), axis=1)
@@ -141,8 +146,11 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
 
 
 def natural_along(model: Model, rows: Array | None, motions: Array) -> tuple[Array, Array]:
-    """Rows of the natural shape in the frame of the start's end effector, with which it turns, and
-    the nine numbers of that turn at every step; empty without rows.
+    """A natural shape that turns with the end effector of the start, for `Stepper.advance_along`.
+
+    Returns:
+        Its rows in the frame of that end effector, as blocks, and the rotation matrix of every
+        step, flat; both empty without rows.
     """
     if rows is None:
         return np.zeros(0), np.zeros(0)

@@ -1,4 +1,4 @@
-"""The future of a cable along planned motions of its end effectors."""
+"""Prediction of a cable along planned motions of its end effectors."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ MOST_SHAPES = 10_000  # of one forecast
 
 @dataclass(frozen=True)
 class Plan:
-    """Where end effectors will go; those that are not named stay where they are.
+    """Planned poses of end effectors; those that are not named continue their present motion.
 
     Attributes:
-        times: of the poses [s], from 0, the present, rising, shape (T,).
-        poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7), the first its
-            present one.
+        times: of the poses [s], rising from 0, the present, shape (T,).
+        poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7), the first of
+            them its present pose.
     """
 
     times: ArrayLike
@@ -36,15 +36,15 @@ class Plan:
 
 @dataclass(frozen=True)
 class Forecast:
-    """Shapes to come.
+    """Predicted shapes.
 
     Attributes:
-        times: of the shapes, from the present [s], shape (S,).
+        times: of the shapes, counted from the present [s], shape (S,).
         control_points: x, y, z [m] and theta [rad], shape (S, n_u, 4).
         u: material coordinates [m] of the points of the centerline, shape (n_c,).
         centerline: [m], shape (S, n_c, 3). curvature: [1/m], shape (S, n_c).
-        tension: [N], likewise; None where it cannot be told from the shape.
-        report: how it ended; after a failure there are the shapes up to it.
+        tension: [N], shape (S, n_c); None if the shape does not determine it.
+        report: of the advance; after a failure only the shapes before it are given.
     """
 
     times: Array
@@ -70,10 +70,11 @@ Follow = Callable[[ArrayLike, Mapping[str, ArrayLike], ArrayLike], tuple[Report,
 
 
 def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> Forecast:
-    """What a simulator meets as it goes along a plan.
+    """Advance a simulator along a plan; see `Simulator.forecast`.
 
     Args:
-        follow: its method of that name.
+        follow: the simulator's method of that name.
+        every: time between two shapes [s].
 
     Raises:
         TypeError, ValueError: as `Simulator.forecast`.

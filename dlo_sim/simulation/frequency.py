@@ -1,4 +1,4 @@
-"""Largest natural frequency of a cable linearised at its present configuration."""
+"""Largest natural frequency of a cable, linearised at its present configuration."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-DENSE_LIMIT = 700  # unknowns up to which a dense solution is instant
+DENSE_LIMIT = 700  # unknowns up to which a dense solution is fast enough
 ITERATIONS = 120
 KINK = 4.0
 
 
 def largest_frequency(scene: Scene, cable: Cable) -> float:
-    """Largest natural frequency omega [rad/s] of K x = omega^2 M x of motions that keep what is
-    held, at the present configuration.
+    """Largest natural frequency omega [rad/s] of K x = omega^2 M x at the present configuration,
+    over the motions that satisfy the constraints of the grasps.
 
-    Up to DENSE_LIMIT unknowns by a dense eigenvalue solution, beyond by Lanczos iteration, whose
-    estimate is from below and converges first at this end of the spectrum. Of an inextensible cable
-    only motion that keeps the length counts.
+    For an inextensible cable only motions that keep the length count. The eigenvalue problem is
+    solved as a dense one, or by Lanczos iteration if the cable is extensible and has over
+    DENSE_LIMIT unknowns; that estimate is from below and converges first at this end of the
+    spectrum.
     """
     model = cable.model
     dim = len(model.axes)
@@ -41,7 +42,7 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
         band, inertia = model.twisting_stiffness, model.band(layout.MASS, dim)
         twisting = spectrum.largest_of_line(band, inertia, ~held)
         if model.has(layout.MATERIAL):
-            # EI kappa kappa0 per length and angle, for bends down to the cable's diameter
+            # EI kappa kappa0 per length and angle, for bending radii down to the cable's diameter
             material = scene.cable
             bent = max(map(abs, (*material.rest_curvature, *material.rest_curvature_2)))
             turning = material.EI * bent / (material.diameter * material.polar_inertia)
@@ -53,13 +54,14 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
 
 
 def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> float:
-    """The same [rad/s] once the grasps that hold nothing yet have taken the cable, and it touches
+    """Upper bound of the frequency [rad/s] once all idle grasps have taken the cable and it touches
     an obstacle.
 
-    A spring k at the basis values (or slopes) b adds at most k b.(M^-1 b) to omega^2, a jaw the
-    largest omega^2 of the bending stiffness that it adds, if it were everywhere, and contact its
-    stiffness over the linear density (Weyl's inequality). The force of contact sets in with a kink:
-    a step near its limit would gain 40 % of the energy of a hard landing, a quarter of it 1 %.
+    By Weyl's inequality, a spring k at the basis values (or slopes) b adds at most k b.(M^-1 b) to
+    omega^2, a jaw at most the largest omega^2 of its additional bending stiffness if it acted along
+    the whole cable, and contact KINK^2 times its stiffness over the linear density. KINK allows for
+    the kink in the contact force: in a hard landing, a step near the limit would gain 40 % of the
+    energy, a quarter of that step 1 %.
     """
     if model.has(layout.CONTACT):
         pressed = math.sqrt(scene.contact_stiffness / scene.cable.mu)
@@ -84,7 +86,7 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
 
 
 def _held_rows(cable: Cable) -> Array:
-    """Held rows on the spatial unknowns, control point by control point, shape (m, n dim)."""
+    """Constraint rows on the spatial unknowns, ordered by control point, shape (m, n dim)."""
     model, rows = cable.model, []
     dim = len(model.axes)
     for row, turning in zip(model.holding.rows, cable.directions, strict=True):
@@ -111,7 +113,9 @@ def _dense(cable: Cable, constrained: bool) -> float:
 
 
 def _lanczos(cable: Cable) -> float:
-    """Lanczos in the M inner product, reorthogonalised, on w = P v."""
+    """Largest frequency [rad/s] by Lanczos iteration on w = P v in the M inner product, with
+    reorthogonalisation.
+    """
     model = cable.model
     dim, n = len(model.axes), model.n
     half = 4 * dim - 1
@@ -147,18 +151,20 @@ def _lanczos(cable: Cable) -> float:
         if norm < 1e-12 * abs(diagonal[-1]):
             break
         beside.append(norm)
-    lower = np.diag(diagonal) + np.diag(beside[: len(diagonal) - 1], -1)  # eigvalsh reads no more
+    # eigvalsh reads only the lower triangle
+    lower = np.diag(diagonal) + np.diag(beside[: len(diagonal) - 1], -1)
     return float(np.sqrt(max(np.linalg.eigvalsh(lower).max(), 0.0)))
 
 
 def with_torsion(value: float, scene: Scene, model: Model) -> float:
-    """Upper bound of the largest frequency [rad/s] once the Frenet torsion is there.
+    """Upper bound of the largest frequency [rad/s] with the Frenet torsion, from that without it.
 
     For a bent cable gamma is linear in the third derivative across the plane of bending, with the
-    factor kappa / (kappa^2 + delta^2) <= 1 / (2 delta). So the torsion adds at most
-    GJ / (4 delta^2) integral y'''^2 and GJ integral theta'^2, and the largest eigenvalue of a sum
-    is at most the sum of the largest ones. The geometric part, which grows with the torque and
-    without bound as delta -> 0, is left out: where it matters the run diverges and says so.
+    factor kappa / (kappa^2 + delta^2) <= 1 / (2 delta). By the Cauchy-Schwarz inequality the
+    largest eigenvalue of the quadratic form GJ integral (theta' + gamma)^2 is at most the sum of
+    those of GJ integral theta'^2 and GJ / (4 delta^2) integral y'''^2. The geometric stiffness,
+    which grows with the torque and without bound as delta -> 0, is neglected: where it matters, the
+    run diverges and reports so.
     """
     stiffness, floor = scene.cable.GJ, scene.curvature_floor**2
     across = stiffness / (4.0 * floor) * mass.gram(model.knots, 3)

@@ -1,4 +1,4 @@
-"""Where a scene's cable begins: end-effector poses, attachment points, tangents, first shape."""
+"""Initial geometry of a scene: end-effector poses, attachment points, tangents, first shape."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from dlo_sim.scene.description import Scene
 
 Array = NDArray[np.float64]
 Pose = tuple[ArrayLike, ArrayLike]
-# Times EI, where a jaw holds a whole span: one that is straight to its ends keeps its neighbours
-# from bending where they should (with 20, a tip sags 10 % too little; without a limit, 14 %).
+# Largest factor of EI, where a jaw holds a whole span. A span that is straight up to its ends keeps
+# its neighbours from bending (with 20, a tip sags 10 % too little; without a limit, 14 %).
 STIFFEST = 8.0
-NEAREST = 1001  # points of a first shape among which the nearest to a gripper is looked for
+NEAREST = 1001  # points of a shape that are searched for the nearest to a gripper
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Geometry:
         position, orientation: of the end effector, world frame; quaternion x, y, z, w.
         attachment: where it holds the cable [m], world frame.
         tangent: unit direction of the cable from start towards end, in the end-effector frame.
-        u: material coordinate [m] of what it holds; None for a grasp that has released the cable.
+        u: material coordinate [m] of the held point; None for a grasp that does not hold the cable.
     """
 
     position: Array
@@ -43,21 +43,21 @@ Geometries = Mapping[str, Geometry]
 
 
 def known_holder(scene: Scene, name: object) -> str:
-    """The name of an end or a grasp.
+    """The name of an end or a grasp, checked.
 
     Raises:
-        TypeError, ValueError: not one.
+        TypeError, ValueError: not such a name.
     """
     return arguments.one_of("end", name, scene.holders)
 
 
 def geometries_of(scene: Scene, poses: Mapping[str, Pose] | None = None) -> dict[str, Geometry]:
-    """Ends and grasps from the scene, or from end-effector poses where given.
+    """Geometry of all ends and grasps, from the scene or from end-effector poses where given.
 
-    A grasp that takes the cable at the nearest point does so on its first shape.
+    A grasp that takes the cable at the nearest point (negative `at`) finds it on the first shape.
 
     Raises:
-        TypeError, ValueError: poses that are none.
+        TypeError, ValueError: invalid poses.
     """
     poses = {} if poses is None else _checked(scene, poses)
     placed: dict[str, tuple[Array, Array, Array]] = {}
@@ -111,7 +111,7 @@ def _checked(scene: Scene, poses: object) -> dict[str, Pose]:
 
 
 def given_quaternion(name: str, value: object) -> Array:
-    """A unit quaternion from one of any length but zero, shape (4,).
+    """A quaternion x, y, z, w, normalised, shape (4,).
 
     Raises:
         TypeError, ValueError: not four finite numbers, or zero.
@@ -124,7 +124,7 @@ def given_quaternion(name: str, value: object) -> Array:
 
 
 def _straight_direction(scene: Scene, start: Array, end: Array) -> Array:
-    """Unit direction from start to end; along gravity or x where both ends coincide."""
+    """Unit direction from start to end; if they coincide, that of gravity, or x without gravity."""
     line = end - start
     if np.linalg.norm(line) < 1e-9 * scene.cable.length:
         line = np.asarray(scene.gravity, dtype=float)
@@ -136,14 +136,17 @@ def _straight_direction(scene: Scene, start: Array, end: Array) -> Array:
 def first_shape(scene: Scene, geometries: Geometries, knots: Array) -> Array:
     """Control points [m], shape (n, 3), before any relaxation.
 
-    From one held place to the next a straight line where they are the rest length or more apart,
-    else a sagging arc of that length; beyond the last one a straight line.
+    Between neighbouring held points it is a straight line if their distance is at least the rest
+    length, else a sagging arc of that length; before the first and after the last it is straight.
     """
     return bspline.interpolate(knots, _first_line(scene, geometries, bspline.greville(knots)))
 
 
 def held_places(scene: Scene, geometries: Geometries) -> list[tuple[float, Geometry]]:
-    """What holds the cable in the order of the material coordinate [m]."""
+    """Material coordinates [m] and geometries of what holds the cable, in rising order.
+
+    If nothing does, the start is returned.
+    """
     found = [
         (geometry.u, geometry)
         for name, geometry in geometries.items()
@@ -153,11 +156,12 @@ def held_places(scene: Scene, geometries: Geometries) -> list[tuple[float, Geome
 
 
 def stiffening(scene: Scene, geometries: Geometries, breaks: Array) -> Array:
-    """Factor of EI in every span between breaks, from the jaws that hold the cable straight.
+    """Factor of EI in every span between breaks due to the jaws that hold the cable straight.
 
-    With a share s of a span in a jaw, 1 / (1 - s), at most STIFFEST: then a moment turns the span
-    as much as it would turn what is free of it. A spline is not straight over a part of a span;
-    with its tangent held at both ends of a jaw it would be straight far beyond.
+    It is 1 / (1 - s), at most STIFFEST, where a share s of the span is in a jaw: a moment then
+    bends the span by the same angle as it would bend the free part. A spline cannot be straight
+    over part of a span only; with the tangent held at both ends of a jaw it would be straight far
+    beyond the jaw.
     """
     share = np.zeros(len(breaks) - 1)
     for name, geometry in geometries.items():
@@ -184,8 +188,9 @@ def _first_line(scene: Scene, geometries: Geometries, u: Array) -> Array:
 
 
 def _arc(scene: Scene, start: Array, end: Array, length: float, share: Array) -> Array:
-    """Circular arc of a length over the chord start-end, on the side that gravity pulls to, or the
-    chord if that is longer; at shares of the way.
+    """Points at shares of a circular arc of a length from start to end, shape (len(share), 3).
+
+    The arc sags in the direction of gravity. If the chord is not shorter, the points are on it.
     """
     chord = end - start
     gap = float(np.linalg.norm(chord))

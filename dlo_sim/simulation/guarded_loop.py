@@ -1,7 +1,7 @@
-"""The stepping loop with a guard: a state that is far from its energy account is never shown.
+"""The stepping loop with a guard: states with a large error of the energy balance are never shown.
 
-A failed advance is taken back to its last good state. Where smaller steps may help, the step that
-failed is done in smaller ones.
+After a failed advance the last good state is restored. Where smaller steps may help, the failed
+step is repeated with them.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from dlo_sim.engine.account import DIVERGED_SHARE
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
-from dlo_sim.simulation.stepper import Moments, Stepper
+from dlo_sim.simulation.stepper import NaturalAlong, Stepper
 
 Array = NDArray[np.float64]
 
-GROSS_SHARE = 1.0  # of the energy exchanged: a state further from its account is never shown
-SOUND_SHARE = 0.1  # of it: a state that smaller steps may go on from
-RETRIES = (2, 4, 8, 16, 32, 64)  # parts of a step that failed
+GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
+SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
+RETRIES = (2, 4, 8, 16, 32, 64)  # numbers of smaller steps that replace a failed one
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 
 
@@ -31,7 +31,7 @@ class Advance(NamedTuple):
     """Outcome of an advance.
 
     Attributes:
-        status: whether it came to its end; steps: whole steps to the state that is kept.
+        status: ok, or why it failed. steps: whole steps up to the state that is kept.
         evaluations: force evaluations, or Newton iterations. worst: control point where it failed.
     """
 
@@ -46,11 +46,11 @@ class GuardedLoop:
 
     def __init__(self, cable: Cable, stepper: Stepper) -> None:
         self.cable, self.stepper = cable, stepper
-        self._kept = np.empty_like(cable.state)  # once: no advance allocates
+        self._kept = np.empty_like(cable.state)  # allocated once, not in every advance
         self._unrecorded = Recorder(cable.model, np.zeros(0))
 
     def advance(self, first: int, steps: int, recorder: Recorder | None) -> Advance:
-        """Advance by whole steps from step `first`; a failure keeps the last good state."""
+        """Advance by whole steps from step `first`; after a failure restore the last good state."""
         recorder = self._unrecorded if recorder is None else recorder
         self._kept[:] = self.cable.state
         done = self._run(first, steps, recorder)
@@ -69,10 +69,11 @@ class GuardedLoop:
         return Advance(status, made, done.evaluations + used, worst)
 
     def advance_along(
-        self, first: int, recorder: Recorder, motions: Array, natural: Moments
+        self, first: int, recorder: Recorder, motions: Array, natural: NaturalAlong
     ) -> Advance:
-        """Steps with motions of their own (`Stepper.advance_along`); implicit steps look at the
-        energy themselves, and one that fails is taken back.
+        """Advance with one motion per step (`Stepper.advance_along`).
+
+        Needs no guard: implicit steps check the energy themselves, and a failed one is undone.
         """
         code, *done = self.stepper.advance_along(self.cable, first, recorder, motions, natural)
         return Advance(_STATUS[code], *done)
@@ -82,7 +83,7 @@ class GuardedLoop:
         return Advance(_STATUS[code], *done)
 
     def _sane(self, step: int) -> bool:
-        """Whether the state may be shown: explicit loops look at the energy only now and then."""
+        """Whether the state may be shown; explicit loops check the energy only every few steps."""
         position = self.cable.x
         if not math.isfinite(np.vdot(position, position)):  # half the time of isfinite().all()
             return False
@@ -90,20 +91,21 @@ class GuardedLoop:
             return True
         share = self.cable.share_open()
         if share > DIVERGED_SHARE:
-            # Right after a blow little has been exchanged, and near its limit a stable method errs
-            # by more than half of that for a few steps. Growth does not end.
+            # Right after an impact little energy has been exchanged, and near the stability limit
+            # the error of a stable method exceeds half of it for a few steps. Unlike the error of a
+            # diverging run, it does not keep growing.
             return share <= GROSS_SHARE and self._passes_next_look(step)
         return not math.isnan(share)
 
     def _passes_next_look(self, step: int) -> bool:
-        """Whether the loop goes on to its next look at the energy; the state stays as it is."""
+        """Whether the loop passes its next check of the energy; the state is left unchanged."""
         now = self.cable.state.copy()
         done = self._run(step, self.stepper.until_look(step), self._unrecorded)
         self.cable.state[:] = now
         return done.status.ok
 
     def _redo(self, first: int, made: int) -> int:
-        """Take back an advance that failed and do it again up to its last good state; its steps."""
+        """Undo a failed advance and repeat it up to its last good state; returns its steps."""
         for good in (made, self.stepper.last_look(first + made) - first):
             self.cable.state[:] = self._kept
             if good > 0:
@@ -114,10 +116,13 @@ class GuardedLoop:
         return 0
 
     def _retry(self, status: Status, step: int, recorder: Recorder) -> tuple[bool, int]:
-        """Do one step in smaller ones where that may help; whether it did, and its evaluations.
+        """Repeat one step as smaller ones where that may help.
 
-        An explicit run that grew did so for many steps; implicit loops have already halved a step
-        that could not be solved.
+        It does not help an explicit method that diverged, since its energy has grown for many
+        steps, or an implicit one that did not converge, which has already halved the step.
+
+        Returns:
+            Whether it succeeded, and the force evaluations or Newton iterations used.
         """
         family = self.stepper.family
         helps = IMPLICIT if status is Status.DIVERGED else CONSTRAINED
@@ -135,7 +140,7 @@ class GuardedLoop:
         return False, evaluations
 
     def _worst_point(self, status: Status) -> int:
-        """Control point that is least in balance, or fastest, as a step fails."""
+        """Control point with the largest unbalanced force, or the fastest one, of a failed step."""
         size = np.abs(self.cable.w).max(axis=0)
         if status is Status.NOT_CONVERGED and self.stepper.family == IMPLICIT:
             size = np.abs(self.cable.unbalanced).max(axis=1)

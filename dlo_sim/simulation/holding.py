@@ -1,10 +1,10 @@
-"""What a scene holds, as a list: the one place that turns ends and grasps into points and rows.
+"""Turns the ends and grasps of a scene into held points, constraint rows and springs.
 
-At an end a fixed axis is a row of its control point; a clamp is the rows across its tangent of the
-neighbour, whose distance along the tangent stays free, and the twist. A grasp between control
-points has rows of the same kind with four basis values: fixed axes hold sum_k b_k x_k, a clamp the
-directions across it of r' = sum_k b'_k x_k. A spring is a row held through a stiffness, of such a
-place, of r' or of the twist.
+At an end, each fixed axis is a row of the end's control point. A clamp adds the rows of the
+neighbouring control point normal to the tangent (its distance along the tangent stays free), and
+the twist. A grasp between control points has rows of the same kind with four basis values: fixed
+axes hold sum_k b_k x_k, a clamp the components of r' = sum_k b'_k x_k normal to its tangent. A
+spring holds such a position, r' or the twist through a stiffness.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.geometry import Geometries, Geometry
 
 Array = NDArray[np.float64]
-RIGID = 1e4  # times the stiffness of a span, of a roll that is held without a spring
-LEAST_APART = 1e-6  # smallest singular value of the rows of all that is held, each of length 1
+RIGID = 1e4  # stiffness of a roll held without a spring, in torsional stiffnesses of a span
+LEAST_APART = 1e-6  # least singular value of the basis values of all held points, normalised
 
 
 @dataclass(frozen=True)
 class Point:
-    """A held point: four basis values from control point `first` on, or a control point `own`."""
+    """A held point: four basis values from control point `first` on.
+
+    own: the control point if it is a single one, else -1. twist: on the twist line.
+    """
 
     first: int
     weights: tuple[float, float, float, float]
@@ -39,7 +42,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Row:
-    """One direction of a held point: along a line, or (line -1) fixed in its grasp's frame."""
+    """One held direction of a point: that of a line, or `body` in the grasp's frame (line -1)."""
 
     point: int
     grasp: int
@@ -49,8 +52,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Spring:
-    """A point held along a line through a stiffness [N/m], or (`tangent`) r' there [N m/rad], or,
-    on the line of the twist, its angle at the material coordinate u [m].
+    """A position on a line held through a stiffness [N/m], or (`tangent`) r' [N m/rad], or on the
+    twist line the angle at the material coordinate u [m] (stiffness in N m/rad).
     """
 
     point: Point
@@ -63,24 +66,24 @@ class Spring:
 
 @dataclass
 class Holding:
-    """All that is held. Grasp g is the g-th of `Scene.holders`."""
+    """Held points, constraint rows and springs. Grasp g is the g-th of `Scene.holders`."""
 
     points: list[Point] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     springs: list[Spring] = field(default_factory=list)
 
     def hold(self, point: Point) -> int:
-        """Add a point; its number."""
+        """Add a point; returns its index."""
         self.points.append(point)
         return len(self.points) - 1
 
     @property
     def border(self) -> int:
-        """Rows between control points, the last ones."""
+        """Number of rows at points between control points; they are the last ones."""
         return sum(self.points[row.point].own < 0 for row in self.rows)
 
     def roll_stiffness(self, n: int) -> Array:
-        """Of the springs on the line of the twist, lower diagonals, shape (4, n)."""
+        """Stiffness matrix of the springs on the twist line, lower diagonals, shape (4, n)."""
         band = np.zeros((4, n))
         for spring in self.springs:
             if spring.point.twist:
@@ -101,10 +104,10 @@ def own_point(i: int, n: int) -> Point:
 def holding_of(
     scene: Scene, geometries: Geometries, knots: Array, axes: tuple[int, ...], twist: bool
 ) -> Holding:
-    """What ends and grasps hold in the lines of these axes.
+    """What the ends and grasps hold, in the lines of these axes.
 
     Raises:
-        SceneError: a grasp holds what is held already.
+        SceneError: a grasp holds a point that is already held.
     """
     n = scene.discretization.control_points
     holding, ends = Holding(), _end_springs(scene, geometries)
@@ -146,7 +149,7 @@ def holding_of(
 
 
 def stiffness_of_roll(holder: Holder, scene: Scene) -> float:
-    """Stiffness [N m/rad] of the spring that holds the roll; 0 without one."""
+    """Stiffness [N m/rad] of the spring that holds the roll; 0 if there is none."""
     if not (isinstance(holder, Grasp) and holder.roll):
         return holder.roll_spring
     spans = scene.discretization.control_points - bspline.DEGREE
@@ -154,10 +157,10 @@ def stiffness_of_roll(holder: Holder, scene: Scene) -> float:
 
 
 def _check_independent(holding: Holding, name: str, u: float, n: int) -> None:
-    """Refuse a grasp that holds what is held already.
+    """Check that the held points are linearly independent.
 
     Raises:
-        SceneError: naming it.
+        SceneError: grasp `name`, added last, holds a point that is already held.
     """
     spots = [point for point in holding.points if not point.twist]
     rows = np.zeros((len(spots), n))
@@ -185,17 +188,17 @@ def _springs(
 
 
 def _between(knots: Array, u: float) -> tuple[Point, Point]:
-    """The point at u [m] and the tangent there, by their basis values."""
+    """Basis values of the position and of r' at u [m], each as a held point."""
     first, values = bspline.active_basis(knots, [u])
     a, b, c, d = values[0].tolist()
     place = Point(int(first[0]), (a, b, c, d))
     a, b, c, _ = bspline.active_basis(knots, [u], 1)[1][0].tolist()
-    # The values of a derivative sum to zero; what they miss of that would pull on the whole cable.
+    # Derivatives of the basis sum to zero; a round-off error in that would pull on the whole cable.
     return place, replace(place, weights=(a, b, c, -a - b - c))
 
 
 def across(end: Geometry, axes: tuple[int, ...]) -> list[Array]:
-    """Unit directions across a clamp's tangent, in the gripper's frame: two, in a plane one."""
+    """Unit directions normal to a clamp's tangent, gripper's frame: two, or one in a plane."""
     tangent = end.tangent
     if len(axes) == 2:
         (normal,) = (axis for axis in range(3) if axis not in axes)
@@ -212,7 +215,7 @@ def _end_springs(scene: Scene, ends: Geometries) -> Array:
     """Stiffness [N/m] of both ends along x, y, z, shape (2, 3)."""
     stiffness = np.array([end.spring for end in scene.ends.values()], dtype=float)
     if inextensible(scene) and scene.cable.EA > 0.0:
-        # An inextensible cable hands its own compliance along the line to its two end springs.
+        # The axial compliance of the cable, which an inextensible one lacks, goes half to each end.
         line = ends["end"].attachment - ends["start"].attachment
         share = (line / max(float(np.linalg.norm(line)), 1e-300)) ** 2
         compliance = 0.5 * share * scene.cable.length / scene.cable.EA

@@ -1,4 +1,4 @@
-"""The inextensible cable: where its length is kept, and what that does to frequencies."""
+"""The inextensible cable: gradients of its length constraints, equilibrium, reactions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from dlo_sim.simulation.recorder import Recorder
 
 Array = NDArray[np.float64]
 MOST_STEPS = 40_000
-REST = 1e-7  # of the length, movement between two restarts that counts as rest
+REST = 1e-7  # of the length: largest movement between two restarts that counts as rest
 
 
 def gradients(cable: Cable) -> Array:
-    """Gradients of the constraints times the length on the spatial unknowns, control point by
-    control point, at the present configuration, shape (n - 1, n dim).
+    """Gradients of the length constraints at the present configuration, times the cable length.
+
+    Shape (n - 1, n dim), the spatial unknowns ordered by control point.
     """
     model = cable.model
     dim, n = len(model.axes), model.n
@@ -31,10 +32,11 @@ def gradients(cable: Cable) -> Array:
 
 
 def to_equilibrium(cable: Cable, step: float) -> bool:
-    """Let a configuration on the constraints come to rest; true if it did.
+    """Relax a configuration that satisfies the constraints to rest; returns whether it converged.
 
     Steps of RATTLE with kinetic damping: whenever the kinetic energy falls, the velocity is set to
-    zero (Cundall's dynamic relaxation), until a restart hardly moves the cable any more.
+    zero (Cundall's dynamic relaxation), until the cable hardly moves between restarts three times
+    in a row.
     """
     length, dim = float(cable.model.knots[-1]), len(cable.model.axes)
     nothing = Recorder(cable.model, np.zeros(0))
@@ -62,7 +64,9 @@ def to_equilibrium(cable: Cable, step: float) -> bool:
 
 
 def held_force(cable: Cable, t: float) -> Array:
-    """Forces of the grasps on the held rows at time t with the constraint forces, shape (held,)."""
+    """Forces of the grasps on the held rows at time t, shape (held,), where the forces of the
+    length constraints act too.
+    """
     force = cable.forces(t, cable.velocities(t))
     held = cable.held_force(t, force)
     model = cable.model

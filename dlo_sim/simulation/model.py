@@ -1,4 +1,4 @@
-"""The constant arrays of a cable (`engine.layout`), and what is in them."""
+"""The constant arrays of a cable (`engine.layout`), and access to their contents."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class Model:
     """Constant arrays of a scene; never changed after building.
 
     Attributes:
-        shape, values: what the compiled functions read.
-        sizes: of the arrays inputs, state and scratch. counts: of everything in them.
+        shape, values: arrays `shape` and `model` of the compiled functions.
+        sizes: of the arrays inputs, state and scratch. counts: numbers of their parts.
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
-        holding: what is held.
-        axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], with what jaws add,
+        holding: held points, rows and springs.
+        axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], stiffened by jaws,
             shape (n - 3,).
-        rest: where a straight point of the plane is, shape (3,): the constant coordinate of planar
-            motion, zero elsewhere.
+        rest: constant coordinate of planar motion [m] in its component, zero in the others, shape
+            (3,).
     """
 
     shape: Table
@@ -53,36 +53,36 @@ class Model:
 
     @property
     def lines(self) -> int:
-        """Spatial lines, and that of the twist where there is one."""
+        """Number of lines: the spatial ones, and the twist line if there is one."""
         return int(self.shape[layout.LINES])
 
     def has(self, bit: int) -> bool:
-        """Whether a term is there, by its bit."""
+        """Whether the term with this bit is active."""
         return bool(self.shape[layout.TERMS] & bit)
 
     def new(self, name: str) -> Array:
-        """Zeros for `inputs`, `state` or `scratch`."""
+        """A new array `inputs`, `state` or `scratch` of zeros."""
         return np.zeros(self.sizes[name])
 
     def view(self, array: Array, offset: int) -> Array:
-        """The lines at an offset of state or scratch, without margins, shape (lines, n), a view."""
+        """View of the lines at an offset of state or scratch, without margins, shape (lines, n)."""
         return line_view(self.shape, array, int(self.shape[offset]), self.lines)
 
     def rows(self, array: Array, offset: int, count: int) -> Array:
-        """Rows at an offset of an array, shape (count, LANES), a view."""
+        """View of rows at an offset of an array, shape (count, LANES)."""
         at = self.shape[offset]
         return array[at : at + count * LANES].reshape(count, LANES)
 
     @property
     def columns(self) -> tuple[int, ...]:
-        """Column of x, y, z, theta that each line holds."""
+        """Column of x, y, z, theta that belongs to each line."""
         return (*self.axes, 3) if self.twist else self.axes
 
     def to_columns(self, lines: Array, rest: bool = True) -> Array:
-        """Lines (..., lines, n) as control points (..., n, 4): x, y, z, theta; absent ones
-        constant.
+        """Lines (..., lines, n) as control points x, y, z, theta, shape (..., n, 4).
 
-        `rest` fills in the constant coordinate of planar motion (leave it out for velocities).
+        Coordinates without a line are 0; with `rest`, the constant coordinate of planar motion is
+        filled in (false for velocities).
         """
         out = np.zeros((*lines.shape[:-2], self.n, 4))
         if rest:
@@ -96,11 +96,11 @@ class Model:
         return np.ascontiguousarray(columns[:, list(self.columns)].T)
 
     def own_columns(self, what: str, value: ArrayLike, rest: bool = True) -> Array:
-        """Control points (n, 4) that somebody gives, or with `rest` false their velocities.
+        """Check control points (n, 4) from a caller, or with `rest` false their velocities.
 
         Raises:
-            TypeError: not numbers. ValueError: another shape, not finite, or out of the coordinates
-                of the scene's step.
+            TypeError: not numbers. ValueError: another shape, not finite, or a coordinate differs
+                that the scene does not simulate.
         """
         columns = arguments.numbers(what, value, (self.n, 4))
         own = self.to_columns(self.to_lines(columns), rest)
@@ -112,7 +112,7 @@ class Model:
         return columns
 
     def band(self, offset: int, line: int) -> Array:
-        """A symmetric matrix of one line (MASS, VISCOUS) as lower diagonals, shape (4, n)."""
+        """A symmetric matrix of one line (MASS, VISCOUS, TWIST), lower diagonals, shape (4, n)."""
         at = int(self.shape[offset])
         if offset != layout.TWIST and line >= len(self.axes):
             at += 7 * int(self.shape[layout.LINE])
@@ -121,12 +121,12 @@ class Model:
 
     @property
     def twisting_stiffness(self) -> Array:
-        """Stiffness of the line of the twist with its springs, lower diagonals, shape (4, n)."""
+        """Stiffness matrix of the twist line with its springs, lower diagonals, shape (4, n)."""
         return self.band(layout.TWIST, len(self.axes)) + self.holding.roll_stiffness(self.n)
 
     @property
     def sample_shares(self) -> Array:
-        """Material coordinate of every sample as a share of the length, shape (spans, samples)."""
+        """Material coordinate / length of every quadrature point, shape (spans, samples)."""
         return self.rule.places(bspline.breaks(self.knots)) / self.knots[-1]
 
     @property
@@ -135,18 +135,18 @@ class Model:
         return np.asarray((self.bending_stiffness[:, None] * self.rule.weights)[..., None])
 
     def samples(self, state: Array, offset: int, rows: int) -> Array:
-        """Rows of every sample in a state, a copy of shape (spans, samples, rows)."""
+        """Rows of every quadrature point in a state, a copy of shape (spans, samples, rows)."""
         at, counts = int(self.shape[offset]), self.counts
         values = state[at : at + counts.blocks * counts.samples * rows * LANES]
         return from_blocks(values, len(self.rule.xi)).reshape(-1, counts.samples, rows)
 
     def put_samples(self, state: Array, offset: int, values: Array) -> None:
-        """Write rows of every sample, shape (spans, samples, rows)."""
+        """Write the rows of every quadrature point, shape (spans, samples, rows)."""
         at, flat = int(self.shape[offset]), to_blocks(values.reshape(len(values), -1))
         state[at : at + flat.size] = flat
 
     def held_mask(self) -> NDArray[np.bool_]:
-        """Which entries of the lines a row along an axis holds, shape (lines, n)."""
+        """Mask of the line entries held by rows at single control points, shape (lines, n)."""
         mask = np.zeros((self.lines, self.n), dtype=bool)
         for row in self.holding.rows:
             if row.line >= 0 and self.holding.points[row.point].own >= 0:

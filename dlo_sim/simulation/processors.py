@@ -1,4 +1,4 @@
-"""How many processors there are to share work among."""
+"""The number of processors that can share work."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 
 def processors() -> int:
-    """Logical cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # not everywhere
+    """Number of logical cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on every platform
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

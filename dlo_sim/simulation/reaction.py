@@ -1,4 +1,4 @@
-"""Reactions: what the end effectors do to the cable."""
+"""Reactions: forces and moments of the end effectors on the cable."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ Array = NDArray[np.float64]
 
 
 def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
-    """Force [N] and moment about the point held [N m] by an end effector, world frame, both on the
-    cable, shape (6,).
+    """Force [N] and moment [N m] of an end effector on the cable, world frame, shape (6,).
 
-    After a step of an implicit method it is the mean over that step, otherwise that of the instant.
-    Springs count with what they do at its end, and so do the constraint forces of an inextensible
-    cable (`keeps_length`).
+    The moment is about the held point. The part of the held rows is the mean over the last step of
+    an implicit method, else the present value, which for an inextensible cable (`keeps_length`)
+    includes the constraint forces. The part of the springs is the present value.
     """
     model = cable.model
     if cable.entry(layout.HAS_REACTION):
@@ -35,8 +34,9 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
 
 
 def _place_of(model: Model, grasp: int, points: Array) -> Array:
-    """Where a grasp holds the cable [m], shape (3,); moments are the same about any place if it
-    holds only a direction.
+    """Point at which a grasp holds the cable [m], shape (3,).
+
+    Zeros if it holds only a direction: its moment is then the same about any point.
     """
     held = [model.holding.points[row.point] for row in model.holding.rows if row.grasp == grasp]
     held += [spring.point for spring in model.holding.springs if spring.grasp == grasp]

@@ -1,4 +1,4 @@
-"""Room for samples of a run."""
+"""A buffer for the samples of a run."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 
 
 class Recorder:
-    """Room for a sample of the state at each of these times.
+    """A buffer for one sample of the state at each of these times.
 
     Attributes:
-        times: rising [s]. energies: [J], shape (T, LANES); of one cable lane 0 counts.
+        times: rising [s]. energies: [J], shape (T, LANES); one cable uses lane 0.
     """
 
     def __init__(self, model: Model, times: Array) -> None:
@@ -29,20 +29,20 @@ class Recorder:
 
     @property
     def arrays(self) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-        """What the loops take."""
+        """Arguments of the compiled loops: times, samples, energies, and the two counts."""
         return self.times, self._samples.ravel(), self.energies.ravel(), self._marks
 
     @property
     def count(self) -> int:
-        """Samples taken."""
+        """Number of samples taken."""
         return int(self._marks[0])
 
     def forget(self, count: int) -> None:
-        """Keep so many samples at most."""
+        """Discard all but the first `count` samples."""
         self._marks[0] = min(self.count, count)
 
     def put(self, cable: Cable, energy: float | Array) -> None:
-        """Take the present state as the next sample; energy: [J], of each of eight cables."""
+        """Store the present state as the next sample; energy: [J], or one for each lane."""
         at, size = self.model.shape[layout.X], self.model.shape[layout.SIZE]
         self._samples[self.count] = cable.state[at : at + size]
         self.energies[self.count] = energy
@@ -50,7 +50,7 @@ class Recorder:
 
     @property
     def lines(self) -> Array:
-        """The samples taken, shape (count, lines, n) of one cable."""
+        """The samples taken of one cable, shape (count, lines, n)."""
         width = int(self.model.shape[layout.LINE])
         shape = self.count, int(self.model.shape[layout.LINES]), width
         taken = self._samples[: self.count].reshape(shape)

@@ -1,4 +1,4 @@
-"""Running a scene for a while and keeping samples of it: what `dlo_sim simulate` shows."""
+"""Runs a scene for a given time and samples it; used by `dlo_sim simulate`."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 
-_ROUNDING = 1e-9  # shares of a step or of a sample interval below this are rounding
-_PARTS = 100  # of a run, whose Newton iterations are judged one by one
+_ROUNDING = 1e-9  # share of a step or sample interval that counts as round-off
+_PARTS = 100  # parts of a run whose Newton iterations are assessed separately
 _FEWEST_STEPS = 256  # of a part: calling the stepping loop costs some 10 us
-_BRIEF, _TOO_LONG = 0.05, 0.2  # [s] of a call, from which the next has twice, or half the steps
+_BRIEF, _TOO_LONG = 0.05, 0.2  # [s]: after a shorter call twice the steps, after a longer one half
 
 
 @dataclass(frozen=True)
@@ -35,21 +35,22 @@ class Recording:
         control_points: x, y, z [m] and theta [rad], shape (T, n_u, 4).
         centerline: points of the cable [m] at `centerline_u`, shape (T, n_c, 3).
         centerline_u: material coordinates [m], shape (n_c,).
-        tension: [N] there, shape (T, n_c), None where it is not known; curvature: [1/m].
-        energy: kinetic and potential energy [J], shape (T,): at the end of the step that holds the
-            sample, or between two such where samples are closer than steps.
+        tension: [N] there, shape (T, n_c), None if the shape does not determine it.
+        curvature: [1/m] there, shape (T, n_c).
+        energy: kinetic and potential energy [J], shape (T,): at the end of the step that contains
+            the sample; interpolated between steps if samples are closer than steps.
         status: ok, diverged, not_converged or interrupted; message: one line, empty if all is well.
-        simulated_s: whole steps that cover the duration [s], or up to the last good state.
+        simulated_s: duration [s] rounded up to whole steps, or time of the last good state.
         wall_s: time for stepping [s]; compile_s: for building the simulator before it [s].
-        steps, step_s, method, force_evaluations: what was done; implicit methods count Newton
+        steps, step_s, method, force_evaluations: of the run; implicit methods count Newton
             iterations as force evaluations.
         choice: why this method and step.
         real_time_factor: simulated_s / wall_s.
         energy_error_max: largest |energy - work done + energy lost| relative to the largest energy
-            exchanged; None if it has no finite value.
+            exchanged; None if it is not finite.
         error_estimate: largest estimated position errors [m] of the run: `time`, `space`, `total`
-            (None = unknown); None unless accuracy.estimate is on.
-        active_terms, left_out: terms in the step, and the others with the reason.
+            (None = unknown); None if errors were not estimated (accuracy.estimate).
+        active_terms, left_out: terms in the step, and the other terms with the reason.
         notes: what a reader of the results should know, one line each.
     """
 
@@ -79,7 +80,7 @@ class Recording:
 
     @property
     def ok(self) -> bool:
-        """Whether the run got to its end."""
+        """Whether the run was completed."""
         return self.status == Status.OK.name.lower()
 
     @property
@@ -97,15 +98,17 @@ def record(
 ) -> Recording:
     """Run a scene from its initial shape and sample it.
 
-    A sample inside a step is the cubic through positions and velocities at the step's two ends. A
-    run that fails or is interrupted keeps the samples up to its last good state.
+    A sample within a step is interpolated by the cubic through the positions and velocities at the
+    ends of the step. A run that fails or is interrupted keeps the samples up to its last good
+    state.
 
     Args:
-        scene: what to simulate; ends with a pose topic rest where the scene puts them.
-        duration: simulated time [s], above 0; covered by whole steps.
+        scene: what to simulate; ends with a pose topic rest at their poses in the scene.
+        duration: simulated time [s], above 0; rounded up to whole steps.
         every: time between samples [s], above 0.
-        progress: called now and then with the fraction done; ends the run by KeyboardInterrupt.
-        tell: gets a line at the start of a long run: how long, and what would take less.
+        progress: called from time to time with the fraction done; may raise KeyboardInterrupt to
+            end the run.
+        tell: called early in a long run with one line: how long it will take, and what is faster.
 
     Raises:
         SceneError: the scene cannot be simulated.
@@ -125,11 +128,12 @@ def record_simulator(
     estimated: bool = False,
     tell: Callable[[str], object] | None = None,
 ) -> Recording:
-    """`record` for a simulator at its start.
+    """`record` for a simulator that has not been stepped yet.
 
     Args:
-        began: when the building of the simulator began [s].
-        estimated: estimate the error, for a simulator that starts as its scene says.
+        began: `time.perf_counter` when the building of the simulator began [s].
+        estimated: whether to estimate the error; only if the simulator is in its scene's initial
+            state.
     """
     began = time.perf_counter() if began is None else began
     scene = simulator.scene
@@ -186,7 +190,7 @@ def sample_times(duration: float, every: float) -> Array:
 
 
 class _IterationCounts:
-    """Force evaluations of a run, and the steps and evaluations of its unusually slow parts."""
+    """Counts the force evaluations of a run, and steps and evaluations of unusually slow parts."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
@@ -194,7 +198,7 @@ class _IterationCounts:
         self._begun, self._slow = np.zeros((2, 2), dtype=np.int64)
 
     def end_part(self) -> None:
-        """Judge what has been done since the last part."""
+        """Assess the steps since the last call."""
         now = np.array([self._simulator.steps, self.evaluations])
         if self._note(now - self._begun):
             self._slow += now - self._begun
@@ -218,9 +222,9 @@ def _run(
     progress: Callable[[float], None] | None,
     tell: Callable[[str], object] | None,
 ) -> tuple[float, Report, _IterationCounts]:
-    """Step over the duration; returns the time it took [s], the last report, and how it went.
+    """Step over the duration; returns the wall time [s], the last report and the iteration counts.
 
-    Time spent on an error estimate does not count.
+    The wall time excludes that of an error estimate.
     """
     total = max(1, int(np.ceil(duration / simulator.step - _ROUNDING)))
     part = max(total // _PARTS, _FEWEST_STEPS)
@@ -256,7 +260,7 @@ def _run(
 
 
 def energies_at(times: Array, energies: Array, step: float, every: float) -> Array:
-    """Energy [J] at the samples, from those at the ends of the steps that hold them."""
+    """Energy [J] at the samples, from that at the ends of the steps that contain them."""
     if every >= step:
         return energies
     return np.interp(times, np.ceil(times / step - _ROUNDING) * step, energies)

@@ -1,4 +1,4 @@
-"""What a simulator tells about itself: outcome of an advance, energies."""
+"""Results that a simulator reports: outcome of an advance, errors, energies."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from dlo_sim.core.methods import IMPLICIT, Method
 
-# Iterations of Newton's method per sub-step. Over one second of energy_momentum at 9 and 41 control
-# points paper_wire and paper_wire_force took 4.0 to 5.3 on average, two_grippers at rest 1.
+# Newton iterations per sub-step. In one second of energy_momentum with 9 and 41 control points,
+# paper_wire and paper_wire_force took 4.0 to 5.3 on average, two_grippers at rest took 1.
 MOST_USUAL = 10
 FAR_ABOVE = 2 * MOST_USUAL
 
@@ -30,7 +30,7 @@ class Status(Enum):
 
     @property
     def ok(self) -> bool:
-        """Whether the state is where it was asked to be."""
+        """Whether the advance was completed."""
         return self is Status.OK
 
 
@@ -41,7 +41,7 @@ class Report(NamedTuple):
         status: what happened; message: one line, empty if all is well.
         steps: whole steps done; simulated: their time [s].
         force_evaluations: force evaluations, or Newton iterations of an implicit method.
-        note: one line where all is well but unusually slow (`newton_note`), else empty.
+        note: one line if all is well but was unusually slow (`newton_note`), else empty.
     """
 
     status: Status
@@ -53,9 +53,7 @@ class Report(NamedTuple):
 
 
 def newton_note(method: Method, step: float, steps: int, iterations: int) -> str:
-    """One line where Newton's method iterated far more than it usually does in so many steps, else
-    empty.
-    """
+    """One line if Newton's method took far more iterations than usual per step, else empty."""
     done = steps * len(method.substeps)
     if method.family != IMPLICIT or iterations <= FAR_ABOVE * done:
         return ""
@@ -68,12 +66,12 @@ def newton_note(method: Method, step: float, steps: int, iterations: int) -> str
 
 @dataclass(frozen=True)
 class DiscretizationError:
-    """Estimated position errors [m] of the centerline that are due to the discretisation.
+    """Estimated position errors [m] of the centerline due to the discretisation.
 
     Attributes:
-        time: due to the step, 0 where it is so short that its part is not told apart; space: due
-            to the control points; infinite where unknown.
-        unknown: why it is unknown, one line; empty otherwise.
+        time: due to the step; 0 if the step is so short that its part is not estimated.
+        space: due to the number of control points. Both are infinite if unknown.
+        unknown: why an error is unknown, one line; empty otherwise.
     """
 
     time: float
@@ -88,11 +86,11 @@ class DiscretizationError:
 
 @dataclass(frozen=True)
 class UndefinedTorsion:
-    """Samples whose curvature is below the floor of the Frenet torsion, of `samples` in all.
+    """Quadrature points whose curvature is below the floor of the Frenet torsion.
 
     Attributes:
-        samples: quadrature points; 0 where twist is not measured against the torsion.
-        last, mean, worst: how many were undefined at the last look, on average, at worst.
+        samples: number of quadrature points; 0 if twist is not measured against the torsion.
+        last, mean, worst: how many of them were undefined at the last check, on average, at most.
         floor: curvature [1/m] below which torsion is suppressed by more than half.
     """
 
@@ -104,7 +102,7 @@ class UndefinedTorsion:
 
     @property
     def note(self) -> str:
-        """One line for people."""
+        """One line for the user."""
         return (
             f"terms.twist frenet: torsion is undefined (curvature below {self.floor:.3g} 1/m, "
             f"where it is suppressed) at up to {self.worst} of {self.samples} samples, "
@@ -114,7 +112,7 @@ class UndefinedTorsion:
 
 @dataclass(frozen=True)
 class Energy:
-    """Energies [J]; gravity is zero at the world's origin, `total` is their sum."""
+    """Energies [J]; that of gravity is zero at the world's origin."""
 
     kinetic: float
     stretch: float

@@ -1,4 +1,4 @@
-"""The simulator: one cable that can be stepped, loaded, moved by its ends, and looked at."""
+"""The simulator: one cable that can be stepped, loaded, moved by its ends, and observed."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
-CHUNK = 4096  # steps between two saved states of a long advance
+CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything that `Simulator.restore` needs to go on with the same bits."""
+    """Everything that `Simulator.restore` needs to continue bit for bit."""
 
     scene: Scene
     steps: int
@@ -58,11 +58,11 @@ class Simulator(CableInputs):
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
         end_poses: end-effector poses at time 0, {"start": (position [m] (3,), quaternion x, y, z, w
-            (4,)), ...}; ends that are not named are where the scene says.
-        unchecked_step: take integrator.step even beyond the stability limit (to study stability).
+            (4,)), ...}; the other ends have the poses of the scene.
+        unchecked_step: use integrator.step even above the stability limit (to study stability).
 
-    Every method refuses an argument of a wrong type (TypeError) or value (ValueError) in one line
-    with the cure, and leaves the state as it was.
+    For an argument of a wrong type or value, every method raises a TypeError or ValueError of one
+    line that names the cure, and leaves the state unchanged.
 
     Raises:
         SceneError: a scene that cannot be simulated, in one line.
@@ -106,7 +106,7 @@ class Simulator(CableInputs):
     # -- change ---------------------------------------------------------------------------------
 
     def advance(self, duration: float) -> Report:
-        """Advance by `duration` [s] in whole steps; what does not fill a step is carried over.
+        """Advance by `duration` [s] in whole steps; the remainder is carried over to the next call.
 
         Raises:
             ValueError: not a finite time of 0 or more.
@@ -121,10 +121,10 @@ class Simulator(CableInputs):
         return report
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
-        """Advance by whole steps. A failed run keeps the last good state and says why.
+        """Advance by whole steps. On failure the last good state is kept and the report says why.
 
         Raises:
-            ValueError: not a whole number of 0 or more.
+            TypeError, ValueError: not a whole number of 0 or more, or a recorder of another model.
         """
         steps, done = arguments.count("steps", steps), 0
         if recorder is not None:
@@ -153,11 +153,12 @@ class Simulator(CableInputs):
         """Advance while end effectors move through poses; needs an implicit method.
 
         Between two poses the position is a cubic with the velocities of central differences; within
-        a step position and orientation change evenly. Ends without poses stay where they are.
+        a step position and orientation change linearly. End effectors without poses continue their
+        present motion.
 
         Args:
-            times: of the poses, rising [s], shape (T,), the first not after the present; the last
-                is where the advance ends, at the first step not before it.
+            times: of the poses, rising [s], shape (T,), the first not after the present; the
+                advance ends with the first step that reaches the last one.
             poses: end or grasp -> position [m] and quaternion x, y, z, w, shape (T, 7); or two
                 points on the line of the cable [m], shape (T, 2, 3), the first nearer to the start,
                 with the end effector midway and no roll.
@@ -165,11 +166,11 @@ class Simulator(CableInputs):
                 `times`.
 
         Returns:
-            As `advance_steps`, and control points x, y, z, theta of the samples up to the last good
-            state, shape (S, n_u, 4).
+            The report, and control points x, y, z, theta of the samples up to the last good state,
+            shape (S, n_u, 4).
 
         Raises:
-            TypeError, ValueError: an explicit method, or times and poses that do not fit.
+            TypeError, ValueError: an explicit method, or invalid times or poses.
         """
         report, recorder = self.record_along(times, poses, samples)
         return report, recorder.control_points
@@ -177,7 +178,7 @@ class Simulator(CableInputs):
     def record_along(
         self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
     ) -> tuple[Report, Recorder]:
-        """`follow`, with the energies of the samples too."""
+        """`follow`, but returns the recorder of the samples, which has their energies too."""
         if self.choice.method.family != IMPLICIT:
             raise ValueError(
                 f"integrator.method: {self.method} follows no poses; give energy_momentum"
@@ -193,7 +194,7 @@ class Simulator(CableInputs):
         for name, path in paths.items():
             self.set_end(name, path[0, :3], path[0, 3:])
             self._extend(self._needs_along(name, path))
-        cable = self.cable  # after set_end, which may have brought in more terms
+        cable = self.cable  # after set_end, which may have activated more terms
         recorder = Recorder(self.model, wanted)
         motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
         for name, path in paths.items():
@@ -209,18 +210,18 @@ class Simulator(CableInputs):
         return report, recorder
 
     def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
-        """The shapes every so many seconds along a plan, with the bits that `follow` would give.
+        """Predict the shapes along a plan, at multiples of `every` [s], bit for bit as `follow`.
 
-        This simulator stays as it is. Loads go on as they are.
+        This simulator is not changed. Loads continue unchanged.
 
         Raises:
-            TypeError, ValueError: as `follow`, or a plan that does not begin here and now.
+            TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
         """
         future = deepcopy(self)
         return forecast(future, future.follow, plan, every)
 
     def snapshot(self) -> Snapshot:
-        """The present state, to go on from later with the same bits."""
+        """The present state, from which `restore` continues bit for bit."""
         return Snapshot(
             self.scene,
             self._steps,
@@ -235,7 +236,7 @@ class Simulator(CableInputs):
         """Go back to a snapshot of this simulator.
 
         Raises:
-            TypeError: no snapshot. ValueError: one of another scene.
+            TypeError: not a snapshot. ValueError: a snapshot of another scene.
         """
         arguments.instance("snapshot", snapshot, Snapshot, "from Simulator.snapshot")
         if snapshot.scene != self.scene:
@@ -245,23 +246,23 @@ class Simulator(CableInputs):
         if snapshot.needs != self._needs or snapshot.geometries is not self._geometries:
             self._geometries = snapshot.geometries
             self._rebuild(snapshot.needs)
-        self._needs = snapshot.needs  # its warnings may differ
+        self._needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
         self._ends.restored()
 
     def reset(self) -> None:
-        """Go back to the first state."""
+        """Go back to the initial state."""
         self.restore(self._initial)
 
     def start_from(self, points: ArrayLike, rates: ArrayLike | None = None) -> None:
-        """Make this the first state: control points (x, y, z, theta), shape (n_u, 4), and their
+        """Set the initial state: control points (x, y, z, theta), shape (n_u, 4), and their
         velocities (default: at rest). Points held by the ends are moved back to the held poses,
         with a UserWarning if they differ.
 
         Raises:
-            TypeError: not numbers. ValueError: another shape, not finite, out of the coordinates of
-                the scene's step, or without a finite energy.
+            TypeError: not numbers. ValueError: another shape, not finite, a coordinate differs that
+                the scene does not simulate, or the energy is not finite.
         """
         place = self.model.own_columns("control points", points)
         speed = np.zeros_like(place)
@@ -296,23 +297,23 @@ class Simulator(CableInputs):
         times: ArrayLike | None = None,
         coordinates: ArrayLike | None = None,
     ) -> None:
-        """Make a smooth cable of the right length through measured points the first state.
+        """Set the initial state: a smooth cable of the right length through measured points.
 
-        Noise is smoothed and spikes are left out. Ends and grasps stay where they hold it.
+        Noise is smoothed and outliers are rejected. Ends and grasps keep their poses.
 
         Args:
             points: in their order along the cable [m], shape (M, 3), NaN where missing; or several
                 frames of the same points, shape (F, M, 3).
-            times: of the frames [s], rising, shape (F,); time 0 is the first state. Its velocities
-                are those of lines through up to four frames, of parabolas through more; one frame
-                is at rest.
+            times: of the frames [s], rising, shape (F,); the initial state is that of time 0. Its
+                velocities are those of lines through up to four frames, of parabolas through more;
+                one frame: at rest.
             coordinates: material coordinates of the points [m], rising, shape (M,); default: found
                 from the distances between the points.
 
         Raises:
             TypeError: not numbers. ValueError: another shape, fewer than two points, points that
-                coincide or lie lengths apart, times or coordinates that do not rise or leave the
-                cable, or points out of the coordinates of the scene's step.
+                coincide or are too far apart for the cable, times or coordinates that do not rise,
+                or coordinates that are beyond the cable or not simulated.
         """
         given = points, times, coordinates
         place, rates = cable_through(self.scene, self._ends, self._geometries, self.model, *given)
@@ -322,12 +323,11 @@ class Simulator(CableInputs):
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends.
 
-        Loads are those of the scene: what `set_load` gave is to be given again.
-
-        Building it takes time. What changes meanwhile it can `take_over` at the end.
+        Loads are those of the scene; `set_load` must be called again. Building takes time: if this
+        simulator has advanced meanwhile, let the new one `take_over` its state.
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
-        # Tangents that the scene leaves open are those of the cable as it was placed.
+        # Tangents that the scene does not give are those of this simulator.
         tangents = {
             f"{end}.tangent": list(self._geometries[end].tangent)
             for end in scene.ends
@@ -340,8 +340,8 @@ class Simulator(CableInputs):
         return other
 
     def take_over(self, other: Simulator) -> None:
-        """Start with the present shape, motion and ends of another simulator of the same ends and
-        loads. Only before the first step.
+        """Start with the present shape, motion and ends of another simulator, whose scene has the
+        same ends, grasps and loads. Call it only before the first step.
         """
         arguments.instance("other", other, Simulator, "one that runs")
         points, rates = other.control_points, other.velocities
@@ -373,12 +373,14 @@ class Simulator(CableInputs):
     # -- inside ---------------------------------------------------------------------------------
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Of a copy, here or in another process: views of its arrays are views of its own."""
+        """Connect the end effectors of a copy to the copy's own arrays."""
         self.__dict__.update(state)
         self._ends.live_in(self.cable.motion)
 
     def _take_over_grasps(self, other: Simulator) -> list[str]:
-        """Hold what another simulator's grasps hold and the scene says; those still to take it."""
+        """Hold what the other simulator's grasps hold, as far as the scene agrees; returns the
+        names of the grasps that still have to take the cable.
+        """
         held, taking = dict(self._geometries), []
         for grasp in self.scene.grasps:
             name, before = grasp.name, other._geometries[grasp.name]

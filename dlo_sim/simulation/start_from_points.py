@@ -1,13 +1,13 @@
-"""A smooth cable of the right length through measured points of it.
+"""A smooth cable of the right length through measured points.
 
 The control points q minimise
-    mean |r(u_m) - p_m|^2 + BEND L^3 int |r''|^2 du + LENGTH L^2 mean ((|r'|^2 - 1) / 2)^2,
-in which ends and grasps hold the cable where they are, by Gauss-Newton steps from the solution
-without the last term, whose parenthesis is averaged over each knot span: a spline that kept its
-length at every point could hardly bend. The velocities minimise the same with r'.v' for it. A point
-that the others predict badly is a spike and is left out. BEND only chooses among the curves that
-fit (with n_u = 17 predictions from 12 markers are the same for 1e-9 to 1e-5); LENGTH keeps a stiff
-cable from starting under tension.
+    mean |r(u_m) - p_m|^2 + BEND L^3 int |r''|^2 du + LENGTH L^2 mean ((|r'|^2 - 1) / 2)^2
+subject to the constraints of ends and grasps, by Gauss-Newton steps from the solution without the
+last term. Its parenthesis is averaged over each knot span: a spline that kept its length at every
+point could hardly bend. The velocities v minimise the same sum with r'.v' in place of the
+parenthesis, without constraints. A point far from the prediction of the others is a spike and is
+rejected. BEND only selects among the curves that fit (with n_u = 17, predictions from 12 markers
+are the same for 1e-9 to 1e-5). LENGTH keeps a stiff cable from starting under tension.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BEND, LENGTH = 1e-7, 1e2
-SAMPLES = 3  # of a knot span
-STEPS, HALVINGS = 25, 6  # of Gauss and Newton, at most
-ROUNDING = 1e-6  # of the length, change that counts as none
-SPIKE, CLEAR = 2.0, 0.02  # of the distance of the next worst point; of the length
-OUTLIER = 6.0  # of the median distance of a point's frames from its path
+SAMPLES = 3  # quadrature points of a knot span
+STEPS, HALVINGS = 25, 6  # most Gauss-Newton steps, and halvings of one
+ROUNDING = 1e-6  # of the length: change at which the iteration ends
+SPIKE, CLEAR = 2.0, 0.02  # least distance of a spike: times that of the next point; of the length
+OUTLIER = 6.0  # times the median distance of a point's frames from its path: weight 1/2
 MOST_SPIKES = 0.3  # of the points
-PROJECTIONS = 5  # of points onto the curve, to find their coordinates
-LEAST_APART = 1e-6  # [s] between frames; velocities of nearer ones are noise
-WITHIN = 1e-6, 2.0  # of the length, least and most of the median distance to the points' middle
-IN_PLANE = 1e-9  # of the length, distance from a plane that counts as none
-QUADRATIC = 5  # frames from which the motion is a parabola and not a line
+PROJECTIONS = 5  # of the points onto the curve, to find their coordinates
+LEAST_APART = 1e-6  # [s] between frames; velocities of closer ones are noise
+WITHIN = 1e-6, 2.0  # of the length: bounds of the median distance of the points from their middle
+IN_PLANE = 1e-9  # of the length: distance from a plane that counts as round-off
+QUADRATIC = 5  # number of frames from which the motion is a parabola instead of a line
 
 
 class _Spline:
-    """What the sums need: knots, what is held, and the basis at quadrature points.
+    """The sums to be minimised: knots, constraints, and the basis at quadrature points.
 
     Attributes:
-        held: some control points that are where they are held at time 0, shape (n, 3).
-        free: changes that keep this, shape (3 n, unknowns).
-        length: at rest [m].
+        held: control points that satisfy the constraints at time 0, shape (n, 3).
+        free: basis of the changes that satisfy them, shape (3 n, unknowns).
+        length: rest length [m].
     """
 
     def __init__(self, scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array) -> None:
@@ -59,8 +59,8 @@ class _Spline:
         self.free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
 
     def fitting(self, u: Array, values: Array) -> tuple[Array, Array]:
-        """Rows of the points and of BEND on control points, (3 m + 3 samples, 3 n), and what they
-        are to be.
+        """Rows on the control points of the terms of points and bending, shape
+        (3 m + 3 samples, 3 n), and their target values.
         """
         bend = np.sqrt(BEND * self.length**3 * self._weights)[:, None] * self._bends
         basis = bspline.evaluate(np.eye(len(self.held)), self.knots, u)
@@ -70,7 +70,7 @@ class _Spline:
         return rows, wanted
 
     def stretch(self, points: Array) -> tuple[Array, Array]:
-        """Mean of (|r'|^2 - 1) / 2 over every span with its weight, and its derivative."""
+        """Weighted mean of (|r'|^2 - 1) / 2 over every span, and its derivative."""
         slope = self._slopes @ points
         shares = self._weights.reshape(-1, SAMPLES)
         shares = self.length * np.sqrt(LENGTH / len(shares)) * shares / shares.sum(1, keepdims=True)
@@ -79,12 +79,12 @@ class _Spline:
         return np.sum(shares * strain, axis=1), np.einsum("sk,skj->sj", shares, rows)
 
     def solved(self, rows: Array, values: Array, held: Array) -> Array:
-        """Control points that fit rows (m, 3 n) to values (m,) and keep what is held."""
+        """Control points that fit rows (m, 3 n) to values (m,) and keep the constraints."""
         unknowns = np.linalg.lstsq(rows @ self.free, values - rows @ held.ravel(), rcond=None)[0]
         return np.asarray(held + (self.free @ unknowns).reshape(held.shape))
 
     def through(self, u: Array, points: Array) -> Array:
-        """The curve of the cable's length through points."""
+        """Control points of the curve of the cable's length through points."""
         rows, values = self.fitting(u, points)
         curve = self.solved(rows, values, self.held)
         for _ in range(STEPS):
@@ -106,7 +106,7 @@ class _Spline:
         return curve
 
     def moving(self, u: Array, velocities: Array, curve: Array) -> Array:
-        """Velocities of the control points that keep the length."""
+        """Velocities of the control points that fit those of points and keep the length."""
         rows, values = self.fitting(u, velocities)
         _, derivative = self.stretch(curve)
         left = np.vstack([rows, derivative])
@@ -117,9 +117,9 @@ class _Spline:
 def _held_rows(
     scene: Scene, ends: EndDrive, geometries: Geometries, knots: Array
 ) -> tuple[Array, Array]:
-    """Rows on all control points, shape (rows, 3 n), and what they are to be.
+    """Constraint rows on the control points, shape (rows, 3 n), and their target values.
 
-    Positions along fixed axes; of a clamp what its tangent has across its direction.
+    Positions along fixed axes; for a clamp the components of r' normal to its tangent.
     """
     n = len(knots) - bspline.DEGREE - 1
     rows, places = [np.zeros(3 * n)], [0.0]
@@ -154,7 +154,7 @@ def cable_through(
     across = [axis for axis in range(3) if axis not in model.axes]
     plane = model.rest[across]
     if not np.any(np.abs(frames[..., across] - plane) > IN_PLANE * spline.length):
-        # What the solution leaves the plane by is rounding.
+        # The distance of the solution from the plane is round-off.
         curve[:, across], rates[:, across] = plane, 0.0
     return curve, rates
 
@@ -192,7 +192,7 @@ def _fitted(
 
 
 def _frames(points: ArrayLike, times: ArrayLike | None) -> tuple[Array, Array]:
-    """Points (F, M, 3) with NaN for what is missing, and their times (F,)."""
+    """Points, shape (F, M, 3), NaN where missing, and their times [s], shape (F,)."""
     try:
         frames = np.asarray(points, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -214,7 +214,7 @@ def _frames(points: ArrayLike, times: ArrayLike | None) -> tuple[Array, Array]:
 
 
 def _check_extent(points: Array, length: float) -> None:
-    """Refuse points (M, 3) that cannot be of one cable; some of them may be spikes."""
+    """Refuse points (M, 3) that do not fit the length; the median tolerates spikes."""
     distance = float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
     least, most = WITHIN
     if not least * length <= distance <= most * length:
@@ -225,8 +225,8 @@ def _check_extent(points: Array, length: float) -> None:
 
 
 def _at_zero(frames: Array, times: Array) -> tuple[Array, Array]:
-    """Positions and velocities (M, 3) at time 0, of lines or parabolas through each point's frames;
-    a frame that lies apart counts little. NaN where too few frames are known.
+    """Positions and velocities at time 0, each (M, 3), from a line or parabola fitted to the frames
+    of each point; outliers have low weights. NaN where too few frames are known.
     """
     place, speed = np.full((2, *frames.shape[1:]), np.nan)
     for m in range(frames.shape[1]):
@@ -247,8 +247,8 @@ def _at_zero(frames: Array, times: Array) -> tuple[Array, Array]:
 
 
 def _found(spline: _Spline, scene: Scene, points: Array) -> Array:
-    """Material coordinates of points in their order along the cable: by the distance along them,
-    then by projection onto the curve.
+    """Material coordinates of points in their order along the cable: from the distances between
+    them, then by projection onto the curve.
     """
     held = {name: any(end.fixed) for name, end in scene.ends.items()}
     chain = [spline.held[:1]] * held["start"] + [points] + [spline.held[-1:]] * held["end"]
@@ -270,10 +270,10 @@ def _found(spline: _Spline, scene: Scene, points: Array) -> Array:
 
 
 def _no_spikes(spline: _Spline, u: Array, values: Array, still: bool = False) -> Mask:
-    """Which points are no spikes: each spike is far from what the others predict, and without the
-    spikes no other point is nearly as far.
+    """Mask of the points that are no spikes, shape (len(u),).
 
-    `still`: values are velocities, to which nothing is held.
+    Each spike is far from the prediction of the others, and without the spikes no other point is
+    nearly as far. `still`: values are velocities, for which there are no constraints.
     """
     good = np.ones(len(u), dtype=bool)
     least = CLEAR * spline.length
@@ -291,10 +291,10 @@ def _no_spikes(spline: _Spline, u: Array, values: Array, still: bool = False) ->
 
 
 def _to_prediction(spline: _Spline, u: Array, values: Array, still: bool) -> Array:
-    """Distance of each point to the curve of no particular length through the others.
+    """Distance of each point from the curve, of any length, through the others.
 
-    Leaving a point out of a linear fit changes its distance d to d / (1 - h), with h the influence
-    of the point on its own fit.
+    Omitting a point from a linear fit changes its distance d to d / (1 - h), where h is the
+    influence of the point on its own fit.
     """
     rows, right = spline.fitting(u, values)
     free = np.eye(spline.held.size) if still else spline.free

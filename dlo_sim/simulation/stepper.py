@@ -1,4 +1,4 @@
-"""Choosing and calling the compiled loop of a scene's method: one class a family."""
+"""Selects and calls the compiled loop of a scene's method."""
 
 from __future__ import annotations
 
@@ -17,21 +17,24 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.selection import Choice
 
 Array = NDArray[np.float64]
-Moments = tuple[Array, Array]
-GUARD_STEPS = 16  # explicit steps between two looks at the energy
+NaturalAlong = tuple[Array, Array]
+"""What `simulation.following.natural_along` returns."""
+GUARD_STEPS = 16  # explicit steps between two checks of the energy
 
 
 class Loop(Protocol):
-    """What a family of methods does with a cable: whole steps."""
+    """The time loop of a family of methods."""
 
     def __call__(
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
-        """(status, steps done, force evaluations or Newton iterations)."""
+        """Take steps of `tau` [s]; returns (status, steps done, force evaluations or Newton
+        iterations).
+        """
 
 
 class _Explicit:
-    """A loop that looks at the energy every GUARD_STEPS steps."""
+    """A loop that checks the energy every GUARD_STEPS steps."""
 
     def __init__(self, loop: Any, *own: Any) -> None:
         self._loop, self._own = loop, own
@@ -47,7 +50,7 @@ class _Explicit:
 
 
 class _Implicit:
-    """A loop that looks at the energy after every step."""
+    """A loop that checks the energy after every step."""
 
     def __init__(self, method: Method, scene: Scene) -> None:
         constants = alpha_constants(method, scene.integrator.spectral_radius)
@@ -75,9 +78,9 @@ class _Implicit:
         tau: float,
         recorder: Recorder,
         motions: Array,
-        natural: Moments,
+        natural: NaturalAlong,
     ) -> tuple[int, int, int]:
-        """The same, each step with motions of its own (`methods.implicit_along`)."""
+        """The same with separate motions for every step (`methods.implicit_along`)."""
         return advance_along.code(
             implicit.advance_implicit.code,
             *(cable.arrays, implicit.engine_of(cable.terms).code),
@@ -110,30 +113,34 @@ class Stepper:
         self._loop = _loop(choice.method, scene)
 
     def looked_at(self, step: int) -> bool:
-        """Whether the loop compares the energy of the state after so many steps."""
+        """Whether the loop checks the energy after step number `step`."""
         return self.family == IMPLICIT or step % GUARD_STEPS == 0
 
     def jump(self, cable: Cable, ends: EndDrive, time: float) -> None:
-        """Let ends that were put elsewhere be there now. Implicit steps account for that exactly,
-        and constraints need a step to follow.
+        """Move the cable at once to ends that were set to new poses.
+
+        Only explicit methods without constraints need it: implicit steps account for the jump
+        exactly, and constraints need a step to follow.
         """
         if self.family in (SPLITTING, RUNGE_KUTTA, ZHAI):
             cable.jump(time, lambda points: ends.put(points, time))
 
     def last_look(self, step: int) -> int:
-        """The last such state up to there."""
+        """The last step up to `step` after which the loop checks the energy."""
         return step if self.family == IMPLICIT else step - step % GUARD_STEPS
 
     def until_look(self, step: int) -> int:
-        """Steps from there to the next such state."""
+        """Number of explicit steps from `step` to the next check of the energy."""
         return GUARD_STEPS - step % GUARD_STEPS
 
     def advance_along(
-        self, cable: Cable, first: int, recorder: Recorder, motions: Array, natural: Moments
+        self, cable: Cable, first: int, recorder: Recorder, motions: Array, natural: NaturalAlong
     ) -> tuple[int, int, int]:
-        """As `advance`, with motions of the grasps for every step, shape (steps, grasps,
-        MOTION_SIZE), and `natural`: moments and axes of `simulation.following`.
-        Only implicit methods can.
+        """As `advance`, with separate motions for every step; implicit methods only.
+
+        Args:
+            motions: of the grasps, shape (steps, grasps, MOTION_SIZE).
+            natural: from `simulation.following.natural_along`.
         """
         assert isinstance(self._loop, _Implicit)
         return self._loop.along(cable, first, self.step, recorder, motions, natural)
@@ -141,9 +148,9 @@ class Stepper:
     def advance(
         self, cable: Cable, first: int, steps: int, recorder: Recorder, finer: int = 1
     ) -> tuple[int, int, int]:
-        """(status, steps done, force evaluations or Newton iterations).
+        """Advance; returns (status, steps done, force evaluations or Newton iterations).
 
-        Every step is done in so many parts as `finer` says, of which the steps done are counted.
+        Every step is divided into `finer` smaller ones; steps done counts the smaller ones.
         """
         return self._loop(cable, first * finer, steps * finer, self.step / finer, recorder)
 
@@ -153,8 +160,8 @@ def alpha_constants(method: Method, spectral_radius: float) -> np.ndarray:
 
     theta = 1 - alpha_f, mass weight = alpha_m, beta and gamma of Newmark's formulas, and
     inertia = (1 - alpha_m) / beta. Generalised-alpha: second order, with the given spectral radius
-    at infinite frequency (Chung & Hulbert 1993, eqs. 25 and 17). theta = 1/2 means the midpoint
-    family and nothing else counts.
+    at infinite frequency (Chung & Hulbert 1993, eqs. 25 and 17). For the midpoint family
+    theta = 1/2, and the other constants are not used.
     """
     if method.name != "generalized_alpha":
         return np.array([0.5, 0.5, 0.25, 0.5, 2.0])
@@ -166,7 +173,7 @@ def alpha_constants(method: Method, spectral_radius: float) -> np.ndarray:
 
 
 def _butcher_table(method: Method) -> tuple[np.ndarray, np.ndarray]:
-    """Rows a_ij and, last, b_j, shape (s + 1, s), and the times c_i of the stages."""
+    """Rows a_ij, followed by the row b_j, shape (s + 1, s), and the nodes c_i of the stages."""
     stages = len(method.stage_weights)
     table = np.zeros((stages + 1, stages))
     for i, row in enumerate((*method.stage_matrix, method.stage_weights)):

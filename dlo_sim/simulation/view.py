@@ -1,4 +1,4 @@
-"""What can be seen of a running cable: shape, motion, energies, reactions; all of it unchanged."""
+"""Read access to a running cable: shape, motion, energies, reactions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
 class CableView:
-    """The visible side of `Simulator`, which fills in the attributes.
+    """The read-only part of `Simulator`, which sets the attributes.
 
     Attributes:
         scene: what is simulated. cable: its arrays. choice: method, step and the reason for them.
@@ -81,15 +81,15 @@ class CableView:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What switched-off terms take away from a scene that needs them, and what the model does
-        not show of its present state, one line each.
+        """What is missing because of terms that the scene needs but are switched off, and what the
+        model cannot show in its present state, one line each.
         """
         coiling = coiling_warning(self.scene, self.cable)
         return (*self._needs.warnings, *([coiling] if coiling else []))
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Terms that it does not contain, with the reason."""
+        """Terms that the step does not contain, with the reason."""
         return dict(self._needs.left_out)
 
     # -- state ----------------------------------------------------------------------------------
@@ -106,25 +106,26 @@ class CableView:
 
     @property
     def greville(self) -> Array:
-        """Material coordinate [m] that belongs to each control point, shape (n_u,)."""
+        """Material coordinate [m] of each control point (Greville abscissa), shape (n_u,)."""
         return self._greville.copy()
 
     def centerline(self, u: ArrayLike) -> Array:
         """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3).
 
         Raises:
-            TypeError, ValueError: not a list of such numbers.
+            TypeError, ValueError: not such numbers.
         """
         columns, values, _ = self._basis(_coordinates(u))
         points = self.control_points[:, :3].take(columns, axis=0)
         return np.einsum("mk,mkd->md", values, points)
 
     def tension(self, u: ArrayLike) -> Array:
-        """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), linear between the means of
-        the knot spans; negative where the cable is pushed together. Damping is not in it.
+        """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
+
+        Interpolated linearly between the means of the knot spans; negative under compression.
 
         Raises:
-            TypeError, ValueError: as `centerline`; the scene's tension is not known from its shape.
+            TypeError, ValueError: as `centerline`; the shape does not determine the tension.
         """
         if self.scene.without_tension:
             raise ValueError(f"tension: {self.scene.without_tension}")
@@ -151,11 +152,11 @@ class CableView:
         return poses[:, 3:]
 
     def control_poses(self, out: Array) -> None:
-        """Into out, shape (n_u, 7): every control point [m] with the material frame at its material
-        coordinate, quaternion x, y, z, w.
+        """Write into out, shape (n_u, 7), every control point [m] with the material frame at its
+        material coordinate, quaternion x, y, z, w.
 
         Raises:
-            TypeError: not such an array of doubles.
+            TypeError: out is not such an array of doubles, contiguous and writeable.
         """
         shape = self.model.n, 7
         fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
@@ -179,7 +180,7 @@ class CableView:
 
     @property
     def undefined_torsion(self) -> UndefinedTorsion:
-        """Where the Frenet torsion was undefined in the run so far."""
+        """At how many samples the Frenet torsion was undefined in the run so far."""
         if not self.model.has(layout.TORSION):
             return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
         entry = self.cable.entry
@@ -198,7 +199,7 @@ class CableView:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the results should know, one line each."""
+        """Remarks for readers of the results, one line each."""
         torsion = self.undefined_torsion
         return (*self.warnings, *([torsion.note] if torsion.worst else []))
 
@@ -217,11 +218,13 @@ class CableView:
         return self._ends.pose(end, self.time)
 
     def path(self, name: str, given: ArrayLike, count: int) -> Array:
-        """Poses (count, 7) that somebody gives an end effector, or two points (count, 2, 3), as
-        poses.
+        """Check poses (count, 7), or pairs of points (count, 2, 3), of an end effector.
+
+        Returns:
+            Poses, shape (count, 7).
 
         Raises:
-            TypeError, ValueError: no end effector, or `following.checked_poses`.
+            TypeError, ValueError: no such end effector, or as `following.checked_poses`.
         """
         orientation = self.end_pose(known_holder(self.scene, name))[1]
         tangent = self._geometries[name].tangent
@@ -230,14 +233,14 @@ class CableView:
     def reaction(self, end: str) -> tuple[Array, Array]:
         """Force [N] and moment [N m] ON THE CABLE BY the end effector, world frame, each (3,).
 
-        The moment is about the attachment point; it is zero where neither a clamp nor a
-        spring holds the direction. The inertia and weight of the end's point mass are included.
+        The moment is about the attachment point; it is zero if neither a clamp nor a spring holds
+        the direction. The inertia and weight of the end's point mass are included.
         """
         wrench = np.array(self.reaction_wrench(end))
         return wrench[:3], wrench[3:]
 
     def reaction_wrench(self, end: str) -> tuple[float, ...]:
-        """`reaction` as six plain numbers: force, then moment."""
+        """`reaction` as six floats: force, then moment."""
         number = list(self.scene.holders).index(known_holder(self.scene, end))
         keeps_length = self._stepper.family == CONSTRAINED
         return tuple(reaction(self.cable, self.time, number, keeps_length).tolist())
@@ -245,7 +248,9 @@ class CableView:
     # -- inside ---------------------------------------------------------------------------------
 
     def _basis(self, u: Array) -> Basis:
-        """Active control points (m, 4), basis values and derivatives at u; kept for reuse."""
+        """Indices of the active control points, basis values and derivatives at u, each (m, 4);
+        cached.
+        """
         key = u.tobytes()
         table = self._bases.get(key)
         if table is None:
@@ -258,10 +263,12 @@ class CableView:
         return table
 
     def _frame_reference(self) -> Array:
-        """A vector that the second axis of the material frame follows at the start."""
+        """World vector, fixed in the start's end effector, that defines the second axis of the
+        material frame at the start.
+        """
         return self._ends.turned("start", self.time, self._frame_axis)
 
 
 def _coordinates(u: ArrayLike) -> Array:
-    """Material coordinates that somebody gives."""
+    """Material coordinates given by a caller, checked to be numbers."""
     return arguments.numbers("u", u, (None,), "m, from 0 to the length")
