@@ -4,6 +4,12 @@ It evaluates t = r' and k = r'' at each sample, the derivatives of the energy de
 and adds them up on the control points. The same code serves planar and spatial cables, and one
 cable or eight side by side.
 
+The densities depend on c = t . t, d = t . k and h = k . k only. On a span t = A + B xi + C xi^2, so
+these are polynomials in xi whose coefficients are the inner products of A, B and C; the gradient
+with respect to A, B, C is a symmetric 3 x 3 matrix times (A, B, C), the same for every line. Forces
+therefore need no loop over the lines at a sample (eight planar cables of 9 control points and 101
+samples, Forest-Ruth: 12 instead of 17 us per step).
+
 Stretching by span (bit SPAN_STRETCH) avoids membrane locking: a bent span cannot have |r'| = 1 at
 all of its samples, so with EA/EI of a thin cable the sampled stretching energy would suppress
 bending. The axial strain is therefore projected onto constants, and onto linear functions in the
@@ -190,6 +196,57 @@ def span_strains(shape, model, block, p):
 
 
 @part
+def products(p):
+    """Inner products A.A, A.B, A.C, B.B, B.C, C.C of the coefficients of r'."""
+    a, b, c = (
+        (p[0][0], p[1][0], p[2][0]),
+        (p[0][1], p[1][1], p[2][1]),
+        (p[0][2], p[1][2], p[2][2]),
+    )
+    return dot(a, a), dot(a, b), dot(a, c), dot(b, b), dot(b, c), dot(c, c)
+
+
+@part
+def invariants_at(inner, xi, slope):
+    """c, d, h at a local coordinate, from the inner products."""
+    aa, ab, ac, bb, bc, cc = inner
+    middle = bb + 2.0 * ac
+    return (
+        aa + xi * (2.0 * ab + xi * (middle + xi * (2.0 * bc + xi * cc))),
+        slope * (ab + xi * (middle + xi * (3.0 * bc + xi * (2.0 * cc)))),
+        slope * slope * (bb + xi * (4.0 * bc + xi * (4.0 * cc))),
+    )
+
+
+@part
+def add_invariants(g, on_c, on_d, on_h, xi):
+    """g + matrix of one sample: entries AA, AB, AC, BB, BC, CC. Its gradient is on_c by c / 2, and
+    (times d xi/du, and its square) on_d by d and on_h by h / 2.
+    """
+    f = xi * on_d
+    b = xi * on_c + on_d
+    c = xi * (b + on_d)
+    return (
+        g[0] + on_c,
+        g[1] + b,
+        g[2] + c,
+        g[3] + (c + on_h),
+        g[4] + xi * (c + f + 2.0 * on_h),
+        g[5] + xi * xi * (c + 2.0 * f + 4.0 * on_h),
+    )
+
+
+@part
+def times(g, p):
+    """Gradient with respect to A, B, C of one line: the matrix of `add_invariants` times them."""
+    return (
+        g[0] * p[0] + g[1] * p[1] + g[2] * p[2],
+        g[1] * p[0] + g[3] * p[1] + g[4] * p[2],
+        g[2] * p[0] + g[4] * p[1] + g[5] * p[2],
+    )
+
+
+@part
 def elastic_force(shape, model, x, out):
     """out -= dU/dq of stretching and bending."""
     terms = shape[layout.TERMS]
@@ -207,29 +264,24 @@ def elastic_force(shape, model, x, out):
         if terms & layout.SPAN_STRETCH:
             mean, linear = span_strains(shape, model, block, p)
             linear = linear * load(model, block + layout.LINEAR * LANES)
-        g0 = g1 = g2 = (zero(), zero(), zero())
+        inner = products(p)
+        g = (zero(), zero(), zero(), zero(), zero(), zero())
         for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
             xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
-            t, k = tangent_at(p, xi), bending_at(p, xi, s)
-            c = dot(t, t)
+            c, d, h = invariants_at(inner, xi, s)
             on_c, on_d, on_h = zero(), zero(), zero()
             if terms & layout.STRETCH:
-                on_c += stretch.gradient(axial, c, stretch.strain(c))
+                on_c += stretch.gradient(axial, c)
             if terms & layout.SPAN_STRETCH:
-                on_c += stretch.gradient(axial, c, mean + xi * linear)
+                on_c += stretch.projected_gradient(axial, c, mean + xi * linear)
             if terms & layout.BEND:
-                more = bend.gradient(bending, c, dot(t, k), dot(k, k))
+                more = bend.gradient(bending, c, d, h)
                 on_c += more[0]
-                on_d += more[1]
-                on_h += more[2]
-            on_c, on_d, on_h = 2.0 * w * on_c, w * on_d, 2.0 * w * on_h
-            t0, k0 = on_c * t[0] + on_d * k[0], on_h * k[0] + on_d * t[0]
-            t1, k1 = on_c * t[1] + on_d * k[1], on_h * k[1] + on_d * t[1]
-            t2, k2 = on_c * t[2] + on_d * k[2], on_h * k[2] + on_d * t[2]
-            g0 = add_sample(g0, t0, s * k0, xi)
-            g1 = add_sample(g1, t1, s * k1, xi)
-            g2 = add_sample(g2, t2, s * k2, xi)
+                on_d += s * more[1]
+                on_h += s * s * more[2]
+            g = add_invariants(g, 2.0 * w * on_c, w * on_d, 2.0 * w * on_h, xi)
+        g0, g1, g2 = times(g, p[0]), times(g, p[1]), times(g, p[2])
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
 
 

@@ -20,9 +20,15 @@ def energy(stiffness, c):
 
 
 @part
-def gradient(stiffness, c, counted):
-    """EA eps d eps/dc with eps = `counted`, the local or the projected strain (see `elastic`)."""
-    return 0.5 * stiffness * counted / root(c)
+def gradient(stiffness, c):
+    """EA eps d eps/dc, without cancellation near 1."""
+    return 0.5 * stiffness * (c - 1.0) / (c + root(c))
+
+
+@part
+def projected_gradient(stiffness, c, strain):
+    """The same with a projected strain (see `elastic`)."""
+    return 0.5 * stiffness * strain / root(c)
 
 
 @part
