@@ -71,6 +71,28 @@ def test_thinning_is_told_from_damping(thinning):
     assert found.scene.damping.thinning == pytest.approx(thinning, rel=0.2, abs=3e-3)
 
 
+SLIP = {"plasticity.yield_curvature": 1.0, "plasticity.hardening": 0.4}
+
+
+def test_slip_is_told_from_stiffness_and_damping():
+    """Small motion is stiff, large motion soft; the start is an elastic cable."""
+    truth = {**TRUTH, **SLIP, "cable.bending_stiffness": 4e-3, "damping.stiffness": 0.02}
+    pieces = [recorded(truth, seed, amount, noise=2e-4) for seed, amount in enumerate((0.3, 1.0))]
+    found, said = identified(pieces, ("cable.bending_stiffness", "damping.stiffness", *SLIP))
+    assert not said
+    assert found.scene.cable.bending_stiffness == pytest.approx(4e-3, rel=0.1)
+    assert found.scene.plasticity.yield_curvature == pytest.approx(1.0, rel=0.1)
+    assert found.scene.plasticity.hardening == pytest.approx(0.4, abs=0.04)
+    # What slipped before the first frame is not measured, and friction keeps it.
+    assert found.scores["training pieces"].distance < 3e-3
+
+
+def test_an_elastic_cable_is_found_hardly_to_slip(moving):
+    found, _ = identified(moving, ("cable.bending_stiffness", *SLIP))
+    assert found.scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.05)
+    assert found.scores["training pieces"].distance < 3e-3
+
+
 def test_a_number_that_is_left_stays_where_thinning_joins(moving):
     """A cable at rest tells no damping; the grid of thinnings must not change it."""
     still = recorded(TRUTH, amount=0.0, noise=2e-4)
