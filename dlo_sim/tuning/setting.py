@@ -32,6 +32,7 @@ class Setting:
         step: tau [s]; 0 = what suits accuracy.target, at most 0.9 of the stability limit.
         stretch: discretization.stretch, sample or span. knots: discretization.knots.
         off: terms that are switched off although they are in the scene.
+        tolerance: integrator.tolerance; None = the scene's.
     """
 
     method: str
@@ -42,11 +43,14 @@ class Setting:
     stretch: str = "sample"
     knots: str = "uniform"
     off: tuple[str, ...] = ()
+    tolerance: float | None = None
 
     @property
     def values(self) -> dict[str, object]:
         """The scene's keys that this setting decides, and their values."""
         decided = {key: getattr(self, name) for name, key in KEYS.items()}
+        if self.tolerance is not None:
+            decided["integrator.tolerance"] = self.tolerance
         return decided | {f"terms.{name}": "off" for name in self.off}
 
     def applied(self, scene: Scene) -> Scene:
@@ -68,7 +72,8 @@ class Setting:
         may_grade = implicit and self.quadrature == "gauss"
         graded = ", knots auto" if self.knots == "auto" and may_grade else ""
         points = f"{self.samples} points {rule}{by}{graded}"
-        return f"{self.method}, n_u {self.control_points}, {points}, {step}{without}"
+        loose = "" if self.tolerance is None else f", tolerance {self.tolerance:g}"
+        return f"{self.method}, n_u {self.control_points}, {points}, {step}{loose}{without}"
 
 
 def present_setting(scene: Scene) -> Setting:
