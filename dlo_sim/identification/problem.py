@@ -76,6 +76,8 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
         Unknown("cable.torsional_stiffness", 1.0, 6.0, log=True, least=1e-4 * mu, stage=twisting),
         Unknown("damping.stiffness", 1.0, 6.0, log=True, least=0.03),
         Unknown("damping.air_drag", 0.2 * mu, 5.0 * mu, least=0.0),
+        Unknown(YIELD, 1.0, 4.0, log=True, extra=True),
+        Unknown(HARDENING, 0.2, 1.0, least=0.0, most=ELASTIC, extra=True),
     )
     if not markers:
         return (
@@ -87,8 +89,6 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
         *material,
         Unknown("cable.length", 0.02 * length, 0.1 * length),
         Unknown("damping.thinning", 0.03, 1.0, least=0.0, stage=2, extra=True),
-        Unknown(YIELD, 1.0, 4.0, log=True, extra=True),
-        Unknown(HARDENING, 0.2, 1.0, least=0.0, most=ELASTIC, extra=True),
         *(
             Unknown("cable.rest_curvature", 2.0 / length, 20.0 / length, at=k, stage=1)
             for k in range(POINTS)
