@@ -42,8 +42,9 @@ TRUTH = types.boolean
 COUNTS = types.UniTuple(types.int64, 3)
 YES, NO = np.bool_(True), np.bool_(False)  # literal True makes numba compile another specialisation
 
-# Issued wherever functions of a fixed signature are arguments, at run time too.
-warnings.filterwarnings("ignore", "First-class function", NumbaExperimentalFeatureWarning)
+# Issued wherever functions of a fixed signature are arguments, at run time too; with colorama installed
+# the message begins with a colour.
+warnings.filterwarnings("ignore", ".*First-class function", NumbaExperimentalFeatureWarning)
 
 part: Callable[[F], F] = njit(**_OPTIONS)
 
