@@ -42,8 +42,8 @@ TRUTH = types.boolean
 COUNTS = types.UniTuple(types.int64, 3)
 YES, NO = np.bool_(True), np.bool_(False)  # literal True makes numba compile another specialisation
 
-# Issued wherever functions of a fixed signature are arguments, at run time too; with colorama installed
-# the message begins with a colour.
+# Issued wherever functions of a fixed signature are arguments, at run time too; in colour where
+# colorama is installed.
 warnings.filterwarnings("ignore", ".*First-class function", NumbaExperimentalFeatureWarning)
 
 part: Callable[[F], F] = njit(**_OPTIONS)
