@@ -116,10 +116,11 @@ class CableInputs(CableView):
         rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
         cable.settle(self.time)
         before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
+        lost = cable.entry(layout.DISSIPATED)
         self._ends.take_frame_turns(cable.frame_turn)
         self._ends.put(points, self.time)
         cable.put(points, rates, self.time, follow=True)
-        work = cable.present_energy() - before
+        work = cable.present_energy() - before + cable.entry(layout.DISSIPATED) - lost
         if not math.isfinite(work):
             cable.state[:], cable.inputs[:] = kept
             raise ValueError(

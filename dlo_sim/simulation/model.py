@@ -138,7 +138,7 @@ class Model:
         """Rows of every quadrature point in a state, a copy of shape (spans, samples, rows)."""
         at, counts = int(self.shape[offset]), self.counts
         values = state[at : at + counts.blocks * counts.samples * rows * LANES]
-        return from_blocks(values, len(self.rule.xi)).reshape(-1, counts.samples, rows)
+        return from_blocks(values.copy(), len(self.rule.xi)).reshape(-1, counts.samples, rows)
 
     def put_samples(self, state: Array, offset: int, values: Array) -> None:
         """Write the rows of every quadrature point, shape (spans, samples, rows)."""

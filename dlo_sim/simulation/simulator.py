@@ -365,6 +365,7 @@ class Simulator(CableInputs):
         carry_samples(other.cable, self.cable)
         if self._lays_natural_shape and not self._has_natural_shape_of(other):
             self._lay_natural_shape()
+        self.cable.flow()
         for grasp in taking:
             self.take(grasp)
         self.cable.open_account(self.scene)

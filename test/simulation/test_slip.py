@@ -159,3 +159,34 @@ def test_a_reconfigured_cable_keeps_its_slip():
     elastic = sim.reconfigured(sim.scene.with_values({"plasticity.yield_curvature": 0.0}))
     elastic.advance(8.0)
     assert curvature_of(elastic) == pytest.approx(NATURAL, rel=0.02)
+
+
+def test_account_is_closed_after_a_correction_that_bends_the_cable():
+    """What slips at once is lost, and is part of the work."""
+    sim = simulator(SETTLING, BENT, STRANDS)
+    shift = np.zeros((len(sim.control_points), 3))
+    shift[:, 2] = 0.2 * sim.greville**2
+    sim.correct(shift, 0.0 * shift)
+    assert sim.plastic_work > 1e-3
+    assert sim.advance(0.1).status.ok
+    assert sim.energy_error < 1e-6
+
+
+@pytest.mark.parametrize("change", [{"plasticity.hardening": 0.2}, {"cable.rest_curvature": [0.0]}])
+@pytest.mark.parametrize("strands", [STRANDS, {}], ids=["slipping", "elastic"])
+def test_account_is_closed_after_a_change_of_the_strands(strands, change):
+    """Slip from the change is before the account opens."""
+    sim = simulator(SETTLING, BENT, strands, FALLING)
+    sim.advance(0.4)
+    other = sim.reconfigured(sim.scene.with_values(STRANDS | change))
+    assert other.advance(0.2).status.ok
+    assert other.energy_error < 1e-6
+
+
+@pytest.mark.parametrize("n", [8, 14])
+def test_a_simulator_is_unchanged_after_another_takes_it_over(n):
+    """Also where the samples of a short cable lie in one block of the state."""
+    sim = simulator(SETTLING, BENT, STRANDS, {"terms.twist": "quasistatic"}, n=n)
+    before = sim.cable.state.copy()
+    sim.reconfigured(sim.scene.with_values({"damping.mass": 2.0}))
+    assert np.array_equal(sim.cable.state, before)
