@@ -94,7 +94,7 @@ class Bench:
         self.cable.point_grasps(0.0)
         if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
             natural = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
-            rows = weighted(self.scene, self.model, natural)
+            rows = weighted(self.model, natural)
             rows = turned_rows(rows, np.eye(3), self.model.axes)
             self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 

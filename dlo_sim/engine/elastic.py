@@ -1,7 +1,7 @@
 """Assembly of stretching and bending: a loop over the samples of every span, eight spans at a time.
 
-It evaluates t = r' and k = r'' at each sample, the derivatives of the energy densities (`terms`),
-and adds them up on the control points. The same code serves planar and spatial cables, and one
+It evaluates the energy densities (`terms`) or their derivatives at each sample and adds them up on
+the control points. The same code serves planar and spatial cables, and one
 cable or eight side by side.
 
 The densities depend on c = t . t, d = t . k and h = k . k only. On a span t = A + B xi + C xi^2, so
@@ -220,24 +220,24 @@ def invariants_at(inner, xi, slope):
 
 @part
 def add_invariants(g, on_c, on_d, on_h, xi):
-    """g + matrix of one sample: entries AA, AB, AC, BB, BC, CC. Its gradient is on_c by c / 2, and
-    (times d xi/du, and its square) on_d by d and on_h by h / 2.
+    """g plus the matrix (AA, AB, AC, BB, BC, CC) of one sample. on_c, on_d, on_h: its weight times
+    2 dU/dc, s dU/dd and 2 s^2 dU/dh, s = d xi/du.
     """
     f = xi * on_d
-    b = xi * on_c + on_d
-    c = xi * (b + on_d)
+    ab = xi * on_c + on_d
+    ac = xi * (ab + on_d)
     return (
         g[0] + on_c,
-        g[1] + b,
-        g[2] + c,
-        g[3] + (c + on_h),
-        g[4] + xi * (c + f + 2.0 * on_h),
-        g[5] + xi * xi * (c + 2.0 * f + 4.0 * on_h),
+        g[1] + ab,
+        g[2] + ac,
+        g[3] + (ac + on_h),
+        g[4] + xi * (ac + f + 2.0 * on_h),
+        g[5] + xi * xi * (ac + 2.0 * f + 4.0 * on_h),
     )
 
 
 @part
-def times(g, p):
+def matrix_times(g, p):
     """Gradient with respect to A, B, C of one line: the matrix of `add_invariants` times them."""
     return (
         g[0] * p[0] + g[1] * p[1] + g[2] * p[2],
@@ -281,7 +281,7 @@ def elastic_force(shape, model, x, out):
                 on_d += s * more[1]
                 on_h += s * s * more[2]
             g = add_invariants(g, 2.0 * w * on_c, w * on_d, 2.0 * w * on_h, xi)
-        g0, g1, g2 = times(g, p[0]), times(g, p[1]), times(g, p[2])
+        g0, g1, g2 = matrix_times(g, p[0]), matrix_times(g, p[1]), matrix_times(g, p[2])
         scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
 
 

@@ -56,13 +56,18 @@ def moment_weight(shape, model, b, j):
 
 
 @part
+def natural_with(shape, model, state, b, j, p):
+    """Natural curvature plus p of sample j of block b, times quadrature weight and EI."""
+    return combined(1.0, three(state, rows_of(shape, b, j)), moment_weight(shape, model, b, j), p)
+
+
+@part
 def natural_at(shape, model, state, b, j):
     """Natural plus plastic curvature of sample j of block b, times quadrature weight and EI."""
-    n = three(state, rows_of(shape, b, j))
     if shape[layout.TERMS] & layout.PLASTICITY:
         p = three(state, plastic_rows_of(shape, b, j))
-        n = combined(1.0, n, moment_weight(shape, model, b, j), p)
-    return n
+        return natural_with(shape, model, state, b, j, p)
+    return three(state, rows_of(shape, b, j))
 
 
 @part
@@ -116,14 +121,14 @@ def natural_force(shape, model, state, x0, x1, turn, push, out):
             ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
             tb, kb = tangent_at(q, xi), bending_at(q, xi, s)
             t, k = combined(0.5, ta, 0.5, tb), combined(0.5, ka, 0.5, kb)
-            n0 = natural_at(shape, model, state, b, j)
+            n0 = three(state, rows_of(shape, b, j))
             if shape[layout.TERMS] & layout.PLASTICITY:
                 kappa = curvature(tb, kb)
                 if follows:
                     turned = integrated(1.0 / s, angle1, xi)
                     kappa = curvature_before(tangent_at(r, xi), tb, kb, turned)
-                slip = slipping(shape, model, state, b, j, kappa)
-                n0 = combined(1.0, n0, moment_weight(shape, model, b, j), slip)
+                plastic = slipping(shape, model, state, b, j, kappa)
+                n0 = natural_with(shape, model, state, b, j, plastic)
             n1 = n0
             on_t = (zero(), zero(), zero())
             on_angle = zero()

@@ -4,9 +4,9 @@ With the curvature vector kappa = C / |t|^3 (C = t x k, t = r', k = r'') and the
 p the stored energy per rest length is EI/2 |kappa - p|^2 + H/2 |p|^2. Of this, EI/2 |kappa|^2 is
 the bending term, - EI kappa.p is in `engine.natural_curvature`, and (EI + H)/2 |p|^2 is here. The
 flow rule (rate independent, linear kinematic hardening, return mapping) is applied at the end of
-each step. The forces of an implicit step contain half of its flow (`engine.slip`): it only removes
-energy, and the error is of second order but for the instants at which flow begins or ends. With
-explicit methods p is constant within a step: first order.
+each step. The forces of an energy-momentum step contain half of its flow (`engine.slip`): it only
+removes energy, and the error is of second order but for the instants at which flow begins or ends.
+With explicit methods p is constant within a step: first order.
 
 With h = H / (EI + H) this is an elastic stiffness h EI beside strands of stiffness (1 - h) EI that
 rub: they slip where the curvature is more than the yield curvature from p / (1 - h) (Masing, 1926).
@@ -35,6 +35,7 @@ from dlo_sim.engine.slip import (
     plastic_rows_of,
     returned,
     slipping,
+    stiffness_and_hardening,
     store_three,
     three,
 )
@@ -47,10 +48,9 @@ from dlo_sim.terms.viscosity import combined
 def energy(shape, model, state, x, out):
     """Add the integral of (EI + H)/2 |p|^2 [J]."""
     sum_ = zero()
-    hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        half = 0.5 * (load(model, block + layout.BENDING * LANES) + hardening)
+        half = 0.5 * stiffness_and_hardening(shape, model, b)
         for j in range(shape[layout.SAMPLES]):
             p = three(state, plastic_rows_of(shape, b, j))
             w = load(model, sample_of(block, j) + layout.QUADRATURE * LANES)
@@ -65,11 +65,11 @@ def plastic_flow(shape, model, inputs, state, scratch):
     they contain, less the change of the stored energy.
     """
     x = shifted(state, shape[layout.X])
-    hardening = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
     lost = zero()
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
         stiffness = load(model, block + layout.BENDING * LANES)
+        whole = stiffness_and_hardening(shape, model, b)
         s = load(model, block + layout.SLOPE * LANES)
         curve_ = curve(shape, model, x, b, 1.0)
         for j in range(shape[layout.SAMPLES]):
@@ -80,12 +80,13 @@ def plastic_flow(shape, model, inputs, state, scratch):
             at = plastic_rows_of(shape, b, j)
             p, kappa_before = three(state, at), three(state, at + CURVATURE)
             moved = combined(1.0, kappa, -1.0, kappa_before)
-            work = -dot(slipping(shape, model, state, b, j, kappa), moved) - dot(p, kappa)
-            # smallest rotation from the old tangent to t, applied to p normal to the old one
+            work = -dot(slipping(shape, model, state, b, j, kappa), moved) - dot(p, kappa_before)
+            # smallest rotation from the old tangent to t, applied to p normal to the old one; both
+            # are t already in the material frame
             h = combined(1.0, three(state, at + TANGENT), 1.0, t)
             after = combined(1.0, p, -2.0 * dot(t, p) / (dot(h, h) + TINY), h)
             after = returned(shape, model, b, kappa, after)
-            stored = 0.5 * (stiffness + hardening) * (dot(after, after) - dot(p, p))
+            stored = 0.5 * whole * (dot(after, after) - dot(p, p))
             lost += w * (stiffness * (work + dot(after, kappa)) - stored)
             store_three(state, at, after)
             store_three(state, at + TANGENT, t)

@@ -1,9 +1,10 @@
 """Plastic curvature at the samples: its rows in the state, and the return mapping.
 
-Within an implicit step the forces contain the mean of the plastic curvature before and after the
-step (`layout.SLIP` is 1/2). With m = EI (kappa - p) - H p, the step then dissipates (m0 + m1)/2 .
+The forces of an energy-momentum step contain the mean of the plastic curvature before and after it
+(`layout.SLIP` is 1/2). With m = EI (kappa - p) - H p, the step then dissipates (m0 + m1)/2 .
 (p1 - p0) per rest length, which is not negative since |m0| <= M_y and p changes along m1 with
-|m1| = M_y. Elsewhere the plastic curvature is constant: `layout.SLIP` is 0.
+|m1| = M_y. The other implicit methods contain the flow up to the configuration at which they
+evaluate forces (1). Elsewhere the plastic curvature is constant (0).
 """
 
 from __future__ import annotations
@@ -49,10 +50,17 @@ def curvature(t, k):
 
 
 @part
+def stiffness_and_hardening(shape, model, b):
+    """EI + H of a block."""
+    ratio = load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
+    return load(model, block_of(shape, b) + layout.BENDING * LANES) * (1.0 + ratio)
+
+
+@part
 def returned(shape, model, b, kappa, p):
     """Plastic curvature after bending to kappa."""
     stiffness = load(model, block_of(shape, b) + layout.BENDING * LANES)
-    whole = stiffness + load(model, shape[layout.SCALES] + layout.HARDENING * LANES)
+    whole = stiffness_and_hardening(shape, model, b)
     m = combined(stiffness, kappa, -whole, p)
     moment = root(dot(m, m))
     over = moment - load(model, shape[layout.SCALES] + layout.YIELD_MOMENT * LANES)
@@ -62,8 +70,7 @@ def returned(shape, model, b, kappa, p):
 
 @part
 def slipping(shape, model, state, b, j, kappa):
-    """Plastic curvature in the forces of a step that ends with kappa, less that at its start."""
+    """Plastic curvature in the forces of a step that ends with kappa."""
     share = state[shape[layout.LEDGER] + layout.SLIP * LANES]
     p = three(state, plastic_rows_of(shape, b, j))
-    after = returned(shape, model, b, kappa, p)
-    return combined(share, after, -share, p)
+    return combined(1.0 - share, p, share, returned(shape, model, b, kappa, p))

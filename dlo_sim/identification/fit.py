@@ -164,11 +164,14 @@ class _Run:
         self, seen: Array, active: Mask, names: Sequence[str], grid: Sequence[tuple[float, ...]]
     ) -> Array:
         """The best of a grid of changes of the named unknowns that are active."""
-        labels = [one.label for one in self.problem.unknowns]
-        places = [k for name in names for k in np.flatnonzero(active) if labels[k] == name]
+        unknowns = self.problem.unknowns
+        ranges = [one.range(at) for one, at in zip(unknowns, self.problem.start(), strict=True)]
         points = [seen.copy() for _ in grid]
         for point, shifts in zip(points, grid, strict=True):
-            point[places] += shifts[: len(places)]
+            shift_of = dict(zip(names, shifts, strict=True))
+            for k in np.flatnonzero(active):
+                shift = shift_of.get(unknowns[k].label, 0.0)
+                point[k] = np.clip(point[k] + shift, *ranges[k]) if shift else point[k]
         return points[int(np.argmin([_cost(error) for error in self._all(points)]))]
 
     def in_proportion(self, seen: Array, joining: Mask) -> Array:

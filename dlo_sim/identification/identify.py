@@ -81,7 +81,15 @@ def identify(
         _check_alone(base)
     pieces = tuple(part.smoothed(base) for one in recordings for part in one.pieces(piece))
     unknowns = _chosen(unknowns_of(base, recordings[0]), keys, asked)
-    if {YIELD, HARDENING} & {one.key for one in unknowns}:
+    fitted = {one.key for one in unknowns}
+    if {YIELD, HARDENING} & fitted:
+        if not base.plasticity.yield_curvature and not {YIELD, HARDENING} <= fitted:
+            raise FitError(
+                f"--fit {min(fitted & {YIELD, HARDENING})}: the scene has no yield curvature; give "
+                f"--fit for both {YIELD} and {HARDENING}, or set {YIELD}"
+            )
+        if base.terms.plasticity == "off":
+            raise FitError(f"--fit {YIELD}: terms.plasticity is off; set it to auto")
         base = plastic(base)
     problem = Problem(base, unknowns, pieces, START_FRAMES)
     away = int(left_out * len(pieces))

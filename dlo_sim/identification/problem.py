@@ -20,7 +20,7 @@ POINTS = 7  # of the natural curvature
 MARKER, FORCE = 0.02, 0.3  # [m], [N], errors beyond which a measurement counts less
 MARKER_NOISE, FORCE_NOISE = 0.1, 0.3  # of these
 YIELD, HARDENING = "plasticity.yield_curvature", "plasticity.hardening"
-ELASTIC = 0.99  # hardening of a cable that is hardly plastic
+ELASTIC = 0.99  # hardening of a cable that is practically elastic
 DELAY, OFFSET = "sensor.delay", "sensor.offset"
 
 
@@ -105,7 +105,7 @@ def unknowns_of(scene: Scene, recording: Recording) -> tuple[Unknown, ...]:
 
 
 def plastic(scene: Scene) -> Scene:
-    """The scene with plastic bending, as good as elastic if it had none, to be fitted."""
+    """The scene with plastic bending; if it had none, with values that leave it almost elastic."""
     if scene.plasticity.yield_curvature:
         return scene
     return scene.with_values({YIELD: 1.0, HARDENING: ELASTIC})

@@ -6,9 +6,10 @@ All three solve a momentum balance for q1, up to reactions of the grasps,
 where f is minus the discrete gradient (`energy_momentum`) or the force at q0 + theta (q1 - q0),
 plus loads and damping there. The midpoint rule and the energy-momentum method have theta = 1/2,
 a = 2 / tau^2, b = 2 / tau, c = 0; `core.methods` has the generalised-alpha constants. Newton's
-method uses the exact Jacobian, except for the dependence of the viscous forces on the geometry. A
-step that does not converge is rejected and repeated in halves, quarters, ... of its length. The
-twist line is always integrated by the midpoint rule (`methods.twist_step`).
+method uses the exact Jacobian, except for the dependence of the viscous forces on the geometry and
+for the plastic flow within the step. A step that does not converge is rejected and repeated in
+halves, quarters, ... of its length. The twist line is always integrated by the midpoint rule
+(`methods.twist_step`).
 
 Where a clamp turns, its reaction acts along its directions at the middle of the step, and its
 constraints hold at the end: symmetric, and exact in the energy account.
@@ -276,7 +277,7 @@ def implicit_step(
             shape, model, inputs, state, scratch, end_twist, constants, newmark,
             t0, tau, whole, lost, dissipates,
         )  # fmt: skip
-        state[ledger + layout.SLIP * LANES] = 0.5
+        state[ledger + layout.SLIP * LANES] = 0.5  # the account takes the mean with all methods
         flow(flows, shape, model, inputs, state, scratch)
     else:
         undo_step(shape, state, scratch)

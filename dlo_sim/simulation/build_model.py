@@ -315,7 +315,7 @@ class _Filling:
             layout.TORSION_FLOOR: scene.curvature_floor**2,
             layout.YIELD_MOMENT: cable.EI * scene.plasticity.yield_curvature,
             # H = EI h / (1 - h) gives the tangent stiffness h EI
-            layout.HARDENING: cable.EI * share / (1.0 - share),
+            layout.HARDENING: share / (1.0 - share),
             layout.SPAN_LENGTH: float(np.diff(bspline.breaks(self._model.knots)).min()),
             layout.ROUND_OFF_AXIAL: cable.EA * cable.length * needs.stretch,
             layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,

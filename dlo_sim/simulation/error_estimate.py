@@ -297,8 +297,10 @@ def _like(original: Simulator) -> dict[str, object]:
 
 
 def _order_in_time(simulator: Simulator) -> int:
-    """The order of the method, or 1 with plastic bending, which is applied once per step."""
-    return 1 if plasticity_wanted(simulator.scene) else simulator.choice.method.order
+    """The order of the method, or 1 for plastic bending with an explicit method."""
+    method = simulator.choice.method
+    stepwise = plasticity_wanted(simulator.scene) and method.family != IMPLICIT
+    return 1 if stepwise else method.order
 
 
 def _finer_in_space(original: Simulator, place: _Place) -> _Finer:

@@ -37,7 +37,7 @@ class CableInputs(CableView):
 
     _load_index: dict[str, int]
     _loop: GuardedLoop
-    _natural: Array  # rows of the natural shape in the frame of the start, if there is one
+    _natural: Array  # rows of the natural shape in the frame of the start
 
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
@@ -196,6 +196,7 @@ class CableInputs(CableView):
         self._ends.live_in(cable.motion)
         self._pull_to_grasps()
         cable.point_grasps(self.time if self._steps else 0.0)
+        self._natural = np.zeros((*model.rule.xi.shape, layout.NATURAL_ROWS))
         if has_natural_shape(self.scene, model):
             self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
         self._turn_natural_shape()
@@ -246,7 +247,7 @@ class CableInputs(CableView):
         follows = self.model.has(layout.MATERIAL)
         if follows or not has_natural_shape(self.scene, self.model):
             return None
-        return weighted(self.scene, self.model, self._natural)
+        return weighted(self.model, self._natural)
 
     def _turn_natural_shape(self) -> None:
         if self._turning is not None:
@@ -257,16 +258,16 @@ class CableInputs(CableView):
     @property
     def _lays_natural_shape(self) -> bool:
         """Whether the natural shape follows the cable, all of it or that of its plastic part."""
-        follows = self.model.has(layout.MATERIAL) or self.model.has(layout.PLASTICITY)
-        return follows and has_natural_shape(self.scene, self.model)
+        return self.model.has(layout.MATERIAL) or self.model.has(layout.PLASTICITY)
 
     def _has_natural_shape_of(self, other: CableInputs) -> bool:
-        """Whether another simulator has the same natural shape, kept in the same way."""
+        """Whether `carry_samples` took over the same natural shape from another simulator."""
         terms = layout.MATERIAL | layout.PLASTICITY
         same_terms = self.cable.terms & terms == other.cable.terms & terms
         scenes = self.scene, other.scene
         shapes = {(scene.cable.natural_shape, scene.cable.rest_curvature_axis) for scene in scenes}
-        return same_terms and len(shapes) == 1 and self.scene.plasticity == other.scene.plasticity
+        shares = self.model.elastic_share, other.model.elastic_share
+        return same_terms and len(shapes) == 1 and (min(shares) > 0.0 or max(shares) == 0.0)
 
     def _lay_natural_shape(self) -> None:
         """The natural shape along the present shape, before any plastic flow."""
@@ -275,13 +276,13 @@ class CableInputs(CableView):
         samples = frames[1:].reshape(*model.rule.xi.shape, 4)
         if model.has(layout.MATERIAL):
             rows = rows_in_frames(self._natural, start, frames[0], samples)
-            of_elastic = weighted(self.scene, model, rows)
+            of_elastic = weighted(model, rows)
             model.put_samples(self.cable.state, layout.NATURAL, of_elastic)
         else:
             rows = turned_rows(self._natural, rotations.to_matrix(start), model.axes)
         if model.has(layout.PLASTICITY):
             tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
-            plastic = unslipped(self.scene, rows, tangents.reshape(*rows.shape[:2], 3))
+            plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
             model.put_samples(self.cable.state, layout.PLASTIC, plastic)
         self.cable.open_frame()
 

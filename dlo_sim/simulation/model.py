@@ -134,6 +134,14 @@ class Model:
         """Bending stiffness times quadrature weight [N m^3], shape (spans, samples, 1)."""
         return np.asarray((self.bending_stiffness[:, None] * self.rule.weights)[..., None])
 
+    @property
+    def elastic_share(self) -> float:
+        """Share of the bending stiffness with the natural curvature: 1, or with plasticity h."""
+        if not self.has(layout.PLASTICITY):
+            return 1.0
+        ratio = self.rows(self.values, layout.SCALES, layout.SCALE_ROWS)[layout.HARDENING, 0]
+        return float(ratio / (1.0 + ratio))
+
     def samples(self, state: Array, offset: int, rows: int) -> Array:
         """Rows of every quadrature point in a state, a copy of shape (spans, samples, rows)."""
         at, counts = int(self.shape[offset]), self.counts

@@ -47,21 +47,21 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
     return np.concatenate([bent, along(cable.rest_twist)], axis=-1)
 
 
-def weighted(scene: Scene, model: Model, rows: Array) -> Array:
+def weighted(model: Model, rows: Array) -> Array:
     """Rows of `layout.NATURAL`: the vectors times quadrature weight and EI; of a plastic cable with
     h EI, the stiffness of its elastic part (`engine.plasticity`).
     """
-    share = scene.plasticity.hardening if model.has(layout.PLASTICITY) else 1.0
-    return np.concatenate([share * model.moment_weights * rows[..., :3], rows[..., 3:]], axis=-1)
+    weights = model.elastic_share * model.moment_weights
+    return np.concatenate([weights * rows[..., :3], rows[..., 3:]], axis=-1)
 
 
-def unslipped(scene: Scene, rows: Array, tangents: Array) -> Array:
+def unslipped(model: Model, rows: Array, tangents: Array) -> Array:
     """Rows of `layout.PLASTIC` before any plastic flow, at no curvature; tangents: unit, shape
     (spans, samples, 3).
     """
     bent = rows[..., :3]
     across = bent - tangents * (tangents * bent).sum(axis=-1, keepdims=True)
-    plastic = (1.0 - scene.plasticity.hardening) * across
+    plastic = (1.0 - model.elastic_share) * across
     return np.concatenate([plastic, tangents, np.zeros_like(tangents)], axis=-1)
 
 

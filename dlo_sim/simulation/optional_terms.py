@@ -78,6 +78,6 @@ def check_method(scene: Scene, method: Method) -> None:
         )
     if plasticity_wanted(scene) and (method.family == CONSTRAINED or len(method.substeps) > 1):
         raise SceneError(
-            f"integrator.method: {method.name} does not know terms.plasticity on; use "
-            "energy_momentum, velocity_verlet or rk4"
+            f"integrator.method: {method.name} is not available with plasticity.yield_curvature "
+            f"{scene.plasticity.yield_curvature:g}; use energy_momentum, velocity_verlet or rk4"
         )

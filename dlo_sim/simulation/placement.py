@@ -26,7 +26,8 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
 MOST_LAYINGS = 12
-MOST_FLOWS = 50  # each leaves a share 1 - hardening of what has yet to flow
+MOST_FLOWS = 50  # each leaves a share 1 - hardening of the remaining flow
+FLOWED = 1e-5  # of the length, movement in the last of these that counts as rest
 LAID = 1e-9  # of the length, movement after which the natural shape fits the frames
 
 
@@ -91,6 +92,7 @@ def _relaxed(cable: Cable, lay: Callable[[], None] | None) -> bool:
     plastic = cable.model.has(layout.PLASTICITY)
     if not (lay or plastic):
         return statics.relax(cable)
+    length, moved = float(cable.model.knots[-1]), np.inf
     for _ in range(MOST_FLOWS if plastic else MOST_LAYINGS):
         before = cable.x.copy()
         if not statics.relax(cable):
@@ -98,9 +100,10 @@ def _relaxed(cable: Cable, lay: Callable[[], None] | None) -> bool:
         if lay:
             lay()
         cable.flow()
-        if np.abs(cable.x - before).max() < LAID * float(cable.model.knots[-1]):
+        moved = float(np.abs(cable.x - before).max())
+        if moved < LAID * length:
             break
-    return True
+    return moved < FLOWED * length or not plastic
 
 
 def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:

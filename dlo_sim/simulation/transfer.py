@@ -33,13 +33,16 @@ def carry_samples(old: Cable, new: Cable) -> None:
     if old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY):
         plastic = old.model.samples(old.state, layout.PLASTIC, layout.PLASTIC_ROWS)
         plastic = _carried_over(old, new, plastic)
+        # p / (1 - h), from which strands have slipped, stays.
+        plastic[..., :3] *= (1.0 - new.model.elastic_share) / (1.0 - old.model.elastic_share)
         new.model.put_samples(new.state, layout.PLASTIC, plastic)
         new.flow()
     if old.model.has(layout.MATERIAL) and new.model.has(layout.MATERIAL):
         natural = old.model.samples(old.state, layout.NATURAL, layout.NATURAL_ROWS)
-        natural[..., :3] /= np.maximum(old.model.moment_weights, TINY)
+        weights = old.model.elastic_share * old.model.moment_weights
+        natural[..., :3] /= np.maximum(weights, TINY)
         natural = _carried_over(old, new, natural)
-        natural[..., :3] *= new.model.moment_weights
+        natural[..., :3] *= new.model.elastic_share * new.model.moment_weights
         new.model.put_samples(new.state, layout.NATURAL, natural)
 
 

@@ -194,7 +194,9 @@ class CableView:
 
     @property
     def plastic_work(self) -> float:
-        """Energy [J] that plastic bending has dissipated since the start."""
+        """Energy [J] that plastic bending has dissipated since the start, and what rotating the
+        plastic curvature with the tangent took from the stored energy, which may be negative.
+        """
         return self.cable.entry(layout.PLASTIC_WORK)
 
     @property

@@ -79,7 +79,7 @@ def _method_and_step(job: Job, wanted: float) -> tuple[Setting, float]:
         last, change = _halved(job, explicit, (own, 0.5 * own), wanted)
         if change <= wanted:
             return explicit, change  # finer resolutions need, and take, smaller steps of their own
-        if not attempt(there, implicit, timed=False).ok:  # plasticity, Frenet torsion
+        if not attempt(there, implicit, timed=False).ok:  # Frenet torsion
             raise _not_in_time(last, wanted)
     last, change = _halved(job, implicit, IMPLICIT_STEPS, wanted)
     if change <= wanted:

@@ -87,6 +87,23 @@ def test_slip_is_told_from_stiffness_and_damping():
     assert found.scores["training pieces"].distance < 3e-3
 
 
+def test_a_fit_goes_on_from_a_cable_that_slips():
+    """The grid of starts stays within the range of the hardening."""
+    truth = {**TRUTH, **SLIP, "plasticity.hardening": 0.2}
+    piece = recorded(truth, noise=2e-4)
+    near = {"plasticity.yield_curvature": 0.8, "plasticity.hardening": 0.15}
+    found, _ = identified([piece], (*SLIP,), **near)
+    assert found.scene.plasticity.hardening == pytest.approx(0.2, abs=0.05)
+    assert found.scene.plasticity.yield_curvature == pytest.approx(1.0, rel=0.2)
+
+
+def test_one_of_the_numbers_of_slip_alone_is_refused(moving):
+    with pytest.raises(FitError, match="plasticity.hardening: the scene has no yield curvature"):
+        identified(moving, ("plasticity.hardening",))
+    with pytest.raises(FitError, match="terms.plasticity is off"):
+        identified(moving, (*SLIP,), asked={"terms.plasticity": "off"})
+
+
 def test_an_elastic_cable_is_found_hardly_to_slip(moving):
     found, _ = identified(moving, ("cable.bending_stiffness", *SLIP))
     assert found.scene.cable.bending_stiffness == pytest.approx(2e-3, rel=0.05)
