@@ -31,9 +31,12 @@ def moved(recording: Recording) -> Array:
 
 
 def resting(item: tuple[Scene, Recording]) -> Array:
-    """Static equilibria at the poses of the grippers, (F, M, 3)."""
+    """Static equilibria at the poses of the grippers, of an elastic cable, (F, M, 3)."""
     scene, recording = item
-    scene = scene.with_values({"initial.shape": "equilibrium"})
+    # What slips depends on the way there; the share of the stiffness that does not slip remains.
+    share = scene.plasticity.hardening if scene.plasticity.yield_curvature else 1.0
+    values = {"cable.bending_stiffness": share * scene.cable.EI, "plasticity.yield_curvature": 0.0}
+    scene = scene.with_values({"initial.shape": "equilibrium", **values})
     frames = _frames(recording)
     shapes: list[Array] = []
     for frame in frames:
