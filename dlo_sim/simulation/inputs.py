@@ -270,7 +270,7 @@ class CableInputs(CableView):
         return same_terms and len(shapes) == 1 and (min(shares) > 0.0 or max(shares) == 0.0)
 
     def _lay_natural_shape(self) -> None:
-        """The natural shape along the present shape, before any plastic flow."""
+        """The natural shape along the present shape, and plastic flow as if bent in one motion."""
         model, start = self.model, self.end_pose("start")[1]
         frames = self.frames(np.append(0.0, model.sample_shares.ravel() * self.scene.cable.length))
         samples = frames[1:].reshape(*model.rule.xi.shape, 4)
@@ -284,6 +284,7 @@ class CableInputs(CableView):
             tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
             plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
             model.put_samples(self.cable.state, layout.PLASTIC, plastic)
+            self.cable.flow()
         self.cable.open_frame()
 
     def _rebuild(self, needs: Needs) -> None:

@@ -80,7 +80,6 @@ def place(
             )
     if lay:
         lay()
-    cable.flow()
     points = cable.model.to_columns(cable.x)
     _check_obstacles(scene, cable.model, points[:, :3])
     cable.put(points, np.zeros_like(points))
@@ -90,16 +89,13 @@ def _relaxed(cable: Cable, lay: Callable[[], None] | None) -> bool:
     """Whether an equilibrium was found, with the natural shape along it and after plastic flow, of
     which MOST_FLOWS searches may leave a little.
     """
-    plastic = cable.model.has(layout.PLASTICITY)
-    if not (lay or plastic):
+    if not lay:
         return statics.relax(cable)
-    for _ in range(MOST_FLOWS if plastic else MOST_LAYINGS):
+    for _ in range(MOST_FLOWS if cable.model.has(layout.PLASTICITY) else MOST_LAYINGS):
         before = cable.x.copy()
         if not statics.relax(cable):
             return False
-        if lay:
-            lay()
-        cable.flow()
+        lay()
         if np.abs(cable.x - before).max() < LAID * float(cable.model.knots[-1]):
             break
     return True

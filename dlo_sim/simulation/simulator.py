@@ -275,7 +275,6 @@ class Simulator(CableInputs):
         self.cable.put(place, speed, 0.0)
         if self._lays_natural_shape:
             self._lay_natural_shape()
-        self.cable.flow()
         moved = np.abs(self.control_points - given).max()
         self.cable.open_account(self.scene)
         if not math.isfinite(self.cable.entry(layout.ENERGY_START)):
