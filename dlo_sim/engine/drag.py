@@ -21,9 +21,9 @@ from dlo_sim.engine.elastic import (
     line_polynomial,
     sample_of,
     scatter_values,
+    store_three,
     tangent_at,
 )
-from dlo_sim.engine.tangent import keep
 from dlo_sim.engine.term import DAMPING, DAMPING_TANGENT, Term
 from dlo_sim.terms.viscosity import combined
 
@@ -82,7 +82,7 @@ def drag_tangent(shape, model, x, scale, scratch, band):
         p = curve(shape, model, x, b, 1.0)
         for j in range(samples):
             t = tangent_at(p, load(model, sample_of(block, j) + layout.XI * LANES))
-            keep(scratch, 3 * j * LANES, combined(1.0 / root(dot(t, t)), t, 0.0, t))
+            store_three(scratch, 3 * j * LANES, combined(1.0 / root(dot(t, t)), t, 0.0, t))
         for first in range(4):
             for other in range(4):
                 for j in range(samples):

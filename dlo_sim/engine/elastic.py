@@ -1,8 +1,8 @@
 """Assembly of stretching and bending: a loop over the samples of every span, eight spans at a time.
 
 It evaluates the energy densities (`terms`) or their derivatives at each sample and adds them up on
-the control points. The same code serves planar and spatial cables, and one
-cable or eight side by side.
+the control points. The same code serves planar and spatial cables, and one cable or eight side by
+side.
 
 The densities depend on c = t . t, d = t . k and h = k . k only. On a span t = A + B xi + C xi^2, so
 these are polynomials in xi whose coefficients are the inner products of A, B and C; the gradient
@@ -96,6 +96,20 @@ def bending_at(p, xi, slope):
         slope * (p[1][1] + two * p[1][2]),
         slope * (p[2][1] + two * p[2][2]),
     )
+
+
+@part
+def three(array, at):
+    """Load three rows as a vector."""
+    return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
+
+
+@part
+def store_three(array, at, v):
+    """Store a vector as three rows."""
+    store(array, at, v[0])
+    store(array, at + LANES, v[1])
+    store(array, at + 2 * LANES, v[2])
 
 
 @part

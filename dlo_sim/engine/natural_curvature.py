@@ -25,7 +25,9 @@ from dlo_sim.engine.elastic import (
     sample_of,
     scatter_lines,
     scatter_values,
+    store_three,
     tangent_at,
+    three,
 )
 from dlo_sim.engine.slip import (
     CURVATURE,
@@ -33,8 +35,6 @@ from dlo_sim.engine.slip import (
     curvature,
     plastic_rows_of,
     slipping,
-    store_three,
-    three,
 )
 from dlo_sim.engine.term import ENERGY, FORCE, Term, add_energy
 from dlo_sim.terms import material_frame, natural_curvature

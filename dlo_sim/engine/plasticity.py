@@ -25,7 +25,16 @@ from dlo_sim.compiling.lanes import LANES, load, shifted, store, zero
 from dlo_sim.compiling.pieces import NOTHING, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.bundles import CABLE, bared
-from dlo_sim.engine.elastic import bending_at, block_of, curve, dot, sample_of, tangent_at
+from dlo_sim.engine.elastic import (
+    bending_at,
+    block_of,
+    curve,
+    dot,
+    sample_of,
+    store_three,
+    tangent_at,
+    three,
+)
 from dlo_sim.engine.lines import gathered
 from dlo_sim.engine.slip import (
     CURVATURE,
@@ -36,8 +45,6 @@ from dlo_sim.engine.slip import (
     returned,
     slipping,
     stiffness_and_hardening,
-    store_three,
-    three,
 )
 from dlo_sim.engine.term import ENERGY, FLOW, Term, add_energy
 from dlo_sim.terms.material_frame import unit

@@ -9,29 +9,15 @@ evaluate forces (1). Elsewhere the plastic curvature is constant (0).
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, root, size, store
+from dlo_sim.compiling.lanes import LANES, load, root, size
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import layout
-from dlo_sim.engine.elastic import block_of, dot
+from dlo_sim.engine.elastic import block_of, dot, three
 from dlo_sim.terms.natural_curvature import cross
 from dlo_sim.terms.viscosity import combined
 
 TINY = 1e-300
 TANGENT, CURVATURE = 3 * LANES, 6 * LANES  # offsets of rows
-
-
-@part
-def three(array, at):
-    """Load three rows as a vector."""
-    return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
-
-
-@part
-def store_three(array, at, v):
-    """Store a vector as three rows."""
-    store(array, at, v[0])
-    store(array, at + LANES, v[1])
-    store(array, at + 2 * LANES, v[2])
 
 
 @part

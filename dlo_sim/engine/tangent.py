@@ -21,6 +21,7 @@ from dlo_sim.engine.elastic import (
     dot,
     sample_of,
     span_strains,
+    store_three,
     tangent_at,
 )
 from dlo_sim.engine.natural_curvature import natural_at
@@ -36,14 +37,6 @@ SAMPLE_ROWS = 49
 # After the samples: moments with 1, xi, xi^2, xi^3 of the directions of force, strain and strain
 # rate, for the strain projected on a span.
 FORCE_MOMENTS, STRAIN_MOMENTS, FLOW_MOMENTS, MOMENT_ROWS = 0, 12, 24, 36
-
-
-@part
-def keep(array, at, v):
-    """Store the three components of v as rows."""
-    store(array, at, v[0])
-    store(array, at + LANES, v[1])
-    store(array, at + 2 * LANES, v[2])
 
 
 @part
@@ -114,14 +107,14 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
             cc += slopes[0]
             cd, ch, dc, dd, hc = slopes[1], slopes[2], slopes[3], slopes[4], slopes[5]
         # Chain rule with dc1 = 2 t.dt, dd1 = k.dt + t.dk, dh1 = 2 k.dk at configuration 1.
-        keep(scratch, z + T * LANES, t)
-        keep(scratch, z + K * LANES, k)
-        keep(scratch, z + X1 * LANES, combined(4.0 * w * cc, tb, 2.0 * w * cd, kb))
-        keep(scratch, z + Y1 * LANES, combined(2.0 * w * cd, tb, 4.0 * w * ch, kb))
-        keep(scratch, z + X2 * LANES, combined(2.0 * w * dc, tb, w * dd, kb))
-        keep(scratch, z + Y2 * LANES, combined(w * dd, tb, 0.0, kb))
-        keep(scratch, z + X3 * LANES, combined(4.0 * w * hc, tb, 0.0, kb))
-        keep(scratch, z + DIAGONAL * LANES, (w * on_c, 0.5 * w * on_d, w * on_h))
+        store_three(scratch, z + T * LANES, t)
+        store_three(scratch, z + K * LANES, k)
+        store_three(scratch, z + X1 * LANES, combined(4.0 * w * cc, tb, 2.0 * w * cd, kb))
+        store_three(scratch, z + Y1 * LANES, combined(2.0 * w * cd, tb, 4.0 * w * ch, kb))
+        store_three(scratch, z + X2 * LANES, combined(2.0 * w * dc, tb, w * dd, kb))
+        store_three(scratch, z + Y2 * LANES, combined(w * dd, tb, 0.0, kb))
+        store_three(scratch, z + X3 * LANES, combined(4.0 * w * hc, tb, 0.0, kb))
+        store_three(scratch, z + DIAGONAL * LANES, (w * on_c, 0.5 * w * on_d, w * on_h))
         if terms & layout.CURVED:
             factor_natural(shape, model, state, b, j, ta, ka, tb, kb, t, k, z, scratch)
         if viscous != 0.0:
@@ -134,14 +127,14 @@ def factor_samples(shape, model, state, b, p, q, viscous, scratch):
                     g, thinned_t, thinned_k = viscosity.thinned(
                         g, thinning, ratio, n, inverse, t, *moved
                     )
-                    keep(scratch, z + THINNED_T * LANES, thinned_t)
-                    keep(scratch, z + THINNED_K * LANES, thinned_k)
+                    store_three(scratch, z + THINNED_T * LANES, thinned_t)
+                    store_three(scratch, z + THINNED_K * LANES, thinned_k)
                 g = g * inverse * inverse
             along = 4.0 * g * dot(n, n)
             if terms & layout.STRETCH:
                 along += viscous * w * axial * load(model, shape[layout.BETA]) * inverse
-            keep(scratch, z + NORMAL * LANES, n)
-            keep(scratch, z + VISCOUS * LANES, (g, along, ratio))
+            store_three(scratch, z + NORMAL * LANES, n)
+            store_three(scratch, z + VISCOUS * LANES, (g, along, ratio))
             store(scratch, z + INVERSE_C * LANES, inverse)
 
 
@@ -161,10 +154,10 @@ def factor_natural(shape, model, state, b, j, ta, ka, tb, kb, t, k, z, scratch):
         to = z + (Y1 + i) * LANES
         store(scratch, to, load(scratch, to) + 2.0 * ce * nt[i])
     store(scratch, z + DIAGONAL * LANES, load(scratch, z + DIAGONAL * LANES) + on_c)
-    keep(scratch, z + KN * LANES, natural_curvature.cross(k, n))
-    keep(scratch, z + NT * LANES, natural_curvature.cross(n, t))
-    keep(scratch, z + XE * LANES, combined(2.0 * ec, tb, 0.0, tb))
-    keep(scratch, z + SKEW * LANES, combined(0.5 * on_e, n, 0.0, n))
+    store_three(scratch, z + KN * LANES, natural_curvature.cross(k, n))
+    store_three(scratch, z + NT * LANES, natural_curvature.cross(n, t))
+    store_three(scratch, z + XE * LANES, combined(2.0 * ec, tb, 0.0, tb))
+    store_three(scratch, z + SKEW * LANES, combined(0.5 * on_e, n, 0.0, n))
 
 
 @piece(

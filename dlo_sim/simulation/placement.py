@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
+from dlo_sim.core.methods import METHODS
 from dlo_sim.engine import layout
 from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
-from dlo_sim.simulation import inextensible as length
 from dlo_sim.simulation import statics
 from dlo_sim.simulation.build_model import build_model, grading
 from dlo_sim.simulation.cable import Cable
@@ -22,12 +22,12 @@ from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.selection import accurate_step
+from dlo_sim.simulation.settling import settle
+from dlo_sim.simulation.stepper import loop_of
 
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
-MOST_LAYINGS = 12
-MOST_FLOWS = 50  # each leaves a share 1 - hardening of the remaining flow
-LAID = 1e-9  # of the length, movement after which the natural shape fits the frames
 
 
 def place(
@@ -38,12 +38,21 @@ def place(
     lay: Callable[[], None] | None = None,
 ) -> None:
     """Put a cable into the scene's first shape, at rest. `lay` aligns the natural shape with the
-    material frames of the present shape; it is called before each search and at the end.
+    material frames of the present shape and lets plastic flow follow; None if there is neither.
 
     Raises:
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
             cable begins in an obstacle.
     """
+
+    def stop() -> None:
+        points = cable.model.to_columns(cable.x)
+        ends.put(points, 0.0)
+        cable.put(points, np.zeros_like(points))
+        if lay:
+            lay()
+        cable.open_account(scene)
+
     points = np.zeros((cable.model.n, 4))
     points[:, :3] = first_shape(scene, geometries, cable.model.knots)
     ends.put(points, 0.0, anew=True)
@@ -60,12 +69,15 @@ def place(
             _relax_elastic(scene, geometries, cable)
             if lay:
                 lay()
-        elif not _relaxed(cable, lay):
+        elif not statics.relax(cable):
             raise SceneError(
                 "initial.shape: no equilibrium found from the first guess; use straight, more "
                 "control points or discretization.stretch sample, or check the ends' positions, "
                 "tangents and the stiffness"
             )
+        elif lay:  # the natural shape and plastic flow were those of the first guess
+            loop = loop_of(METHODS["energy_momentum"], scene)
+            settle(cable, loop, accurate_step(scene)[0], stop)
     if constrained and not rattle.to_rest_length(cable.arrays):
         raise SceneError(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
@@ -73,7 +85,8 @@ def place(
         )
     if constrained and resting:
         frequency = max(largest_frequency(scene, cable), 1e-3)
-        if not length.to_equilibrium(cable, min(0.5 / frequency, 5e-3)):
+        loop = loop_of(METHODS["rattle"], scene)
+        if not settle(cable, loop, min(0.5 / frequency, 5e-3), stop):
             raise SceneError(
                 "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
                 "control points, or energy_momentum"
@@ -83,22 +96,6 @@ def place(
     points = cable.model.to_columns(cable.x)
     _check_obstacles(scene, cable.model, points[:, :3])
     cable.put(points, np.zeros_like(points))
-
-
-def _relaxed(cable: Cable, lay: Callable[[], None] | None) -> bool:
-    """Whether an equilibrium was found, with the natural shape along it and after plastic flow, of
-    which MOST_FLOWS searches may leave a little.
-    """
-    if not lay:
-        return statics.relax(cable)
-    for _ in range(MOST_FLOWS if cable.model.has(layout.PLASTICITY) else MOST_LAYINGS):
-        before = cable.x.copy()
-        if not statics.relax(cable):
-            return False
-        lay()
-        if np.abs(cable.x - before).max() < LAID * float(cable.model.knots[-1]):
-            break
-    return True
 
 
 def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:

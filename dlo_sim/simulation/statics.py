@@ -36,7 +36,8 @@ CONVERGED = 1e-4  # last correction of a step, as a share of the step
 def relax(cable: Cable) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
-    Damping plays no part, and sine loads are at their value at time zero.
+    Damping plays no part, and sine loads are at their value at time zero. Plastic flow, and what
+    bending does to the twist of a cable of natural curvature, are left to `settling`.
     """
     search = _Search(cable)
     cable.w[:] = 0.0
@@ -145,10 +146,11 @@ class _Search:
     def relax_twist(self) -> None:
         """One linear solution for the twist line at the shape found.
 
-        Where nothing holds the twist there is nothing to solve: the cable keeps the one it has.
+        Where nothing holds the twist there is nothing to solve: the cable keeps the one it has. So
+        it does where natural curvature turns it about its axis, which is not linear.
         """
         model = self._cable.model
-        if not model.twist:
+        if not model.twist or model.has(layout.MATERIAL):
             return
         free = ~model.held_mask()[-1]
         if free.all() and not any(spring.point.twist for spring in model.holding.springs):

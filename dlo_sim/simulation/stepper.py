@@ -89,7 +89,7 @@ class _Implicit:
         )
 
 
-def _loop(method: Method, scene: Scene) -> Loop:
+def loop_of(method: Method, scene: Scene) -> Loop:
     """The loop of a method."""
     if method.family == SPLITTING:
         weights = np.array(method.drift_weights), np.array(method.kick_weights)
@@ -110,7 +110,7 @@ class Stepper:
     def __init__(self, scene: Scene, choice: Choice) -> None:
         self.family = choice.method.family
         self.step = choice.step
-        self._loop = _loop(choice.method, scene)
+        self._loop = loop_of(choice.method, scene)
 
     def looked_at(self, step: int) -> bool:
         """Whether the loop checks the energy after step number `step`."""

@@ -1,9 +1,12 @@
 """Shapes at rest against beam theory, the elastica, the ring and the elastic catenary."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from cables import FLAT, SOFT, Bench, simulator, straight
 
+import dlo_sim
 from dlo_sim.core import bspline
 
 EI, EA = 0.05, 2e4  # [N m^2], [N]; length 1 m
@@ -236,3 +239,17 @@ def test_a_damped_run_comes_to_rest_in_the_relaxed_shape():
     assert np.abs(run.control_points - goal).max() > 0.3
     assert run.advance(8.0).status.ok
     assert np.abs(run.control_points - goal).max() < 1e-8
+
+
+CABLES = sorted((Path(__file__).parents[2] / "config" / "cables").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", CABLES, ids=lambda path: path.stem)
+def test_a_recorded_cable_rests_between_its_grippers(path):
+    """With slip, natural curvature in the material frame and the twist that it causes."""
+    sim = dlo_sim.Simulator(dlo_sim.load_scene(path))
+    points, moved = sim.control_points, 0.0
+    for _ in range(20):
+        assert sim.advance(0.1).status.ok
+        moved = max(moved, np.abs(sim.control_points - points)[:, :3].max())
+    assert moved < 1e-4
