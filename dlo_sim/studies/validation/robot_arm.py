@@ -150,7 +150,8 @@ def _resting(one: Set, fit: bool) -> list[list[Any]]:
         rows.append(_row(one, f"{factor:g}", branches(numbers), slice(None)))
     if fit:
         numbers = _fitted(branches, start)
-        label = f"{np.exp(numbers[0]):.2f}, natural curvature {numbers[1]:.2f} to {numbers[2]:.2f}"
+        curvature = ", ".join(f"{number:.2f}" for number in numbers[1:])
+        label = f"{np.exp(numbers[0]):.2f}, natural curvature {curvature}"
         rows.append(_row(one, f"{label} /m, other angles", branches(numbers), slice(1, None, 2)))
     return rows
 
@@ -162,17 +163,22 @@ def _row(one: Set, words: str, apart: Array, chosen: slice) -> list[Any]:
 
 
 def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
-    """Log of the stiffness factor and natural curvature at both ends, fit to every second angle."""
+    """Log of the stiffness factor and natural curvature at equal distances, fit to every second
+    angle: first with the curvature at both ends, then with that in the middle, too.
+    """
 
     def nearest(numbers: Array) -> Array:
         apart = branches(numbers)[:, ::2]
         near = np.argmin(np.linalg.norm(apart, axis=-1), axis=0)
         return np.asarray(apart[near, np.arange(apart.shape[1])].ravel())
 
-    found = least_squares(
-        nearest, start, diff_step=1e-2, x_scale=[0.2, 0.5, 0.5], loss="soft_l1", f_scale=0.02,
-        max_nfev=8,
-    )  # fmt: skip
+    for _ in range(2):
+        found = least_squares(
+            nearest, start, diff_step=1e-2, x_scale=[0.2] + [0.5] * (len(start) - 1),
+            loss="soft_l1", f_scale=0.02, max_nfev=8,
+        )  # fmt: skip
+        begin, end = found.x[[1, -1]]
+        start = np.array([found.x[0], begin, 0.5 * (begin + end), end])
     return np.asarray(found.x)
 
 
