@@ -22,12 +22,18 @@ from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.selection import accurate_step
 from dlo_sim.simulation.settling import settle
 from dlo_sim.simulation.stepper import loop_of
 
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
+SHARE_OF_FALL = (
+    0.01  # step of the relaxation, in units of the time in which a cable falls its length
+)
+TO_REST = 1e-8, 5_000  # movement between two stops, as a share of the length; most steps
+INEXTENSIBLE = 1e-7, 40_000
+MOST_TURNS, CONTRACTING = 30, 0.7
+TURNED = 1e-9  # of the length or of 1 rad, movement after which twist and shape fit
 
 
 def place(
@@ -69,15 +75,14 @@ def place(
             _relax_elastic(scene, geometries, cable)
             if lay:
                 lay()
-        elif not statics.relax(cable):
+        elif not (_relax(scene, cable, lay, stop) if lay else statics.relax(cable)):
             raise SceneError(
                 "initial.shape: no equilibrium found from the first guess; use straight, more "
                 "control points or discretization.stretch sample, or check the ends' positions, "
                 "tangents and the stiffness"
             )
-        elif lay:  # the natural shape and plastic flow were those of the first guess
-            loop = loop_of(METHODS["energy_momentum"], scene)
-            settle(cable, loop, accurate_step(scene)[0], stop)
+        if not cable.model.has(layout.MATERIAL):
+            statics.relax_twist(cable)
     if constrained and not rattle.to_rest_length(cable.arrays):
         raise SceneError(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
@@ -86,7 +91,7 @@ def place(
     if constrained and resting:
         frequency = max(largest_frequency(scene, cable), 1e-3)
         loop = loop_of(METHODS["rattle"], scene)
-        if not settle(cable, loop, min(0.5 / frequency, 5e-3), stop):
+        if not settle(cable, loop, min(0.5 / frequency, 5e-3), stop, *INEXTENSIBLE):
             raise SceneError(
                 "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
                 "control points, or energy_momentum"
@@ -96,6 +101,55 @@ def place(
     points = cable.model.to_columns(cable.x)
     _check_obstacles(scene, cable.model, points[:, :3])
     cable.put(points, np.zeros_like(points))
+
+
+def _relax(scene: Scene, cable: Cable, lay: Callable[[], None], stop: Callable[[], None]) -> bool:
+    """Whether an equilibrium was found, with plastic flow up to it and, as far as that converges,
+    with the twist that natural curvature causes.
+    """
+    flow = lay if cable.model.has(layout.PLASTICITY) else None
+    if not statics.relax(cable, flow):
+        flow = None  # of a stiff wire the search with flow may go round in circles
+        if not statics.relax(cable):
+            return False
+    if not cable.model.has(layout.MATERIAL):
+        return True
+    untwisted = cable.state.copy()
+    if not _twisted(cable, stop, flow):
+        turned = cable.state.copy()
+        cable.state[:] = untwisted
+        loop = loop_of(METHODS["energy_momentum"], scene)
+        if not settle(cable, loop, SHARE_OF_FALL * _fall(scene), stop, *TO_REST):
+            cable.state[:] = turned
+    return True
+
+
+def _twisted(cable: Cable, stop: Callable[[], None], flow: Callable[[], None] | None) -> bool:
+    """Solve in turn for the twist that natural curvature causes and for the shape; whether that
+    converged.
+    """
+    last = np.inf
+    for _ in range(MOST_TURNS):
+        before = cable.x.copy()
+        statics.relax_twist(cable)
+        stop()
+        if not statics.relax(cable, flow):
+            return False
+        moved = np.abs(cable.x - before).max()
+        if moved < TURNED * max(1.0, float(cable.model.knots[-1])):
+            return True
+        if moved > CONTRACTING * last:
+            return False
+        last = moved
+    return False
+
+
+def _fall(scene: Scene) -> float:
+    """Time [s] in which a cable falls by its length, or its slowest bending vibration."""
+    cable = scene.cable
+    bending = np.sqrt(cable.EI / cable.mu) / cable.length**2
+    gravity = np.sqrt(float(np.linalg.norm(scene.gravity)) / cable.length)
+    return float(1.0 / np.hypot(bending, gravity))
 
 
 def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:
@@ -139,4 +193,5 @@ def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
         natural = cable.model.samples(cable.state, layout.NATURAL, layout.NATURAL_ROWS)
         twin.model.put_samples(twin.state, layout.NATURAL, natural)
     statics.relax(twin)
+    statics.relax_twist(twin)
     cable.x[:] = twin.x

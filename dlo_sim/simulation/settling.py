@@ -11,19 +11,27 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.stepper import Loop
 
-MOST_STEPS = 40_000
-REST, RESTS = 1e-8, 3  # share of the length by which a cable at rest moves, and how often
+RESTS = 3
 FREQUENCY = 6  # row of a load, after force and moment
 
 
-def settle(cable: Cable, loop: Loop, step: float, stop: Callable[[], None]) -> bool:
+def settle(
+    cable: Cable,
+    loop: Loop,
+    step: float,
+    stop: Callable[[], None],
+    rest: float = 1e-7,
+    most: int = 40_000,
+) -> bool:
     """Let a cable come to rest from its present shape; whether it did. Sine loads are left out.
 
     Whenever the kinetic energy falls, `stop` takes the velocity away (Cundall's dynamic
-    relaxation), until the cable hardly moves between two stops three times in a row. Where it does
-    not come to rest, it is left as it was.
+    relaxation), until the cable moves by less than `rest` [of the length, or of 1 rad] between two
+    stops three times in a row. Where it does not in `most` steps, it is left as it was.
     """
-    length, dim = float(cable.model.knots[-1]), len(cable.model.axes)
+    dim = len(cable.model.axes)
+    scale = np.ones((len(cable.x), 1))
+    scale[:dim] = float(cable.model.knots[-1])
     nothing = Recorder(cable.model, np.zeros(0))
     kept = cable.state.copy(), cable.inputs.copy()
     if cable.loads.size:
@@ -31,7 +39,7 @@ def settle(cable: Cable, loop: Loop, step: float, stop: Callable[[], None]) -> b
     peak, still = 0.0, 0
     stop()
     resting = cable.x.copy()
-    for _ in range(MOST_STEPS):
+    for _ in range(most):
         if loop(cable, 0, 1, step, nothing)[0] != layout.OK:
             break
         kinetic = cable.kinetic()
@@ -39,8 +47,8 @@ def settle(cable: Cable, loop: Loop, step: float, stop: Callable[[], None]) -> b
             peak = kinetic
             continue
         stop()
-        moved = float(np.abs(cable.x[:dim] - resting[:dim]).max())
-        still = still + 1 if moved < REST * length else 0
+        moved = float((np.abs(cable.x - resting) / scale).max())
+        still = still + 1 if moved < rest else 0
         if still == RESTS:
             break
         resting[:] = cable.x

@@ -15,6 +15,8 @@ found in a handful of iterations whatever the stiffness.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,11 +35,11 @@ NUDGE = 1e-6  # of the length
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
 
 
-def relax(cable: Cable) -> bool:
+def relax(cable: Cable, lay: Callable[[], None] | None = None) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
-    Damping plays no part, and sine loads are at their value at time zero. Plastic flow, and what
-    bending does to the twist of a cable of natural curvature, are left to `settling`.
+    Damping plays no part, and sine loads are at their value at time zero. The shape is found
+    without twist: `relax_twist`. `lay` is called after each step of the search.
     """
     search = _Search(cable)
     cable.w[:] = 0.0
@@ -56,17 +58,33 @@ def relax(cable: Cable) -> bool:
             ceiling, smooth = 0.5 * pseudo, 0
             pseudo *= 0.25
             continue
+        if lay:
+            lay()
         if pseudo >= search.patient:
-            stuck = 0 if moved < 0.5 * least else stuck + 1
+            stuck = 0 if moved < 0.9 * least else stuck + 1
             least = min(least, moved)
             if moved < TOLERANCE or (moved < ROUND_OFF and stuck >= PATIENCE):
-                search.relax_twist()
                 return True
         pseudo *= 10.0 if iterations <= 4 else 2.0 if iterations <= 7 else 0.7
         smooth += 1
         ceiling *= 1.2**smooth
         pseudo = min(pseudo, ceiling, 1e12 * search.patient)
     return False
+
+
+def relax_twist(cable: Cable) -> None:
+    """One linear solution for the twist line at the present shape.
+
+    Where nothing holds the twist there is nothing to solve: the cable keeps the one it has.
+    """
+    model = cable.model
+    if not model.twist:
+        return
+    free = ~model.held_mask()[-1]
+    if free.all() and not any(spring.point.twist for spring in model.holding.springs):
+        return
+    stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
+    cable.x[-1][free] += np.linalg.solve(stiffness, cable.forces()[-1][free])
 
 
 class _Search:
@@ -142,21 +160,6 @@ class _Search:
         push[self._dim :] = 0.0
         way = cable.free_acceleration(push)
         cable.x[:] += NUDGE * self._length / np.abs(way).max() * way
-
-    def relax_twist(self) -> None:
-        """One linear solution for the twist line at the shape found.
-
-        Where nothing holds the twist there is nothing to solve: the cable keeps the one it has. So
-        it does where natural curvature turns it about its axis, which is not linear.
-        """
-        model = self._cable.model
-        if not model.twist or model.has(layout.MATERIAL):
-            return
-        free = ~model.held_mask()[-1]
-        if free.all() and not any(spring.point.twist for spring in model.holding.springs):
-            return
-        stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
-        self._cable.x[-1][free] += np.linalg.solve(stiffness, self._cable.forces()[-1][free])
 
     def _tangents(self) -> Array:
         """r' at the samples of every span, shape (spans, samples, dim)."""
