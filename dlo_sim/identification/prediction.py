@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -49,11 +50,13 @@ class Prediction:
         markers: [m], shape (F, M, 3). forces: as the sensor reads them [N], shape (F, 3).
         failure: why and when the scene failed; empty if it did not. From then on its last good
             state is kept.
+        seconds: wall-clock time from the poses to the markers, with a simulator at its start.
     """
 
     markers: Array
     forces: Array
     failure: str
+    seconds: float
 
 
 def predict(
@@ -80,6 +83,7 @@ def predict(
         steps = np.arange(1, int(times[-1] / simulator.step + 1e-9) + 1)
         samples = np.minimum(steps * simulator.step, times[-1])
     first = simulator.control_points[None, :, :3]
+    began = time.perf_counter()
     report, points = simulator.follow(times, recording.poses, samples)
     path = np.concatenate([first, points[:, :, :3]])
     kept = np.repeat(path[-1:], len(samples) + 1 - len(path), axis=0)
@@ -92,7 +96,7 @@ def predict(
         sensor = sensor or Sensor()
         forces = interpolated(times[:, None] - sensor.delay, grid, load) + sensor.offset
         path = interpolated(times, grid, path)
-    return Prediction(basis @ path, forces, report.message)
+    return Prediction(basis @ path, forces, report.message, time.perf_counter() - began)
 
 
 def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Array:
