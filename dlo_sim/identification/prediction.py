@@ -50,7 +50,8 @@ class Prediction:
         markers: [m], shape (F, M, 3). forces: as the sensor reads them [N], shape (F, 3).
         failure: why and when the scene failed; empty if it did not. From then on its last good
             state is kept.
-        seconds: wall-clock time from the poses to the markers, with a simulator at its start.
+        seconds: wall-clock time of following the poses and evaluating the markers [s], without the
+            building of the simulator.
     """
 
     markers: Array

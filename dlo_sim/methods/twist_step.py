@@ -47,8 +47,8 @@ REFINEMENTS = 3  # iterative refinements for a cable that is free to spin
 MOST_CORRECTIONS = 8  # Newton corrections with natural curvature in the material frame
 WITHIN = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH
 END = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL
-# Corrections end at TURNED, relative to 1 rad plus the angle, or at the share SHRUNK of the first
-# one for this iterate of the shape: while the shape changes the twist need not be exact.
+# Corrections end below TURNED, relative to 1 rad plus the angle, or below SHRUNK times the first
+# correction for an iterate of the shape: while the shape changes the twist need not be exact.
 TURNED, SHRUNK = 1e-8, 0.1
 
 
@@ -226,17 +226,17 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     spring_force(shape, model, state, x, 1.0, YES, force)
     for k in range(at, at + width):
         own[k] = force[k]
-    allowed = TURNED
+    tolerance = TURNED
     for correction in range(MOST_CORRECTIONS if natural else 1):
         for k in range(at, at + width):
             force[k] = own[k]
         moved = correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
         for k in range(at, at + width):
             middle[k] = scratch[shape[START] + k] + 0.5 * change[k]
-        if moved < allowed:
+        if moved < tolerance:
             break
         if correction == 0:
-            allowed = max(TURNED, SHRUNK * moved)
+            tolerance = max(TURNED, SHRUNK * moved)
     lost += roll_loss(shape, model, state, change)[0]
     if damped:
         lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -9,31 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.core.methods import METHODS
 from dlo_sim.engine import layout
 from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
-from dlo_sim.simulation import statics
+from dlo_sim.simulation import equilibrium, statics
 from dlo_sim.simulation.build_model import build_model, grading
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
-from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.settling import settle
-from dlo_sim.simulation.stepper import loop_of
 
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
-SHARE_OF_FALL = (
-    0.01  # step of the relaxation, in units of the time in which a cable falls its length
-)
-TO_REST = 1e-8, 5_000  # movement between two stops, as a share of the length; most steps
-INEXTENSIBLE = 1e-7, 40_000
-MOST_TURNS, CONTRACTING = 30, 0.7
-TURNED = 1e-9  # of the length or of 1 rad, movement after which twist and shape fit
 
 
 def place(
@@ -45,20 +35,13 @@ def place(
 ) -> None:
     """Put a cable into the scene's first shape, at rest. `lay` aligns the natural shape with the
     material frames of the present shape and lets plastic flow follow; None if there is neither.
+    Where the twist that a natural shape causes is not found, the cable is only placed close to
+    rest, with a UserWarning.
 
     Raises:
         SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
             cable begins in an obstacle.
     """
-
-    def stop() -> None:
-        points = cable.model.to_columns(cable.x)
-        ends.put(points, 0.0)
-        cable.put(points, np.zeros_like(points))
-        if lay:
-            lay()
-        cable.open_account(scene)
-
     points = np.zeros((cable.model.n, 4))
     points[:, :3] = first_shape(scene, geometries, cable.model.knots)
     ends.put(points, 0.0, anew=True)
@@ -66,36 +49,24 @@ def place(
     if lay:
         lay()
     constrained, resting = inextensible(scene), wants_equilibrium(scene, geometries)
-    if resting:
-        if frenet_wanted(scene):
-            raise SceneError(
-                "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
-            )
-        if constrained:
-            _relax_elastic(scene, geometries, cable)
-            if lay:
-                lay()
-        elif not (_relax(scene, cable, lay, stop) if lay else statics.relax(cable)):
-            raise SceneError(
-                "initial.shape: no equilibrium found from the first guess; use straight, more "
-                "control points or discretization.stretch sample, or check the ends' positions, "
-                "tangents and the stiffness"
-            )
-        if not cable.model.has(layout.MATERIAL):
-            statics.relax_twist(cable)
+    if resting and frenet_wanted(scene):
+        raise SceneError(
+            "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
+        )
+    if resting and constrained:
+        _relax_elastic(scene, geometries, cable)
+    elif resting:
+        _relax(scene, ends, cable, lay)
     if constrained and not rattle.to_rest_length(cable.arrays):
         raise SceneError(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
             "its ends; move the ends or use energy_momentum and terms.stretch auto"
         )
-    if constrained and resting:
-        frequency = max(largest_frequency(scene, cable), 1e-3)
-        loop = loop_of(METHODS["rattle"], scene)
-        if not settle(cable, loop, min(0.5 / frequency, 5e-3), stop, *INEXTENSIBLE):
-            raise SceneError(
-                "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
-                "control points, or energy_momentum"
-            )
+    if constrained and resting and not equilibrium.of_inextensible(scene, ends, cable, lay):
+        raise SceneError(
+            "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
+            "control points, or energy_momentum"
+        )
     if lay:
         lay()
     points = cable.model.to_columns(cable.x)
@@ -103,53 +74,27 @@ def place(
     cable.put(points, np.zeros_like(points))
 
 
-def _relax(scene: Scene, cable: Cable, lay: Callable[[], None], stop: Callable[[], None]) -> bool:
-    """Whether an equilibrium was found, with plastic flow up to it and, as far as that converges,
-    with the twist that natural curvature causes.
-    """
-    flow = lay if cable.model.has(layout.PLASTICITY) else None
-    if not statics.relax(cable, flow):
-        flow = None  # of a stiff wire the search with flow may go round in circles
-        if not statics.relax(cable):
-            return False
-    if not cable.model.has(layout.MATERIAL):
-        return True
-    untwisted = cable.state.copy()
-    if not _twisted(cable, stop, flow):
-        turned = cable.state.copy()
-        cable.state[:] = untwisted
-        loop = loop_of(METHODS["energy_momentum"], scene)
-        if not settle(cable, loop, SHARE_OF_FALL * _fall(scene), stop, *TO_REST):
-            cable.state[:] = turned
-    return True
+def _relax(scene: Scene, ends: EndDrive, cable: Cable, lay: Callable[[], None] | None) -> None:
+    """Put an extensible cable into equilibrium.
 
-
-def _twisted(cable: Cable, stop: Callable[[], None], flow: Callable[[], None] | None) -> bool:
-    """Solve in turn for the twist that natural curvature causes and for the shape; whether that
-    converged.
+    Raises:
+        SceneError: none was found.
     """
-    last = np.inf
-    for _ in range(MOST_TURNS):
-        before = cable.x.copy()
+    if not equilibrium.of_shape(cable, lay):
+        raise SceneError(
+            "initial.shape: no equilibrium found from the first guess; use straight, more control "
+            "points or discretization.stretch sample, or check the ends' positions, tangents and "
+            "the stiffness"
+        )
+    if not lay or not cable.model.has(layout.MATERIAL):
         statics.relax_twist(cable)
-        stop()
-        if not statics.relax(cable, flow):
-            return False
-        moved = np.abs(cable.x - before).max()
-        if moved < TURNED * max(1.0, float(cable.model.knots[-1])):
-            return True
-        if moved > CONTRACTING * last:
-            return False
-        last = moved
-    return False
-
-
-def _fall(scene: Scene) -> float:
-    """Time [s] in which a cable falls by its length, or its slowest bending vibration."""
-    cable = scene.cable
-    bending = np.sqrt(cable.EI / cable.mu) / cable.length**2
-    gravity = np.sqrt(float(np.linalg.norm(scene.gravity)) / cable.length)
-    return float(1.0 / np.hypot(bending, gravity))
+    elif not equilibrium.with_twist(scene, ends, cable, lay):
+        warnings.warn(
+            "initial.shape: the search for the twist that the natural shape causes did not "
+            "converge; the cable moves after the start: let it come to rest, or check "
+            "cable.shear_modulus",
+            stacklevel=2,
+        )
 
 
 def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:
@@ -193,5 +138,7 @@ def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
         natural = cable.model.samples(cable.state, layout.NATURAL, layout.NATURAL_ROWS)
         twin.model.put_samples(twin.state, layout.NATURAL, natural)
     statics.relax(twin)
-    statics.relax_twist(twin)
+    if not twin.model.has(layout.MATERIAL):
+        statics.relax_twist(twin)
     cable.x[:] = twin.x
+    cable.open_frame()

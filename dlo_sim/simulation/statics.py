@@ -30,22 +30,25 @@ MAX_STEPS = 400
 MAX_ITERATIONS = 12
 TOLERANCE = 1e-10  # of the cable's length, movement of a step that counts as rest
 ROUND_OFF = 1e-6  # the same where steps do not shrink any more
+FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least so far
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
 
 
-def relax(cable: Cable, lay: Callable[[], None] | None = None) -> bool:
+def relax(cable: Cable, after_step: Callable[[], None] | None = None) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
-    Damping plays no part, and sine loads are at their value at time zero. The shape is found
-    without twist: `relax_twist`. `lay` is called after each step of the search.
+    Damping plays no part, and sine loads are at their value at time zero. The twist stays as
+    it is: `relax_twist` solves for it. `after_step` may change the natural and plastic curvature
+    after each step of the search, which then converges linearly.
     """
     search = _Search(cable)
     cable.w[:] = 0.0
     pseudo = search.first_step()
     least, stuck, ceiling, smooth = np.inf, 0, np.inf, 0
     last_move, nudged = np.inf, False
+    progress = SLOW if after_step else FAST
     for _ in range(MAX_STEPS):
         iterations, moved = search.step(pseudo)
         if iterations == 0 and last_move < TOLERANCE and not nudged:
@@ -58,10 +61,10 @@ def relax(cable: Cable, lay: Callable[[], None] | None = None) -> bool:
             ceiling, smooth = 0.5 * pseudo, 0
             pseudo *= 0.25
             continue
-        if lay:
-            lay()
+        if after_step:
+            after_step()
         if pseudo >= search.patient:
-            stuck = 0 if moved < 0.9 * least else stuck + 1
+            stuck = 0 if moved < progress * least else stuck + 1
             least = min(least, moved)
             if moved < TOLERANCE or (moved < ROUND_OFF and stuck >= PATIENCE):
                 return True
@@ -72,19 +75,20 @@ def relax(cable: Cable, lay: Callable[[], None] | None = None) -> bool:
     return False
 
 
-def relax_twist(cable: Cable) -> None:
-    """One linear solution for the twist line at the present shape.
-
-    Where nothing holds the twist there is nothing to solve: the cable keeps the one it has.
+def relax_twist(cable: Cable) -> bool:
+    """One linear solution for the twist line at the present shape; false where nothing holds the
+    twist: the cable keeps the one it has. With a natural shape in the material frame it is a step
+    of a fixed-point iteration.
     """
     model = cable.model
     if not model.twist:
-        return
+        return False
     free = ~model.held_mask()[-1]
     if free.all() and not any(spring.point.twist for spring in model.holding.springs):
-        return
+        return False
     stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
     cable.x[-1][free] += np.linalg.solve(stiffness, cable.forces()[-1][free])
+    return True
 
 
 class _Search:

@@ -172,14 +172,15 @@ def _fitted(branches: Callable[[Array], Array], start: Array) -> Array:
         near = np.argmin(np.linalg.norm(apart, axis=-1), axis=0)
         return np.asarray(apart[near, np.arange(apart.shape[1])].ravel())
 
-    for _ in range(2):
+    def fit(start: Array) -> Array:
         found = least_squares(
             nearest, start, diff_step=1e-2, x_scale=[0.2] + [0.5] * (len(start) - 1),
             loss="soft_l1", f_scale=0.02, max_nfev=8,
         )  # fmt: skip
-        begin, end = found.x[[1, -1]]
-        start = np.array([found.x[0], begin, 0.5 * (begin + end), end])
-    return np.asarray(found.x)
+        return np.asarray(found.x)
+
+    stiffness, begin, end = fit(start)
+    return fit(np.array([stiffness, begin, 0.5 * (begin + end), end]))
 
 
 def tips(scene: Scene, turns: Array) -> Array:
