@@ -138,7 +138,6 @@ def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
         natural = cable.model.samples(cable.state, layout.NATURAL, layout.NATURAL_ROWS)
         twin.model.put_samples(twin.state, layout.NATURAL, natural)
     statics.relax(twin)
-    if not twin.model.has(layout.MATERIAL):
-        statics.relax_twist(twin)
+    statics.relax_twist(twin)
     cable.x[:] = twin.x
     cable.open_frame()
