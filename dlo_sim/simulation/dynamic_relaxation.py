@@ -31,42 +31,29 @@ def relax_in_time(
     does not within `max_steps` steps of `step` [s], it is left as it was.
     """
     state, inputs = cable.state.copy(), cable.inputs.copy()
+    nothing = Recorder(cable.model, np.zeros(0))
+    peak, still = 0.0, 0
     try:
         if cable.loads.size:
             cable.loads[cable.loads[:, FREQUENCY, 0] > 0.0, :FREQUENCY] = 0.0
-        rests = _rests(cable, loop, step, stop, tolerance, max_steps)
+        stop()
+        resting = cable.x.copy()
+        for _ in range(max_steps):
+            if loop(cable, 0, 1, step, nothing)[0] != layout.OK:
+                break
+            kinetic = cable.kinetic()
+            if kinetic > peak:
+                peak = kinetic
+                continue
+            stop()
+            still = still + 1 if relative_movement(cable, resting) < tolerance else 0
+            if still == RESTS:
+                return True
+            resting[:] = cable.x
+            peak = 0.0
     finally:
         cable.inputs[:] = inputs
-    if not rests:
-        cable.state[:] = state
-    return rests
-
-
-def _rests(
-    cable: Cable,
-    loop: Loop,
-    step: float,
-    stop: Callable[[], None],
-    tolerance: float,
-    max_steps: int,
-) -> bool:
-    nothing = Recorder(cable.model, np.zeros(0))
-    peak, still = 0.0, 0
-    stop()
-    resting = cable.x.copy()
-    for _ in range(max_steps):
-        if loop(cable, 0, 1, step, nothing)[0] != layout.OK:
-            return False
-        kinetic = cable.kinetic()
-        if kinetic > peak:
-            peak = kinetic
-            continue
-        stop()
-        still = still + 1 if relative_movement(cable, resting) < tolerance else 0
-        if still == RESTS:
-            return True
-        resting[:] = cable.x
-        peak = 0.0
+    cable.state[:] = state
     return False
 
 

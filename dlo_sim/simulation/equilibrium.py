@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -31,14 +32,22 @@ CONVERGED = 1e-9  # movement by an alternation, relative to the length or 1 rad
 
 def of_shape(cable: Cable, lay: Lay | None) -> bool:
     """Whether an equilibrium was found for the twist as it is, with plastic flow up to it. Where
-    the search with flow fails, as for stiff wires, with the flow up to the first guess.
+    the search with flow fails, as for stiff wires, with the flow up to the first guess and a
+    UserWarning.
     """
     begin = cable.state.copy()
     flow = _flow(cable, lay)
     if statics.relax(cable, flow):
         return True
     cable.state[:] = begin
-    return flow is not None and statics.relax(cable)
+    if flow is None or not statics.relax(cable):
+        return False
+    warnings.warn(
+        "initial.shape: the search with plastic flow did not converge; the cable moves after the "
+        "start: let it come to rest, or raise plasticity.hardening",
+        stacklevel=2,
+    )
+    return True
 
 
 def with_twist(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay) -> bool:

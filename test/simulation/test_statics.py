@@ -8,6 +8,7 @@ from cables import FLAT, SOFT, Bench, simulator, straight
 
 import dlo_sim
 from dlo_sim.core import bspline
+from dlo_sim.simulation import statics
 
 EI, EA = 0.05, 2e4  # [N m^2], [N]; length 1 m
 BEAM = (
@@ -274,6 +275,15 @@ def test_shape_and_twist_of_a_natural_shape_are_found_in_turn(method):
     values = {"cable.rest_curvature": [2.0, -1.0], "cable.rest_curvature_2": [1.0, 2.0]}
     sim = dlo_sim.Simulator(dlo_sim.load_scene({**BENT, **values, "integrator.method": method}))
     assert moved_within(sim, 1.0) < 1e-6
+
+
+def test_plastic_flow_that_is_not_found_is_said(monkeypatch):
+    """The search with flow is made to fail."""
+    relax = statics.relax
+    monkeypatch.setattr(statics, "relax", lambda cable, flow=None: flow is None and relax(cable))
+    yields = {"plasticity.yield_curvature": 0.5, "plasticity.hardening": 0.3, "terms.twist": "off"}
+    with pytest.warns(UserWarning, match="plastic flow did not converge; .* plasticity.hardening"):
+        dlo_sim.Simulator(dlo_sim.load_scene({**BENT, **yields}))
 
 
 def test_a_twist_that_is_not_found_is_said():
