@@ -199,8 +199,9 @@ class Publications:
 
     @property
     def skipped(self) -> int:
-        """Timer periods without a publication."""
-        return int(np.sum(np.maximum(np.round(np.diff(self.times) * RATE / SECOND) - 1, 0)))
+        """Timer periods without a publication, of all that passed: a late one shortens the next."""
+        passed = math.ceil((self.times[-1] - self.times[0]) * RATE / SECOND)
+        return passed - (len(self.times) - 1)
 
     @property
     def late(self) -> list[tuple[int, int]]:

@@ -77,7 +77,7 @@ def test_configure_compiles_activate_ticks_deactivate_keeps_the_state(
     assert node.change("activate") == "!unconfigured"
     assert node.change("configure") == "inactive"
     assert "ready after" in node.node.output
-    assert peer.node.count_publishers("/dlo_sim/control_points") == 1
+    peer.until(lambda: peer.node.count_publishers("/dlo_sim/control_points") == 1, "publisher")
     assert node.points == []
     assert node.change("activate") == "active"
     peer.until(lambda: node.points and lowest(node.points[-1]) < -0.1, "a cable that sags")
@@ -102,7 +102,7 @@ def test_configure_compiles_activate_ticks_deactivate_keeps_the_state(
     assert peer.get("cable.length", "loads.names") == [0.5, ["force"]]
     assert not peer.node.count_subscribers("/dlo_sim/tip/wrench")
     assert node.change("active_shutdown") == "finalized"
-    assert not peer.node.count_services("/dlo_sim/reset")
+    peer.until(lambda: not peer.node.count_services("/dlo_sim/reset"), "the end of its services")
     assert node.node.stop() == 0
     assert "Traceback" not in node.node.output
 

@@ -115,9 +115,9 @@ def test_every_start_goes_by_its_own_name(launch: Callable[..., NodeProcess], pe
     node = launch(HELD, *(argument for remap in remaps for argument in ("-r", remap)))
     peer.watched = node
     peer.until(lambda: peer.node.count_services("/arm/left/reset"), "node", START)
-    topics = [name for name, _ in peer.node.get_topic_names_and_types()]
-    assert "/arm/left/control_points" in topics
-    assert peer.node.count_subscribers("/left/pose") == 1
+    points = "/arm/left/control_points"
+    peer.until(lambda: peer.node.count_publishers(points) == 1, "the publisher")
+    peer.until(lambda: peer.node.count_subscribers("/left/pose") == 1, "the subscriber")
     assert peer.node.count_subscribers("/gripper_pose") == 0
     statuses = peer.collect(DiagnosticArray, "/diagnostics")
     peer.until(lambda: len(statuses) >= 2, "diagnostics")

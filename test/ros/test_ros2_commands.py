@@ -135,7 +135,7 @@ def test_launch_brings_a_lifecycle_node_to_active(
     (tmp_path / "managed.launch.py").write_text(LIFECYCLE.format(scene=scene), encoding="utf-8")
     process = ros2("launch", str(tmp_path / "managed.launch.py"))
     seen(peer, tmp_path / "log.txt")
-    assert peer.node.count_services("/dlo_sim/change_state") == 1
+    peer.until(lambda: peer.node.count_services("/dlo_sim/change_state") == 1, "its services")
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait(SOON) == 0
     peer.until(lambda: not peer.node.count_publishers("/dlo_sim/centerline"), "end of the node")
