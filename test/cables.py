@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from dlo_sim.core import bspline, mass, spectrum
+from dlo_sim.core import bspline, mass, rotations, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
@@ -13,7 +13,7 @@ from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import geometries_of
-from dlo_sim.simulation.natural_shape import natural_rows, turned_rows, weighted
+from dlo_sim.simulation.natural_shape import local_turn, natural_rows, turned_rows, weighted
 from dlo_sim.simulation.simulator import Simulator
 
 # Stretching, bending, gravity and a point load; the start is clamped along x, the end is free.
@@ -95,7 +95,7 @@ class Bench:
         if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
             natural = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
             rows = weighted(self.model, natural)
-            rows = turned_rows(rows, np.eye(3), self.model.axes)
+            rows = turned_rows(rows, local_turn(np.eye(3), self.model.axes))
             self.model.put_samples(self.cable.state, layout.NATURAL, rows)
 
     def pull_to(self, t):
@@ -147,7 +147,7 @@ class Bench:
             point, end = self.model.holding.points[row.point], list(self.scene.holders)[row.grasp]
             direction = np.zeros(4)
             if row.line < 0:
-                direction[:3] = self.drive.turned(end, t, row.body)
+                direction[:3] = rotations.rotate(self.drive.orientation(end, t), row.body)
             else:
                 direction[columns[row.line]] = 1.0
             along = direction[columns]

@@ -7,6 +7,7 @@ xi = (u - mid) / (h / 2) in [-1, 1]; all evaluation goes through those cubics.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -73,10 +74,16 @@ def span_polynomials(knots: Array, derivative: int = 0) -> Array:
 
     Returns:
         Coefficients [1/m^derivative], shape (n_spans, 4 basis functions, 4 - derivative powers of
-        xi); basis function k of span s belongs to control point s + k.
+        xi), read-only; basis function k of span s belongs to control point s + k.
 
     Source: de Boor, A Practical Guide to Splines, 1978, ch. X.
     """
+    return _span_polynomials(np.ascontiguousarray(knots, dtype=float).tobytes(), derivative)
+
+
+@functools.lru_cache(maxsize=64)  # one model asks for the same ones up to ten times
+def _span_polynomials(knot_bytes: bytes, derivative: int) -> Array:
+    knots = np.frombuffer(knot_bytes)
     n_spans = len(knots) - 2 * DEGREE - 1
     index = np.arange(n_spans) + DEGREE
     mid = 0.5 * (knots[index] + knots[index + 1])
@@ -97,6 +104,7 @@ def span_polynomials(knots: Array, derivative: int = 0) -> Array:
         basis = raised
     for _ in range(derivative):
         basis = basis[..., 1:] * np.arange(1, basis.shape[-1]) / half[:, None, None]
+    basis.flags.writeable = False
     return basis
 
 

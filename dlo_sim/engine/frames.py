@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.compiling.pieces import MATRIX, NOTHING, REALS, STRIDED, STRIDED_WHOLES, part, piece
+from dlo_sim.compiling.pieces import (
+    MATRIX,
+    NOTHING,
+    REAL,
+    REALS,
+    STRIDED,
+    STRIDED_WHOLES,
+    part,
+    piece,
+)
+from dlo_sim.engine import layout
+from dlo_sim.engine.bundles import CABLE, bared
+from dlo_sim.engine.grasps import turned
 
 
 @part
@@ -69,22 +81,26 @@ def transport(points, columns, values, slopes, reference, out):
         write_quaternion(t0, t1, t2, m0, m1, m2, n0, n1, n2, out[i])
 
 
-BASIS = STRIDED_WHOLES, STRIDED, STRIDED
+@piece(NOTHING, CABLE, MATRIX)
+def control_points(cable, out):
+    """Write the coordinates that the cable has to the columns x, y, z, theta of out, (n, 4)."""
+    shape, _, _, state, _ = bared(cable)
+    for line in range(shape[layout.LINES]):
+        at = shape[layout.X] + line * shape[layout.LINE] + layout.MARGIN
+        column = shape[layout.AXES + line] if line < shape[layout.DIM] else 3
+        for i in range(shape[layout.N]):
+            out[i, column] = state[at + i]
 
 
-@piece(NOTHING, MATRIX, *BASIS, REALS, MATRIX)
-def curve_frames(points, columns, values, slopes, reference, out):
-    """`transport` for callers from Python."""
+@piece(NOTHING, CABLE, MATRIX, STRIDED_WHOLES, STRIDED, STRIDED, REAL, REALS, MATRIX)
+def curve_frames(cable, points, columns, values, slopes, t, direction, out):
+    """`transport`, with a reference that has this direction in the frame of the start's end
+    effector at time t.
+    """
+    shape, _, inputs, _, _ = bared(cable)
+    x, y, z = direction[0], direction[1], direction[2]
+    reference = turned(inputs, shape[layout.MOTION], t, x, y, z)
     transport(points, columns, values, slopes, reference, out)
-
-
-@piece(NOTHING, MATRIX, *BASIS, REALS, MATRIX)
-def control_poses(points, columns, values, slopes, reference, out):
-    """Control points with the material frame at the material coordinate of each, shape (n, 7)."""
-    transport(points, columns, values, slopes, reference, out)
-    for i in range(points.shape[0]):
-        for k in range(3):
-            out[i, k] = points[i, k]
 
 
 @part

@@ -45,29 +45,30 @@ def add_moment(shape, f, t, out):
 def add_wrench(cable, grasp, rows, points, about, out):
     """out += force [N] and moment [N m] of a grasp on the cable, world axes, shape (6,).
 
-    A held row with multiplier F (`rows`, one per held row) and direction e applies Q = F e to
-    sum_k b_k x_k: the force (sum_k b_k) Q and the moment (sum_k b_k (x_k - x_e)) x Q about a point
-    x_e (`about` [m], (3,); `points` [m], (n, 4)). A twist row is a moment about the tangent at its
-    end. Springs contribute their present forces.
+    A held row with multiplier F (`rows`, one per held row; if empty REACTION, the mean over the
+    last step) and direction e applies Q = F e to sum_k b_k x_k: the force (sum_k b_k) Q and the
+    moment (sum_k b_k (x_k - x_e)) x Q about a point x_e (`about` [m], (3,); `points` [m], (n, 4)).
+    A twist row is a moment about the tangent at its end. Springs contribute their present forces.
     """
     shape, model, _, state, _ = bared(cable)
     x = shifted(state, shape[layout.X])
     for k in range(shape[layout.HELD]):
         line, point = line_of(shape, k), point_of(shape, k)
+        held = rows[k] if len(rows) else state[shape[layout.REACTION] + k * LANES]
         if grasp_of(shape, k) != grasp:
             continue
         weights = shape[layout.HELD_WEIGHTS] + layout.POINT_ROWS * LANES * point
         begin = first_of_point(shape, point)
         if line == shape[layout.DIM]:
-            add_moment(shape, rows[k], edge(shape, x, own_of(shape, point)), out)
+            add_moment(shape, held, edge(shape, x, own_of(shape, point)), out)
         elif line >= 0:
             axis = shape[layout.AXES + line]
-            add_force(model, weights, points, begin, rows[k], axis, about, out)
+            add_force(model, weights, points, begin, held, axis, about, out)
         else:
             e = shape[layout.DIRECTION] + layout.DIRECTION_ROWS * LANES * k
             for d in range(shape[layout.DIM]):
                 axis = shape[layout.AXES + d]
-                f = rows[k] * state[e + d * LANES]
+                f = held * state[e + d * LANES]
                 add_force(model, weights, points, begin, f, axis, about, out)
     for k in range(shape[layout.SPRINGS]):
         if spring_grasp(shape, k) == grasp:

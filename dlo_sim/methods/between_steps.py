@@ -37,7 +37,7 @@ from dlo_sim.engine.band import (
 )
 from dlo_sim.engine.border import keep_border, set_border, solve_border, stiffen_border
 from dlo_sim.engine.bundles import CABLE, bared
-from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place, turned
+from dlo_sim.engine.grasps import DURATION, MOTION_SIZE, START, place
 from dlo_sim.engine.held import (
     add_shifts,
     grasps_move,
@@ -64,7 +64,13 @@ from dlo_sim.engine.sampling import velocities
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.engine.tables import grasp_of
 from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES, residual_of
-from dlo_sim.methods.works import evaluate
+from dlo_sim.methods.works import evaluate, turn_natural_shape
+
+
+@by_terms
+def forces_of(terms: int) -> Engine:
+    """The force functions of a scene with these bits."""
+    return Engine(assembly(terms).forces)
 
 
 @by_terms
@@ -73,7 +79,20 @@ def energies_of(terms: int) -> Engine:
     return Engine(assembly(terms).energies)
 
 
-ENERGIES = energies_of(0)  # of the type of all others
+@by_terms
+def gradient_of(terms: int) -> Engine:
+    """The discrete gradient of a scene with these bits."""
+    return Engine(assembly(terms).gradient)
+
+
+@by_terms
+def tangent_of(terms: int) -> Engine:
+    """The Jacobian functions of a scene with these bits."""
+    return Engine(assembly(terms).tangent)
+
+
+# Of the types of all others.
+FORCES, ENERGIES, GRADIENT, TANGENT = forces_of(0), energies_of(0), gradient_of(0), tangent_of(0)
 
 
 @piece(NOTHING, CABLE, REAL)
@@ -150,29 +169,24 @@ def grasp_place(inputs, at, t, out):
     out[0], out[1], out[2], out[3] = a[0], a[1], a[2], a[3]
 
 
-@piece(NOTHING, REALS, WHOLE, REAL, REALS)
-def grasp_turn(inputs, at, t, direction):
-    """Transform a direction from the gripper's frame to the world at time t, in place."""
-    v = turned(bare(inputs), at, t, direction[0], direction[1], direction[2])
-    direction[0], direction[1], direction[2] = v[0], v[1], v[2]
-
-
-@piece(NOTHING, CABLE, ANY.forces, REAL, REALS)
-def forces_now(cable, forces, t, out):
+@piece(NOTHING, CABLE, FORCES, REAL, REALS)
+def forces_now(cable, engine, t, out):
     """Potential and load forces at the present configuration into the lines of `out`."""
     shape, model, inputs, state, scratch = bared(cable)
     out = bare(out)
     x = shifted(state, shape[layout.X])
+    _, forces = engine.pieces
     all_forces(forces, shape, model, state, x, out)
     load_force(shape, model, inputs, scratch, x, t, out)
 
 
-@piece(NOTHING, CABLE, ANY.tangent)
-def stiffness(cable, tangent):
+@piece(NOTHING, CABLE, TANGENT)
+def stiffness(cable, engine):
     """BAND = Hessian of the potential energy with respect to the spatial lines."""
     shape, model, _, state, scratch = bared(cable)
     band, x = shifted(scratch, shape[BAND]), shifted(state, shape[layout.X])
     clear_band(shape, band)
+    _, tangent = engine.pieces
     factors = shifted(scratch, shape[FACTORS_OF_SAMPLES])
     all_tangents(tangent, shape, model, state, x, x, 0.0, 2.0, factors, band)
     add_springs(shape, model, 1.0, band)
@@ -287,8 +301,8 @@ def held_force(cable, t, force, out):
         out[k] = scratch[shape[layout.SYSTEM] + k * LANES]
 
 
-@piece(NOTHING, CABLE, ANY.gradient, REALS, REALS)
-def damping_forces(cable, gradient, v, out):
+@piece(NOTHING, CABLE, GRADIENT, REALS, REALS)
+def damping_forces(cable, engine, v, out):
     """out += forces of linear damping, drag and viscosity at velocities v; both are lines."""
     shape, model, _, state, scratch = bared(cable)
     v, out = bare(v), bare(out)
@@ -296,6 +310,7 @@ def damping_forces(cable, gradient, v, out):
         matrix = shape[layout.VISCOUS] + mass_of(shape, line) - shape[layout.MASS]
         add_product(shape, model, matrix, line, -1.0, v, out)
     x, spare = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.V1])
+    _, gradient = engine.pieces
     add_damping(gradient, shape, model, x, v, 1.0, out)
     beta = shape[layout.BETA]
     if model[beta] + model[beta + LANES] > 0.0:
@@ -320,6 +335,14 @@ def jump(cable, carry, t):
     x, w = shifted(state, shape[layout.X]), shifted(state, shape[layout.W])
     carry(shape, model, inputs, state, scratch, x, w, t, 0.0)
     move_anchors(shape, model, inputs, state, t)
+
+
+@piece(NOTHING, CABLE, ENERGIES, REALS, REALS)
+def turn_natural(cable, engine, rows, turn):
+    """`turn_natural_shape` by one matrix, (9)."""
+    shape, model, _, state, scratch = bared(cable)
+    _, look = engine.pieces
+    turn_natural_shape(shape, model, state, scratch, look, rows, turn, 0)
 
 
 @piece(NOTHING, CABLE, evaluate, ANY.forces, REAL)

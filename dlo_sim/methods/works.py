@@ -5,7 +5,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, shifted, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.account import add_to_ledger, set_ledger
+from dlo_sim.engine.account import COUNT, add_to_ledger, measure, set_ledger
 from dlo_sim.engine.assembly import ANY, all_forces
 from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.held_motion import clear_moved, pulled
@@ -59,6 +59,35 @@ def evaluate(shape, model, inputs, state, scratch, forces, t):
                 done += anchor_work(shape, model, state, before, x)
             add_to_ledger(shape, state, layout.DRIVE_WORK, done)
         reset_work(shape, state, x, before)
+
+
+@part
+def potential(shape, model, state, scratch, look):
+    """Potential energy [J] of the present state."""
+    measure(shape, model, state, scratch, look)
+    total = 0.0
+    for k in range(COUNT):
+        total += state[shape[layout.LEDGER] + (layout.ENERGY + k) * LANES]
+    return total
+
+
+@part
+def turn_natural_shape(shape, model, state, scratch, look, rows, turns, at):
+    """NATURAL = `rows`, with each vector rotated by the 3 x 3 matrix at offset `at` of `turns`; the
+    change of energy is work of the grasps.
+    """
+    before = potential(shape, model, state, scratch, look)
+    for start in range(0, len(rows), layout.NATURAL_ROWS * LANES):
+        for lane in range(start, start + LANES):
+            x, y, z = rows[lane], rows[lane + LANES], rows[lane + 2 * LANES]
+            for d in range(3):
+                turned = turns[at + 3 * d] * x + turns[at + 3 * d + 1] * y
+                to = shape[layout.NATURAL] + lane + d * LANES
+                state[to] = turned + turns[at + 3 * d + 2] * z
+            to = shape[layout.NATURAL] + lane + 3 * LANES
+            state[to] = rows[lane + 3 * LANES]
+    done = potential(shape, model, state, scratch, look) - before
+    state[shape[layout.LEDGER] + layout.DRIVE_WORK * LANES] += done
 
 
 @part

@@ -14,6 +14,7 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.compiling.pieces import code_of
 from dlo_sim.engine import layout
 from dlo_sim.engine.assembly import Assembly, assembly
+from dlo_sim.engine.frames import control_points
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.natural_curvature import follow_to_present
@@ -72,6 +73,13 @@ class Cable:
     def x(self) -> Array:
         """Positions, a view of shape (lines, n)."""
         return self.model.view(self.state, layout.X)
+
+    @property
+    def points(self) -> Array:
+        """Control points x, y, z [m], theta [rad], shape (n, 4), a copy."""
+        out = self.model.blank.copy()
+        control_points(self.arrays, out)
+        return out
 
     @cached_property
     def w(self) -> Array:
@@ -161,6 +169,13 @@ class Cable:
         if self.model.has(layout.MATERIAL):
             follow_to_present(self.arrays)
 
+    def turn_natural(self, rows: Array, turn: Array) -> None:
+        """Set the natural shape to these rows, as blocks, with their vectors turned by a matrix
+        (3, 3); the change of energy is work of the grasps.
+        """
+        energies = between_steps.energies_of(self.terms).code
+        between_steps.turn_natural(self.arrays, energies, rows, turn.ravel())
+
     def flow(self) -> None:
         """Plastic flow at the present shape."""
         if self.model.has(layout.PLASTICITY):
@@ -232,10 +247,10 @@ class Cable:
         With `rates`, velocities (lines, n), the damping forces are included.
         """
         out = self._lines()
-        between_steps.forces_now(self.arrays, code_of(self._assembly.forces), t, out)
+        between_steps.forces_now(self.arrays, between_steps.forces_of(self.terms).code, t, out)
         if rates is not None and self.model.has(layout.DAMPED):
             v = self.padded(rates)
-            gradient = code_of(self._assembly.gradient)
+            gradient = between_steps.gradient_of(self.terms).code
             between_steps.damping_forces(self.arrays, gradient, v, out)
         return self.shown(out)
 
@@ -256,7 +271,7 @@ class Cable:
         Returns:
             A view of scratch, shape (n dim, width); entry (r, c) is at [r, c - r + 4 dim - 1].
         """
-        between_steps.stiffness(self.arrays, code_of(self._assembly.tangent))
+        between_steps.stiffness(self.arrays, between_steps.tangent_of(self.terms).code)
         return self.band
 
     @property
@@ -309,7 +324,7 @@ class Cable:
         self.settle(t)
         before = self.potentials().sum()
         between_steps.jump(self.arrays, carry.code, t)
-        points = self.model.to_columns(self.x)
+        points = self.points
         put(points)
         self.x[:] = self.model.to_lines(points)
         self.ledger[layout.DRIVE_WORK] += self.potentials().sum() - before

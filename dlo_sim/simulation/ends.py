@@ -79,15 +79,13 @@ class EndDrive:
         motion = self._motions[known_holder(self._scene, end)]
         return motion.position_at(t), motion.orientation_at(t)
 
-    def turned(self, end: str, t: float, direction: ArrayLike) -> Array:
-        """World components at time t of a direction in an end effector's frame, each (3,)."""
-        world = np.array(direction, dtype=float)
-        between_steps.grasp_turn(np.ascontiguousarray(self.motion[self._rows[end]]), 0, t, world)
-        return world
+    def orientation(self, end: str, t: float) -> Array:
+        """Quaternion of an end effector at time t."""
+        return self._motions[end].orientation_at(t)
 
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
-        return rotations.rotate(self._motions[end].orientation_at(t), self._direction(end))
+        return rotations.rotate(self.orientation(end, t), self._direction(end))
 
     def put(self, points: Array, t: float, anew: bool = False) -> None:
         """Write the entries of control points (n, 4) that the ends prescribe at time t.

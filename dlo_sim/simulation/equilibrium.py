@@ -104,7 +104,7 @@ def _flow(cable: Cable, lay: Lay | None) -> Lay | None:
 
 def _put(ends: EndDrive, cable: Cable, lay: Lay | None) -> None:
     """Put the cable at rest, with its ends where they are held."""
-    points = cable.model.to_columns(cable.x)
+    points = cable.points
     ends.put(points, 0.0)
     cable.put(points, np.zeros_like(points))
     if lay:

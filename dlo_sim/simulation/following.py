@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps
-from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.natural_shape import local_turn
 
@@ -149,11 +148,11 @@ def natural_along(model: Model, rows: Array | None, motions: Array) -> tuple[Arr
     """A natural shape that turns with the end effector of the start, for `Stepper.advance_along`.
 
     Returns:
-        Its rows in the frame of that end effector, as blocks, and the rotation matrix of every
-        step, flat; both empty without rows.
+        Its rows in the frame of that end effector and the rotation matrix of every step, flat; both
+        empty without rows.
     """
     if rows is None:
         return np.zeros(0), np.zeros(0)
     frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
     turns = np.array([local_turn(one, model.axes) for one in frames])
-    return to_blocks(rows.reshape(len(rows), -1)), turns.ravel()
+    return rows, turns.ravel()

@@ -13,6 +13,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
+from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import NEAREST, Geometries, Geometry
@@ -20,6 +21,7 @@ from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.natural_shape import (
     has_natural_shape,
+    local_turn,
     natural_rows,
     rows_in_frames,
     turned_rows,
@@ -33,11 +35,12 @@ Array = NDArray[np.float64]
 
 
 class CableInputs(CableView):
-    """The side of `Simulator` that takes inputs; it brings in the terms that they need."""
+    """The part of `Simulator` that takes inputs and activates the terms that they need."""
 
     _load_index: dict[str, int]
     _loop: GuardedLoop
     _natural: Array  # rows of the natural shape in the frame of the start
+    _turning: Array | None  # those that turn with the start's end effector, weighted, as blocks
 
     def set_load(
         self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
@@ -199,7 +202,11 @@ class CableInputs(CableView):
         self._natural = np.zeros((*model.rule.xi.shape, layout.NATURAL_ROWS))
         if has_natural_shape(self.scene, model):
             self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
-        self._turn_natural_shape()
+        self._turning = None
+        if has_natural_shape(self.scene, model) and not model.has(layout.MATERIAL):
+            rows = weighted(model, self._natural)
+            self._turning = to_blocks(rows.reshape(len(rows), -1))
+            model.put_samples(cable.state, layout.NATURAL, turned_rows(rows, self._turn_of_start))
 
     def _pull_to_grasps(self) -> None:
         """Let the springs pull to where the grasps are."""
@@ -232,28 +239,16 @@ class CableInputs(CableView):
         twists = rolls and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
         return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
 
+    @property
+    def _turn_of_start(self) -> Array:
+        """Rotation matrix of the start's end effector, in the coordinates of the lines."""
+        orientation = self._ends.orientation("start", self.time)
+        return local_turn(rotations.to_matrix(orientation), self.model.axes)
+
     def _natural_shape_moves(self) -> None:
         """Turn the natural shape with the start's end effector, which does the work."""
-        if self.model.has(layout.CURVED):
-            before = self.cable.potentials().sum()
-            self._turn_natural_shape()
-            self.cable.ledger[layout.DRIVE_WORK] += self.cable.potentials().sum() - before
-
-    @property
-    def _turning(self) -> Array | None:
-        """The natural shape if there is one that does not follow the cable: it turns with the
-        start's end effector.
-        """
-        follows = self.model.has(layout.MATERIAL)
-        if follows or not has_natural_shape(self.scene, self.model):
-            return None
-        return weighted(self.model, self._natural)
-
-    def _turn_natural_shape(self) -> None:
         if self._turning is not None:
-            turn = rotations.to_matrix(self.end_pose("start")[1])
-            rows = turned_rows(self._turning, turn, self.model.axes)
-            self.model.put_samples(self.cable.state, layout.NATURAL, rows)
+            self.cable.turn_natural(self._turning, self._turn_of_start)
 
     @property
     def _lays_natural_shape(self) -> bool:
@@ -279,7 +274,7 @@ class CableInputs(CableView):
             of_elastic = weighted(model, rows)
             model.put_samples(self.cable.state, layout.NATURAL, of_elastic)
         else:
-            rows = turned_rows(self._natural, rotations.to_matrix(start), model.axes)
+            rows = turned_rows(self._natural, self._turn_of_start)
         if model.has(layout.PLASTICITY):
             tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
             plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
@@ -295,7 +290,7 @@ class CableInputs(CableView):
         self._loop = GuardedLoop(self.cable, self._stepper)
 
     def _extend(self, needs: Needs) -> None:
-        """A term that was left out matters now: it comes into the step, the state stays."""
+        """Activate the terms that these needs add; the state is kept."""
         lines = (self._needs.axes, self._needs.twist, self._needs.loads)
         if (needs.axes, needs.twist, needs.loads) == lines:
             self._needs = needs
@@ -303,7 +298,7 @@ class CableInputs(CableView):
         self._replace(needs, self._geometries)
 
     def _replace(self, needs: Needs, geometries: Geometries) -> None:
-        """Go on with other needs or grasps from the present state."""
+        """Continue with other needs or grasps from the present state."""
         points, rates = self.control_points, self.velocities
         self._ends.take_frame_turns(self.cable.frame_turn)
         old, ledger = self.cable, self.cable.ledger.copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,6 +74,11 @@ class Model:
         at = self.shape[offset]
         return array[at : at + count * LANES].reshape(count, LANES)
 
+    @cached_property
+    def blank(self) -> Array:
+        """Columns x, y, z, theta, shape (n, 4), with the coordinates that have no line."""
+        return np.tile(np.append(self.rest, 0.0), (self.n, 1))
+
     @property
     def columns(self) -> tuple[int, ...]:
         """Column of x, y, z, theta that belongs to each line."""
@@ -86,7 +92,7 @@ class Model:
         """
         out = np.zeros((*lines.shape[:-2], self.n, 4))
         if rest:
-            out[..., :3] = self.rest
+            out[:] = self.blank
         for line, column in enumerate(self.columns):
             out[..., column] = lines[..., line, :]
         return out

@@ -65,9 +65,9 @@ def unslipped(model: Model, rows: Array, tangents: Array) -> Array:
     return np.concatenate([plastic, tangents, np.zeros_like(tangents)], axis=-1)
 
 
-def turned_rows(rows: Array, turn: Array, axes: tuple[int, ...]) -> Array:
-    """The rows with their vectors turned by a matrix (3, 3), in the coordinates of the lines."""
-    return np.concatenate([rows[..., :3] @ local_turn(turn, axes).T, rows[..., 3:]], axis=-1)
+def turned_rows(rows: Array, turn: Array) -> Array:
+    """The rows with their vectors turned by a matrix (3, 3)."""
+    return np.concatenate([rows[..., :3] @ turn.T, rows[..., 3:]], axis=-1)
 
 
 def local_turn(turn: Array, axes: tuple[int, ...]) -> Array:

@@ -69,7 +69,7 @@ def place(
         )
     if lay:
         lay()
-    points = cable.model.to_columns(cable.x)
+    points = cable.points
     _check_obstacles(scene, cable.model, points[:, :3])
     cable.put(points, np.zeros_like(points))
 
@@ -132,7 +132,7 @@ def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
     twin.point_grasps(0.0)
     if twin.anchors.size:
         twin.anchors[:] = cable.anchors
-    points = cable.model.to_columns(cable.x)
+    points = cable.points
     twin.put(points, np.zeros_like(points))
     if twin.model.has(layout.CURVED):
         natural = cable.model.samples(cable.state, layout.NATURAL, layout.NATURAL_ROWS)

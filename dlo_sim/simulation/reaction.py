@@ -12,6 +12,7 @@ from dlo_sim.simulation.inextensible import held_force
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
+_REACTION = np.zeros(0)  # for `add_wrench`: the reactions that the last step left
 
 
 def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
@@ -21,13 +22,11 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
     an implicit method, else the present value, which for an inextensible cable (`keeps_length`)
     includes the constraint forces. The part of the springs is the present value.
     """
-    model = cable.model
-    if cable.entry(layout.HAS_REACTION):
-        rows = model.rows(cable.state, layout.REACTION, len(model.holding.rows))[:, 0].copy()
-    else:
+    rows = _REACTION
+    if not cable.entry(layout.HAS_REACTION):
         rows = held_force(cable, t) if keeps_length else cable.held_force(t)
-    points = model.to_columns(cable.x)
-    about = points[-grasp, :3] if grasp < 2 else _place_of(model, grasp, points)
+    points = cable.points
+    about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points)
     wrench = np.zeros(6)
     add_wrench(cable.arrays, grasp, rows, points, about, wrench)
     return wrench

@@ -9,7 +9,7 @@ from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import CONSTRAINED
 from dlo_sim.core.strain import strain
 from dlo_sim.engine import layout
-from dlo_sim.engine.frames import control_poses, curve_frames
+from dlo_sim.engine.frames import curve_frames
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
 from dlo_sim.simulation.cable import Cable
@@ -97,7 +97,7 @@ class CableView:
     @property
     def control_points(self) -> Array:
         """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
-        return self.model.to_columns(self.cable.x)
+        return self.cable.points
 
     @property
     def velocities(self) -> Array:
@@ -148,7 +148,7 @@ class CableView:
         """
         basis = self._basis(_coordinates(u))
         poses = np.empty((len(basis[0]), 7))
-        curve_frames(self.control_points, *basis, self._frame_reference(), poses)
+        self._write_poses(self.cable.points, basis, poses)
         return poses[:, 3:]
 
     def control_poses(self, out: Array) -> None:
@@ -162,8 +162,9 @@ class CableView:
         fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
         if not (fits and out.flags.c_contiguous and out.flags.writeable):
             raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
-        basis = self._basis(self._greville)
-        control_poses(self.control_points, *basis, self._frame_reference(), out)
+        points = self.cable.points
+        self._write_poses(points, self._basis(self._greville), out)
+        out[:, :3] = points[:, :3]
 
     def energy(self) -> Energy:
         """Energies of the present state."""
@@ -264,11 +265,11 @@ class CableView:
             self._bases[key] = table
         return table
 
-    def _frame_reference(self) -> Array:
-        """World vector, fixed in the start's end effector, that defines the second axis of the
-        material frame at the start.
+    def _write_poses(self, points: Array, basis: Basis, out: Array) -> None:
+        """Points of the curve and material frames, whose second axis at the start is fixed in the
+        start's end effector, into out, shape (m, 7).
         """
-        return self._ends.turned("start", self.time, self._frame_axis)
+        curve_frames(self.cable.arrays, points, *basis, self.time, self._frame_axis, out)
 
 
 def _coordinates(u: ArrayLike) -> Array:

@@ -40,7 +40,7 @@ def placed(bench, row, t):
     """Attachment point, tangent and twist angle."""
     end = ("start", "end")[row]
     place = bench.drive.place_at(end, t)
-    tangent = bench.drive.turned(end, t, tuple(TANGENTS[end]))
+    tangent = rotations.rotate(bench.drive.orientation(end, t), TANGENTS[end])
     return np.array([*place[:3], *tangent, place[3]])
 
 
