@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import rotations
-from dlo_sim.engine.frames import curve_frames
+from dlo_sim.engine.frames import transport
 
 
 def frames(points, tangents, angles=None, reference=(0.0, 0.0, 1.0)):
@@ -20,7 +20,7 @@ def frames(points, tangents, angles=None, reference=(0.0, 0.0, 1.0)):
     values, slopes = np.zeros((count, 4)), np.zeros((count, 4))
     values[:, 0] = slopes[:, 1] = 1.0
     out = np.zeros((count, 7))
-    curve_frames(table, columns, values, slopes, np.array(reference, float), out)
+    transport(table, columns, values, slopes, np.array(reference, float), out)
     assert np.array_equal(out[:, :3], points)
     return out[:, 3:]
 
