@@ -20,7 +20,7 @@ from dlo_sim.engine import layout
 from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.methods.explicit_layout import FAILED_STEP, GOOD, GOOD_LEDGER, GOOD_ROWS, GOOD_STEP
 from dlo_sim.methods.splitting import advance_splitting, engine_of
-from dlo_sim.simulation.arrays import from_blocks, line_view, new_shape, rooms
+from dlo_sim.simulation.arrays import aligned_zeros, from_blocks, new_shape, rooms
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.recorder import Recorder
@@ -161,25 +161,23 @@ def _stacked(lanes: Sequence[Lane]) -> Cable:
 
 def _side_by_side(model: Model, name: str, one: Model, arrays: Sequence[Array]) -> Array:
     """An array of all cables from those of each, which are like `one`."""
-    whole = np.zeros(model.sizes[name])
-    wide = rooms(model.counts)[name]
+    whole = aligned_zeros(model.sizes[name])
+    wide, each = rooms(model.counts)[name], np.stack(arrays, axis=-1)
     for offset, size in rooms(one.counts)[name].items():
         at, start = int(model.shape[offset]), int(one.shape[offset])
-        room = whole[at : at + wide[offset]]
-        parts = [array[start : start + size] for array in arrays]
+        room, parts = whole[at : at + wide[offset]], each[start : start + size]
         if not len(room):
             continue
         if offset in _SHARED:
-            room[:] = parts[0]
+            room[:] = parts[:, 0]
         elif offset in _LINES:
-            count = size // one.counts.line
-            lines = [line_view(one.shape, part, 0, count) for part in parts]
-            _points(room, model)[:] = np.stack(lines, axis=-1)
-        elif offset in _BLOCKS and size:
-            spans = [from_blocks(part, one.n - bspline.DEGREE) for part in parts]
-            room[:] = np.stack(spans, axis=-1).ravel()
+            lines = parts.reshape(-1, one.counts.line, LANES)
+            begin = layout.MARGIN
+            _points(room, model)[:] = lines[:, begin : begin + one.n]
+        elif offset in _BLOCKS:
+            room[:] = from_blocks(parts, one.n - bspline.DEGREE).ravel()
         else:
-            room[:] = np.stack([part[::LANES] for part in parts], axis=-1).ravel()
+            room[:] = parts[::LANES].ravel()
     return whole
 
 

@@ -24,7 +24,7 @@ splines the B-bar projection of Elguedj et al. 2008, Comput. Methods Appl. Mech.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, store, zero
+from dlo_sim.compiling.lanes import LANES, load, root, store, zero
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import layout
 from dlo_sim.terms import bend, stretch
@@ -203,7 +203,7 @@ def span_strains(shape, model, block, p):
         at = sample_of(block, j)
         xi = load(model, at + layout.XI * LANES)
         t = tangent_at(p, xi)
-        f = share * load(model, at + layout.QUADRATURE * LANES) * stretch.strain(dot(t, t))
+        f = share * load(model, at + layout.QUADRATURE * LANES) * (root(dot(t, t)) - 1.0)
         mean += f
         slope += xi * f
     return mean, slope
@@ -221,33 +221,30 @@ def products(p):
 
 
 @part
-def invariants_at(inner, xi, slope):
-    """c, d, h at a local coordinate, from the inner products."""
+def invariants_at(inner, xi):
+    """c, d / s and h / s^2 at a local coordinate, from the inner products; s = d xi/du."""
     aa, ab, ac, bb, bc, cc = inner
     middle = bb + 2.0 * ac
     return (
-        aa + xi * (2.0 * ab + xi * (middle + xi * (2.0 * bc + xi * cc))),
-        slope * (ab + xi * (middle + xi * (3.0 * bc + xi * (2.0 * cc)))),
-        slope * slope * (bb + xi * (4.0 * bc + xi * (4.0 * cc))),
+        (aa + xi * (2.0 * ab)) + xi * xi * ((middle + xi * (2.0 * bc)) + xi * xi * cc),
+        ab + xi * (middle + xi * (3.0 * bc + xi * (2.0 * cc))),
+        bb + xi * (4.0 * bc + xi * (4.0 * cc)),
     )
 
 
 @part
 def add_invariants(g, on_c, on_d, on_h, xi):
-    """g plus the matrix (AA, AB, AC, BB, BC, CC) of one sample. on_c, on_d, on_h: its weight times
-    2 dU/dc, s dU/dd and 2 s^2 dU/dh, s = d xi/du.
+    """g plus half the matrix (AA, AB, AC, BB, BC, CC) of one sample. on_c, on_d, on_h: its weight
+    times dU/dc, s/2 dU/dd and s^2 dU/dh, s = d xi/du.
+
+    on_c is known last, so each entry is one multiply-add away from it.
     """
-    f = xi * on_d
-    ab = xi * on_c + on_d
-    ac = xi * (ab + on_d)
-    return (
-        g[0] + on_c,
-        g[1] + ab,
-        g[2] + ac,
-        g[3] + (ac + on_h),
-        g[4] + xi * (ac + f + 2.0 * on_h),
-        g[5] + xi * xi * (ac + 2.0 * f + 4.0 * on_h),
-    )
+    square, along = xi * xi, xi * on_d
+    more = along + 2.0 * on_h
+    ac, bc = along + along, 2.0 * along + more
+    ab, ac = on_d + xi * on_c, ac + square * on_c
+    cc, bc = (bc + more) + square * on_c, bc + square * on_c
+    return g[0] + on_c, g[1] + ab, g[2] + ac, g[3] + (ac + on_h), g[4] + xi * bc, g[5] + square * cc
 
 
 @part
@@ -266,37 +263,38 @@ def elastic_force(shape, model, x, out):
     terms = shape[layout.TERMS]
     if not terms & (layout.STRETCH | layout.SPAN_STRETCH | layout.BEND):
         return
+    width, stride = shape[layout.LINE], shape[layout.STRIDE]
+    # Terms that the scene lacks are factors of zero: no branches in the loop over the samples.
+    stretches = 1.0 if terms & (layout.STRETCH | layout.SPAN_STRETCH) else 0.0
+    sampled = 1.0 if terms & layout.STRETCH else 0.0
+    bends = 1.0 if terms & layout.BEND else 0.0
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
-        axial, bending = (
-            load(model, block + layout.AXIAL * LANES),
-            load(model, block + layout.BENDING * LANES),
-        )
         s = load(model, block + layout.SLOPE * LANES)
+        axial = stretches * load(model, block + layout.AXIAL * LANES)
+        bending = bends * s * s * load(model, block + layout.BENDING * LANES)
         p = curve(shape, model, x, b, 1.0)
         mean, linear = zero(), zero()
         if terms & layout.SPAN_STRETCH:
             mean, linear = span_strains(shape, model, block, p)
             linear = linear * load(model, block + layout.LINEAR * LANES)
+        mean -= sampled  # so that sampled c + mean |r'| is c - |r'|
         inner = products(p)
         g = (zero(), zero(), zero(), zero(), zero(), zero())
         for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
             xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
-            c, d, h = invariants_at(inner, xi, s)
-            on_c, on_d, on_h = zero(), zero(), zero()
-            if terms & layout.STRETCH:
-                on_c += stretch.gradient(axial, c)
-            if terms & layout.SPAN_STRETCH:
-                on_c += stretch.projected_gradient(axial, c, mean + xi * linear)
-            if terms & layout.BEND:
-                more = bend.gradient(bending, c, d, h)
-                on_c += more[0]
-                on_d += s * more[1]
-                on_h += s * s * more[2]
-            g = add_invariants(g, 2.0 * w * on_c, w * on_d, 2.0 * w * on_h, xi)
-        g0, g1, g2 = matrix_times(g, p[0]), matrix_times(g, p[1]), matrix_times(g, p[2])
-        scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
+            c, d, h = invariants_at(inner, xi)
+            inverse = 1.0 / c
+            stretched = sampled * c + (mean + xi * linear) * root(c)
+            on_c, on_d, on_h = bend.gradient(w * bending, d, h, inverse)
+            on_c += stretch.gradient(w * axial, stretched, inverse)
+            g = add_invariants(g, on_c, on_d, on_h, xi)
+        at = layout.MARGIN * stride + LANES * b
+        scatter(matrix_times(g, p[0]), at, stride, model, block, -2.0, out)
+        scatter(matrix_times(g, p[1]), at + width, stride, model, block, -2.0, out)
+        if shape[layout.DIM] == 3:
+            scatter(matrix_times(g, p[2]), at + 2 * width, stride, model, block, -2.0, out)
 
 
 @part

@@ -8,30 +8,31 @@ from dlo_sim.compiling.lanes import LANES, load, size, store, zero
 from dlo_sim.compiling.pieces import NO, NOTHING, NUMBERS, TABLE, YES, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import elastic_energy, elastic_force
-from dlo_sim.engine.lines import add_differences, clear, difference_form, gathered
+from dlo_sim.engine.lines import add_differences, difference_form, gathered
 from dlo_sim.engine.springs import spring_energy, spring_force
 
 
 @piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
 def forces(shape, model, state, x, out):
     """out = - dU/dq of these terms."""
-    clear(shape, out)
     terms = shape[layout.TERMS]
+    start_with_weight(shape, model, out)
     elastic_force(shape, model, x, out)
     if terms & layout.TWISTED:
         add_differences(shape, model, shape[layout.TWIST], shape[layout.DIM], -1.0, x, out)
-    if terms & layout.GRAVITY:
-        add_weight(shape, model, out)
     spring_force(shape, model, state, x, 1.0, NO, out)
     if terms & layout.TWISTED:
         spring_force(shape, model, state, x, 1.0, YES, out)
 
 
 @part
-def add_weight(shape, model, out):
-    """out += generalised weight."""
-    for at in range(0, shape[layout.DIM] * shape[layout.LINE], LANES):
-        store(out, at, load(out, at) + load(model, shape[layout.WEIGHT] + at))
+def start_with_weight(shape, model, out):
+    """out = generalised weight, which is zero without gravity."""
+    spatial = shape[layout.DIM] * shape[layout.LINE]
+    for at in range(0, spatial, LANES):
+        store(out, at, load(model, shape[layout.WEIGHT] + at))
+    for at in range(spatial, shape[layout.SIZE], LANES):
+        store(out, at, 0.0)
 
 
 @part

@@ -22,7 +22,7 @@ from dlo_sim.engine.held import (
     target_residuals,
     values_along,
 )
-from dlo_sim.engine.lines import kinetic
+from dlo_sim.engine.lines import add, kinetic
 from dlo_sim.engine.tables import grasp_of, line_of, point_of
 
 
@@ -53,7 +53,6 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
     the work of the grasps. dt = 0 is a jump: x only moves onto the constraints.
     """
     held = shape[layout.HELD]
-    width = shape[layout.LINE] * shape[layout.LINES]
     moves = grasps_move(shape, inputs)
     turn = False
     energy = zero()
@@ -66,8 +65,7 @@ def carry(shape, model, inputs, state, scratch, x, w, t, dt):
             energy = kinetic(shape, model, w)
             values_along(shape, model, state, scratch, x)
             add_moved(shape, state, scratch, -0.5)
-    for at in range(0, width, LANES):
-        store(x, at, load(x, at) + dt * load(w, at))
+    add(shape, dt, w, x)
     if not moves:
         return
     target_residuals(shape, model, scratch, shape[layout.AHEAD], scratch, x)

@@ -36,7 +36,7 @@ from dlo_sim.engine.band import (
     turn_vector,
 )
 from dlo_sim.engine.border import balance_border, solve_border, stiffen_border
-from dlo_sim.engine.forces import add_weight
+from dlo_sim.engine.forces import start_with_weight
 from dlo_sim.engine.lines import add, add_product, clear, mass_of, row_product
 from dlo_sim.engine.loads import add_load_stiffness, load_force
 from dlo_sim.engine.springs import (
@@ -84,7 +84,7 @@ def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, ra
         shifted(scratch, shape[SEEN_FIXED]),
     )
     loads, notes = shifted(scratch, shape[layout.NEW_LOAD]), notes_of(shape, scratch)
-    clear(shape, force)
+    start_with_weight(shape, model, force)
     clear(shape, loads)
     clear(shape, damping)
     for at in range(0, shape[layout.SIZE], LANES):
@@ -95,8 +95,6 @@ def step_force(shape, model, inputs, state, scratch, gradient, t, tau, theta, ra
     begin, end = (start, x) if discrete else (middle, middle)
     discrete_gradient(gradient, shape, model, state, begin, end, seen, viscous, force, notes)
     lost = notes[0]
-    if shape[layout.TERMS] & layout.GRAVITY:
-        add_weight(shape, model, force)
     spring_force(shape, model, state, middle, theta, NO, force)
     if shape[layout.LOADS]:
         load_force(shape, model, inputs, scratch, middle, t + theta * tau, loads)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -61,6 +62,7 @@ class Counts:
         return self.line * self.lines
 
 
+@functools.lru_cache
 def rooms(counts: Counts) -> dict[str, dict[int, int]]:
     """Sizes of all fields: name of the array -> index of the field in `shape` -> size."""
     c = counts
@@ -177,6 +179,13 @@ def new_shape(
     return np.concatenate((shape, np.array(flat, dtype=np.int64))), sizes
 
 
+def aligned_zeros(size: int) -> Array:
+    """Zeros from a multiple of 64 bytes on, so that no vector straddles two cache lines."""
+    room = np.zeros(size + LANES - 1)
+    begin = -(room.ctypes.data // room.itemsize) % LANES
+    return room[begin : begin + size]
+
+
 def line_view(shape: Table, array: Array, at: int, count: int) -> Array:
     """View of the lines of one cable without margins, shape (count, n)."""
     width, n = shape[layout.LINE], shape[layout.N]
@@ -192,6 +201,6 @@ def to_blocks(spans: Array) -> Array:
 
 
 def from_blocks(blocks: Array, spans: int) -> Array:
-    """The inverse of `to_blocks`; returns a copy."""
-    vectors = blocks.reshape(-(-spans // LANES), -1, LANES)
-    return vectors.transpose(0, 2, 1).reshape(-1, vectors.shape[1])[:spans]
+    """The inverse of `to_blocks`; returns a copy. Further axes, as of several cables, are kept."""
+    vectors = blocks.reshape(-(-spans // LANES), -1, LANES, *blocks.shape[1:])
+    return vectors.swapaxes(1, 2).reshape(-1, vectors.shape[1], *blocks.shape[1:])[:spans]

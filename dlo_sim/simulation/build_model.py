@@ -12,7 +12,14 @@ from dlo_sim.engine import layout
 from dlo_sim.methods.explicit_layout import CONSTRAINTS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
-from dlo_sim.simulation.arrays import Counts, line_view, new_shape, rooms, to_blocks
+from dlo_sim.simulation.arrays import (
+    Counts,
+    aligned_zeros,
+    line_view,
+    new_shape,
+    rooms,
+    to_blocks,
+)
 from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
@@ -56,7 +63,7 @@ def build_model(
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
-    arrays = shape, np.zeros(sizes["model"]), sizes, counts
+    arrays = shape, aligned_zeros(sizes["model"]), sizes, counts
     model = Model(*arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest)
     _Filling(scene, needs, model).fill()
     return model

@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import arguments, bspline, quadrature
 from dlo_sim.engine import layout
-from dlo_sim.simulation.arrays import Counts, Table, from_blocks, line_view, to_blocks
+from dlo_sim.simulation.arrays import (
+    Counts,
+    Table,
+    aligned_zeros,
+    from_blocks,
+    line_view,
+    to_blocks,
+)
 from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
@@ -63,7 +70,7 @@ class Model:
 
     def new(self, name: str) -> Array:
         """A new array `inputs`, `state` or `scratch` of zeros."""
-        return np.zeros(self.sizes[name])
+        return aligned_zeros(self.sizes[name])
 
     def view(self, array: Array, offset: int) -> Array:
         """View of the lines at an offset of state or scratch, without margins, shape (lines, n)."""

@@ -15,12 +15,11 @@ def energy(stiffness, t, k, c):
 
 
 @part
-def gradient(stiffness, c, d, h):
-    """d/dc, d/dd, d/dh."""
-    inverse = 1.0 / c
+def gradient(stiffness, d, h, inverse):
+    """d/dc, half of d/dd, d/dh; `inverse` is 1/c."""
     f = 0.5 * stiffness * inverse * inverse
     q = d * inverse
-    return f * inverse * (3.0 * d * q - 2.0 * h), -2.0 * f * q, f
+    return f * inverse * (3.0 * d * q - 2.0 * h), -f * q, f
 
 
 @part

@@ -20,15 +20,12 @@ def energy(stiffness, c):
 
 
 @part
-def gradient(stiffness, c):
-    """EA eps d eps/dc, without cancellation near 1."""
-    return 0.5 * stiffness * (c - 1.0) / (c + root(c))
+def gradient(stiffness, stretched, inverse):
+    """EA eps d eps/dc from `stretched` = eps |r'| and `inverse` = 1/c.
 
-
-@part
-def projected_gradient(stiffness, c, strain):
-    """The same with a projected strain (see `elastic`)."""
-    return 0.5 * stiffness * strain / root(c)
+    The local strain gives eps |r'| = c - |r'|; eps may also be a projected one (`engine.elastic`).
+    """
+    return 0.5 * stiffness * inverse * stretched
 
 
 @part
