@@ -2,8 +2,8 @@
 
 A `part` is compiled into the functions that call it. A `Piece` has a fixed signature, is compiled
 at its first use and cached on disk; loops take pieces as arguments, so that the code of a piece is
-not compiled again into each loop. Terms that a scene lacks are skipped at run time by the bits
-`engine.layout.TERMS`: a predictable branch per eight spans.
+not compiled again into each loop. Basic terms that a scene lacks are skipped at run time by the
+bits `engine.layout.TERMS` or are factors of zero; for optional ones empty functions stand in.
 
 Settings: error_model numpy (a division by zero gives inf, which the divergence checks detect, not
 an exception); fastmath {contract} (fused multiply-add only; NaN and the order of sums are kept).
@@ -84,6 +84,10 @@ class Piece:
                 return njit(self._signature, cache=True, **_OPTIONS)(function)
         except OSError:  # no room even for temporary files
             return njit(self._signature, **_OPTIONS)(function)
+
+    def load(self) -> None:
+        """Compile it or read it from disk now, not at its first use."""
+        _ = self.code
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code."""

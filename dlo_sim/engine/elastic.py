@@ -249,7 +249,9 @@ def add_invariants(g, on_c, on_d, on_h, xi):
 
 @part
 def matrix_times(g, p):
-    """Gradient with respect to A, B, C of one line: the matrix of `add_invariants` times them."""
+    """Half the gradient with respect to A, B, C of one line: the matrix of `add_invariants` times
+    them.
+    """
     return (
         g[0] * p[0] + g[1] * p[1] + g[2] * p[2],
         g[1] * p[0] + g[3] * p[1] + g[4] * p[2],
@@ -264,7 +266,8 @@ def elastic_force(shape, model, x, out):
     if not terms & (layout.STRETCH | layout.SPAN_STRETCH | layout.BEND):
         return
     width, stride = shape[layout.LINE], shape[layout.STRIDE]
-    # Terms that the scene lacks are factors of zero: no branches in the loop over the samples.
+    # Terms that the scene lacks are factors of zero, without branches in the loop over the samples;
+    # c > 0, as r' vanishes nowhere.
     stretches = 1.0 if terms & (layout.STRETCH | layout.SPAN_STRETCH) else 0.0
     sampled = 1.0 if terms & layout.STRETCH else 0.0
     bends = 1.0 if terms & layout.BEND else 0.0

@@ -83,7 +83,7 @@ def transport(points, columns, values, slopes, reference, out):
 
 @piece(NOTHING, CABLE, MATRIX)
 def control_points(cable, out):
-    """Write the coordinates that the cable has to the columns x, y, z, theta of out, (n, 4)."""
+    """Write the coordinates that one cable has to the columns x, y, z, theta of out, (n, 4)."""
     shape, _, _, state, _ = bared(cable)
     for line in range(shape[layout.LINES]):
         at = shape[layout.X] + line * shape[layout.LINE] + layout.MARGIN

@@ -1,4 +1,6 @@
-"""Work of loads and grasps between evaluations of the forces, by the trapezoidal rule."""
+"""Work of loads and grasps between evaluations of the forces, by the trapezoidal rule; work of a
+grasp that turns the natural shape of one cable, by the change of energy.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,7 @@ def evaluate(shape, model, inputs, state, scratch, forces, t):
 
 @part
 def potential(shape, model, state, scratch, look):
-    """Potential energy [J] of the present state."""
+    """Potential energy [J] of the present state of one cable, from `measure`."""
     measure(shape, model, state, scratch, look)
     total = 0.0
     for k in range(COUNT):

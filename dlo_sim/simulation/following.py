@@ -147,9 +147,11 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
 def natural_along(model: Model, rows: Array | None, motions: Array) -> tuple[Array, Array]:
     """A natural shape that turns with the end effector of the start, for `Stepper.advance_along`.
 
+    Args:
+        rows: weighted, in the frame of that end effector, flat as `to_blocks` makes them.
+
     Returns:
-        Its rows in the frame of that end effector and the rotation matrix of every step, flat; both
-        empty without rows.
+        The rows, and the rotation matrix of every step, flat; both empty without rows.
     """
     if rows is None:
         return np.zeros(0), np.zeros(0)

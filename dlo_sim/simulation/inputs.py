@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import layout
+from dlo_sim.methods import between_steps
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
 from dlo_sim.simulation.arrays import to_blocks
@@ -207,6 +208,7 @@ class CableInputs(CableView):
             rows = weighted(model, self._natural)
             self._turning = to_blocks(rows.reshape(len(rows), -1))
             model.put_samples(cable.state, layout.NATURAL, turned_rows(rows, self._turn_of_start))
+            between_steps.turn_natural.load()  # a tick must not have to compile it
 
     def _pull_to_grasps(self) -> None:
         """Let the springs pull to where the grasps are."""

@@ -12,7 +12,7 @@ from dlo_sim.simulation.inextensible import held_force
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
-_REACTION = np.zeros(0)  # for `add_wrench`: the reactions that the last step left
+_OF_LAST_STEP = np.zeros(0)  # tells `add_wrench` to use the reactions of the last step
 
 
 def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
@@ -22,7 +22,7 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
     an implicit method, else the present value, which for an inextensible cable (`keeps_length`)
     includes the constraint forces. The part of the springs is the present value.
     """
-    rows = _REACTION
+    rows = _OF_LAST_STEP
     if not cable.entry(layout.HAS_REACTION):
         rows = held_force(cable, t) if keeps_length else cable.held_force(t)
     points = cable.points

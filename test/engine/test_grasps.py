@@ -6,6 +6,7 @@ from cables import FULL, Bench, rotation, straight
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.engine import grasps
 
 OFFSET = [0.02, -0.01, 0.03]
 TANGENTS = {"start": [0.6, 0.0, 0.8], "end": [0.0, 0.8, -0.6]}
@@ -40,7 +41,7 @@ def placed(bench, row, t):
     """Attachment point, tangent and twist angle."""
     end = ("start", "end")[row]
     place = bench.drive.place_at(end, t)
-    tangent = rotations.rotate(bench.drive.orientation(end, t), TANGENTS[end])
+    tangent = grasps.turned(bench.drive.motion[row].copy(), 0, t, *TANGENTS[end])
     return np.array([*place[:3], *tangent, place[3]])
 
 
