@@ -7,8 +7,7 @@ side.
 The densities depend on c = t . t, d = t . k and h = k . k only. On a span t = A + B xi + C xi^2, so
 these are polynomials in xi whose coefficients are the inner products of A, B and C; the gradient
 with respect to A, B, C is a symmetric 3 x 3 matrix times (A, B, C), the same for every line. Forces
-therefore need no loop over the lines at a sample (eight planar cables of 9 control points and 101
-samples, Forest-Ruth: 12 instead of 17 us per step).
+therefore need no loop over the lines at a sample.
 
 Stretching by span (bit SPAN_STRETCH) avoids membrane locking: a bent span cannot have |r'| = 1 at
 all of its samples, so with EA/EI of a thin cable the sampled stretching energy would suppress
@@ -203,6 +202,7 @@ def span_strains(shape, model, block, p):
         at = sample_of(block, j)
         xi = load(model, at + layout.XI * LANES)
         t = tangent_at(p, xi)
+        # `stretch.strain` without its division, which costs 5 % of a step; c is no more exact.
         f = share * load(model, at + layout.QUADRATURE * LANES) * (root(dot(t, t)) - 1.0)
         mean += f
         slope += xi * f
@@ -293,6 +293,7 @@ def elastic_force(shape, model, x, out):
             on_c, on_d, on_h = bend.gradient(w * bending, d, h, inverse)
             on_c += stretch.gradient(w * axial, stretched, inverse)
             g = add_invariants(g, on_c, on_d, on_h, xi)
+        # Each line by itself, inlined: with `scatter_lines` a step takes 4 to 7 % more.
         at = layout.MARGIN * stride + LANES * b
         scatter(matrix_times(g, p[0]), at, stride, model, block, -2.0, out)
         scatter(matrix_times(g, p[1]), at + width, stride, model, block, -2.0, out)

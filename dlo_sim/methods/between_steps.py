@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from dlo_sim.compiling.lanes import LANES, bare, first, load, shifted, store
 from dlo_sim.compiling.pieces import (
     NO,
@@ -17,7 +19,6 @@ from dlo_sim.compiling.pieces import (
 )
 from dlo_sim.engine import account, layout
 from dlo_sim.engine.assembly import (
-    ANY,
     add_damping,
     all_forces,
     all_tangents,
@@ -67,30 +68,13 @@ from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES, residual_o
 from dlo_sim.methods.works import evaluate, turn_natural_shape
 
 
-@by_terms
-def forces_of(terms: int) -> Engine:
-    """The force functions of a scene with these bits."""
-    return Engine(assembly(terms).forces)
+def _engines(name: str) -> Callable[[int], Engine]:
+    """Bits of the terms -> the functions of this name of `Assembly`."""
+    return by_terms(lambda terms: Engine(getattr(assembly(terms), name)))
 
 
-@by_terms
-def energies_of(terms: int) -> Engine:
-    """The energy functions of a scene with these bits."""
-    return Engine(assembly(terms).energies)
-
-
-@by_terms
-def gradient_of(terms: int) -> Engine:
-    """The discrete gradient of a scene with these bits."""
-    return Engine(assembly(terms).gradient)
-
-
-@by_terms
-def tangent_of(terms: int) -> Engine:
-    """The Jacobian functions of a scene with these bits."""
-    return Engine(assembly(terms).tangent)
-
-
+forces_of, energies_of = _engines("forces"), _engines("energies")
+gradient_of, tangent_of = _engines("gradient"), _engines("tangent")
 # Of the types of all others.
 FORCES, ENERGIES, GRADIENT, TANGENT = forces_of(0), energies_of(0), gradient_of(0), tangent_of(0)
 
@@ -345,8 +329,9 @@ def turn_natural(cable, engine, rows, turn):
     turn_natural_shape(shape, model, state, scratch, look, rows, turn, 0)
 
 
-@piece(NOTHING, CABLE, evaluate, ANY.forces, REAL)
-def settle(cable, evaluate, forces, t):
+@piece(NOTHING, CABLE, evaluate, FORCES, REAL)
+def settle(cable, evaluate, engine, t):
     """Add the work up to time t to the ledger."""
     shape, model, inputs, state, scratch = bared(cable)
+    _, forces = engine.pieces
     evaluate(shape, model, inputs, state, scratch, forces, t)

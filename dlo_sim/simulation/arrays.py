@@ -181,7 +181,7 @@ def new_shape(
 
 def aligned_zeros(size: int) -> Array:
     """Zeros from a multiple of 64 bytes on, so that rows and the lines of eight cables straddle no
-    cache lines, which cost 7 to 12 % of a step. Copies need not be aligned.
+    cache lines. Copies need not be aligned.
     """
     room = np.zeros(size + LANES - 1)
     begin = -(room.ctypes.data // room.itemsize) % LANES

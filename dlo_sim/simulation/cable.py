@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import code_of
 from dlo_sim.engine import layout
-from dlo_sim.engine.assembly import Assembly, assembly
 from dlo_sim.engine.frames import control_points
 from dlo_sim.engine.grasps import MOTION_SIZE
 from dlo_sim.engine.held_motion import carry
@@ -58,10 +56,6 @@ class Cable:
     def terms(self) -> int:
         """Bits of the active terms."""
         return int(self.model.shape[layout.TERMS])
-
-    @property
-    def _assembly(self) -> Assembly:
-        return assembly(self.terms)
 
     # -- views ----------------------------------------------------------------------------------
 
@@ -228,7 +222,8 @@ class Cable:
     def settle(self, t: float) -> None:
         """Add the work up to time t, which a step leaves to the next one, to the account."""
         if self.entry(layout.IS_BOOKED):
-            between_steps.settle(self.arrays, evaluate.code, code_of(self._assembly.forces), t)
+            forces = between_steps.forces_of(self.terms).code
+            between_steps.settle(self.arrays, evaluate.code, forces, t)
 
     def present_energy(self) -> float:
         """Kinetic energy of w and potential energy [J]."""
