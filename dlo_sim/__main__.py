@@ -44,8 +44,10 @@ def _hold_signals() -> None:
 
 
 def _supervised(work: Callable[[], int], is_node: bool) -> int:
+    from dlo_sim.process import warning_lines
     from dlo_sim.process.stopping import exit_status, supervised
 
+    warning_lines.use_lines()
     return supervised(work, (lambda: _ENDED) if is_node else exit_status)
 
 

@@ -1,1 +1,1 @@
-"""Process control: signals that end the process, and files that are written atomically."""
+"""Process control: signals that end the process, atomic file output, and warnings as lines."""

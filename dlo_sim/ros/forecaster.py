@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING
 
+from dlo_sim.process import warning_lines
 from dlo_sim.session.cdr import DiagnosticStatus
 from dlo_sim.session.diagnostics import OK, WARN, topic_status
 from dlo_sim.session.forecasts import Answer, answer
@@ -129,14 +130,18 @@ def _begun(session: Session) -> _Worker:
     # Not fork: threads of this process (numba's, ROS's) would not survive it.
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_work, args=(theirs, session.simulator), daemon=True)
+    given = theirs, session.simulator, warning_lines.uses_lines()
+    process = context.Process(target=_work, args=given, daemon=True)
     process.start()
     theirs.close()
     return _Worker(process, ours)
 
 
-def _work(connection: Connection, simulator: Simulator) -> None:
-    """Say None when ready, then answer plans until the other side is closed."""
+def _work(connection: Connection, simulator: Simulator, lines: bool) -> None:
+    """Say None when ready, then answer plans until the other side is closed; `lines` tells whether
+    warnings are printed as lines.
+    """
+    warning_lines.use_lines(lines)
     simulator.forecast(Plan([0.0, simulator.step], {}), simulator.step)  # loads machine code
     found: Answer | None = None
     while True:

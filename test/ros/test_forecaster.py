@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 from dlo_sim import Plan, load_scene
+from dlo_sim.process import warning_lines
 from dlo_sim.ros import forecaster as room
 from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.session.plans import Planned, Plans
@@ -58,6 +60,33 @@ def test_a_process_that_dies_is_replaced(forecaster: Forecaster) -> None:
     forecaster.accept(b"", 0)
     until(lambda: list(forecaster.answers()))
     assert values(forecaster)["plans forecast"] == "3"
+
+
+class Zero(float):
+    """Becomes 0.0, with a warning in the process that unpickles it."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return eval, ("__import__('warnings').warn('cable.length: 1; \\n shorten it') or 0.0",)
+
+
+@pytest.mark.parametrize("as_node", [True, False])
+def test_its_warnings_are_lines_as_those_of_its_parent(
+    as_node: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+    warning_lines.use_lines(as_node)
+    session = Session(load_scene({"damping.stiffness": 0.01}))
+    planned = Planned(session.simulator, Plan([0.0, 0.1], {"start": PLACE}), 7, Zero())
+    monkeypatch.setattr(Plans, "accept", lambda *arguments: planned)
+    forecaster = Forecaster(session, "/plan", 1)
+    try:
+        forecaster.accept(b"", 0)
+        until(lambda: list(forecaster.answers()))
+    finally:
+        forecaster.close()
+    said = capfd.readouterr().err
+    line = "dlo_sim: warning: cable.length: 1; shorten it\n"
+    assert said == line if as_node else "UserWarning: cable.length" in said
 
 
 def test_a_queue_that_is_full(forecaster: Forecaster, monkeypatch: pytest.MonkeyPatch) -> None:
