@@ -26,7 +26,12 @@ def add_arguments(parser: Parser) -> None:
         "the same bytes. Exit status 3 if only part of the bag could be replayed or more than 5 % "
         "of a topic's messages were refused; the results so far are kept."
     )
-    parser.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 folder (sqlite3 or MCAP)")
+    parser.add_argument(
+        "bag",
+        metavar="BAG",
+        type=Path,
+        help="rosbag2 folder or file (sqlite3 or MCAP, compressed or not)",
+    )
     parser.add_argument(
         "--params", metavar="SCENE", required=True, help="scene file, or a shipped scene's name"
     )

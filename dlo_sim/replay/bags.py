@@ -1,9 +1,9 @@
 """Bags on disk: the only place that knows the bag library, which writes. Raw CDR in and out.
 
-Reads rosbag2 directories and single `.mcap` or `.db3` files. A bag that was cut off (a full disk, a
-killed recorder) or damaged is read as far as it goes; `Bag.damage` says what is wrong. Written bags
-hold neither the wall time nor the path they were written to, so the same messages give the same
-bytes wherever they go.
+Reads rosbag2 directories and single `.mcap` or `.db3` files, also packed (`.mcap.zstd`). A bag that
+was cut off (a full disk, a killed recorder) or damaged is read as far as it goes; `Bag.damage` says
+what is wrong. Written bags hold neither the wall time nor the path they were written to, so the
+same messages give the same bytes wherever they go.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import os
 import sqlite3
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
-from io import BytesIO
 from pathlib import Path
+from shlex import quote
 from typing import Literal
 
 from rosbags.interfaces import Connection
@@ -32,7 +32,7 @@ from dlo_sim.scene.refusal import one_line
 Storage = Literal["mcap", "sqlite3"]
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
-_SUFFIXES = (".mcap", ".db3")
+_ROS_1 = ".bag"
 # Later times of recording than this, in 2038, are none: seconds have 32 bits in ROS.
 _END_OF_TIME = (2**31 - 86_400) * 1_000_000_000
 _LONGEST_LINE = 300
@@ -43,6 +43,8 @@ _DISK_ERRORS = (OSError, sqlite3.Error)
 # write what comes from several threads, and keep what they sort.
 _MOST_LATE = 10_000_000_000
 _PROGRESS_MESSAGES = 1000
+# If a recording begins before this, zero may be its first time; if later, zero is no time.
+_LEAST_TIME = 1_000_000_000
 
 
 class BagError(Exception):
@@ -56,7 +58,7 @@ class Bag:
     before anything is computed from it.
 
     Args:
-        path: a rosbag2 directory, or one `.mcap` or `.db3` file.
+        path: a rosbag2 directory, or one data file, `.mcap`, `.db3`, `.mcap.zstd` or `.db3.zstd`.
         progress: called now and then with the fraction read, if the metadata promise a number.
 
     Attributes:
@@ -64,6 +66,9 @@ class Bag:
         topics: topic -> ROS types found on it (more than one is possible).
         damage: what is wrong with the bag, one line; "" = nothing so far (reading may find more).
         count: number of messages that can be read, all topics.
+        undated: number of them that were recorded at zero: before /clock began, a recorder that
+            follows it knows no time. They count as recorded with the message written before them,
+            the first ones with the first that has a time.
         promised: number of messages that the metadata promises, None if unknown.
         span_ns: first and last time of recording [ns]; zeros if there is no message.
 
@@ -81,7 +86,7 @@ class Bag:
         if not self.path.exists():
             raise BagError(f"bag {self.path} does not exist")
         self._files = _data_files(self.path)
-        self.storage: Storage = "mcap" if self._files[0].suffix == ".mcap" else "sqlite3"
+        self.storage: Storage = "mcap" if storage.is_mcap(self._files[0]) else "sqlite3"
         if self.path.is_dir():
             self._read_metadata()
         self._survey(progress)
@@ -96,27 +101,36 @@ class Bag:
         else:
             self.promised = metadata.message_count
             self._packed_messages = metadata.packed_messages
-            missing = set(metadata.files) - {file.name for file in self._files}
+            # A file may have been packed or unpacked since.
+            listed = {Path(name.removesuffix(".zstd")).name for name in metadata.files}
+            missing = listed - {file.name.removesuffix(".zstd") for file in self._files}
             if missing:
                 self._note(f"{sorted(missing)[0]} is missing")
-            listed = [file for file in self._files if file.name in metadata.files]
-            self._files = listed or self._files
+            present = [f for f in self._files if f.name.removesuffix(".zstd") in listed]
+            self._files = present or self._files
 
     def _survey(self, progress: Callable[[float], None] | None) -> None:
         """Fill in what the messages say, without keeping them."""
         self.topics: dict[str, tuple[str, ...]] = {}
-        self.count = late = 0
-        first = latest = 0
+        self.count = self.undated = late = 0
+        first = latest = self._first_written = 0
         for record in self._records(None):
-            first = min(first, record.time_ns) if self.count else record.time_ns
-            latest = max(latest, record.time_ns)
-            late = max(late, latest - record.time_ns)
             self.count += 1
+            if record.time_ns == 0:
+                self.undated += 1
+            elif not latest:
+                first = latest = self._first_written = record.time_ns
+            else:
+                first = min(first, record.time_ns)
+                latest = max(latest, record.time_ns)
+                late = max(late, latest - record.time_ns)
             if progress and self.promised and self.count % _PROGRESS_MESSAGES == 0:
                 progress(min(1.0, self.count / max(1, self.promised)))
             types = self.topics.get(record.topic, ())
             if record.type not in types:
                 self.topics[record.topic] = (*types, record.type)
+        if self.undated and first < _LEAST_TIME:  # it is simulated time that began at zero
+            first, self._first_written, self.undated = 0, 0, 0
         self.span_ns = (first, latest)
         self._late = min(late, _MOST_LATE)
         if late > _MOST_LATE:
@@ -135,8 +149,10 @@ class Bag:
         written later than that comes out of order (`damage` says so).
         """
         waiting: list[tuple[int, int, Record]] = []
-        latest = 0
+        latest = self._first_written
         for number, record in enumerate(self._records(wanted.items())):
+            if self.undated and record.time_ns == 0:
+                record = record._replace(time_ns=latest)
             latest = max(latest, record.time_ns)
             heapq.heappush(waiting, (record.time_ns, number, record))
             while waiting and waiting[0][0] <= latest - self._late:
@@ -155,17 +171,15 @@ class Bag:
                 named.add((topic, kind))
                 if not (isinstance(time_ns, int) and 0 <= time_ns < _END_OF_TIME):
                     self._note(f"a message of {file.name} is recorded at {time_ns!r} ns")
-                elif not self._packed_messages or wanted is None:
+                    continue
+                packed = self._packed_messages or storage.is_packed(record.data)
+                if wanted is None or not packed:
                     yield record
-                elif data := self._unpacked(record):
-                    yield record._replace(data=data)
-
-    def _unpacked(self, record: Record) -> bytes:
-        try:
-            return storage.unpacked("zstd", BytesIO(record.data)).read(storage.LONGEST)
-        except Exception as error:  # the decompressor's own errors
-            self._note(f"a message on {record.topic} cannot be unpacked: {error}")
-            return b""
+                    continue
+                try:
+                    yield record._replace(data=storage.unpacked_message(record.data))
+                except DamagedFile as error:
+                    self._note(f"a message on {topic} {error}")
 
     def _note(self, problem: str) -> None:
         """Keep the first thing that is wrong."""
@@ -299,18 +313,30 @@ def _is_name(value: object) -> bool:
 
 def is_bag(path: Path) -> bool:
     """Whether a path is meant as a bag."""
-    return path.is_dir() or path.suffix in _SUFFIXES
+    return path.is_dir() or storage.is_data_file(path) or path.suffix == _ROS_1
 
 
 def _data_files(path: Path) -> list[Path]:
-    """The files of a bag that hold messages, in the order of their numbers."""
-    if path.is_file() and path.suffix in _SUFFIXES:
+    """The files of a bag that hold messages, in the order of their numbers; of one that is there
+    both packed and unpacked, the unpacked one.
+    """
+    if path.is_file() and storage.is_data_file(path):
         return [path]
+    inside = sorted(path.iterdir()) if path.is_dir() else [path]
+    files = [file for file in inside if storage.is_data_file(file) and file.is_file()]
+    old = [file for file in inside if file.suffix == _ROS_1]
+    if not files and old:
+        places = f"--src {quote(str(old[0]))} --dst {quote(str(old[0].with_suffix('')))}"
+        raise BagError(
+            f"{old[0]} is a bag of ROS 1; convert it: "
+            f"rosbags-convert {places} --dst-typestore ros2_jazzy"
+        )
     if not path.is_dir():
         raise BagError(f"{path} is not a bag: needs a rosbag2 directory, a .mcap or a .db3 file")
-    files = [file for file in path.iterdir() if file.suffix in _SUFFIXES and file.is_file()]
     if not files:
         raise BagError(f"{path} is not a bag: no .mcap or .db3 file in it")
+    names = {file.name for file in files}
+    files = [f for f in files if f.name.removesuffix(".zstd") not in names - {f.name}]
     return sorted(files, key=lambda file: (len(file.name), file.name))
 
 

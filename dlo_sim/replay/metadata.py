@@ -12,6 +12,8 @@ from dlo_sim.scene.refusal import brief
 
 _NAME = "metadata.yaml"
 _NEWEST = 9
+# What is packed: nothing, the data files as a whole, each message, or chunks of an MCAP file.
+_MODES = ("none", "file", "message", "storage")
 # A recording of hundreds of topics names the quality of service of each of their publishers.
 _MOST_VALUES = 100_000
 # Key -> type of what every version holds.
@@ -55,10 +57,11 @@ def read_metadata(folder: Path) -> Metadata:
     if values["version"] > _NEWEST:
         raise DamagedFile(f"{_NAME}: version: {values['version']} is newer than {_NEWEST}")
     mode = str(found.get("compression_mode") or "none").lower()
-    if mode not in ("none", "message") or (
-        mode == "message" and found.get("compression_format") != "zstd"
-    ):
+    if mode not in _MODES:
         raise DamagedFile(f"{_NAME}: compression_mode: {brief(mode)} is not supported")
+    packing = found.get("compression_format")
+    if mode != "none" and packing != "zstd":
+        raise DamagedFile(f"{_NAME}: compression_format: {brief(packing)} is not supported")
     files = tuple(Path(str(name)).name for name in values["relative_file_paths"])
     return Metadata(values["message_count"], files, mode == "message")
 

@@ -173,6 +173,12 @@ class _Replay:
         self._session = Session(scene, factory)
         self.summary.compile_s = time.perf_counter() - begin
         self._inputs = {entry.topic for entry in self._session.inputs}
+        if bag.undated:
+            self.summary.warnings.append(
+                f"{bag.undated} of {bag.count} messages were recorded at time 0, before /clock "
+                "began; they count as recorded with the first that has a time, or with the one "
+                "written before them"
+            )
         # Without an output only what is compared has to be computed.
         self._wanted = None if writer is not None else [REACTION.format(end) for end in compare]
         self._recordings = {resolved(topic): Recording(end) for end, topic in compare.items()}
@@ -247,13 +253,16 @@ class _Replay:
                 self._progress(_OPENING + (1.0 - _OPENING) * done)
             count += 1
             now = origin + round(count * period)
-            if message is not None and message.time_ns - now > LONGEST_GAP:
-                gap = (message.time_ns - now) * 1e-9
+            if message is None or message.time_ns - now <= LONGEST_GAP:
+                continue
+            if now > latest + tail:  # what was recorded before the gap is simulated
+                gap = (message.time_ns - latest) * 1e-9
                 summary.warnings.append(
                     f"a gap of {gap:.1f} s in the bag was left out; simulation reset"
                 )
                 session.reset()
-                origin = now = message.time_ns
+                origin = now = latest = message.time_ns
+                self._next_diagnostics_ns = now + _DIAGNOSTICS_PERIOD
                 count = 0
         self._progress(1.0)
 

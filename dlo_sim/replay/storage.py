@@ -1,4 +1,5 @@
-"""The data files of bags, MCAP and sqlite3: one message after the other, without any index.
+"""The data files of bags, MCAP and sqlite3, packed or not: one message after the other, without any
+index.
 
 A file may be cut off, damaged or made to do harm, so nothing that it says is believed unseen: it is
 unpacked piece by piece, nothing is kept that is longer than a message or a name can be, and the
@@ -37,6 +38,10 @@ _LARGEST_CHUNK = 1 << 30  # bytes, packed; writers make chunks of a few megabyte
 _PER_RECORD = 4096
 _LEAST_WORK, _MOST_RATIO = 1 << 28, 1000
 
+SUFFIXES = (".mcap", ".db3")
+_PACKED = ".zstd"  # behind one of them: the whole file is packed
+_PACKED_MESSAGE = b"\x28\xb5\x2f\xfd"  # begins a packed message; no serialised one does
+
 _SQLITE_STEPS = 1_000_000  # of its machine, and one more per byte of the file; a row needs 10 to 20
 
 
@@ -58,7 +63,7 @@ Wanted = Collection[tuple[str, str]] | None
 
 
 def records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
-    """Every whole message that can be read of a `.mcap` or `.db3` file, in the order of writing.
+    """Every whole message that can be read of a data file, in the order of writing.
 
     Args:
         path: the file.
@@ -66,7 +71,15 @@ def records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
         note: called with what is wrong, one line, as often as something is.
     """
     try:
-        if path.suffix == ".db3":
+        if path.suffix == _PACKED:
+            with tempfile.TemporaryDirectory(prefix="dlo_sim_") as folder:
+                whole = Path(folder, path.stem)
+                try:
+                    _unpack(path, whole)
+                except DamagedFile as damage:  # what comes before may be whole
+                    note(f"{path.name} {damage}")
+                yield from records(whole, wanted, note)
+        elif path.suffix == ".db3":
             yield from _sqlite3_records(path, wanted, note)
         else:
             with path.open("rb") as file:
@@ -75,6 +88,62 @@ def records(path: Path, wanted: Wanted, note: Note) -> Iterator[Record]:
         note(f"{path.name} {damage}")
     except OSError as error:
         note(f"{path.name} cannot be read: {error.strerror}")
+
+
+def is_data_file(path: Path) -> bool:
+    """Whether a path has the name of a file with messages, such as `x.mcap` or `x.db3.zstd`."""
+    name = path.with_suffix("") if path.suffix == _PACKED else path
+    return name.suffix in SUFFIXES
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a data file is an MCAP file, packed or not."""
+    return ".mcap" in path.suffixes[-2:]
+
+
+def _unpack(path: Path, whole: Path) -> None:
+    """Unpack a whole file as far as it goes.
+
+    Raises:
+        DamagedFile: it goes on.
+    """
+    left = _LEAST_WORK + _MOST_RATIO * path.stat().st_size
+    with path.open("rb") as file, whole.open("wb") as out:
+        source = unpacked("zstd", file)
+        while True:
+            try:
+                data = source.read(_PIECE)
+            except Exception as error:  # the decompressor's own errors
+                raise DamagedFile(f"cannot be unpacked to its end: {error}") from None
+            left -= len(data)
+            if left < 0:
+                raise DamagedFile("unpacks to far more than a recording of its size can hold")
+            try:
+                out.write(data)
+            except OSError as error:
+                raise DamagedFile(
+                    f"cannot be unpacked in {whole.parent.parent} ({error.strerror}); free space "
+                    "or set TMPDIR"
+                ) from None
+            if not data:
+                return
+
+
+def is_packed(data: bytes) -> bool:
+    """Whether a message is packed; a bag without metadata does not say so."""
+    return data.startswith(_PACKED_MESSAGE)
+
+
+def unpacked_message(data: bytes) -> bytes:
+    """A packed message as it was.
+
+    Raises:
+        DamagedFile: it cannot be unpacked.
+    """
+    try:
+        return unpacked("zstd", io.BytesIO(data)).read(LONGEST)
+    except Exception as error:  # the decompressor's own errors
+        raise DamagedFile(f"cannot be unpacked: {error}") from None
 
 
 def unpacked(compression: str, file: BinaryIO) -> BinaryIO:

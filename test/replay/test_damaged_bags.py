@@ -90,9 +90,12 @@ METADATA = {
         b"nanoseconds: ", b"nanoseconds: true #"
     ),
     "version: 10 is newer": lambda data: data.replace(b"version: 9", b"version: 10"),
-    "compression_mode: 'file' is not supported": lambda data: data.replace(
-        b"compression_mode: ''", b"compression_mode: file"
+    "compression_mode: 'folder' is not supported": lambda data: data.replace(
+        b"compression_mode: ''", b"compression_mode: folder"
     ),
+    "compression_format: 'rar' is not supported": lambda data: data.replace(
+        b"compression_format: ''", b"compression_format: rar"
+    ).replace(b"compression_mode: ''", b"compression_mode: FILE"),
     "alias '*a;b' is not supported": lambda data: b"a: &a;b 1\nb: *a;b\n" + data,
     "holds no rosbag2_bagfile_information": lambda data: b"[]",
     "other.mcap is missing": lambda data: data.replace(b"dlo_sim_0.mcap", b"other.mcap"),
@@ -269,6 +272,14 @@ def test_messages_packed_one_by_one(make_bag, recorded, bad):
     assert found[: len(recorded) - 1] == recorded[:-1]
     assert all(len(data) <= 1 << 20 for _, _, data in found)
     assert bool(bag.damage) == (len(bad) < 10)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_bomb_in_place_of_a_file(tmp_path, storage):
+    path = tmp_path / ("bomb.mcap.zstd" if storage == "mcap" else "bomb.db3.zstd")
+    path.write_bytes(zeros())
+    with pytest.raises(BagError, match="unpacks to far more than a recording of its size can hold"):
+        Bag(path)
 
 
 # ---------------------------------------------------------------------------------------- at random
