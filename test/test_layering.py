@@ -28,7 +28,8 @@ ARROWS = {
     "identification": {"batch", "core", "replay", "scene", "session", "simulation"},
     "ros": {"compiling", "core", "process", "scene", "session", "simulation"},
     "studies": {
-        *("batch", "core", "identification", "replay", "scene", "session", "simulation", "tuning")
+        *("batch", "core", "identification", "process", "replay", "scene", "session"),
+        *("simulation", "tuning"),
     },
     "view": {"core", "replay", "scene", "session", "simulation"},
     "doctor": {"compiling", "ros", "scene", "session", "simulation"},

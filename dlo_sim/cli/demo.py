@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,13 +34,18 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the demo and print its summary; returns the exit status."""
-    from dlo_sim.demo.demo import DemoError, run_demo
+    from dlo_sim.demo.demo import DemoError, DemoFailed, run_demo
 
     try:
         with progress_bar("demo") as progress:
             summary = run_demo(options.output, progress=progress)
     except DemoError as refusal:
         raise CommandError(f"--output: {refusal}") from None
+    except DemoFailed as failure:
+        if options.json:
+            print_json({"status": "failed", "message": str(failure)})
+        print(f"dlo_sim: error: {failure}", file=sys.stderr)
+        return FAILED
     if options.json:
         print_json(dataclasses.asdict(summary))
     else:

@@ -28,10 +28,18 @@ from dlo_sim.cli import (
 )
 from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.refusal import one_line, printable
 
 REFUSED, FAILED = 2, 3
-# What the system says of an output or a name that it cannot take -> exit status.
-_OF_SYSTEM = {errno.ENAMETOOLONG: REFUSED, errno.ENOSPC: FAILED, errno.EDQUOT: FAILED}
+# What the system says of a name that it cannot take, and of a disk that takes no more, with cures.
+_NAMES = dict.fromkeys(
+    (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ), "give a name that the system can have"
+)
+_DISKS = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space"),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "choose another folder"),
+    **dict.fromkeys((errno.EIO, errno.EMFILE, errno.ENFILE), "repair the system"),
+}
 
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
@@ -54,23 +62,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _run(arguments)
     except (CommandError, SceneError) as refusal:
-        print(f"dlo_sim: error: {' '.join(str(refusal).split())}", file=sys.stderr)
+        print(f"dlo_sim: error: {one_line(str(refusal))}", file=sys.stderr)
         return REFUSED
     except BrokenPipeError:
         # The reader of our output has gone; keep Python from complaining when it flushes stdout.
         _let_stdout_go()
         return 0
     except OSError as error:
-        status = _OF_SYSTEM.get(error.errno or 0)
-        if status is None:
+        cure = _NAMES.get(error.errno or 0) or _DISKS.get(error.errno or 0)
+        if cure is None:
             raise
-        where = f"{error.filename}: "
-        if not error.filename:
-            where = "standard output: "
+        where = printable(os.fsdecode(error.filename or "standard output"))
+        if not error.filename:  # every writer of files names them
             _let_stdout_go()
-        cure = "free space" if status == FAILED else "give a shorter name"
-        print(f"dlo_sim: error: {where}{error.strerror}; {cure}", file=sys.stderr)
-        return status
+        print(f"dlo_sim: error: {where}: {error.strerror}; {cure}", file=sys.stderr)
+        return REFUSED if error.errno in _NAMES else FAILED
 
 
 def _let_stdout_go() -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dlo_sim.cli.output import write_whole
 from dlo_sim.studies.plotting import new_figure
 
 if TYPE_CHECKING:
@@ -17,9 +18,8 @@ def draw_residuals(folder: Path, found: Identified) -> None:
     """`residuals.png`: distance of each marker, and mean distance over time, piece by piece; the
     left-out pieces are dashed. Of forces: measured and predicted, axis by axis.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     figure = _of_forces(found) if found.reactions else _of_markers(found)
-    figure.savefig(folder / "residuals.png", dpi=110)
+    write_whole(folder / "residuals.png", lambda path: figure.savefig(path, format="png", dpi=110))
 
 
 def _of_forces(found: Identified) -> Any:
@@ -43,7 +43,7 @@ def _of_markers(found: Identified) -> Any:
         seen = k < len(found.recordings) - found.left_out
         look: dict[str, Any] = {
             "linestyle": "-" if seen else "--",
-            "label": piece.name,
+            "label": piece.name.replace("$", r"\$"),  # no formula
             "linewidth": 1.1,
         }
         by_marker.plot(piece.shares, np.nanmean(distance, axis=0), marker="o", ms=3, **look)

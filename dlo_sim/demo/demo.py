@@ -26,6 +26,10 @@ class DemoError(Exception):
     """A demo that is refused: one line that names the folder and the cure."""
 
 
+class DemoFailed(Exception):
+    """A demo whose files could not all be written: one line; those that are there are whole."""
+
+
 @dataclass
 class DemoSummary(ReplayFigures):
     """Results of the demo: the figures of its replay, and these.
@@ -65,6 +69,8 @@ def run_demo(
 
     Raises:
         DemoError: the folder contains other files, or cannot be written; nothing was changed.
+        DemoFailed: the disk is full.
+        OSError: likewise, with the name of the file.
     """
     folder = Path(output_dir)
     _make_room(folder)
@@ -75,6 +81,8 @@ def run_demo(
         replay = replay_bag(folder / INPUT, scene, folder / PREDICTED, progress=progress)
     except (BagError, ReplayError) as error:
         raise DemoError(str(error)) from None
+    if replay.status == "output_incomplete":
+        raise _removed(folder / PREDICTED, replay.message)
     prediction = read_bag(folder / PREDICTED, scene, origin_ns=scenario.EPOCH_NS)
     write_atomically(folder / PAGE, lambda path: write_page(prediction, path))
     summary = _summary(folder, replay, prediction)
@@ -122,6 +130,14 @@ def _write_input(path: Path, duration: float) -> None:
     except BaseException:
         writer.discard()
         raise
+    if writer.failure:
+        raise _removed(path, writer.failure)
+
+
+def _removed(path: Path, failure: str) -> DemoFailed:
+    """The end of a demo whose bag is incomplete: a new one is as easily made."""
+    shutil.rmtree(path)
+    return DemoFailed(f"{failure.partition(';')[0]} and was removed; free space and run again")
 
 
 def _summary(folder: Path, replay: ReplaySummary, prediction: Run) -> DemoSummary:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import arguments
+from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.identification.measurement import (
     MeasurementError,
     Recording,
@@ -21,6 +20,7 @@ from dlo_sim.identification.measurement import (
     poses_of_two_markers,
     shares_along,
 )
+from dlo_sim.scene.refusal import printable
 
 Array = NDArray[np.float64]
 CLAMPED = [0, 1, -2, -1]
@@ -61,7 +61,7 @@ def _read_npz(path: Path) -> list[Recording]:
         clamped = arguments.numbers("clamped", given["clamped"], (None,)).tolist()
         if clamped != CLAMPED:
             raise MeasurementError(f"clamped: {clamped}; give {CLAMPED}: two markers an end")
-        return _pieces(path.stem, _positions(given["pos_um"]), **numbers)
+        return _pieces(printable(path.stem), _positions(given["pos_um"]), **numbers)
     except (MeasurementError, TypeError, ValueError) as refusal:
         raise MeasurementError(f"{path}: {refusal}") from None
 
@@ -101,10 +101,12 @@ def _pieces(
 def _arrays(path: Path) -> dict[str, Any]:
     """What stands under `NPZ_KEYS`."""
     try:
-        with ZipFile(path), np.load(path, allow_pickle=False) as data:
-            given = {key: data[key] for key in NPZ_KEYS if key in data}
-    except (OSError, ValueError, BadZipFile, zlib.error) as trouble:
-        raise MeasurementError(f"{path}: cannot be read ({trouble}); give a .npz file") from None
+        given = read_npz(path, NPZ_KEYS)
+    except (OSError, NpzRefused) as trouble:
+        problem = (
+            f"cannot be read ({trouble.strerror})" if isinstance(trouble, OSError) else trouble
+        )
+        raise MeasurementError(f"{path}: {problem}; give a .npz file") from None
     missing = [key for key in NPZ_KEYS if key not in given]
     if missing:
         raise MeasurementError(f"{path}: has no {missing[0]}; it needs {', '.join(NPZ_KEYS)}")

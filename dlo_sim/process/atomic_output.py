@@ -72,6 +72,9 @@ def write_atomically(target: Path, write: Callable[[Path], object]) -> None:
     try:
         write(output.path)
         output.commit()
+    except OSError as error:
+        error.filename = str(target)  # not the temporary name, or none
+        raise
     finally:
         output.discard()
 

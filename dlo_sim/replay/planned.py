@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import arguments
+from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.rotations import IDENTITY
 from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.replay.bags import Bag, BagError, is_bag, topic_list
@@ -68,8 +67,7 @@ def read_plan(path: Path, scene: Scene, number: int | None = None) -> Plan:
 def _in_file(path: Path) -> Trajectory:
     try:
         if path.suffix == ".npz":
-            with zipfile.ZipFile(path), np.load(path) as file:
-                given: object = dict(file)
+            given: object = read_npz(path)
         else:
             given = parse_yaml(read_text(path))
         if not isinstance(given, dict) or "times" not in given:
@@ -79,7 +77,9 @@ def _in_file(path: Path) -> Trajectory:
         rows = [arguments.numbers(f"poses of {name}", one, shape) for name, one in given.items()]
     except FileRefused as refusal:
         raise PlanError(f"{path}: {refusal.problem}; {_FILE}") from None
-    except (OSError, EOFError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as refusal:
+    except OSError as error:
+        raise PlanError(f"{path}: cannot be read ({error.strerror}); {_FILE}") from None
+    except (NpzRefused, TypeError, ValueError) as refusal:
         raise PlanError(f"{path}: {refusal}; {_FILE}") from None
     poses = np.moveaxis(np.reshape(rows, (len(rows), *shape)), 0, 1)
     return Trajectory(0, "", tuple(map(str, given)), times, poses)

@@ -26,8 +26,15 @@ def refusal(key: str, value: object, problem: str) -> SceneError:
 def one_line(message: str) -> str:
     """A message as one printable line of limited length; it may quote files and other messages."""
     words = [w if len(w) <= 1000 else f"{w[:50]}...{w[-50:]}" for w in message.split()]
-    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(words))
+    line = printable(" ".join(words))
     return line if len(line) <= _LONGEST_LINE else f"{line[:600]} ... {line[-300:]}"
+
+
+def printable(text: str) -> str:
+    """A text with escapes, as of Python and YAML, for what is no character to be seen: line breaks,
+    control characters, bytes of a file name that are not UTF-8.
+    """
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def brief(value: object) -> str:

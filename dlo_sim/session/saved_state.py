@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dlo_sim import __version__
 from dlo_sim.core.arguments import count, number, numbers
+from dlo_sim.core.npz import read_npz
 from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import Needs
@@ -75,8 +76,8 @@ def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
     """
     cure = "remove the file, or give state.save_to another name"
     try:
-        with np.load(path, allow_pickle=False) as file:
-            head, state, inputs = json.loads(str(file["head"])), file["state"], file["inputs"]
+        file = read_npz(path, ("head", "state", "inputs"))
+        head, state, inputs = json.loads(str(file["head"])), file["state"], file["inputs"]
         unfit = _unfit(head, scene)
         if not unfit:
             return _snapshot(head, scene, state, inputs), time.time() - head["saved_at"]
@@ -86,7 +87,7 @@ def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
         raise SceneError(
             f"state.save_to: {path} cannot be read ({error.strerror or error}); {cure}"
         ) from None
-    except Exception:  # a damaged file makes numpy, zipfile and json raise almost anything
+    except Exception:  # a damaged file makes json and what follows raise almost anything
         raise SceneError(
             f"state.save_to: {path} is no saved state, or a damaged one; {cure}"
         ) from None

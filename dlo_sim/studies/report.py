@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from dlo_sim import __version__
+from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.studies.catalogue import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -118,7 +119,9 @@ class Report:
         self, name: str, figure: Figure, columns: Mapping[str, ArrayLike], caption: str
     ) -> None:
         """Add a figure `<name>.png`, its data `<name>.csv` (header -> values) and a caption."""
-        figure.savefig(self.folder / f"{name}.png", dpi=110)
+        write_atomically(
+            self.folder / f"{name}.png", lambda path: figure.savefig(path, format="png", dpi=110)
+        )
         self.attach(f"{name}.png", columns, caption)
 
     def attach(self, file: str, columns: Mapping[str, ArrayLike], caption: str) -> None:
@@ -140,7 +143,8 @@ class Report:
         made_with = ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts)]
         head = [f"# {self._title}", *(summary or [items]), "## Made with", "\n".join(made_with)]
         path = self.folder / "report.md"
-        path.write_text("\n\n".join([*head, *self._body]) + "\n", encoding="utf-8")
+        text = "\n\n".join([*head, *self._body]) + "\n"
+        write_atomically(path, lambda partial: partial.write_text(text, encoding="utf-8"))
         return Outcome(str(path), self.figures, self.data, self.tables, dict(verdicts))
 
     def _write_csv(
@@ -149,10 +153,14 @@ class Report:
         if f"{name}.csv" in self.data:
             raise ValueError(f"{name}.csv: is written already; give table and figure two names")
         self.data.append(f"{name}.csv")
-        with (self.folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow([_plain(cell) for cell in header])
-            writer.writerows([[_plain(cell) for cell in row] for row in rows])
+
+        def write(path: Path) -> None:
+            with path.open("w", encoding="utf-8", newline="") as stream:
+                writer = csv.writer(stream, lineterminator="\n")
+                writer.writerow([_plain(cell) for cell in header])
+                writer.writerows([[_plain(cell) for cell in row] for row in rows])
+
+        write_atomically(self.folder / f"{name}.csv", write)
 
 
 def shown(cell: Cell) -> str:

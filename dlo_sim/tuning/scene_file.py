@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 
 from dlo_sim.scene.description import Scene, parameters_of_scene
 from dlo_sim.scene.loading import scene_values
+from dlo_sim.scene.refusal import printable
 
 INDENT = "  "
 
 
 def scene_text(scene: Scene, comments: Sequence[str]) -> str:
-    """The file's text; `load_scene` of it gives the same scene."""
+    """The file's text; `load_scene` of it gives the same scene, whatever the comments hold."""
     defaults = {
         row.key: list(row.default) if isinstance(row.default, tuple) else row.default
         for row in parameters_of_scene(scene)
@@ -24,7 +25,7 @@ def scene_text(scene: Scene, comments: Sequence[str]) -> str:
             for group in groups:
                 branch = branch.setdefault(group, {})  # type: ignore[assignment]
             branch[leaf] = value
-    lines = [f"# {line}".rstrip() for line in comments]
+    lines = [f"# {printable(line)}".rstrip() for line in comments]
     lines += ["/**:", f"{INDENT}ros__parameters:", *_lines(tree, 2)]
     return "\n".join(lines) + "\n"
 
@@ -52,4 +53,4 @@ def written(value: object) -> str:
     if isinstance(value, int):
         return str(value)
     text = str(value).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{text}"'
+    return f'"{printable(text)}"'

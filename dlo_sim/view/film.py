@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -27,12 +28,15 @@ _FILM_DPI = 70
 _VIEWS = (-25.0, -65.0)  # azimuth [deg] for a run that is wider along y, along x
 _STILLS = 9  # cables in a still
 _SCALE = ListedColormap(colors(np.linspace(0.0, 1.0, 256)))
+# A name in a bag may hold dollar signs, which are no formula.
+_plain = rc_context({"text.parse_math": False})
 
 
 class NoFilm(Exception):
     """A film cannot be made on this system: one line with the cure."""
 
 
+@_plain
 def write_film(
     run: Run, path: Path, kind: str, progress: Callable[[float], None] | None = None
 ) -> None:
@@ -68,6 +72,7 @@ def write_film(
     named.replace(path)
 
 
+@_plain
 def write_still(run: Run, path: Path) -> None:
     """Write a PNG of the cable at equal time intervals, earlier ones paler, and its end's path.
 
@@ -84,6 +89,7 @@ def write_still(run: Run, path: Path) -> None:
     figure.savefig(path, format="png")
 
 
+@_plain
 def write_plots(run: Run, path: Path) -> None:
     """Write a PNG with all plots over time.
 

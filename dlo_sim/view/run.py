@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import arguments, bspline
+from dlo_sim.core.npz import NpzRefused, read_npz
 from dlo_sim.core.strain import strain
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import printable
 from dlo_sim.session import cdr
 from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
 
@@ -26,6 +26,7 @@ _LARGEST = float(np.finfo("f4").max)  # a page has 32-bit floats
 _LAST = CONTROL_POINTS.removeprefix("~")
 # In every output of `dlo_sim simulate`.
 _NEEDED = ("time", "control_points", "centerline")
+_FURTHER = ("tension", "curvature", "energy")
 
 
 class RunError(Exception):
@@ -98,11 +99,11 @@ def read_recording(path: Path) -> Run:
         RunError: it is not such a file.
     """
     try:
-        with zipfile.ZipFile(path), np.load(path) as file:
-            found = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        found = read_npz(path, (*_NEEDED, *_FURTHER))
+    except (OSError, NpzRefused) as error:
+        problem = f"cannot be read ({error.strerror})" if isinstance(error, OSError) else error
         raise RunError(
-            f"{path}: cannot be read ({error}); give an npz of dlo_sim simulate, or a bag's folder"
+            f"{path}: {problem}; give an npz of dlo_sim simulate, or a bag's folder"
         ) from None
     for name in _NEEDED:
         if name not in found or not found[name].size:
@@ -115,7 +116,7 @@ def read_recording(path: Path) -> Run:
     titles = {"tension": TENSION, "curvature": CURVATURE}
     energy = found.get("energy")
     return Run(
-        name=path.name,
+        name=printable(path.name),
         time=time,
         centerline=found["centerline"],
         control_points=found["control_points"][:, :, :3],
@@ -172,6 +173,11 @@ def read_bag(
         raise RunError(str(error)) from None
     poses = np.array([states[stamp] for stamp in sorted(states)])
     stamps = np.array(sorted(states))
+    if poses.shape[1] < bspline.ACTIVE:
+        raise RunError(
+            f"{path}: {node}{_LAST} holds {poses.shape[1]} control points, a cable has "
+            f"{bspline.ACTIVE} or more; give a bag of a run"
+        )
     knots = _knots(path, scene, poses.shape[1])
     u = np.linspace(0.0, knots[-1], _POINTS)
     points = poses[:, :, :3]
@@ -183,14 +189,15 @@ def read_bag(
             "give a bag of a run that went well"
         )
     shape = strain(knots, u)
-    colors = {CURVATURE: shape.curvature(points)}
-    if scene is not None and not scene.without_tension:
-        tension = shape.tension(points, scene.cable.EA, scene.cable.EI)
-        colors = {TENSION: tension, **colors}
+    with np.errstate(all="ignore"):  # points that coincide or are far apart; refused below
+        colors = {CURVATURE: shape.curvature(points)}
+        if scene is not None and not scene.without_tension:
+            tension = shape.tension(points, scene.cable.EA, scene.cable.EI)
+            colors = {TENSION: tension, **colors}
     n = len(knots) - bspline.ACTIVE
     origin = stamps[0] if origin_ns is None else origin_ns
-    return Run(
-        name=path.resolve().name,
+    run = Run(
+        name=printable(path.resolve().name),
         time=(stamps - origin) * 1e-9,
         centerline=bspline.evaluate(np.eye(n), knots, u) @ points,
         control_points=points,
@@ -200,6 +207,24 @@ def read_bag(
         reactions={end: _at(stamps, found) for end, found in forces.items() if found},
         curves=curves,
     )
+    _check_shown(path, run)
+    return run
+
+
+def _check_shown(path: Path, run: Run) -> None:
+    """Refuse a run with values that are undefined or exceed 32-bit floats."""
+    shown = [(title, run.time, values) for title, values in run.colors.items()]
+    shown += [(f"force at the {end} [N]", run.time, force) for end, force in run.reactions.items()]
+    shown += [(one.title, one.time, rows) for one in run.curves for rows in one.values.values()]
+    for title, time, values in shown:
+        good = np.abs(values.reshape(len(time), -1)) <= _LARGEST
+        if not good.all():
+            row = int(np.argmin(good.all(axis=1)))
+            bad = values.reshape(len(time), -1)[row][~good[row]][0]
+            raise RunError(
+                f"{path}: {title} is {bad:g} at {time[row]:g} s, which cannot be shown; give a bag "
+                "of a run that went well"
+            )
 
 
 def _only_node(path: Path, bag: Bag) -> str:

@@ -5,11 +5,13 @@ import sys
 import numpy as np
 import pytest
 
+from dlo_sim.cli.main import main
 from dlo_sim.demo import scenario
 from dlo_sim.demo.demo import DemoError, run_demo
 from dlo_sim.replay.bags import Bag
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.view.run import read_bag
+from test.disks import mounted
 
 RESULTS = ["input", "motion.html", "motion.png", "predicted", "scene.yaml"]
 DURATION = 2.0
@@ -143,3 +145,27 @@ def test_folder_that_cannot_be_written_is_refused(tmp_path):
     for folder in (tmp_path / "file", tmp_path / "file" / "demo", "/proc/demo"):
         with pytest.raises(DemoError, match="cannot be written .*; choose another folder"):
             run_demo(folder)
+
+
+@pytest.mark.parametrize(
+    ("size", "refused", "left"),
+    [
+        (8_192, "input is incomplete (No space left on device) and was removed", []),
+        (110_000, "predicted is incomplete (No space left on device) and was removed", ["input"]),
+        (900_000, "motion.html: No space left on device", ["input", "predicted"]),
+    ],
+)
+def test_full_disk_leaves_whole_files_and_one_line(
+    tmp_path, monkeypatch, capsys, size, refused, left
+):
+    monkeypatch.setattr(scenario, "DURATION", DURATION)
+    monkeypatch.setattr(run_demo, "__kwdefaults__", {"duration": DURATION, "progress": None})
+    with mounted(tmp_path, size):
+        assert main(["demo", "--output", str(tmp_path / "out")]) == 3
+        assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [*left, "scene.yaml"]
+        for bag in left:
+            assert Bag(tmp_path / "out" / bag).damage == ""
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("dlo_sim: error: ") and refused in err and "; free space" in err
+    assert err.count("\n") == 1

@@ -1,11 +1,6 @@
 """A disk that fills up while a bag is written: what was good is kept, one line, exit status 3."""
 
 import json
-import resource
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -13,6 +8,7 @@ from dlo_sim.cli.main import main
 from dlo_sim.replay.bags import Bag, BagError, BagWriter
 from dlo_sim.session import cdr
 from dlo_sim.tuning.scene_file import scene_text
+from test.disks import mounted, room_for
 
 STORAGES = ["mcap", "sqlite3"]
 REASONS = {
@@ -21,29 +17,6 @@ REASONS = {
     ("disk", "mcap"): "No space left on device",
     ("disk", "sqlite3"): "database or disk is full",
 }
-
-
-@contextmanager
-def room_for(size: int) -> Iterator[None]:
-    """Files may not grow beyond so many bytes: writing fails, as EFBIG where a disk says ENOSPC."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-@contextmanager
-def mounted(folder: Path, size: int) -> Iterator[None]:
-    """A disk of so many bytes, which fills up."""
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
-    if subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("needs root, to mount a small disk")
-    try:
-        yield
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
 
 
 @pytest.mark.parametrize("full", ["file", "disk"])

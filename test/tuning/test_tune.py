@@ -20,6 +20,7 @@ from dlo_sim.scene.loading import (
     shipped_scene,
     shipped_scenes,
 )
+from dlo_sim.scene.plain_yaml import parse_yaml
 from dlo_sim.simulation.recording import record
 from dlo_sim.tuning.reference import NoReference, Reference, _method_and_step, converged
 from dlo_sim.tuning.scene_file import scene_text, written
@@ -196,6 +197,22 @@ def test_doubles_have_a_decimal_point():
     assert written([1.5, 2.0]) == "[1.5, 2.0]"
     assert written(True) == "true" and written(3) == "3"
     assert written('a "b"') == '"a \\"b\\""'
+
+
+@pytest.mark.parametrize(
+    "mark", ["\n", "\r", "\r\n", "\x85", "\u2028", "\u2029", "\x0b", "\x0c", "\0"]
+)
+def test_comment_and_text_cannot_become_parameters(tmp_path, mark):
+    """As from the name of a file: what follows a line break stays in its comment or text."""
+    name = f"a.yaml{mark}/**:{mark}  ros__parameters:{mark}    frame_id: planted #\udcff: '\""
+    scene = load_scene("paper_wire", {"frame_id": "w'\"\\ #: {}"})
+    path = tmp_path / "scene.yaml"
+    path.write_text(scene_text(scene, [name]), encoding="utf-8")
+    assert load_scene(path) == scene
+    assert len(path.read_text(encoding="utf-8").splitlines()) == len(
+        scene_text(scene, [""]).splitlines()
+    )
+    assert parse_yaml(written(f"a{mark}b\t'\"\\ #: {{}}")) == f"a{mark}b\t'\"\\ #: {{}}"
 
 
 def test_timing_again_keeps_the_least():

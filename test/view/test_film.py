@@ -1,5 +1,6 @@
 """Films, stills and plots, without a display."""
 
+import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib", reason="needs matplotlib: pip install matplotlib")
@@ -8,7 +9,7 @@ from matplotlib.animation import FFMpegWriter
 from PIL import Image
 
 from dlo_sim.view.film import NoFilm, write_film, write_plots, write_still
-from dlo_sim.view.run import read_run
+from dlo_sim.view.run import Run, read_run
 
 
 def test_gif_runs_in_the_time_of_the_run(made, tmp_path):
@@ -36,3 +37,24 @@ def test_stills_and_plots_are_pictures(made, tmp_path, write, scene):
     with Image.open(tmp_path / "picture") as picture:
         assert picture.format == "PNG"
         assert len(picture.convert("RGB").getcolors(1_000_000)) > 50
+
+
+@pytest.mark.parametrize("write", [write_still, write_plots])
+@pytest.mark.parametrize("scale", [1e-30, 1e30, 1e37])
+def test_any_size_and_any_name_is_drawn(tmp_path, write, scale):
+    """Forces at an end that is called as a formula that is none; a cable of no size or any."""
+    line = scale * np.random.default_rng(1).normal(size=(2, 5, 3))
+    values = {r"tension $\frac$": np.full((2, 5), scale)}
+    forces = {r"$\frac$": np.full((2, 3), -3e38)}
+    run = Run(r"$\frac$", np.array([0.0, 0.1]), line, line, values, reactions=forces)
+    write(run, tmp_path / "picture")
+    with Image.open(tmp_path / "picture") as picture:
+        assert picture.format == "PNG"
+
+
+def test_cable_at_one_point_and_one_time_is_drawn(tmp_path):
+    line = np.full((1, 5, 3), 1e8)
+    run = Run("point", np.zeros(1), line, line)
+    for write in (write_still, write_plots):
+        write(run, tmp_path / "picture")
+    write_film(run, tmp_path / "film", "gif")

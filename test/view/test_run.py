@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from made_runs import EPOCH_NS, write_bag
 
+from dlo_sim.view.page import write_page
 from dlo_sim.view.run import CURVATURE, TENSION, RunError, read_bag, read_run
 
 
@@ -118,3 +119,42 @@ def test_bag_of_a_state_that_is_not_finite_is_refused(tmp_path):
 def test_folder_that_is_no_bag_is_refused(tmp_path):
     with pytest.raises(RunError, match="bag"):
         read_run(tmp_path)
+
+
+STRAIGHT = np.hstack([np.linspace(0.0, 0.4, 7)[:, None] * [1.0, 0.0, 0.0], np.zeros((7, 4))])
+
+
+@pytest.mark.parametrize(
+    ("state", "force", "complaint"),
+    [
+        (np.zeros((7, 7)), 0.0, r"curvature \[1/m\] is nan at 0 s, which cannot be shown"),
+        (STRAIGHT[:0], 0.0, "holds 0 control points, a cable has 4 or more"),
+        (STRAIGHT[:1], 0.0, "holds 1 control points, a cable has 4 or more"),
+        (STRAIGHT[:3], 0.0, "holds 3 control points, a cable has 4 or more"),
+        (STRAIGHT, 1e308, r"force at the start \[N\] is 1e\+308 at 0 s, which cannot be shown"),
+        (STRAIGHT, -np.inf, r"force at the start \[N\] is -inf at 0 s, which cannot be shown"),
+        (STRAIGHT * 1e-200, 0.0, r"curvature \[1/m\] is .* at 0 s, which cannot be shown"),
+    ],
+)
+def test_bag_that_cannot_be_shown_is_refused_in_one_line(tmp_path, state, force, complaint):
+    write_bag(tmp_path / "bag", [state] * 2, [(force,) * 6] * 2, "/dlo_sim")
+    with pytest.raises(RunError, match=complaint) as refused:
+        read_run(tmp_path / "bag")
+    assert str(refused.value).startswith(str(tmp_path)) and "; give a bag of a run" in str(
+        refused.value
+    )
+
+
+def test_tension_that_cannot_be_shown_is_refused(made, tmp_path):
+    state = STRAIGHT * 1e38
+    write_bag(tmp_path / "bag", [state] * 2, [(0.0,) * 6] * 2, "/dlo_sim")
+    with pytest.raises(RunError, match=r"tension \[N\] is .* at 0 s, which cannot be shown"):
+        read_run(tmp_path / "bag", made.scene)
+
+
+def test_names_that_are_not_utf8_are_written_out(made, tmp_path):
+    place = tmp_path / b"\xff.npz".decode("utf-8", "surrogateescape")
+    place.write_bytes(made.recording.read_bytes())
+    run = read_run(place)
+    assert run.name == r"\udcff.npz"
+    write_page(run, tmp_path / "page.html")
