@@ -50,7 +50,7 @@ setup(
         "identify": ["scipy"],
         # Studies and batches on more than one machine.
         "dask": ["distributed"],
-        "test": ["pytest", "pytest-xdist", "scipy", "setuptools"],
+        "test": ["hypothesis", "pytest", "pytest-xdist", "scipy", "setuptools"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -2,13 +2,14 @@
 
 import argparse
 import dataclasses
+import importlib
 import shlex
 from pathlib import Path
 
 from dlo_sim.batch.workers import WorkersError, open_workers
 from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option, needing_plots
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
-from dlo_sim.studies.catalogue import STUDIES, Request
+from dlo_sim.studies import STUDIES, WITH_PEERS, Request
 
 HELP = "run a study and write a report with figures and data"
 
@@ -17,7 +18,7 @@ def add_arguments(parser: Parser) -> None:
     """Say what the subcommand does and takes."""
     parser.description = (
         "Run a study and write report.md, figures (PNG) and their data (CSV): "
-        + "; ".join(f"{name} ({study.what})" for name, study in STUDIES.items())
+        + "; ".join(f"{name} ({what})" for name, what in STUDIES.items())
         + "."
     )
     parser.add_argument("name", metavar="NAME", choices=STUDIES, help=", ".join(STUDIES))
@@ -30,7 +31,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--peers",
         action="store_true",
-        help="also measure other simulators (" + ", ".join(_with_peers()) + ")",
+        help="also measure other simulators (" + ", ".join(WITH_PEERS) + ")",
     )
     parser.add_argument(
         "--data", metavar="DIR", type=Path, help="folder of recordings, for validation"
@@ -41,7 +42,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the study and print where its report is; returns the exit status."""
     _check_folder(options.output)
-    if options.peers and options.name not in _with_peers():
+    if options.peers and options.name not in WITH_PEERS:
         raise CommandError(f"--peers: study {options.name} knows none; leave it out")
     words = ["dlo_sim", "study", options.name, "--output", str(options.output)]
     if options.data is not None:
@@ -63,7 +64,8 @@ def run(options: argparse.Namespace) -> int:
                 options.data,
                 progress,
             )
-            outcome = STUDIES[options.name].run(request)
+            module = f"dlo_sim.studies.{options.name.replace('-', '_')}.study"
+            outcome = importlib.import_module(module).run_study(request)
     except WorkersError as refusal:
         raise CommandError(str(refusal)) from None
     if options.json:
@@ -72,10 +74,6 @@ def run(options: argparse.Namespace) -> int:
     print(f"{outcome.report}")
     print_rows(outcome.verdicts)
     return 0
-
-
-def _with_peers() -> list[str]:
-    return [name for name, study in STUDIES.items() if study.peers]
 
 
 def _check_folder(path: Path) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from dlo_sim import __version__
 from dlo_sim.process.atomic_output import write_atomically
-from dlo_sim.studies.catalogue import Outcome
+from dlo_sim.studies import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("numpy", "numba", "llvmlite", "matplotlib")

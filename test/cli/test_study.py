@@ -1,5 +1,6 @@
 """`dlo_sim study`: refusals; what it writes is tested in test/studies/test_paper.py."""
 
+import importlib
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -8,7 +9,7 @@ import pytest
 from progress import rises, shown_progress
 
 from dlo_sim.cli.main import main
-from dlo_sim.studies.catalogue import STUDIES
+from dlo_sim.studies import STUDIES
 
 
 def refusal(arguments, capsys) -> str:
@@ -57,16 +58,22 @@ def test_progress_of_a_study_reaches_the_bar(tmp_path, monkeypatch, capsys):
         request.progress(1.0)
         return SimpleNamespace(report="report.md", verdicts={})
 
-    monkeypatch.setitem(sys.modules, STUDIES["paper"].module, SimpleNamespace(run_study=made_up))
+    module = SimpleNamespace(run_study=made_up)
+    monkeypatch.setitem(sys.modules, "dlo_sim.studies.paper.study", module)
     shown = shown_progress(monkeypatch, "study")
     assert main(["study", "paper", "--output", str(tmp_path / "new")]) == 0
     assert rises(shown), shown
     assert capsys.readouterr().out == "report.md\n"
 
 
-@pytest.mark.parametrize("flag", ["--help"])
-def test_help_names_the_studies(flag, capsys):
+def test_help_names_the_studies(capsys):
     with pytest.raises(SystemExit) as ended:
-        main(["study", flag])
+        main(["study", "--help"])
     assert ended.value.code == 0
     assert "paper" in capsys.readouterr().out
+
+
+def test_every_study_can_be_imported():
+    for name in STUDIES:
+        module = importlib.import_module(f"dlo_sim.studies.{name.replace('-', '_')}.study")
+        assert callable(module.run_study)

@@ -9,13 +9,13 @@ import sys
 import zlib
 
 import pytest
+from damage import damage_bag
 from fake_simulator import FakeSimulator
 
 from dlo_sim.cli.main import main
 from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.session import cdr
-from dlo_sim.studies.endurance.fuzz import damage_bag
 from dlo_sim.tuning.scene_file import scene_text
 
 zstd = pytest.importorskip("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")

@@ -8,7 +8,7 @@ import pytest
 from dlo_sim.batch.workers import HERE
 from dlo_sim.scene import needs
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
-from dlo_sim.studies.catalogue import STUDIES, Request
+from dlo_sim.studies import Request
 from dlo_sim.studies.omission import study as study_module
 from dlo_sim.studies.omission.study import QUICK_TERMS, TERMS, Row, has, job, variants
 from dlo_sim.tuning.trial import attempt
@@ -26,7 +26,7 @@ ALONG = {
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("omission")
-    outcome = STUDIES["omission"].run(Request(folder, True, "dlo_sim study omission", HERE))
+    outcome = study_module.run_study(Request(folder, True, "dlo_sim study omission", HERE))
     return folder, outcome
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from dlo_sim.batch.workers import HERE
-from dlo_sim.studies import plotting
-from dlo_sim.studies.catalogue import STUDIES, Request
+from dlo_sim.studies import Request, plotting
 from dlo_sim.studies.stability import maps, stiff, study
 from dlo_sim.studies.stability.maps import FINISHED, REFUSED, SKIPPED, STOPPED, Point
 from dlo_sim.studies.stability.scenes import EXTREMES
@@ -114,7 +113,7 @@ def outcome(small, tmp_path_factory):
         patch.setattr(stiff, "DURATION", 1.0)
         patch.setattr(stiff, "COMPARED", 0.1)
         request = Request(folder, True, "dlo_sim study stability", HERE, progress=seen.append)
-        result = STUDIES["stability"].run(request)
+        result = study.run_study(request)
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)
     return folder, result

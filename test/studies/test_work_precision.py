@@ -10,9 +10,10 @@ import pytest
 
 from dlo_sim.batch.workers import HERE
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.catalogue import STUDIES, Request
+from dlo_sim.studies import Request
 from dlo_sim.studies.work_precision import analytic, cases, elastica, separate, sweep
 from dlo_sim.studies.work_precision.peers import beside
+from dlo_sim.studies.work_precision.study import run_study
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
 
@@ -31,7 +32,7 @@ def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("work_precision")
     request = Request(folder, True, "dlo_sim study work-precision", HERE, peers=True)
-    return folder, STUDIES["work-precision"].run(request)
+    return folder, run_study(request)
 
 
 def rows_of(folder: Path, name: str) -> list[dict[str, str]]:

@@ -14,8 +14,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_values, shipped_scenes
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation import optional_terms, selection
-from dlo_sim.studies import plotting
-from dlo_sim.studies.catalogue import Outcome, Request
+from dlo_sim.studies import Outcome, Request, plotting
 from dlo_sim.studies.report import Cell, Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.tuning.setting import present_setting

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dlo_sim.scene.loading import shipped_scene
-from dlo_sim.studies.catalogue import Outcome, Request
+from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.paper import accuracy, claims, energy, limits, motion, strains, timing
 from dlo_sim.studies.paper.published import CPP_1, MATLAB_1, STEP
 from dlo_sim.studies.paper.wires import SCENES, Paper, scenario, softening

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dlo_sim.scene.loading import shipped_scene
-from dlo_sim.studies.catalogue import Outcome, Request
+from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.stability import maps, stiff
 from dlo_sim.studies.stability.extremes import Finding, examine

@@ -15,7 +15,7 @@ from dlo_sim.identification.fit import Fit
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.catalogue import Request
+from dlo_sim.studies import Request
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import Array
 from dlo_sim.studies.validation import moved_cable

@@ -14,7 +14,7 @@ from dlo_sim.identification.readers import read_recordings
 from dlo_sim.identification.scores import Score, mean_score, score
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
-from dlo_sim.studies.catalogue import Outcome, Request
+from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.plotting import animate, new_figure
 from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.runs import Array

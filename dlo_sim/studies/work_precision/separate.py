@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.studies.catalogue import Request
+from dlo_sim.studies import Request
 from dlo_sim.studies.plotting import Panel, chart
 from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import each

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dlo_sim.scene.loading import shipped_scene
-from dlo_sim.studies.catalogue import Outcome, Request
+from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.report import Cell, Report
 from dlo_sim.studies.work_precision import analytic, references, separate, sweep
 from dlo_sim.studies.work_precision.cases import all_cases

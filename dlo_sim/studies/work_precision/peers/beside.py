@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_sim.studies.catalogue import Request
+from dlo_sim.studies import Request
 from dlo_sim.studies.runs import Array
 from dlo_sim.studies.work_precision.cases import CLOSED, CLOSING, Case, Run
 

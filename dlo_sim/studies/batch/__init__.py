@@ -1,1 +1,0 @@
-"""`dlo_sim study batch`: speed-up of simulating many cables at once."""

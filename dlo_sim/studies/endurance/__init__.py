@@ -1,1 +1,0 @@
-"""Endurance tests of session and node: long runs, bad input, disturbances, overload."""

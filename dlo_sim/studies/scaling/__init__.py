@@ -1,1 +1,0 @@
-"""Time of a step and memory against the number of control points."""
