@@ -91,7 +91,7 @@ class FakeSimulator:
     def set_motion(self, end, motion):
         position, orientation = self.end_pose(end)
         assert motion.start == pytest.approx(self.time, abs=1e-9), "a simulator refuses the past"
-        assert motion.position[0] == pytest.approx(position, abs=1e-6), "and jumps"
+        assert motion.position == pytest.approx(position, abs=1e-6), "and jumps"
         assert abs(motion.orientation @ orientation) == pytest.approx(1.0, abs=1e-12)
         self.calls.append(("motion", self.steps, end, motion))
         self.motions[end] = motion

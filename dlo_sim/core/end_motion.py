@@ -1,15 +1,16 @@
-"""The motion of one end effector over a short time, as a polynomial.
+"""The motion of one end effector over a short time, with constant acceleration.
 
-Position p(t) = p0 + p1 s + p2 s^2 and orientation q(t) = exp(w1 s + w2 s^2) q0 with s = clip(t -
-start, 0, duration): before the start and after the end the end effector rests. exp is the rotation
-vector's rotation in the world frame, applied on the left. It is the motion of the END EFFECTOR
-frame; the cable's attachment offset and tangent in it are not known here.
+Position p(t) = p0 + v s + a s^2 / 2 and orientation q(t) = exp(w s + c s^2 / 2) q0, where s is t -
+start, limited to 0 and the duration: before the start and after the end the end effector rests. exp
+is the rotation vector's rotation in the world frame, applied on the left; w and c are the angular
+velocity and the angular acceleration at s = 0. It is the motion of the END EFFECTOR frame; the
+cable's attachment offset and tangent in it are not known here.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,18 +22,29 @@ Array = NDArray[np.float64]
 
 # A quaternion further from unit length than this is a mistake of the caller, not rounding.
 _NORM_TOLERANCE = 1e-6
+_ZERO = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class EndMotion:
-    """Quadratic motion of an end effector from `start` for `duration`, at rest outside.
+    """Motion of an end effector from `start` for `duration`, at rest before and after.
+
+    All vectors are in the world frame; velocities are zero unless given. The angular acceleration
+    is constant if it is parallel to the angular velocity; otherwise it is that at the start, and
+    the rotation vector of the turn since then is quadratic in time.
 
     Attributes:
         start: simulator time [s] at which the motion begins.
         duration: length of the motion [s], >= 0.
-        position: rows p0 [m], p1 [m/s], p2 [m/s^2], shape (3, 3), world frame.
-        orientation: q0, unit quaternion x, y, z, w, shape (4,), end-effector frame to world.
-        rotation: rows w1 [rad/s], w2 [rad/s^2], shape (2, 3), world frame.
+        position: at the start [m], shape (3,).
+        orientation: at the start, unit quaternion x, y, z, w, end-effector frame to world, shape
+            (4,).
+        velocity: at the start [m/s], shape (3,).
+        acceleration: throughout [m/s^2], shape (3,).
+        angular_velocity: at the start [rad/s], shape (3,).
+        angular_acceleration: at the start [rad/s^2], shape (3,).
+        position_coefficients: rows p0, v, a / 2 of the formula of this module, shape (3, 3).
+        rotation_coefficients: rows w, c / 2, shape (2, 3).
 
     Raises:
         TypeError: a value that is not made of numbers. ValueError: wrong shape, a value that is not
@@ -43,33 +55,120 @@ class EndMotion:
     duration: float
     position: Array
     orientation: Array
-    rotation: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    position_coefficients: Array = field(init=False, repr=False)
+    rotation_coefficients: Array = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        for name, shape in (("position", (3, 3)), ("orientation", (4,)), ("rotation", (2, 3))):
-            value = arguments.numbers(f"end motion: {name}", getattr(self, name), shape)
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-        for name in ("start", "duration"):
-            time = arguments.number(f"end motion: {name}", getattr(self, name), "s")
-            object.__setattr__(self, name, time)
-        if self.duration < 0.0:
-            raise ValueError(
-                f"end motion: duration {self.duration:g} s is negative; give 0 or more"
+    def __init__(
+        self,
+        *,
+        start: float,
+        duration: float,
+        position: ArrayLike,
+        orientation: ArrayLike,
+        velocity: ArrayLike = _ZERO,
+        acceleration: ArrayLike = _ZERO,
+        angular_velocity: ArrayLike = _ZERO,
+        angular_acceleration: ArrayLike = _ZERO,
+    ) -> None:
+        start = arguments.number("end motion: start", start, "s")
+        duration = arguments.number("end motion: duration", duration, "s")
+        if duration < 0.0:
+            raise ValueError(f"end motion: duration {duration:g} s is negative; give 0 or more")
+        path = np.stack(
+            (
+                _three("position", position, "m"),
+                _three("velocity", velocity, "m/s"),
+                0.5 * _three("acceleration", acceleration, "m/s^2"),
             )
-        norm = math.hypot(*self.orientation.tolist())
+        )
+        turn = np.stack(
+            (
+                _three("angular_velocity", angular_velocity, "rad/s"),
+                0.5 * _three("angular_acceleration", angular_acceleration, "rad/s^2"),
+            )
+        )
+        turned = arguments.numbers("end motion: orientation", orientation, (4,), "x, y, z, w")
+        norm = math.hypot(*turned.tolist())
         if abs(norm - 1.0) > _NORM_TOLERANCE:
             raise ValueError(f"end motion: orientation has norm {norm:g}; normalise it")
+        self._put(start, duration, path, turned, turn)
+
+    def _put(self, start: float, duration: float, path: Array, turned: Array, turn: Array) -> None:
+        for array in (path, turned, turn):
+            array.setflags(write=False)
+        acceleration, angular_acceleration = 2.0 * path[2], 2.0 * turn[1]
+        acceleration.setflags(write=False)
+        angular_acceleration.setflags(write=False)
+        self.__dict__.update(  # the class is frozen
+            start=start,
+            duration=duration,
+            position=path[0],
+            orientation=turned,
+            velocity=path[1],
+            acceleration=acceleration,
+            angular_velocity=turn[0],
+            angular_acceleration=angular_acceleration,
+            position_coefficients=path,
+            rotation_coefficients=turn,
+        )
+
+    @classmethod
+    def from_coefficients(
+        cls, start: float, duration: float, path: Array, orientation: Array, turn: Array
+    ) -> EndMotion:
+        """The motion with these position and rotation coefficients, shapes (3, 3) and (2, 3).
+
+        Nothing is checked, and the arrays belong to the motion from now on.
+        """
+        motion = object.__new__(cls)
+        motion._put(start, duration, path, orientation, turn)
+        return motion
 
     @classmethod
     def resting(
         cls, position: ArrayLike, orientation: ArrayLike = rotations.IDENTITY, start: float = 0.0
     ) -> EndMotion:
         """An end effector that stays where it is; position (3,) [m], orientation (4,)."""
-        coefficients = np.zeros((3, 3))
-        coefficients[0] = arguments.numbers("end motion: position", position, (3,), "m")
-        turned = arguments.numbers("end motion: orientation", orientation, (4,), "x, y, z, w")
-        return cls(start, 0.0, coefficients, turned, np.zeros((2, 3)))
+        return cls(start=start, duration=0.0, position=position, orientation=orientation)
+
+    def then(
+        self,
+        duration: float,
+        *,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike = _ZERO,
+        angular_velocity: ArrayLike | None = None,
+        angular_acceleration: ArrayLike = _ZERO,
+    ) -> EndMotion:
+        """The motion that begins where and when this one ends.
+
+        Args:
+            duration: of the next motion [s]. velocity, angular_velocity: at its start [m/s],
+                [rad/s], shape (3,); default: those at the end of this one. acceleration,
+                angular_acceleration: as in the class.
+
+        Raises:
+            TypeError, ValueError: as the class.
+        """
+        end = self.end
+        if velocity is None:
+            velocity = self.velocity_at(end)
+        if angular_velocity is None:
+            angular_velocity = self.angular_velocity_at(end)
+        return EndMotion(
+            start=end,
+            duration=duration,
+            position=self.position_at(end),
+            orientation=self.orientation_at(end),
+            velocity=velocity,
+            acceleration=acceleration,
+            angular_velocity=angular_velocity,
+            angular_acceleration=angular_acceleration,
+        )
 
     @property
     def end(self) -> float:
@@ -79,14 +178,15 @@ class EndMotion:
     def position_at(self, t: ArrayLike) -> Array:
         """Position [m] at simulator time t [s], shape t.shape + (3,)."""
         s = self._elapsed(t)
-        return np.asarray(self.position[0] + s * (self.position[1] + s * self.position[2]))
+        p0, p1, p2 = self.position_coefficients
+        return np.asarray(p0 + s * (p1 + s * p2))
 
     def velocity_at(self, t: ArrayLike) -> Array:
         """Velocity [m/s] at t [s], shape t.shape + (3,); zero outside the motion, its limit from
         inside at both ends.
         """
         s, moving = self._elapsed(t), self._moving(t)
-        return np.asarray(moving * (self.position[1] + 2.0 * s * self.position[2]))
+        return np.asarray(moving * (self.velocity + s * self.acceleration))
 
     def orientation_at(self, t: ArrayLike) -> Array:
         """Orientation, unit quaternion x, y, z, w, at t [s], shape t.shape + (4,)."""
@@ -97,8 +197,8 @@ class EndMotion:
 
     def angular_velocity_at(self, t: ArrayLike) -> Array:
         """Angular velocity [rad/s] in the world frame at t [s], shape t.shape + (3,)."""
-        turn, rate = self._rotation_vector(t), self.rotation[0]
-        rate = rate + 2.0 * self._elapsed(t) * self.rotation[1]
+        turn = self._rotation_vector(t)
+        rate = self.angular_velocity + self._elapsed(t) * self.angular_acceleration
         pairs = zip(turn.reshape(-1, 3).tolist(), rate.reshape(-1, 3).tolist(), strict=True)
         spin = np.array([one_rotation.angular_velocity(*pair) for pair in pairs])
         return self._moving(t) * spin.reshape(turn.shape)
@@ -109,13 +209,14 @@ class EndMotion:
         """
         s, orientation = float(np.ravel(self._elapsed(now))[0]), self.orientation_at(now)
         left = self.duration - s
-        p0, p1, p2 = self.position
+        p0, p1, p2 = self.position_coefficients
         turn = one_rotation.turn_between(
             orientation.tolist(), self.orientation_at(self.end).tolist()
         )
         rate = np.array(turn) / left if left > 0.0 else np.zeros(3)
         position = np.stack((p0 + s * (p1 + s * p2), p1 + 2.0 * s * p2, p2))
-        return EndMotion(0.0, left, position, orientation, np.stack((rate, np.zeros(3))))
+        rotation = np.stack((rate, np.zeros(3)))
+        return EndMotion.from_coefficients(0.0, left, position, orientation, rotation)
 
     def _elapsed(self, t: Any) -> Array | float:
         if isinstance(t, float):  # asked for at every pose: numpy's clip alone takes 3 us
@@ -130,4 +231,9 @@ class EndMotion:
 
     def _rotation_vector(self, t: ArrayLike) -> Array:
         s = self._elapsed(t)
-        return np.asarray(s * (self.rotation[0] + s * self.rotation[1]))
+        w1, w2 = self.rotation_coefficients
+        return np.asarray(s * (w1 + s * w2))
+
+
+def _three(name: str, value: ArrayLike, unit: str) -> Array:
+    return arguments.numbers(f"end motion: {name}", value, (3,), unit)

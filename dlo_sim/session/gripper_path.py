@@ -245,7 +245,8 @@ class GripperPath(Waiting[Pose]):
         twice = cross(way, once)
         end_rate = _sum(_sum(target.spin, _scaled(once, -0.5)), _scaled(twice, 1.0 / 12.0))
         w2 = _curvature(way, w1, end_rate, duration)
-        motion = EndMotion(time, duration, np.array((p0, p1, p2)), np.array(q0), np.array((w1, w2)))
+        path, turn = np.array((p0, p1, p2)), np.array((w1, w2))
+        motion = EndMotion.from_coefficients(time, duration, path, np.array(q0), turn)
         reached = _way(w1, w2, duration)
         self._present = _State(
             _sum(p0, _way(p1, p2, duration)),

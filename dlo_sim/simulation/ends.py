@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,8 @@ from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, 
 
 Array = NDArray[np.float64]
 LEAST_THIRD = 0.01  # of a third of the span at a clamp: least distance of the clamp's neighbour
+Waiting = Mapping[str, tuple[EndMotion, ...]]
+"""End effector -> its motions that have not begun, in their order."""
 NEAR = 1e-6  # cable lengths, and radians: largest gap between an end effector and its next motion
 
 
@@ -34,6 +37,7 @@ class EndDrive:
         self._rows = {name: row for row, name in enumerate(scene.holders)}
         self.motion = np.zeros((len(self._rows), MOTION_SIZE))
         self._motions: dict[str, EndMotion] = {}
+        self._next: dict[str, tuple[EndMotion, ...]] = {}
         spans = np.diff(bspline.breaks(knots))
         self._thirds = {"start": float(spans[0]) / 3.0, "end": float(spans[-1]) / 3.0}
         self._near = NEAR * scene.cable.length
@@ -74,9 +78,17 @@ class EndDrive:
         """Restore the pose and motion that `state_of` returned."""
         self.motion[self._rows[end]], self._motions[end] = state
 
+    @property
+    def waiting(self) -> Waiting:
+        """Motions that have not begun, in their order, of the end effectors that have such."""
+        return dict(self._next)
+
     def pose(self, end: str, t: float) -> tuple[Array, Array]:
         """Position [m] and quaternion of an end effector at time t."""
         motion = self._motions[known_holder(self._scene, end)]
+        for later in self._next.get(end, ()):
+            if later.start <= t:
+                motion = later
         return motion.position_at(t), motion.orientation_at(t)
 
     def orientation(self, end: str, t: float) -> Array:
@@ -150,7 +162,7 @@ class EndDrive:
         self.follow(end, t, EndMotion.resting(place, turned, t), twist)
 
     def check_motion(self, end: str, t: float, motion: EndMotion, late: float) -> None:
-        """Check that a motion continues from the pose of an end effector at time t.
+        """Check that a motion begins where the end effector will be then.
 
         Raises:
             TypeError, ValueError: no such end effector, no motion, or one that starts more than
@@ -163,18 +175,74 @@ class EndDrive:
                 f"motion of {end}: starts at {motion.start!r} s, before the present; start it at "
                 f"the simulator's time, {t!r} s, or later"
             )
-        # A motion that has not started yet rests at its first pose.
-        way, turn = apart(
-            self.pose(end, min(motion.start, t)), motion.position[0], motion.orientation
-        )
+        there = self.pose(end, motion.start)
+        way, turn = apart(there, motion.position, motion.orientation)
         if way > self._near or turn > NEAR:
+            place = [float(f"{x:.9g}") for x in there[0]]
             raise ValueError(
                 f"motion of {end}: starts {way:.3g} m and {turn:.3g} rad away from the end "
-                f"effector; start it at end_pose('{end}'), or put the end there with set_end before"
+                f"effector, which is at {place} m at {motion.start!r} s; start it at "
+                f"end_pose('{end}'), or with EndMotion.then where the motion before ends, or put "
+                "the end there with set_end before"
             )
 
+    def follow_later(self, end: str, t: float, motion: EndMotion) -> bool:
+        """Keep a motion until its start if the end effector still moves at time t; returns whether
+        it is kept. It replaces those that begin later.
+
+        An end effector at rest needs no waiting: it rests until the motion starts.
+        """
+        rests = self._motions[end].end <= t and not self._next.get(end)
+        if rests or motion.start <= t + _rounding(motion.start):
+            return False
+        earlier = (one for one in self._next.get(end, ()) if one.start < motion.start)
+        self._next[end] = (*earlier, motion)
+        return True
+
+    def begin_motions(self, t: float) -> bool:
+        """Let motions that have waited for a start up to time t begin; returns whether any did."""
+        begun = False
+        for end, motions in list(self._next.items()):
+            due = [one for one in motions if one.start <= t + _rounding(t)]
+            if due:
+                twist = self.place_at(end, t)[3]
+                self._next[end] = motions[len(due) :]
+                if not self._next[end]:
+                    del self._next[end]
+                self._write(end, due[-1])
+                self.count_from(end, t, twist)
+                begun = True
+        return begun
+
+    def steps_until_begin(self, t: float, step: float) -> int | None:
+        """Number of whole steps [s] from time t until a waiting motion begins; 0 if it does within
+        the next step, None if none waits.
+        """
+        starts = [motions[0].start for motions in self._next.values()]
+        return int((min(starts) - t + _rounding(t)) / step) if starts else None
+
+    def lead_over(self, t: float, step: float) -> None:
+        """Lead the end effectors whose waiting motions begin within the step from time t to where
+        they are at the end of it: with constant acceleration, to the position and velocity there.
+        """
+        until = t + step
+        for end, motions in self._next.items():
+            begun = [one for one in motions if one.start < until - _rounding(until)]
+            if not begun:
+                continue
+            twist, (place, turned) = self.place_at(end, t)[3], self.pose(end, t)
+            there, facing = begun[-1].position_at(until), begun[-1].orientation_at(until)
+            turn = np.array(one_rotation.turn_between(turned.tolist(), facing.tolist()))
+            path = _parabola(place, there - place, begun[-1].velocity_at(until), step)
+            spin = _parabola(turn, turn, begun[-1].angular_velocity_at(until), step)[1:]
+            self._write(end, EndMotion.from_coefficients(t, step, path, turned, spin))
+            self.count_from(end, t, twist)
+
     def follow(self, end: str, t: float, motion: EndMotion, twist: float = 0.0) -> None:
-        """Follow a motion from time t on; twist angle: the present one plus `twist` [rad]."""
+        """Follow a motion from time t on; twist angle: the present one plus `twist` [rad].
+        Motions that wait are dropped.
+        """
+        self._next.pop(end, None)
         row = self.motion[self._rows[end]]
         row[TWIST] = self.place_at(end, min(motion.start, t))[3] + twist
         self._write(end, motion)
@@ -186,6 +254,7 @@ class EndDrive:
         Args:
             turns: its `Cable.frame_turn` [rad], one row per grasp, or empty.
         """
+        self._next.clear()
         for end, row in self._rows.items():
             self._write(end, EndMotion.resting(*other.pose(end, t)))
             behind = turns[row, 0] if len(turns) else 0.0
@@ -199,38 +268,55 @@ class EndDrive:
         turns[:] = 0.0
 
     def stays_in_plane(self, end: str, axes: tuple[int, ...], first: Array) -> bool:
-        """Whether an end's motion and tangent stay in the plane of two axes through the point
+        """Whether an end's motions and tangent stay in the plane of two axes through the point
         `first`, shape (3,) [m]; always true for three axes.
         """
         if len(axes) == 3:
             return True
         (normal,) = (axis for axis in range(3) if axis not in axes)
-        motion = self._motions[end]
-        level = motion.position[0, normal] - first[normal]
-        away = [level, *motion.position[1:, normal], *motion.rotation[:, list(axes)].ravel()]
-        tangent = rotations.rotate(motion.orientation, self._direction(end))
-        return not any(away) and abs(tangent[normal]) < 1e-15
+        for motion in self._all_motions(end):
+            away = motion.position_coefficients[:, normal].copy()
+            away[0] -= first[normal]
+            tangent = rotations.rotate(motion.orientation, self._direction(end))
+            turns = motion.rotation_coefficients[:, list(axes)].any()
+            if away.any() or turns or abs(tangent[normal]) >= 1e-15:
+                return False
+        return True
 
     def twists(self, end: str) -> bool:
         """Whether an end effector holds the roll and turns, or has turned, about its tangent."""
         row = self.motion[self._rows[end]]
         if not self._scene.holders[end].holds_roll:
             return False
-        motion = self._motions[end]
-        tangent = rotations.rotate(motion.orientation, self._direction(end))
-        return bool(abs(row[TWIST]) > 1e-12 or np.any(np.abs(motion.rotation @ tangent) > 1e-12))
+        if abs(row[TWIST]) > 1e-12:
+            return True
+        for motion in self._all_motions(end):
+            tangent = rotations.rotate(motion.orientation, self._direction(end))
+            if np.any(np.abs(motion.rotation_coefficients @ tangent) > 1e-12):
+                return True
+        return False
 
-    def restored(self) -> None:
-        """Rebuild the motions after `motion` was overwritten by a snapshot."""
+    def restored(self, waiting: Waiting | None = None) -> None:
+        """Rebuild the motions after `motion` was overwritten by a snapshot.
+
+        Args:
+            waiting: the motions that wait; default: as before.
+        """
+        if waiting is not None:
+            self._next = dict(waiting)
         for name, row in self._rows.items():
             m = self.motion[row]
-            self._motions[name] = EndMotion(
-                start=float(m[1]),
-                duration=float(m[2]),
-                position=m[3:12].reshape(3, 3).copy(),
-                orientation=rotations.from_matrix(m[12:21].reshape(3, 3)),
-                rotation=m[21:27].reshape(2, 3).copy(),
+            self._motions[name] = EndMotion.from_coefficients(
+                float(m[1]),
+                float(m[2]),
+                m[3:12].reshape(3, 3).copy(),
+                rotations.from_matrix(m[12:21].reshape(3, 3)),
+                m[21:27].reshape(2, 3).copy(),
             )
+
+    def _all_motions(self, end: str) -> tuple[EndMotion, ...]:
+        """The present motion of an end effector and those that wait."""
+        return self._motions[end], *self._next.get(end, ())
 
     def _direction(self, end: str) -> Array:
         """Direction of the cable in an end effector's frame."""
@@ -239,10 +325,23 @@ class EndDrive:
     def _write(self, end: str, motion: EndMotion) -> None:
         m = self.motion[self._rows[end]]
         m[1], m[2] = motion.start, motion.duration
-        m[3:12] = motion.position.ravel()
+        m[3:12] = motion.position_coefficients.ravel()
         m[12:21] = rotations.to_matrix(motion.orientation).ravel()
-        m[21:27] = motion.rotation.ravel()
+        m[21:27] = motion.rotation_coefficients.ravel()
         self._motions[end] = motion
+
+
+def _rounding(t: float) -> float:
+    """Two times near t that are closer than this to each other [s] are the same."""
+    return 1e-12 * max(abs(t), 1e-3)
+
+
+def _parabola(first: Array, way: Array, last_rate: Array, duration: float) -> Array:
+    """Coefficients (3, 3) of the parabola that begins at `first`, covers `way` within a duration
+    [s] and has the rate `last_rate` at its end.
+    """
+    mean = way / duration
+    return np.stack((first, 2.0 * mean - last_rate, (last_rate - mean) / duration))
 
 
 def apart(pose: tuple[Array, Array], position: Array, orientation: Array) -> tuple[float, float]:

@@ -91,14 +91,17 @@ class CableInputs(CableView):
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector follow a motion; afterwards it rests at its last pose.
 
-        The motion begins now or later (it may be given up to a step late), at the end effector's
-        present pose: `set_end` is for jumps.
+        The motion begins now or later (it may be given up to a step late), where the end effector
+        is at that time: `set_end` is for jumps. Until then the motions given before go on, so that
+        several can be given at once, of any duration (`EndMotion.then`); what they prescribe from
+        then on is dropped.
 
         Raises:
             TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
         """
         self._ends.check_motion(end, self.time, motion, self.step)
-        self._ends.follow(end, self.time, motion)
+        if not self._ends.follow_later(end, self.time, motion):
+            self._ends.follow(end, self.time, motion)
         self._extend(self._needs_moved(end))
         self._natural_shape_moves()
 

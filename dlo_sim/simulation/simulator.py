@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from dlo_sim.scene.needs import Needs, needs_of
 from dlo_sim.simulation import following, optional_terms
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.ends import EndDrive, Waiting
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
 from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
@@ -50,6 +50,7 @@ class Snapshot:
     state: Array
     inputs: Array
     geometries: Geometries
+    waiting: Waiting = field(default_factory=dict)
 
 
 class Simulator(CableInputs):
@@ -133,11 +134,13 @@ class Simulator(CableInputs):
             raise ValueError("recorder: is of another model; make a new one of the present model")
         evaluations = 0
         while done < steps:
-            piece = min(CHUNK, steps - done)
+            piece = min(CHUNK, steps - done, self._steps_of_motions())
             status, made, used, worst = self._loop.advance(self._steps, piece, recorder)
             self._steps += made
             done += made
             evaluations += used
+            if self._ends.waiting and self._ends.begin_motions(self.time):
+                self._natural_shape_moves()
             if not status.ok:
                 message = (
                     f"{status.value} (at {self.time:.6g} s, u = {self.greville[worst]:.3g} m; "
@@ -187,6 +190,13 @@ class Simulator(CableInputs):
             raise TypeError(
                 f"poses: needs {{'start': numbers (T, 7)}}, got {arguments.given(poses)}"
             )
+        for name, waiting in self._ends.waiting.items():
+            if name not in poses:
+                raise ValueError(
+                    f"poses: none of {name}, whose next motion begins at {waiting[0].start:g} s, "
+                    "while poses can only be followed beside motions that have begun; give poses "
+                    f"of {name} too, or follow them after that time"
+                )
         stamps, grid = following.checked_times(times, self._steps, self.step)
         wanted = following.checked_samples(samples, self.time, stamps[-1])
         rows = {name: self.path(name, given, len(stamps)) for name, given in poses.items()}
@@ -230,6 +240,7 @@ class Simulator(CableInputs):
             self.cable.state.copy(),
             self.cable.inputs.copy(),
             self._geometries,
+            self._ends.waiting,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -249,7 +260,7 @@ class Simulator(CableInputs):
         self._needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
-        self._ends.restored()
+        self._ends.restored(snapshot.waiting)
 
     def reset(self) -> None:
         """Go back to the initial state."""
@@ -371,6 +382,14 @@ class Simulator(CableInputs):
         self._initial = self.snapshot()
 
     # -- inside ---------------------------------------------------------------------------------
+
+    def _steps_of_motions(self) -> int:
+        """Number of steps that the present motions of the end effectors last."""
+        steps = self._ends.steps_until_begin(self.time, self.step)
+        if steps == 0:
+            self._ends.lead_over(self.time, self.step)
+            self._natural_shape_moves()
+        return CHUNK if steps is None else max(steps, 1)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Connect the end effectors of a copy to the copy's own arrays."""

@@ -26,9 +26,12 @@ def motion(rotation=((0.0, 1.5, 2.0), (3.0, -1.0, -8.0)), duration=0.4):
     return EndMotion(
         start=0.1,
         duration=duration,
-        position=[[0.1, 0.2, 0.3], [0.4, -0.2, 1.0], [2.0, 1.0, -3.0]],
+        position=[0.1, 0.2, 0.3],
         orientation=rotations.from_rotation_vector([0.3, -0.2, 0.5]),
-        rotation=rotation,
+        velocity=[0.4, -0.2, 1.0],
+        acceleration=[4.0, 2.0, -6.0],
+        angular_velocity=rotation[0],
+        angular_acceleration=2.0 * np.asarray(rotation[1]),
     )
 
 
@@ -64,8 +67,8 @@ def test_attachment_and_tangent_follow_the_motion(bench, row, end, t):
     s = min(max(t - 0.1, 0.0), 0.4)
     turn = rotation([0.3, -0.2, 0.5])
     if s > 0:
-        turn = rotation(s * path.rotation[0] + s * s * path.rotation[1]) @ turn
-    place = path.position[0] + s * path.position[1] + s * s * path.position[2]
+        turn = rotation(s * path.angular_velocity + s * s / 2 * path.angular_acceleration) @ turn
+    place = path.position + s * path.velocity + s * s / 2 * path.acceleration
     found = placed(bench, row, t)
     assert np.allclose(found[:3], place + turn @ OFFSET, rtol=0, atol=1e-14)
     assert np.allclose(found[3:6], turn @ TANGENTS[end], rtol=0, atol=1e-14)

@@ -19,16 +19,20 @@ CLAMPED = FULL | {
 TURNING = EndMotion(
     start=0.0,
     duration=1.0,
-    position=[[0.0, 0.0, 0.0], [0.1, -0.3, 0.2], [0.3, 0.2, -0.4]],
+    position=[0.0, 0.0, 0.0],
     orientation=[0.0, 0.0, 0.0, 1.0],
-    rotation=[[2.0, -1.0, 1.5], [0.5, 1.0, -0.7]],
+    velocity=[0.1, -0.3, 0.2],
+    acceleration=[0.6, 0.4, -0.8],
+    angular_velocity=[2.0, -1.0, 1.5],
+    angular_acceleration=[1.0, 2.0, -1.4],
 )
 TRANSLATING = EndMotion(
     start=0.0,
     duration=1.0,
     position=TURNING.position,
     orientation=TURNING.orientation,
-    rotation=np.zeros((2, 3)),
+    velocity=TURNING.velocity,
+    acceleration=TURNING.acceleration,
 )
 SCENES = {
     "pinned": SOFT | {"start.clamped": False},
@@ -166,7 +170,8 @@ def moved(motion, values, **more):
 def clamp_defect(sim, motion):
     """How far the clamp's neighbour is off the tangent, and its distance from the attachment."""
     s = sim.time
-    turn = rotation(s * motion.rotation[0] + s * s * motion.rotation[1]) if motion is TURNING else 1
+    w1, w2 = motion.rotation_coefficients
+    turn = rotation(s * w1 + s * s * w2) if motion is TURNING else 1
     tangent = turn @ np.array([0.6, 0.0, 0.8]) if motion is TURNING else np.array([0.6, 0.0, 0.8])
     arm = sim.control_points[1, :3] - sim.control_points[0, :3]
     return np.abs(np.cross(arm, tangent)).max(), float(arm @ tangent)
@@ -203,6 +208,7 @@ def test_a_clamp_lets_the_first_span_stretch(motion):
 
 
 def test_an_end_that_turned_has_the_pose_that_was_asked(clamped):
-    turn = rotation(0.3 * TURNING.rotation[0] + 0.09 * TURNING.rotation[1])
+    w1, w2 = TURNING.rotation_coefficients
+    turn = rotation(0.3 * w1 + 0.09 * w2)
     found = rotations.to_matrix(clamped.drive.pose("start", 0.3)[1])
     assert np.abs(found - turn).max() < 1e-14

@@ -48,8 +48,16 @@ def test_violent_compression_does_not_turn_the_first_span_over(n):
     ends = {"end.fixed": [True] * 3, "end.position": [1.0, 0.0, 0.0]}
     values = {"discretization.stretch": "span", "terms.out_of_plane": "on"}
     sim = simulator(SOFT, ends, values, n=n, method="energy_momentum", step=1e-3)
-    path = [[1.0, 0.0, 0.0], [-10.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    sim.set_motion("end", EndMotion(0.0, 0.05, path, [0.0, 0.0, 0.0, 1.0], np.zeros((2, 3))))
+    sim.set_motion(
+        "end",
+        EndMotion(
+            start=0.0,
+            duration=0.05,
+            position=[1.0, 0.0, 0.0],
+            orientation=[0.0, 0.0, 0.0, 1.0],
+            velocity=[-10.0, 0.0, 0.0],
+        ),
+    )
     for _ in range(75):
         assert sim.advance_steps(1).status.ok
         edge = sim.control_points[1, 0] - sim.control_points[0, 0]

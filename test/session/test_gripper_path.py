@@ -148,11 +148,11 @@ def test_replanning_a_turn_from_its_start_gives_the_same_turn():
     motion = driver.segments[-1].motion
     steps = round(motion.duration / STEP)
     again = driver.path.replan(motion, motion.start, GRID, steps).motion
-    turned = np.linalg.norm(motion.rotation[0]) * motion.duration
+    turned = np.linalg.norm(motion.angular_velocity) * motion.duration
     assert turned > 0.15
-    assert np.allclose(again.rotation[0], motion.rotation[0], rtol=0, atol=1e-9)
-    size = np.linalg.norm(motion.rotation[1])
-    assert np.allclose(again.rotation[1], motion.rotation[1], rtol=0, atol=1e-3 * size)
+    assert np.allclose(again.angular_velocity, motion.angular_velocity, rtol=0, atol=1e-9)
+    change, size = motion.angular_acceleration, np.linalg.norm(motion.angular_acceleration)
+    assert np.allclose(again.angular_acceleration, change, rtol=0, atol=1e-3 * size)
 
 
 def test_uneven_stamps_do_not_ring():
@@ -186,7 +186,7 @@ def test_waits_for_the_next_pose_and_goes_on_as_if_it_had_not_waited():
     assert len(many.segments) > 15
     for a, b in zip(one.segments, many.segments, strict=False):
         assert (a.first, a.last) == (b.first, b.last)
-        assert np.array_equal(a.motion.position, b.motion.position)
+        assert np.array_equal(a.motion.position_coefficients, b.motion.position_coefficients)
 
 
 def test_silence_is_held_at_the_last_pose_and_found_at_the_same_stamp_either_way():
@@ -206,11 +206,13 @@ def test_silence_is_held_at_the_last_pose_and_found_at_the_same_stamp_either_way
         for k in range(5):
             driver.add(2.0 + 0.03 * k, (0.1, 0, 0))
         driver.drain(2.05)
-    one, other = ([s for s in d.segments if s.motion.position[1:].any()] for d in (live, late))
+    one, other = (
+        [s for s in d.segments if s.motion.position_coefficients[1:].any()] for d in (live, late)
+    )
     assert [s.first for s in one] == [s.first for s in other]
     assert one[-1].first > 2000
     for a, b in zip(one, other, strict=True):
-        assert np.array_equal(a.motion.position, b.motion.position)
+        assert np.array_equal(a.motion.position_coefficients, b.motion.position_coefficients)
 
 
 def test_rejoins_smoothly_after_a_silence():

@@ -22,7 +22,7 @@ class Spied:
         self.order, self.went_on = 2, []
 
     def go_on(self, end, motion) -> None:
-        self.went_on.append((end, motion.rest(self.simulator.time).position[0].tolist()))
+        self.went_on.append((end, motion.rest(self.simulator.time).position.tolist()))
 
     def __getattr__(self, name):
         return getattr(self.simulator, name)

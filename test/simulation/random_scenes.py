@@ -334,9 +334,17 @@ def _apply(sim: Simulator, move: Move, duration: float) -> None:
     if move.turn is None:
         sim.set_end(move.end, position=position + np.array(move.way))
         return
-    path = np.array([position, move.way, np.zeros(3)])
-    turn = np.array([move.turn, np.zeros(3)])
-    sim.set_motion(move.end, EndMotion(sim.time, duration, path, orientation, turn))
+    sim.set_motion(
+        move.end,
+        EndMotion(
+            start=sim.time,
+            duration=duration,
+            position=position,
+            orientation=orientation,
+            velocity=move.way,
+            angular_velocity=move.turn,
+        ),
+    )
 
 
 def main(count: int, first: int = 0) -> int:

@@ -19,6 +19,12 @@ WRONG += [EMPTY, {"start": 1}, {1, 2}, [[1.0, 2.0], [3.0]], [1.0, "2", 3.0], ["a
 WRONG += [[NAN] * 3, [INF] * 4, [[[]]], np.zeros((0, 3)), np.full((6, 4), NAN), np.array(["x"])]
 POINTS = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 0.1], 5)
 
+
+def end_motion(**changes):
+    given = {"start": 0.0, "duration": 1.0, "position": [0, 0, 0], "orientation": STILL}
+    return EndMotion(**(given | changes))
+
+
 # Method -> its arguments: how it is given, how a refusal names it, and what of WRONG is none.
 CALLS = {
     "__init__": [
@@ -50,17 +56,21 @@ CALLS = {
         (lambda sim, x: EndMotion.resting(x), "end motion: position", ()),
         (lambda sim, x: EndMotion.resting([0, 0, 0], x), "end motion: orientation", ()),
         (
-            lambda sim, x: EndMotion(x, 0, np.eye(3), STILL, np.eye(2, 3)),
+            lambda sim, x: end_motion(start=x),
             "end motion: start",
             (NEGATIVE, HUGE),
         ),
         (
-            lambda sim, x: EndMotion(0, x, np.eye(3), STILL, np.eye(2, 3)),
+            lambda sim, x: end_motion(duration=x),
             "end motion: duration",
             (HUGE,),
         ),
-        (lambda sim, x: EndMotion(0, 1, x, STILL, np.eye(2, 3)), "end motion: position", ()),
-        (lambda sim, x: EndMotion(0, 1, np.eye(3), STILL, x), "end motion: rotation", ()),
+        (lambda sim, x: end_motion(position=x), "end motion: position", ()),
+        (lambda sim, x: end_motion(orientation=x), "end motion: orientation", ()),
+        (lambda sim, x: end_motion(velocity=x), "end motion: velocity", ()),
+        (lambda sim, x: end_motion(acceleration=x), "end motion: acceleration", ()),
+        (lambda sim, x: end_motion(angular_velocity=x), "end motion: angular_velocity", ()),
+        (lambda sim, x: end_motion(angular_acceleration=x), "end motion: angular_acceleration", ()),
     ],
     "restore": [(lambda sim, x: sim.restore(x), "snapshot", ())],
     "start_from": [
@@ -173,8 +183,13 @@ def path(sim, way=(0.0, 0.0, 0.0), turn=0.0, start=None):
     """A motion from so far beside the start's pose."""
     position, orientation = sim.end_pose("start")
     turned = orientation + np.array([np.sin(turn / 2), 0.0, 0.0, np.cos(turn / 2) - 1.0])
-    rows = np.array([position + way, [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    return EndMotion(sim.time if start is None else start, 0.1, rows, turned, np.zeros((2, 3)))
+    return EndMotion(
+        start=sim.time if start is None else start,
+        duration=0.1,
+        position=position + way,
+        orientation=turned,
+        velocity=[0.1, 0.0, 0.0],
+    )
 
 
 @pytest.mark.parametrize(
@@ -211,8 +226,7 @@ def test_a_motion_may_be_up_to_a_step_late_and_follow_another():
     first = path(sim)
     sim.set_motion("start", first)
     sim.advance_steps(201)
-    rows = np.array([first.position_at(0.1), [0.0, 0.2, 0.0], [0.0, 0.0, 0.0]])
-    sim.set_motion("start", EndMotion(0.1, 0.1, rows, STILL, np.zeros((2, 3))))
+    sim.set_motion("start", first.then(0.1, velocity=[0.0, 0.2, 0.0]))
     assert sim.end_pose("start")[0] == pytest.approx([0.01, 1e-4, 0.0])
     sim.advance_steps(1)
     assert sim.control_points[0, :3] == pytest.approx([0.01, 2e-4, 0.0])

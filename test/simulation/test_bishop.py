@@ -40,15 +40,14 @@ def held(method="energy_momentum", step=0.01, **values):
 def turn(sim, end, rotation, duration):
     """Turn an end effector about its place by a rotation vector [rad], at a constant rate."""
     place, orientation = sim.end_pose(end)
-    still = np.zeros(3)
     sim.set_motion(
         end,
         EndMotion(
             start=sim.time,
             duration=duration,
-            position=np.array([place, still, still]),
+            position=place,
             orientation=orientation,
-            rotation=np.array([np.asarray(rotation) / duration, still]),
+            angular_velocity=np.asarray(rotation) / duration,
         ),
     )
 

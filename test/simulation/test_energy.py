@@ -84,16 +84,20 @@ LOAD = {
 CLAMP = EndMotion(
     start=0.0,
     duration=0.2,
-    position=[[0, 0, 0], [0.1, -0.3, 0.2], [3.0, 2.0, -4.0]],
+    position=[0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=[[2.0, 0, 0], [30.0, 0, 0]],
+    velocity=[0.1, -0.3, 0.2],
+    acceleration=[6.0, 4.0, -8.0],
+    angular_velocity=[2.0, 0, 0],
+    angular_acceleration=[60.0, 0.0, 0.0],
 )
 SPRING = EndMotion(
     start=0.0,
     duration=0.2,
-    position=[[1.0, 0, 0], [0.2, 0.1, -0.5], [-4.0, 3.0, 6.0]],
+    position=[1.0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=np.zeros((2, 3)),
+    velocity=[0.2, 0.1, -0.5],
+    acceleration=[-8.0, 6.0, 12.0],
 )
 SCENES = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
 
@@ -157,7 +161,12 @@ def test_account_against_works_computed_from_outside(name):
     load = {"loads.tip.signal": "constant", "loads.tip.force": [0.3, 0.5, -0.4]}
     sim = simulator(SOFT, load, {"terms.out_of_plane": "on"}, n=6, method=name, step=1e-4)
     slide = EndMotion(
-        0.0, 0.2, [[0, 0, 0], [0.1, -0.3, 0.2], [3, 2, -4]], [0, 0, 0, 1], np.zeros((2, 3))
+        start=0.0,
+        duration=0.2,
+        position=[0, 0, 0],
+        orientation=[0, 0, 0, 1],
+        velocity=[0.1, -0.3, 0.2],
+        acceleration=[6.0, 4.0, -8.0],
     )
     sim.set_motion("start", slide)
     sim.advance_steps(1)

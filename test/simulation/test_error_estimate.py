@@ -38,14 +38,14 @@ def swing(scene: Scene, end: str, axis: int) -> list[EndMotion]:
     if not end:
         return []
     along = np.eye(3)[axis] * 2.0  # [m/s^2]
-    place, motions = np.array(scene.ends[end].position), []
-    for start, first, half in ((0.0, 0.0 * along, along), (0.25, along / 2.0, -along)):
-        rows = np.stack([place, first, half / 2.0])
-        motions.append(
-            EndMotion(start, 0.25, rows, np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3)))
-        )
-        place = motions[-1].position_at(start + 0.25)
-    return motions
+    first = EndMotion(
+        start=0.0,
+        duration=0.25,
+        position=scene.ends[end].position,
+        orientation=[0.0, 0.0, 0.0, 1.0],
+        acceleration=along,
+    )
+    return [first, first.then(0.25, acceleration=-along)]
 
 
 def run(name: str, target: Simulator | ErrorEstimate, simulator: Simulator) -> np.ndarray:
@@ -173,11 +173,13 @@ def test_companions_that_come_in_the_middle_of_a_motion_end_where_it_ends():
     scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
     alone, running = Simulator(scene), Simulator(scene)
     position, orientation = running.end_pose("end")
-    coefficients = [position, [-0.2, 0.0, 0.1], [0.1, 0.0, 0.1]]
+    moving = {"velocity": [-0.2, 0.0, 0.1], "acceleration": [0.2, 0.0, 0.2]}
+    turning = {"angular_velocity": [0.0, 1.0, 0.0], "angular_acceleration": [0.0, 4.0, 0.0]}
+    changes = moving | turning
     for simulator in (alone, running):
         count, step = round(0.2 / simulator.step), simulator.step
-        turn = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]
-        motion = EndMotion(0.0, 2.0 * count * step, coefficients, orientation, turn)
+        pose = {"position": position, "orientation": orientation}
+        motion = EndMotion(start=0.0, duration=2.0 * count * step, **pose, **changes)
         simulator.set_motion("end", motion)
         simulator.advance_steps(count)
     estimate = ErrorEstimate.continued(running)
@@ -185,8 +187,9 @@ def test_companions_that_come_in_the_middle_of_a_motion_end_where_it_ends():
     assert estimate.advance_steps(count).status.ok and alone.advance_steps(count).status.ok
     np.testing.assert_array_equal(running.control_points, alone.control_points)
     position, orientation = running.end_pose("end")
-    onward = [position, *coefficients[1:]]
-    estimate.set_motion("end", EndMotion(running.time, count * step, onward, orientation, turn))
+    pose = {"position": position, "orientation": orientation}
+    onward = EndMotion(start=running.time, duration=count * step, **pose, **changes)
+    estimate.set_motion("end", onward)
     assert estimate.advance_steps(count).status.ok
     for one in estimate._companions:
         for own, of_original in zip(
@@ -230,8 +233,13 @@ def test_a_companion_that_failed_stops_no_gripper():
     simulator = estimate.simulator
     for _ in range(3):
         position, orientation = estimate.end_pose("end")
-        path = [position, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]
-        motion = EndMotion(simulator.time, 20 * simulator.step, path, orientation, np.zeros((2, 3)))
+        motion = EndMotion(
+            start=simulator.time,
+            duration=20 * simulator.step,
+            position=position,
+            orientation=orientation,
+            velocity=[0.5, 0.0, 0.0],
+        )
         estimate.set_motion("end", motion)
         assert estimate.advance_steps(20).status.ok
     assert "finer run failed" in estimate.recent.unknown

@@ -42,10 +42,18 @@ def scene(**values: object) -> Scene:
 
 def swing(simulator: Simulator) -> None:
     """Move and turn the gripper through the whole run."""
-    rotation = np.array([[0.0, 1.5, 2.0], [3.0, 0.0, -8.0]])
-    position = np.array([[0.0, 0.0, 0.0], [0.1, -0.2, 0.3], [1.0, 2.0, -1.0]])
     simulator.set_motion(
-        "start", EndMotion(0.0, DURATION, position, np.array([0.0, 0.0, 0.0, 1.0]), rotation)
+        "start",
+        EndMotion(
+            start=0.0,
+            duration=DURATION,
+            position=[0.0, 0.0, 0.0],
+            orientation=[0.0, 0.0, 0.0, 1.0],
+            velocity=[0.1, -0.2, 0.3],
+            acceleration=[2.0, 4.0, -2.0],
+            angular_velocity=[0.0, 1.5, 2.0],
+            angular_acceleration=[6.0, 0.0, -16.0],
+        ),
     )
 
 

@@ -51,9 +51,10 @@ def test_it_is_what_single_motions_and_steps_are():
             motion = EndMotion(
                 start=other.time,
                 duration=STEP,
-                position=[p0, (p1 - p0) / STEP, np.zeros(3)],
+                position=p0,
                 orientation=q0,
-                rotation=[turn / STEP, np.zeros(3)],
+                velocity=(p1 - p0) / STEP,
+                angular_velocity=turn / STEP,
             )
             other.set_motion(name, motion)
         other.advance_steps(1)

@@ -187,9 +187,12 @@ def test_a_motion_is_followed_exactly_and_ends_at_rest(method):
     path = EndMotion(
         start=0.01,
         duration=0.05,
-        position=[[0, 0, 0], [0.2, -0.3, 0.5], [3.0, 2.0, -4.0]],
+        position=[0, 0, 0],
         orientation=[0, 0, 0, 1],
-        rotation=[[0.5, 1.0, -2.0], [10.0, 5.0, 0.0]],
+        velocity=[0.2, -0.3, 0.5],
+        acceleration=[6.0, 4.0, -8.0],
+        angular_velocity=[0.5, 1.0, -2.0],
+        angular_acceleration=[20.0, 10.0, 0.0],
     )
     sim = soft(method=method)
     sim.set_motion("start", path)
@@ -214,7 +217,11 @@ def test_a_motion_is_followed_exactly_and_ends_at_rest(method):
 def test_both_ends_can_move_and_springs_follow_theirs():
     sim = simulator(FULL, FLAT, n=6, method="velocity_verlet", step=2e-4)
     away = EndMotion(
-        0.0, 0.1, [[1.0, 0, 0], [0.3, 0, 0], [0, 0, 0]], [0, 0, 0, 1], np.zeros((2, 3))
+        start=0.0,
+        duration=0.1,
+        position=[1.0, 0, 0],
+        orientation=[0, 0, 0, 1],
+        velocity=[0.3, 0, 0],
     )
     sim.set_motion("end", away)
     sim.set_end("start", position=[0.0, 0.0, 0.01])
@@ -234,10 +241,18 @@ def natural_axis(sim):
 def test_the_axis_of_the_natural_curvature_follows_motion_by_motion():
     """It is where the clamp is when a motion is given and stays until the next one is."""
     sim = simulator(FULL, FLAT, n=6, method="velocity_verlet", step=2e-4)
-    spin = [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     for _ in range(10):
         pose = sim.end_pose("start")[1]
-        sim.set_motion("start", EndMotion(sim.time, 0.02, np.zeros((3, 3)), pose, spin))
+        sim.set_motion(
+            "start",
+            EndMotion(
+                start=sim.time,
+                duration=0.02,
+                position=[0.0, 0.0, 0.0],
+                orientation=pose,
+                angular_velocity=[2.0, 0.0, 0.0],
+            ),
+        )
         sim.advance(0.02)
         given = rotations.rotate(pose, [0.6, 0.0, 0.8])
         assert np.allclose(natural_axis(sim), given, rtol=0, atol=1e-12)

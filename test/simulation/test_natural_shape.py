@@ -154,9 +154,12 @@ def rolled(method, step):
     """The slack cable after its start has rolled by 3 rad."""
     sim = slack(method, step)
     place, orientation = sim.end_pose("start")
-    still = np.zeros(3)
     motion = EndMotion(
-        0.0, 1.0, np.array([place, still, still]), orientation, np.array([still, [3.0, 0.0, 0.0]])
+        start=0.0,
+        duration=1.0,
+        position=place,
+        orientation=orientation,
+        angular_acceleration=[6.0, 0.0, 0.0],
     )
     sim.set_motion("start", motion)
     assert sim.advance(1.0).status.ok
@@ -177,10 +180,14 @@ def test_the_material_frame_follows_a_gripper_that_rolls():
     sim.advance(40.0)
     before = sim.control_points[:, :3]
     place, orientation = sim.end_pose("start")
-    still = np.zeros(3)
     spin = np.array([0.5 * np.pi / 2.0, 0.0, 0.0])
-    motion = EndMotion(sim.time, 2.0, np.array([place, still, still]), orientation,
-                       np.array([spin, still]))  # fmt: skip
+    motion = EndMotion(
+        start=sim.time,
+        duration=2.0,
+        position=place,
+        orientation=orientation,
+        angular_velocity=spin,
+    )
     sim.set_motion("start", motion)
     sim.advance(40.0)
     turned = before @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]).T

@@ -27,16 +27,20 @@ DAMPING = {"undamped": FULL, "mass": MASS_DAMPED, "all": FULLY_DAMPED}
 CLAMP = EndMotion(
     start=0.0,
     duration=0.2,
-    position=[[0, 0, 0], [0.1, -0.3, 0.2], [3.0, 2.0, -4.0]],
+    position=[0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=[[2.0, 0, 0], [30.0, 0, 0]],
+    velocity=[0.1, -0.3, 0.2],
+    acceleration=[6.0, 4.0, -8.0],
+    angular_velocity=[2.0, 0, 0],
+    angular_acceleration=[60.0, 0.0, 0.0],
 )
 SPRING = EndMotion(
     start=0.0,
     duration=0.2,
-    position=[[1.0, 0, 0], [0.2, 0.1, -0.5], [-4.0, 3.0, 6.0]],
+    position=[1.0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=np.zeros((2, 3)),
+    velocity=[0.2, 0.1, -0.5],
+    acceleration=[-8.0, 6.0, 12.0],
 )
 # The inextensible method solves other equations; its own tests measure it.
 SAME_EQUATIONS = [method for method in METHODS.values() if method.name != "rattle"]

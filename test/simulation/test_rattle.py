@@ -54,11 +54,17 @@ def test_rest_carries_half_the_weight_at_each_end_and_stays(hanging):
 
 
 def test_length_is_kept_while_a_clamp_moves_and_turns(hanging):
-    path = np.zeros((3, 3))
-    path[0] = hanging.end_pose("end")[0]
-    path[1] = [-0.2, 0.1, 0.05]
-    turn = np.array([[0.0, 0.5, 0.2], [0.0, 0.0, 0.0]])
-    hanging.set_motion("end", EndMotion(0.0, 0.5, path, np.array([0.0, 0.0, 0.0, 1.0]), turn))
+    hanging.set_motion(
+        "end",
+        EndMotion(
+            start=0.0,
+            duration=0.5,
+            position=hanging.end_pose("end")[0],
+            orientation=[0.0, 0.0, 0.0, 1.0],
+            velocity=[-0.2, 0.1, 0.05],
+            angular_velocity=[0.0, 0.5, 0.2],
+        ),
+    )
     report = hanging.advance(0.4)
     assert report.status.ok
     assert violation(hanging) < 1e-12
@@ -70,9 +76,17 @@ def test_account_closes_to_second_order_where_a_clamp_moves_and_turns():
     for step in (1e-3, 5e-4, 2.5e-4):
         values = HANGING | {"integrator.step": step}
         simulator = Simulator(load_scene(find_scene("two_grippers"), values))
-        path = np.array([simulator.end_pose("end")[0], [0.0, 0.0, 0.0], [-0.4, 0.2, 0.1]])
-        turn = np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 1.2]])
-        simulator.set_motion("end", EndMotion(0.0, 0.5, path, np.array([0.0, 0, 0, 1]), turn))
+        simulator.set_motion(
+            "end",
+            EndMotion(
+                start=0.0,
+                duration=0.5,
+                position=simulator.end_pose("end")[0],
+                orientation=[0.0, 0.0, 0.0, 1.0],
+                acceleration=[-0.8, 0.4, 0.2],
+                angular_acceleration=[0.0, 6.0, 2.4],
+            ),
+        )
         assert simulator.advance(0.4).status.ok
         errors.append(simulator.energy_error)
     assert np.abs(np.diff(np.log2(errors)) + 2.0).max() < 0.1

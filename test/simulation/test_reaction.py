@@ -18,16 +18,20 @@ LOAD = {
 CLAMP = EndMotion(
     start=0.0,
     duration=1.0,
-    position=[[0, 0, 0], [0.1, -0.3, 0.2], [3.0, 2.0, -4.0]],
+    position=[0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=[[2.0, 0.5, -1.0], [30.0, -8.0, 5.0]],
+    velocity=[0.1, -0.3, 0.2],
+    acceleration=[6.0, 4.0, -8.0],
+    angular_velocity=[2.0, 0.5, -1.0],
+    angular_acceleration=[60.0, -16.0, 10.0],
 )
 SPRING = EndMotion(
     start=0.0,
     duration=1.0,
-    position=[[1.0, 0, 0], [0.2, 0.1, -0.5], [-4.0, 3.0, 6.0]],
+    position=[1.0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=np.zeros((2, 3)),
+    velocity=[0.2, 0.1, -0.5],
+    acceleration=[-8.0, 6.0, 12.0],
 )
 
 
@@ -201,15 +205,18 @@ def test_reactions_hold_within_a_motion_and_at_its_borders():
     """No spike where one motion ends and the next begins: the same force from both sides."""
     sim = simulator(SOFT, SPATIAL, n=8, method="velocity_verlet", step=1e-4)
     first = EndMotion(
-        0.0, 0.05, [[0, 0, 0], [0, 0, 0], [2.0, 0, 4.0]], [0, 0, 0, 1], np.zeros((2, 3))
+        start=0.0,
+        duration=0.05,
+        position=[0, 0, 0],
+        orientation=[0, 0, 0, 1],
+        acceleration=[4.0, 0.0, 8.0],
     )
     sim.set_motion("start", first)
     sim.advance_steps(499)
     before = sim.reaction("start")[0]
     sim.advance_steps(1)
     at = sim.reaction("start")[0]
-    rest = [[0.005, 0, 0.01], [0.2, 0, 0.4], [2.0, 0, 4.0]]
-    sim.set_motion("start", EndMotion(0.05, 0.05, rest, [0, 0, 0, 1], np.zeros((2, 3))))
+    sim.set_motion("start", first.then(0.05, acceleration=first.acceleration))
     next_at = sim.reaction("start")[0]
     sim.advance_steps(1)
     after = sim.reaction("start")[0]
@@ -242,8 +249,16 @@ def test_end_mass_hangs_and_accelerates_on_the_reaction():
     light = {"cable.bending_stiffness": 2e-5}
     sim = simulator(SOFT, SPATIAL, values, light, n=6, method="velocity_verlet", step=2e-4)
     assert np.allclose(sim.reaction("start")[0], [0, 0, 2.0 * 9.81], atol=2e-3)
-    path = [[0, 0, 0], [0, 0, 0], [1.5, 0.0, 2.0]]  # 3 and 4 m/s^2
-    sim.set_motion("start", EndMotion(0.0, 1.0, path, [0, 0, 0, 1], np.zeros((2, 3))))
+    sim.set_motion(
+        "start",
+        EndMotion(
+            start=0.0,
+            duration=1.0,
+            position=[0, 0, 0],
+            orientation=[0, 0, 0, 1],
+            acceleration=[3.0, 0.0, 4.0],
+        ),
+    )
     sim.advance_steps(10)
     assert np.allclose(sim.reaction("start")[0], [6.0, 0, 2.0 * 13.81], atol=5e-3)
 

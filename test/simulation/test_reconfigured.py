@@ -142,18 +142,36 @@ def test_the_twist_of_a_clamp_stays():
 def test_velocities_stay_while_an_end_moves():
     """The momentum variable of a cable with a driven end is not its velocity."""
     there, going = [0.06, 0.0, 0.03], [0.7, 0.0, 0.3]
-    still = np.zeros((2, 3))
     bare = {"terms.twist": "auto", "loads.names": []}
     scene = {key: value for key, value in SOFT.items() if not key.startswith("loads.")}
     sim = simulator(scene, SPATIAL, bare, n=8, method="energy_momentum")
-    way = [[0, 0, 0], [0.5, 0, 0.3], [1.0, 0, 0]]
-    sim.set_motion("start", EndMotion(0.0, 0.2, way, [0, 0, 0, 1], still))
+    sim.set_motion(
+        "start",
+        EndMotion(
+            start=0.0,
+            duration=0.2,
+            position=[0, 0, 0],
+            orientation=[0, 0, 0, 1],
+            velocity=[0.5, 0, 0.3],
+            acceleration=[2.0, 0, 0],
+        ),
+    )
     sim.advance(0.1)
     before = sim.velocities
     assert np.abs(before[0, :3]).max() > 0.5
     assert "twist" in sim.left_out
-    turning = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # about the cable: twist comes in
-    way = [there, going, [1.0, 0, 0]]
-    sim.set_motion("start", EndMotion(sim.time, 0.1, way, [0, 0, 0, 1], turning))
+    turning = [1.0, 0.0, 0.0]  # about the cable: twist comes in
+    sim.set_motion(
+        "start",
+        EndMotion(
+            start=sim.time,
+            duration=0.1,
+            position=there,
+            orientation=[0, 0, 0, 1],
+            velocity=going,
+            acceleration=[2.0, 0, 0],
+            angular_velocity=turning,
+        ),
+    )
     assert "twist" in sim.active_terms
     assert np.allclose(sim.velocities[:, :3], before[:, :3], rtol=0.0, atol=1e-9)

@@ -21,9 +21,12 @@ CONSTANT = LOAD | {"loads.tip.signal": "constant"}
 CLAMP = EndMotion(
     start=0.0,
     duration=0.05,
-    position=[[0, 0, 0], [0.1, -0.3, 0.2], [3.0, 2.0, -4.0]],
+    position=[0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=[[2.0, 0.5, 0], [30.0, 0, 4.0]],
+    velocity=[0.1, -0.3, 0.2],
+    acceleration=[6.0, 4.0, -8.0],
+    angular_velocity=[2.0, 0.5, 0],
+    angular_acceleration=[60.0, 0.0, 8.0],
 )
 NAMES = [name for name in METHODS if name != "rattle"]
 CASES = [(name, FULL) for name in NAMES] + [("energy_momentum", FULLY_DAMPED)]

@@ -31,9 +31,12 @@ ONE_STEP = [
 MOVING = EndMotion(
     start=0.0,
     duration=1.0,
-    position=[[0, 0, 0], [0.3, -0.5, 0.2], [3.0, 2.0, -4.0]],
+    position=[0, 0, 0],
     orientation=[0, 0, 0, 1],
-    rotation=[[2.0, 0, 0], [30.0, 0, 0]],
+    velocity=[0.3, -0.5, 0.2],
+    acceleration=[6.0, 4.0, -8.0],
+    angular_velocity=[2.0, 0, 0],
+    angular_acceleration=[60.0, 0.0, 0.0],
 )
 EXACT = {"integrator.tolerance": 1e-15}
 SPEED = 1200.0  # [rad/s], about the largest frequency of the scenes
@@ -155,16 +158,19 @@ def there_and_back(method, steps=60):
     assert sim.advance_steps(steps).status.ok
     far = sim.control_points
     total = steps * tau
-    p0, p1, p2 = MOVING.position
-    w1, w2 = MOVING.rotation
+    p0, p1, p2 = MOVING.position_coefficients
+    w1, w2 = MOVING.rotation_coefficients
     # The same path backwards: p(total - s); the rotation is about one axis, so its vectors add up.
     angle = w1 * total + w2 * total**2
     back = EndMotion(
         start=total,
         duration=1.0,
-        position=[p0 + p1 * total + p2 * total**2, -p1 - 2 * p2 * total, p2],
+        position=p0 + p1 * total + p2 * total**2,
         orientation=[np.sin(angle[0] / 2), 0, 0, np.cos(angle[0] / 2)],
-        rotation=[-w1 - 2 * w2 * total, w2],
+        velocity=-p1 - 2 * p2 * total,
+        acceleration=2.0 * p2,
+        angular_velocity=-w1 - 2 * w2 * total,
+        angular_acceleration=2.0 * w2,
     )
     sim.set_motion("start", back)
     sim.cable.put(far, -sim.model.to_columns(sim.cable.w, rest=False))

@@ -117,14 +117,17 @@ def job(scene: Scene, duration: float, still: bool = False) -> Job:
     """A scene's run, in which driven grippers move sideways and rotate about the cable."""
     motions = []
     if scene.start.driven and scene.start.held and not still:
-        path = np.zeros((3, 3))
-        path[0] = scene.start.position
-        path[2, 1] = MOVED / MOVING**2
         axis = np.asarray(scene.start.tangent, dtype=float)
-        turn = np.zeros((2, 3))
-        turn[1] = TURNED / MOVING**2 * axis / max(float(np.linalg.norm(axis)), 1e-300)
-        unturned = np.asarray(rotations.IDENTITY, dtype=float)
-        motions.append(("start", EndMotion(0.0, MOVING, path, unturned, turn)))
+        axis /= max(float(np.linalg.norm(axis)), 1e-300)
+        motion = EndMotion(
+            start=0.0,
+            duration=MOVING,
+            position=scene.start.position,
+            orientation=rotations.IDENTITY,
+            acceleration=[0.0, 2.0 * MOVED / MOVING**2, 0.0],
+            angular_acceleration=2.0 * TURNED / MOVING**2 * axis,
+        )
+        motions.append(("start", motion))
     return Job(scene, duration, tuple(np.linspace(0.0, 1.0, 21)), 2e-3, tuple(motions))
 
 

@@ -156,8 +156,13 @@ def move(end: str, velocity: float, duration: float) -> Action:
 
     def begin(simulator: Simulator) -> None:
         position, orientation = simulator.end_pose(end)
-        path = np.array([position, (velocity, 0.0, 0.0), np.zeros(3)])
-        motion = EndMotion(simulator.time, duration, path, orientation, np.zeros((2, 3)))
+        motion = EndMotion(
+            start=simulator.time,
+            duration=duration,
+            position=position,
+            orientation=orientation,
+            velocity=(velocity, 0.0, 0.0),
+        )
         simulator.set_motion(end, motion)
 
     return begin

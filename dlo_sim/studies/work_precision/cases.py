@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
@@ -115,15 +116,17 @@ def soft_cable() -> Case:
 
 
 def closing() -> tuple[tuple[str, EndMotion], ...]:
-    """Motion of the soft cable's gripper: two parabolas, at rest before and after."""
+    """Motion of the soft cable's gripper: it speeds up and slows down, at rest before and after."""
     half = 0.5 * CLOSING
-    push = 0.5 * CLOSED / half**2
-    first, second = np.zeros((2, 3, 3))
-    first[:, 0] = 1.0, 0.0, -push
-    second[:, 0] = 1.0 - 0.5 * CLOSED, -2.0 * push * half, push
-    still = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3))
-    parts = ((0.0, first), (half, second))
-    return tuple(("end", EndMotion(start, half, path, *still)) for start, path in parts)
+    pull = (CLOSED / half**2, 0.0, 0.0)  # [m/s^2]
+    first = EndMotion(
+        start=0.0,
+        duration=half,
+        position=(1.0, 0.0, 0.0),
+        orientation=rotations.IDENTITY,
+        acceleration=-np.array(pull),
+    )
+    return ("end", first), ("end", first.then(half, acceleration=pull))
 
 
 def cantilever() -> Case:
