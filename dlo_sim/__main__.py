@@ -14,7 +14,7 @@ _ENDED = 0  # a node is there to be ended by a signal
 
 def main() -> int:
     """The command `dlo_sim`; returns the exit status."""
-    _hold_signals()
+    _begin()
 
     from dlo_sim.cli.node import is_asked_for
 
@@ -28,7 +28,7 @@ def main() -> int:
 
 def node() -> int:
     """The executable `node`, which ROS starts; returns the exit status."""
-    _hold_signals()
+    _begin()
 
     def run() -> int:
         from dlo_sim.ros.main import main
@@ -38,9 +38,13 @@ def node() -> int:
     return _supervised(run, is_node=True)
 
 
-def _hold_signals() -> None:
+def _begin() -> None:
     """Let signals wait until the work is supervised."""
     signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+
+    from dlo_sim.process.beginning import begin
+
+    begin()
 
 
 def _supervised(work: Callable[[], int], is_node: bool) -> int:

@@ -17,6 +17,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from dlo_sim.process import warning_lines
+from dlo_sim.process.children import children
 from dlo_sim.process.stopping import cleanup
 from dlo_sim.simulation.processors import processors
 
@@ -74,11 +75,9 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
     if count == 1:
         yield HERE
         return
-    # Not fork: threads of this process (numba's, ROS's) would not survive it.
-    context = multiprocessing.get_context("spawn")
     others = {*multiprocessing.active_children()}
     lines = warning_lines.uses_lines()
-    pool = ProcessPoolExecutor(count, context, warning_lines.use_lines, (lines,))
+    pool = ProcessPoolExecutor(count, children(), warning_lines.use_lines, (lines,))
     with cleanup(lambda: _end(pool, others)):
         yield Workers(count, pool.map)
         pool.shutdown()

@@ -57,8 +57,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         KeyboardInterrupt: a signal asked for the end; `supervised` says so.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    if sys.stdout is None:  # closed by whoever started us
-        sys.stdout = open(os.devnull, "w", encoding="utf-8")
     try:
         return _run(arguments)
     except (CommandError, SceneError) as refusal:

@@ -1,18 +1,23 @@
-"""Plans in, forecasts out: computed in processes of their own, so that the ticks go on."""
+"""Plans in, forecasts out: computed in processes of their own, so that the ticks go on.
+
+A thread of its own talks to each process and replaces it when it has ended. Whatever a process
+does, or does not, a tick only looks into a queue.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import pickle
-from collections import deque
+import threading
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from queue import Empty, Queue, SimpleQueue
 from typing import TYPE_CHECKING
 
 from dlo_sim.process import warning_lines
+from dlo_sim.process.children import children
 from dlo_sim.session.cdr import DiagnosticStatus
 from dlo_sim.session.diagnostics import OK, WARN, topic_status
 from dlo_sim.session.forecasts import Answer, answer
@@ -26,27 +31,83 @@ if TYPE_CHECKING:
 
 _MOST_WAITING = 100  # plans
 _END = 1.0  # [s] for a process to end by itself
+_PAUSE = 1.0  # [s] before a process is replaced that has ended without a forecast
+_LONG = 30.0  # [s] without an answer, from which on a process is reported
+_ENDED = Answer(problem="the process that forecast it has ended; another begins")
 
 
-@dataclass
-class _Worker:
-    """A process that forecasts one plan after the other; busy: it has one, or is still starting."""
+class _Worker(threading.Thread):
+    """A process that forecasts one plan after the other, and the thread that talks to it.
 
-    process: BaseProcess
-    connection: Connection
-    busy: bool = True
+    Args:
+        example: a pickled simulator, to load machine code with.
+        plans: pickled plans. answers: what comes of them.
+    """
 
-    def give(self, planned: bytes) -> None:
-        """Let it forecast a pickled plan."""
-        self.busy = True
-        with contextlib.suppress(OSError):  # it has ended, which is noticed as it is asked
-            self.connection.send_bytes(planned)
+    def __init__(self, example: bytes, plans: Queue[bytes], answers: SimpleQueue[Answer]) -> None:
+        super().__init__(name="forecaster", daemon=True)
+        self._example, self._plans, self._answers = example, plans, answers
+        self._closing = threading.Event()
+        self._since: float | None = None
+        self.process: BaseProcess | None = None
 
-    def end(self) -> None:
-        """End the process."""
-        self.connection.close()
-        self.process.join(_END)
-        self.process.terminate()
+    @property
+    def busy(self) -> float:
+        """Time for which it has worked on a plan [s]."""
+        since = self._since
+        return 0.0 if since is None else time.monotonic() - since
+
+    def run(self) -> None:
+        """Have a process, until the end."""
+        while not self._closing.is_set():
+            ours, theirs = children().Pipe()
+            with ours:
+                given = theirs, self._example, warning_lines.uses_lines()
+                process = children().Process(target=_work, args=given, daemon=True)
+                process.start()
+                theirs.close()
+                self.process = process
+                answered = self._serve(ours)
+                process.kill()  # it may still be there, and not listen
+                process.join()
+            if not answered:
+                self._closing.wait(_PAUSE)
+
+    def _serve(self, connection: Connection) -> bool:
+        """Hand over plans and answers until one side has ended; returns whether there was any."""
+        answered = False
+        try:
+            connection.recv()  # it is ready
+            while True:
+                planned = self._next_plan()
+                if planned is None:
+                    return answered
+                self._since = time.monotonic()
+                connection.send_bytes(planned)
+                self._answers.put(connection.recv())
+                self._since = None
+                answered = True
+        except (EOFError, OSError):
+            if self._since is not None and not self._closing.is_set():
+                self._answers.put(_ENDED)
+            self._since = None
+            return answered
+
+    def _next_plan(self) -> bytes | None:
+        """The plan that has waited longest; None at the end, or when the process has ended."""
+        while not self._closing.is_set() and self.process is not None and self.process.is_alive():
+            with contextlib.suppress(Empty):
+                return self._plans.get(timeout=0.2)
+        return None
+
+    def close(self) -> None:
+        """End thread and process."""
+        self._closing.set()
+        if self.process is not None:
+            self.process.terminate()
+            self.join(_END)
+            self.process.kill()  # it may have been stopped, or not have listened
+        self.join()
 
 
 class Forecaster:
@@ -61,43 +122,39 @@ class Forecaster:
     """
 
     def __init__(self, session: Session, topic: str, count: int) -> None:
-        self._session = session
         self._plans = Plans(session, topic)
-        self._waiting: deque[bytes] = deque()
-        self._workers = [_begun(session) for _ in range(count)]
+        self._waiting: Queue[bytes] = Queue(_MOST_WAITING)
+        self._answers: SimpleQueue[Answer] = SimpleQueue()
+        example = pickle.dumps(session.simulator)
+        self._workers = [_Worker(example, self._waiting, self._answers) for _ in range(count)]
         self._answered = self._failed = self._failed_reported = 0
         self._last = Answer()
+        for worker in self._workers:
+            worker.start()
 
     def accept(self, raw: bytes, arrival_ns: int) -> None:
         """Take one serialised plan; the present state goes with it."""
-        if len(self._waiting) >= _MOST_WAITING:
-            self._plans.record.refuse(
-                "too_many", f"{_MOST_WAITING} wait; plan less often or raise forecast.processes"
-            )
+        if self._waiting.full():  # said without looking at it
+            self._refuse()
             return
         planned = self._plans.accept(raw, arrival_ns)
         if planned is not None:
-            self._waiting.append(pickle.dumps(planned))
-            self._hand_out()
+            self._waiting.put_nowait(pickle.dumps(planned))
+
+    def _refuse(self) -> None:
+        self._plans.record.refuse(
+            "too_many",
+            f"{self._waiting.maxsize} plans wait; plan less often or raise forecast.processes",
+        )
 
     def answers(self) -> Iterator[OutgoingMessage]:
         """Messages about plans that have been forecast since the last call."""
-        for number, worker in enumerate(self._workers):
-            if not worker.busy or not worker.connection.poll():
-                continue
-            try:
-                found: Answer | None = worker.connection.recv()
-                worker.busy = False
-            except (EOFError, OSError):
-                found = Answer(problem="the process that forecast it has ended; another begins")
-                worker.end()
-                self._workers[number] = _begun(self._session)
-            if found is not None:
-                self._last = found
+        with contextlib.suppress(Empty):
+            while True:
+                self._last = self._answers.get_nowait()
                 self._answered += 1
-                self._failed += bool(found.problem)
-                yield from found.messages
-        self._hand_out()
+                self._failed += bool(self._last.problem)
+                yield from self._last.messages
 
     def statuses(self, now_ns: int) -> list[DiagnosticStatus]:
         """For the diagnostics at this time of the clock [ns]."""
@@ -105,10 +162,17 @@ class Forecaster:
         values = (
             ("plans forecast", str(self._answered)),
             ("plans that failed", str(self._failed)),
-            ("plans waiting", str(len(self._waiting))),
+            ("plans waiting", str(self._waiting.qsize())),
             *self._last.values,
         )
         level, message = OK, "forecasting"
+        slow = max(self._workers, key=lambda worker: worker.busy)
+        if slow.busy > _LONG and slow.process is not None:
+            level = WARN
+            message = (
+                f"process {slow.process.pid} has not answered for {slow.busy:.0f} s; plan shorter "
+                "motions, or end it, and another begins"
+            )
         if fresh:
             level, message = WARN, f"{fresh} plans failed, last: {self._last.problem}"
         status = DiagnosticStatus(level, "forecast", message, values)
@@ -117,31 +181,15 @@ class Forecaster:
     def close(self) -> None:
         """End the processes."""
         for worker in self._workers:
-            worker.end()
-
-    def _hand_out(self) -> None:
-        for worker in self._workers:
-            if self._waiting and not worker.busy:
-                worker.give(self._waiting.popleft())
+            worker.close()
 
 
-def _begun(session: Session) -> _Worker:
-    """A process that is starting."""
-    # Not fork: threads of this process (numba's, ROS's) would not survive it.
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    given = theirs, session.simulator, warning_lines.uses_lines()
-    process = context.Process(target=_work, args=given, daemon=True)
-    process.start()
-    theirs.close()
-    return _Worker(process, ours)
-
-
-def _work(connection: Connection, simulator: Simulator, lines: bool) -> None:
+def _work(connection: Connection, example: bytes, lines: bool) -> None:
     """Say None when ready, then answer plans until the other side is closed; `lines` tells whether
     warnings are printed as lines.
     """
     warning_lines.use_lines(lines)
+    simulator: Simulator = pickle.loads(example)
     simulator.forecast(Plan([0.0, simulator.step], {}), simulator.step)  # loads machine code
     found: Answer | None = None
     while True:

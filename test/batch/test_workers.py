@@ -2,8 +2,13 @@
 
 import contextlib
 import multiprocessing
+import os
+import signal
 import socket
+import subprocess
+import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -63,6 +68,51 @@ def test_other_children_of_the_caller_live_on(broken_off):
         for child in {*others} & {*multiprocessing.active_children()}:
             child.kill()
             child.join()
+
+
+def test_workers_and_later_children_do_not_see_the_signals_of_a_terminal():
+    """Ctrl-C goes to all of them: the parent alone decides, and nobody else prints a traceback."""
+    terminal = {signal.SIGINT, signal.SIGHUP}
+    for own in (set(), terminal):
+        before = signal.pthread_sigmask(signal.SIG_SETMASK, own)
+        try:
+            with open_workers(processes=2) as crew:
+                for mask in crew.map(partial(signal.pthread_sigmask, signal.SIG_BLOCK), [(), ()]):
+                    assert terminal <= mask
+            assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == own, "of this thread"
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+HAS_WORKERS = """
+import sys, time
+from dlo_sim.batch.workers import open_workers
+from dlo_sim.process.stopping import check, supervised
+
+def work():
+    with open_workers(processes=2) as crew:
+        found = crew.map(time.sleep, [60.0] * 4)
+        print("begun", flush=True)
+        while True:
+            check()
+
+if __name__ == "__main__":
+    sys.exit(supervised(work))
+"""
+
+
+def test_interrupt_of_a_whole_group_is_one_line(tmp_path):
+    (tmp_path / "work.py").write_text(HAS_WORKERS)
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "work.py")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    assert process.stdout.readline() == b"begun\n"
+    os.killpg(process.pid, signal.SIGINT)  # the workers are still starting
+    _, err = process.communicate(timeout=SOON)
+    assert (process.returncode, err) == (130, b"dlo_sim: interrupted\n")
 
 
 def test_a_cluster_gives_the_same_numbers(here):

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from queue import Queue
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +20,8 @@ from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.session.plans import Planned, Plans
 from dlo_sim.session.session import Session
 
-PLACE = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (2, 1))
+TIMES = np.linspace(0.0, 0.1, 7000)  # with the poses 450 kB, a pipe takes 64 kB
+PLACE = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(TIMES), 1))
 
 
 @pytest.fixture
@@ -24,7 +29,7 @@ def forecaster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Forecaster]:
     session = Session(load_scene({"forecast.processes": 1, "damping.stiffness": 0.01}))
 
     def plan(self: Plans, raw: bytes, arrival_ns: int) -> Planned:
-        return Planned(session.simulator, Plan([0.0, 0.1], {"start": PLACE}), 7, 0.0)  # type: ignore[arg-type]
+        return Planned(session.simulator, Plan(TIMES, {"start": PLACE}), 7, 0.0)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Plans, "accept", plan)
     found = Forecaster(session, "/plan", 1)
@@ -42,24 +47,53 @@ def values(forecaster: Forecaster) -> dict[str, str]:
     return dict(forecaster.statuses(0)[0].values)
 
 
+def running(forecaster: Forecaster) -> Any:
+    """The process of the only worker, once there is one."""
+    until(lambda: forecaster._workers[0].process is not None)
+    return forecaster._workers[0].process
+
+
 def test_a_process_that_dies_is_replaced(forecaster: Forecaster) -> None:
     forecaster.accept(b"", 0)
     answers: list[str] = []
     until(lambda: answers.extend(m.topic for m in forecaster.answers()) or answers)
     assert answers == ["~/forecast", "~/forecast/ghosts"]
-    forecaster._workers[0].process.kill()
-    forecaster._workers[0].process.join()
-    forecaster.accept(b"", 0)
-    until(
-        lambda: (
-            list(forecaster.answers())
-            or "1 plans failed, last: the process" in forecaster.statuses(0)[0].message
-        )
-    )
-    assert values(forecaster)["plans that failed"] == "1"
+    first = running(forecaster)
+    first.kill()
+    until(lambda: running(forecaster) is not first)
     forecaster.accept(b"", 0)
     until(lambda: list(forecaster.answers()))
-    assert values(forecaster)["plans forecast"] == "3"
+    assert values(forecaster)["plans forecast"] == "2"
+    assert values(forecaster)["plans that failed"] == "0"
+
+
+def test_a_process_that_does_not_read_holds_up_nobody(
+    forecaster: Forecaster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Plans are much larger than a pipe. What it had is lost and said, what waited is forecast."""
+    monkeypatch.setattr(room, "_LONG", 0.0)
+    forecaster.accept(b"", 0)
+    until(lambda: list(forecaster.answers()))
+    process = running(forecaster)
+    os.kill(process.pid, signal.SIGSTOP)
+    for _ in range(3):
+        forecaster.accept(b"", 0)
+        assert list(forecaster.answers()) == []
+    until(lambda: values(forecaster)["plans waiting"] == "2")
+    status = forecaster.statuses(0)[0]
+    assert status.level == 1 and f"process {process.pid} has not answered" in status.message
+    process.kill()
+    failed = "1 plans failed, last: the process that forecast it has ended; another begins"
+    until(lambda: [*forecaster.answers()] or forecaster.statuses(0)[0].message == failed)
+    until(lambda: list(forecaster.answers()) or values(forecaster)["plans forecast"] == "4")
+    assert values(forecaster)["plans that failed"] == "1"
+
+
+def test_a_process_that_was_stopped_does_not_hold_up_the_end(forecaster: Forecaster) -> None:
+    process = running(forecaster)
+    os.kill(process.pid, signal.SIGSTOP)
+    forecaster.close()
+    assert process.exitcode is not None
 
 
 class Zero(float):
@@ -76,7 +110,7 @@ def test_its_warnings_are_lines_as_those_of_its_parent(
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
     warning_lines.use_lines(as_node)
     session = Session(load_scene({"damping.stiffness": 0.01}))
-    planned = Planned(session.simulator, Plan([0.0, 0.1], {"start": PLACE}), 7, Zero())
+    planned = Planned(session.simulator, Plan(TIMES, {"start": PLACE}), 7, Zero())
     monkeypatch.setattr(Plans, "accept", lambda *arguments: planned)
     forecaster = Forecaster(session, "/plan", 1)
     try:
@@ -90,7 +124,9 @@ def test_its_warnings_are_lines_as_those_of_its_parent(
 
 
 def test_a_queue_that_is_full(forecaster: Forecaster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(room, "_MOST_WAITING", 2)
+    process = running(forecaster)
+    os.kill(process.pid, signal.SIGSTOP)  # before it is ready
+    monkeypatch.setattr(forecaster, "_waiting", Queue(2))
     for _ in range(3):
         forecaster.accept(b"", 0)
     assert "refused too_many" in dict(forecaster.statuses(0)[1].values)

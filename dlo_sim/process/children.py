@@ -1,0 +1,37 @@
+"""Processes that work for this one."""
+
+from __future__ import annotations
+
+import signal
+from multiprocessing import resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
+
+# A terminal sends them to all of its processes; this one ends its children.
+_OF_A_TERMINAL = signal.SIGINT, signal.SIGHUP
+
+
+class _Child(SpawnProcess):
+    """A process that never sees the signals of a terminal, not even while it starts."""
+
+    def start(self) -> None:
+        """Start it; what is blocked in this thread stays as it was."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_TERMINAL)
+        try:
+            # When it starts its own process, it unblocks SIGINT in this thread.
+            resource_tracker.ensure_running()
+            signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_TERMINAL)
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Children(SpawnContext):
+    Process = _Child
+
+
+def children() -> SpawnContext:
+    """The context of multiprocessing for every process that this package starts.
+
+    They are not forked: threads of this process (numba's, ROS's) would not survive that.
+    """
+    return _Children()
