@@ -1,10 +1,12 @@
 """The page: its data, its functions in node, all of it in a browser without a display."""
 
 import base64
+import html
 import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,62 +89,87 @@ def test_functions_of_the_page(checkout, tmp_path):
     assert found["above"][1] < 200, "up is up"
 
 
-IN_THE_BROWSER = """
-<pre id="found"></pre>
+# ---- in a browser, which runs the page as a user's does, without a display -------------------
+
+USER = (Path(__file__).parent / "page_user.js").read_text(encoding="utf-8")
+# Before the page's own script: what the browser and the console complain about.
+LISTENER = """
 <script>
-  const id = (name) => document.getElementById(name), found = {};
-  const press = (key) => document.dispatchEvent(new KeyboardEvent("keydown", {key}));
-  const sum = () => {
-    const c = id("view"), pixels = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
-    return pixels.reduce((total, v, k) => (total + v * (k % 251 + 1)) % 1000000007, 0);
-  };
-  const pictures = [sum()];
-  const look = (name, action) => {
-    action();
-    pictures.push(sum());
-    found[name] = id("clock").textContent;
-  };
-  look("start", () => {});
-  for (const n of [1, 2, 3]) press("ArrowRight");
-  look("three", () => {});
-  look("back", () => press("ArrowLeft"));
-  look("end", () => press("End"));
-  look("points", () => id("points").click());
-  look("color", () => { id("color").value = 2; id("color").onchange(); });
-  look("home", () => press("Home"));
-  found.pictures = new Set(pictures).size;
-  found.plots = document.querySelectorAll("#plots svg").length;
-  found.legend = id("legend").hidden;
-  press(" ");
-  found.playing = id("play").textContent;
-  setTimeout(() => {
-    found.played = id("clock").textContent;
-    id("found").textContent = JSON.stringify(found);
-  }, 1500);
+  const complaints = [];
+  const complain = (...given) => complaints.push(given.map(String).join(" "));
+  console.error = console.warn = complain;
+  window.addEventListener("error", (event) => complain(event.message));
 </script>
 """
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
-def test_page_in_a_browser(page, tmp_path):
-    text = page.read_text(encoding="utf-8").replace("</body>", IN_THE_BROWSER + "</body>")
-    path = tmp_path / "page.html"
-    path.write_text(text, encoding="utf-8")
+def in_browser(page, folder, *options):
+    """stdout of a headless browser that opens a page; its console is in stderr."""
     command = [
-        CHROMIUM,
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--virtual-time-budget=4000",
+        *(CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
+        *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+        *("--enable-logging=stderr", "--virtual-time-budget=4000", "--window-size=1100,1000"),
+        f"--user-data-dir={folder / 'profile'}",
     ]
-    command += [f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", path.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    (shown,) = re.findall(r'<pre id="found">(.*?)</pre>', done.stdout)
-    found = json.loads(shown)
-    assert found["start"] == found["home"] == "0.000 / 0.400 s"
+    done = subprocess.run(
+        [*command, *options, page.as_uri()], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert "CONSOLE" not in done.stderr, done.stderr
+    return done.stdout
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+@pytest.mark.parametrize("kind", ["bag", "recording"])
+def test_a_browser_shows_the_run_and_works_its_controls(kind, made, tmp_path):
+    run = read_run(made.bag, made.scene) if kind == "bag" else read_run(made.recording)
+    path = tmp_path / "page.html"
+    write_page(run, path)
+    text = path.read_text(encoding="utf-8")
+    user = f'<pre id="found"></pre><script>{USER}</script>'
+    text = text.replace("<head>", "<head>" + LISTENER).replace("</body>", user + "</body>")
+    path.write_text(text, encoding="utf-8")
+    (shown,) = re.findall(r'<pre id="found">(.*?)</pre>', in_browser(path, tmp_path, "--dump-dom"))
+    found = json.loads(html.unescape(shown))
+    assert found["complaints"] == []
+    assert found["vivid"] > 200, "the cable is drawn in the colours of the tension"
+    assert found["range"] == pytest.approx([0.0, 0.4], abs=1e-6)
+    assert found["colors"] == [*run.colors, "one colour"]
+    for legend, values in zip(found["legends"], run.colors.values(), strict=False):
+        expected = [values.min(), values.max()]
+        assert [float(text) for text in legend] == pytest.approx(expected, rel=6e-3, abs=1e-9)
+    assert found["legends"][-1] is None
+    assert found["home"] == "0.000 / 0.400 s"
     assert (found["three"], found["back"]) == ("0.060 / 0.400 s", "0.040 / 0.400 s")
     assert found["end"] == "0.400 / 0.400 s"
-    assert found["pictures"] == 7, "each of the actions changes the picture"
-    assert (found["plots"], found["legend"]) == (6, True)
+    pictures = found["pictures"]
+    assert pictures.pop("reset") == pictures["one colour"]
+    assert len(pictures) == len(set(pictures.values())) == 9, "what else a user does is seen"
+    assert [clock for clock, _ in found["slid"]] == [f"{t:.3f} / 0.400 s" for t in (0.1, 0.2, 0.3)]
+    assert len({mark for _, mark in found["slid"]}) == found["frames"] == 3
+    assert 0.15 < float(found["clicked"].split()[0]) < 0.3
+    assert [title for title, *_ in found["plots"]] == [curve.title for curve in run.plots]
+    for (_, *drawn), curve in zip(found["plots"], run.plots, strict=True):
+        assert drawn == [len(curve.time)] * len(curve.values)
+    assert found["faulty"] is None
     assert found["playing"] == "Pause"
-    assert float(found["played"].split()[0]) > 0.0
+    assert found["played"] == ["0.400 / 0.400 s", "Play"], "it stops at the end"
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_picture_of_the_page_as_it_is_written(page, tmp_path):
+    image = pytest.importorskip("matplotlib.image")
+    path = tmp_path / "page.png"
+    in_browser(page, tmp_path, f"--screenshot={path}")
+    picture = np.round(255 * image.imread(path)[..., :3])
+    assert picture.shape == (1000, 1100, 3)
+    background = np.all(picture == (0xF6, 0xF7, 0xF9), axis=2)
+    rows, columns = np.nonzero(background)
+    view = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    assert view.shape[0] == pytest.approx(480, abs=4) and view.shape[1] > 1000
+    vivid = np.ptp(view, axis=2) > 60
+    assert 200 < vivid.sum() < 0.1 * vivid.size, "a thin cable, its axes and its path"
+    at = np.argwhere(vivid).mean(axis=0) / vivid.shape
+    assert np.all((at > 0.2) & (at < 0.8)), "in the middle of the view"
+    plots = picture[rows.max() + 100 :]
+    assert np.ptp(plots, axis=2).max() > 60, "lines of the plots"
