@@ -89,6 +89,8 @@ def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
         "time": f"{summary.wall_s:.3g} s ({summary.real_time_factor:.3g} x real time), after "
         f"{summary.compile_s:.2g} s to compile",
     }
+    if summary.messages_copied:
+        rows["copies"] = f"{summary.messages_copied} messages came again and were ignored"
     if summary.output:
         rows["output"] = f"{summary.output} ({summary.messages_written} messages)"
     if summary.events:

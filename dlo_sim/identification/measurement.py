@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
+from dlo_sim.session.pose_smoothing import Pose, SmoothedPoses
 
 Array = NDArray[np.float64]
 START_FRAMES = 2  # from which the simulation of a recording starts
@@ -126,12 +126,12 @@ class Recording:
 
 
 def _smoothed(times: Array, path: Array, half_window_ns: int) -> Array:
-    smoother = PoseSmoother(half_window_ns, round(2e9 * times[-1]))
-    found = []
+    waiting = SmoothedPoses(half_window_ns, round(2e9 * times[-1]), len(times))
     for time, (x, y, z, *turn) in zip(times.tolist(), path.tolist(), strict=True):
         a, b, c, d = turn
-        found += smoother.add(Pose(round(1e9 * time), (x, y, z), (a, b, c, d)))
-    found += smoother.flush()
+        waiting.add(Pose(round(1e9 * time), (x, y, z), (a, b, c, d)))
+    waiting.settle()
+    found = [waiting.take() for _ in times]
     return np.array([(*pose.position, *pose.orientation) for pose in found])
 
 

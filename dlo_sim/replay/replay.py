@@ -194,6 +194,7 @@ class _Replay:
         summary.wall_s = time.perf_counter() - begin
         summary.real_time_factor = summary.simulated_s / summary.wall_s
         summary.messages_used = journal.accepted
+        summary.messages_copied = sum(record.copies for record in journal.topics.values())
         summary.refused_by_reason = dict(sorted(journal.refused.items()))
         summary.messages_refused = sum(summary.refused_by_reason.values())
         summary.events = dict(sorted(journal.events.items()))

@@ -49,6 +49,7 @@ class ReplaySummary(ReplayFigures):
 
     Attributes:
         output: the bag written.
+        messages_copied: input messages that came again, as from a second recorder; ignored.
         messages_refused: input messages; refused_by_reason: the same by reason; refused_by_topic:
             topic -> reason -> number.
         events: what else was counted (silences, resets, ...).
@@ -58,6 +59,7 @@ class ReplaySummary(ReplayFigures):
     """
 
     output: str = ""
+    messages_copied: int = 0
     messages_refused: int = 0
     refused_by_reason: dict[str, int] = field(default_factory=dict)
     refused_by_topic: dict[str, dict[str, int]] = field(default_factory=dict)

@@ -31,7 +31,7 @@ REASONS: dict[str, str] = {
     "no_transform": "a frame that tf2 could not take to frame_id within inputs.latency",
     "too_old": "a stamp more than 1 s behind the last one used, or behind the clock before any",
     "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",
-    "out_of_order": "a stamp that is not newer than the last one of its topic",
+    "out_of_order": "a stamp before one that the simulation has used, or that another message has",
     "too_fast": "a pose that would need more than inputs.max_speed",
     "too_many": "a plan while a hundred wait",
     "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
@@ -95,12 +95,14 @@ class TopicRecord:
     """Counters of one input topic.
 
     timeout: silence that is reported [s], 0 = never. occasional: it is normal to receive nothing.
+    copies: messages that came again, as from a second recorder, and are ignored.
     """
 
     topic: str
     timeout: float = 0.0
     occasional: bool = False
     accepted: int = 0
+    copies: int = 0
     refused: Counter[str] = field(default_factory=Counter)
     last_refusal: str = ""
     last_arrival_ns: int | None = None
@@ -113,6 +115,9 @@ class TopicRecord:
 
     def refuse(self, reason: str, detail: str) -> None:
         """Count a refused message; `detail` names the value and the cure."""
+        if reason == "copy":
+            self.copies += 1
+            return
         self.refused[reason] += 1
         self.last_refusal = one_line(f"{reason}: {detail}")
 
@@ -171,6 +176,7 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
         message = f"{fresh} refused since the last report, last {record.last_refusal}"
     values = [
         ("accepted", str(record.accepted)),
+        ("copies ignored", str(record.copies)),
         ("refused", str(record.refusals)),
         *((f"refused {reason}", str(count)) for reason, count in sorted(record.refused.items())),
         ("age [s]", "never" if age is None else f"{age:.3f}"),

@@ -115,21 +115,28 @@ class Drive:
             wanted_ns: time to which the simulation should advance; a silence is measured up to it.
         """
         for path in self.paths.values():
-            path.settle(wanted_ns)
+            path.settle_after_silence(wanted_ns)
         stamps = [path.next_change_ns() for path in self.paths.values()]
         known = [stamp for stamp in stamps if stamp is not None]
         return max(known, default=wanted_ns) if len(known) == len(stamps) else None
 
     def add(self, entry: InputTopic, message: Any) -> None:
         """Take an accepted message of the kind of this input."""
+        self._queue(entry).add(message)
+
+    def passed_ns(self, entry: InputTopic) -> int | None:
+        """Stamp of the last message of this input that has been used [ns], None = none."""
+        return self._queue(entry).passed_ns
+
+    def _queue(self, entry: InputTopic) -> Waiting[Any]:
         if entry.is_pose:
-            self.paths[entry.target].add(message)
-        elif entry.kind == "taken":
-            self.takes[entry.target].add(message)
-        elif entry.target:
-            self.schedules[entry.target].add(message)
-        elif self.observer is not None:
-            self.observer.add(message)
+            return self.paths[entry.target]
+        if entry.kind == "taken":
+            return self.takes[entry.target]
+        if entry.target:
+            return self.schedules[entry.target]
+        assert self.observer is not None
+        return self.observer
 
     def begin(self, base_ns: int, saved: Snapshot | None = None) -> None:
         """Place the cable at the poses known at `base_ns`; step 0 is at the first multiple of the
@@ -204,7 +211,7 @@ class Drive:
         for name, path in self.paths.items():
             present = self._segments.get(name)
             if present is not None:
-                resting = present.last is None and path.silent and not path.waiting
+                resting = present.last is None and path.silent and path.next_change_ns() is None
                 if resting or (present.last is not None and self.simulator.steps < present.last):
                     continue
             segment = path.next_segment(grid, self.simulator.steps, self.simulator.time, silence_ns)

@@ -37,11 +37,10 @@ from dlo_sim.core.one_rotation import (
     turned,
 )
 from dlo_sim.scene.holders import Holder
-from dlo_sim.session.pose_smoothing import Pose, PoseSmoother
+from dlo_sim.session.pose_smoothing import Pose, SmoothedPoses
 from dlo_sim.session.rejoining import Shift
 from dlo_sim.session.step_grid import StepGrid
 from dlo_sim.session.time_base import SECOND
-from dlo_sim.session.waiting import Waiting
 
 Array = NDArray[np.float64]
 
@@ -70,7 +69,7 @@ class _State(NamedTuple):
     spin: Vector = _ZERO
 
 
-class GripperPath(Waiting[Pose]):
+class GripperPath(SmoothedPoses):
     """The path of one end effector from its accepted poses.
 
     Args:
@@ -86,40 +85,34 @@ class GripperPath(Waiting[Pose]):
     def __init__(self, end: str, holder: Holder, note: Callable[[str, str], None]) -> None:
         self.end = end
         self._note = note
-        self._smoother = PoseSmoother(0, 0)
+        super().__init__(0, 0, _MOST_WAITING)
         self.configure(holder)
-        super().__init__(_MOST_WAITING)
 
     def configure(self, holder: Holder) -> None:
         """Use the settings of this holder from the next pose on."""
-        self.timeout_ns = self._smoother.longest_gap_ns = round(holder.pose_timeout * SECOND)
-        self._smoother.half_window_ns = round(holder.pose_smoothing * SECOND)
+        self.timeout_ns = self.longest_gap_ns = round(holder.pose_timeout * SECOND)
+        self.half_window_ns = round(holder.pose_smoothing * SECOND)
 
     def clear(self) -> None:
         """Discard all poses; the next one starts a new path."""
         super().clear()
         self.silent = False
         self.newest: Pose | None = None
-        self._smoother.clear()
         self._center: Pose | None = None
         self._interval_ns = 0
         self._shift: Shift | None = None
         self._present = _State()
 
-    @property
-    def waiting(self) -> int:
-        """Number of poses not yet used."""
-        return len(self._pending)
-
     def add(self, pose: Pose) -> None:
-        """Take an accepted pose; stamps must increase."""
-        self.newest = pose
-        self._pending.extend(self._smoother.add(pose))
+        """Take an accepted pose, as `Waiting.add`."""
+        if self.newest is None or pose.stamp_ns > self.newest.stamp_ns:
+            self.newest = pose
+        super().add(pose)
 
-    def settle(self, wanted_ns: int) -> None:
+    def settle_after_silence(self, wanted_ns: int) -> None:
         """After a silence, stop waiting for poses that would complete a smoothing window."""
-        if self._smoother.held_back and self._long_silent(wanted_ns):
-            self._pending.extend(self._smoother.flush())
+        if self._pending and self._long_silent(wanted_ns):
+            self.settle()
 
     def _long_silent(self, wanted_ns: int) -> bool:
         """Whether the newest pose, which must exist, is older than the timeout at `wanted_ns`."""
@@ -129,7 +122,6 @@ class GripperPath(Waiting[Pose]):
     def shift_time(self, delta_ns: int) -> None:
         """Shift all stamps by delta [ns]."""
         super().shift_time(delta_ns)
-        self._smoother.shift_time(delta_ns)
         self.newest = self.newest and self.newest.moved(delta_ns)
         self._center = self._center and self._center.moved(delta_ns)
         self._shift = self._shift and self._shift.moved(delta_ns)
@@ -138,8 +130,10 @@ class GripperPath(Waiting[Pose]):
         """Start the path at rest at the newest pose not after `base_ns`, else at the first pose;
         returns (position, orientation).
         """
-        while self._pending and (self._center is None or self._pending[0].stamp_ns <= base_ns):
-            self._center = self._pending.popleft()
+        while (stamp_ns := self.next_change_ns()) is not None and (
+            self._center is None or stamp_ns <= base_ns
+        ):
+            self._center = self.take()
         assert self._center is not None, "begin() needs a pose"
         self._present = _State(self._center.position, self._center.orientation)
         return np.array(self._present.position), np.array(self._present.orientation)
@@ -181,19 +175,18 @@ class GripperPath(Waiting[Pose]):
             wanted_ns: time base [ns] up to which a silence is measured, so that it is detected at
                 the same stamp whenever poses arrive.
         """
-        self.settle(wanted_ns)
+        self.settle_after_silence(wanted_ns)
         self._pass_over(grid.time_of(index - 1))
-        while self._pending:
-            pose, center = self._pending[0], self._center
+        while (stamp_ns := self.next_change_ns()) is not None:
+            center = self._center
             assert center is not None, "next_segment() needs begin()"
             if self.silent:
-                segment = self._resume(grid, index, time)
-            elif pose.stamp_ns - center.stamp_ns > self.timeout_ns:
+                segment = self._resume(stamp_ns, grid, index, time)
+            elif stamp_ns - center.stamp_ns > self.timeout_ns:
                 segment = self._come_to_rest(grid, index, time)
             else:
-                self._pending.popleft()
-                self._center = pose
-                segment = self._segment_between(center, pose, grid, index, time)
+                self._center = self.take()
+                segment = self._segment_between(center, self._center, grid, index, time)
             if segment is not None:
                 return segment
         if self._center is None:
@@ -279,25 +272,22 @@ class GripperPath(Waiting[Pose]):
         """Skip the poses before `now_ns`, which the simulation has passed, and rejoin the following
         ones from the present pose of the end.
         """
-        late = self._center
-        while self._pending and self._pending[0].stamp_ns < now_ns:
-            late = self._pending.popleft()
+        late = list(self.due(now_ns - 1))
+        for _ in late:
             self._note("late", f"a pose of {self.end} came after the simulation had passed it")
-        if late is not None and late is not self._center:
+        if late:
             self.silent = False
-            self._center = late
-            self._rejoin(late._replace(stamp_ns=now_ns))
+            self._center = late[-1]
+            self._rejoin(late[-1]._replace(stamp_ns=now_ns))
 
-    def _resume(self, grid: StepGrid, index: int, time: float) -> Segment | None:
+    def _resume(self, stamp_ns: int, grid: StepGrid, index: int, time: float) -> Segment | None:
         """After a silence: rest until the first new pose, then rejoin from the held pose."""
-        pose = self._pending[0]
-        first = grid.first_at_or_after(pose.stamp_ns)
+        first = grid.first_at_or_after(stamp_ns)
         if first > index:
             return Segment(index, first, self._resting(time))
-        self._pending.popleft()
         self.silent = False
-        self._center = pose
-        self._rejoin(pose)
+        self._center = self.take()
+        self._rejoin(self._center)
         return None
 
     def _rejoin(self, pose: Pose) -> None:

@@ -8,8 +8,9 @@ acts, whatever the frame of its axes.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right, insort
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from dlo_sim.session.content import ContentCheck, Refused
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.time_base import SECOND, Decision, Source, TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.transforms import Transforms, in_world
 from dlo_sim.session.waiting import LoadMessage, TakeMessage
@@ -84,17 +85,36 @@ class _Topic:
 
     def clear(self) -> None:
         """Forget the last pose."""
-        self.last: Pose | None = None
+        self.poses: list[Pose] = []  # used in the last second, in the order of their stamps
         self.too_fast_since_ns: int | None = None
 
     def pose(self, values: tuple[float, ...], stamp_ns: int) -> Pose:
         """The pose of a message with these values."""
         if self.kind == "two_points":
-            before = IDENTITY if self.last is None else self.last.orientation
+            last, _ = self.around(stamp_ns)
+            before = IDENTITY if last is None else last.orientation
             points = np.reshape(values, (1, 2, 3))
             (values,) = poses_of_two_points(points, before).tolist()
         px, py, pz, x, y, z, w = values
         return Pose(stamp_ns, (px, py, pz), normalized((x, y, z, w)))
+
+    def around(self, stamp_ns: int) -> tuple[Pose | None, Pose | None]:
+        """The used poses before and after a stamp, None = none."""
+        at = bisect_right(self.poses, stamp_ns, key=_stamp)
+        return self.poses[at - 1] if at else None, self.poses[at] if at < len(self.poses) else None
+
+    def keep(self, pose: Pose) -> None:
+        """Note that a pose is used."""
+        insort(self.poses, pose, key=_stamp)
+        old = self.poses[-1].stamp_ns - MOST_BEHIND
+        if self.poses[0].stamp_ns < old:  # the last one stays, however old
+            del self.poses[: bisect_right(self.poses, old, key=_stamp)]
+
+    def follow_offset(self) -> None:
+        """Shift poses that were dated by the clock as the time base has shifted their stamps."""
+        if self.poses and self.source.last_ns is not None:
+            delta_ns = self.source.last_ns - self.poses[-1].stamp_ns
+            self.poses = [pose.moved(delta_ns) for pose in self.poses]
 
 
 class Intake:
@@ -106,6 +126,7 @@ class Intake:
         time_base: decides from the stamps which messages are used and at which time.
         journal: counts the messages.
         transforms: looks up frames that the scene does not name; None: such frames are refused.
+        passed: stamp up to which the simulation has used an input [ns], None = nothing used.
     """
 
     def __init__(
@@ -115,7 +136,9 @@ class Intake:
         time_base: TimeBase,
         journal: Journal,
         transforms: Transforms | None = None,
+        passed: Callable[[InputTopic], int | None] = lambda entry: None,
     ) -> None:
+        self._passed = passed
         self.time_base = time_base
         self._transforms = transforms
         # Frame -> stamp of its last pose [ns].
@@ -123,7 +146,8 @@ class Intake:
         self._topics: dict[str, _Topic] = {}
         for name, record in journal.topics.items():
             entries = tuple(entry for entry in inputs if entry.topic == name)
-            self._topics[name] = _Topic(entries, record, time_base.add_source())
+            source = time_base.add_source(entries[0].is_pose)
+            self._topics[name] = _Topic(entries, record, source)
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:
@@ -227,6 +251,8 @@ class Intake:
     def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
         """Use or refuse messages as the time base decides."""
         found = []
+        passed = [stamp for entry in topic.entries if (stamp := self._passed(entry)) is not None]
+        topic.source.passed_ns = max(passed, default=None)
         for decision in decisions:
             try:
                 found.append(self._use(topic, decision))
@@ -247,30 +273,38 @@ class Intake:
         stamp_ns, end, values = decision.message
         if decision.verdict is Verdict.START_OVER:
             self.clear()
+        elif decision.verdict is Verdict.DECIDE:
+            for other in self._topics.values():
+                other.follow_offset()
         message: Pose | LoadMessage | TakeMessage | Points
         if topic.is_pose:
             message = topic.pose(values, stamp_ns)
-            self._check_speed(topic, message)
+            before, after = topic.around(stamp_ns)
+            self._check_speed(topic, before, message)
+            if after is not None:
+                self._check_speed(topic, after, message)
             if topic.kind == "two_points":
-                _check_turn(topic.last, message)
-            topic.last = message
+                _check_turn(before, message)
+            topic.keep(message)
         elif topic.kind == "taken":
             message = TakeMessage(stamp_ns, bool(values[0]))
         elif topic.kind in POINT_KINDS:
             message = Points(stamp_ns, np.reshape(values, (-1, 3)))
         else:
             message = LoadMessage(stamp_ns, values[:3], values[3:] or (0.0, 0.0, 0.0), end)
-        topic.source.last_ns = stamp_ns
+        topic.source.use(decision.message)
         topic.record.accepted += 1
         return Accepted(decision.verdict, topic.entries, message)
 
-    def _check_speed(self, topic: _Topic, pose: Pose) -> None:
-        """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm, p_last = last used pose."""
-        last, last_stamp, stamp_ns = topic.last, topic.source.last_ns, pose.stamp_ns
-        if last is None or last_stamp is None:
+    def _check_speed(self, topic: _Topic, last: Pose | None, pose: Pose) -> None:
+        """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm, p_last = the used pose
+        before or after it.
+        """
+        stamp_ns = pose.stamp_ns
+        if last is None:
             topic.too_fast_since_ns = None
             return
-        passed = (stamp_ns - last_stamp) * 1e-9
+        passed = abs(stamp_ns - last.stamp_ns) * 1e-9
         distance = math.dist(pose.position, last.position)
         if distance <= self._limits.max_speed * min(passed, SPEED_WINDOW) + SPEED_SLACK:
             topic.too_fast_since_ns = None
@@ -283,6 +317,10 @@ class Intake:
             since = (stamp_ns - topic.too_fast_since_ns) * 1e-9
             detail += f"; for {since:.1f} s now: if the gripper really is there, call ~/reset"
         raise Refused("too_fast", detail)
+
+
+def _stamp(pose: Pose) -> int:
+    return pose.stamp_ns
 
 
 def _check_turn(last: Pose | None, pose: Pose) -> None:

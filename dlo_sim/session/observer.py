@@ -66,9 +66,7 @@ class Observer(Waiting[Points]):
         self._time, self._lacking = 0.0, np.zeros((0, 3))
 
     def add(self, message: Points) -> None:
-        """Take an accepted measurement; stamps must increase. If the queue is full, the oldest is
-        lost.
-        """
+        """Take an accepted measurement, as `Waiting.add`; a full queue loses its oldest."""
         most = self._pending.maxlen
         if len(self._pending) == most:
             self.rejected += len(self._pending[0].points)

@@ -5,16 +5,19 @@ spoils forces: at 30 Hz a white noise of 1 mm is an acceleration noise of sqrt(6
 = 2 m/s^2, and the inertia of the whole cable makes it a force noise. Each pose is replaced by the
 value, at its own stamp, of the parabola that best fits the poses within +-w (weights 1 - (t/w)^2).
 Motion of constant acceleration is unchanged, without a phase lag. The cost is latency: a pose is
-released when one beyond its window has arrived, or after a silence.
+ready when one beyond its window has arrived, or after a silence.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from operator import mul
 from typing import NamedTuple
 
 from dlo_sim.core.one_rotation import Quaternion, Vector, turn_between, turned
+from dlo_sim.session.waiting import Waiting
 
 
 class Pose(NamedTuple):
@@ -29,62 +32,88 @@ class Pose(NamedTuple):
         return self._replace(stamp_ns=self.stamp_ns + delta_ns)
 
 
-class PoseSmoother:
-    """Smooths a stream of poses whose stamps increase.
+class SmoothedPoses(Waiting[Pose]):
+    """Poses that wait to be used, and are smoothed as they are taken out.
+
+    A pose is ready once one beyond its window is there; until then messages that come late still
+    find their place in the window.
 
     Args:
         half_window_ns: w; 0 = no smoothing.
         longest_gap_ns: windows do not extend across a longer gap.
+        most: number of newest poses that are kept.
     """
 
-    def __init__(self, half_window_ns: int, longest_gap_ns: int) -> None:
+    def __init__(self, half_window_ns: int, longest_gap_ns: int, most: int = 5000) -> None:
         self.half_window_ns = half_window_ns
         self.longest_gap_ns = longest_gap_ns
-        self.clear()
+        super().__init__(most)
 
     def clear(self) -> None:
         """Discard all poses."""
-        self._poses: deque[Pose] = deque()
-        self._next = 0  # index in _poses of the first one not released yet
+        super().clear()
+        self._past: deque[Pose] = deque()  # taken, as they were, back to the last window
+        self._settled_ns: int | None = None
 
-    @property
-    def held_back(self) -> int:
-        """Number of poses that wait for the end of their window."""
-        return len(self._poses) - self._next
-
-    def add(self, pose: Pose) -> list[Pose]:
-        """Take a pose; returns the smoothed poses whose windows are now complete."""
-        if self.half_window_ns == 0 and not self.held_back:
-            return [pose]
-        released: list[Pose] = []
-        if self._poses and pose.stamp_ns - self._poses[-1].stamp_ns > self.longest_gap_ns:
-            released = self.flush()
-        self._poses.append(pose)
-        while pose.stamp_ns - self._poses[self._next].stamp_ns > self.half_window_ns:
-            released.append(self._release())
-        return released
-
-    def flush(self) -> list[Pose]:
-        """Release all poses with incomplete windows, and start anew."""
-        released = [self._release() for _ in range(self.held_back)]
-        self.clear()
-        return released
+    def settle(self) -> None:
+        """Let the poses that are there be taken with incomplete windows."""
+        if self._pending:
+            self._settled_ns = self._pending[-1].stamp_ns
 
     def shift_time(self, delta_ns: int) -> None:
         """Shift all stamps by delta [ns]."""
-        self._poses = deque(p.moved(delta_ns) for p in self._poses)
+        super().shift_time(delta_ns)
+        self._past = deque(p.moved(delta_ns) for p in self._past)
+        if self._settled_ns is not None:
+            self._settled_ns += delta_ns
 
-    def _release(self) -> Pose:
-        """The next pose, smoothed; drops poses that no window needs any more."""
-        pose = self._poses[self._next]
-        oldest = pose.stamp_ns - self.half_window_ns
-        while self._poses[0].stamp_ns < oldest:
-            self._poses.popleft()
-            self._next -= 1
-        newest = pose.stamp_ns + self.half_window_ns
-        window = [p for p in self._poses if p.stamp_ns <= newest]
-        self._next += 1
+    def next_change_ns(self) -> int | None:
+        """Time base [ns] of the next pose if it is ready; else None."""
+        return self._pending[0].stamp_ns if self._pending and self._ready() else None
+
+    def due(self, now_ns: int) -> Iterator[Pose]:
+        """Take out and yield the ready poses up to a time [ns], the oldest first."""
+        while (change := self.next_change_ns()) is not None and change <= now_ns:
+            yield self.take()
+
+    def take(self) -> Pose:
+        """Take out the next pose, smoothed; it must be ready."""
+        pose = self._pending.popleft()
+        self.passed_ns = pose.stamp_ns
+        if not self.half_window_ns:
+            self._past.clear()
+            return pose
+        before = self._near(pose, reversed(self._past))
+        window = [*reversed(before), pose, *self._near(pose, self._pending)]
+        self._past.append(pose)
+        while pose.stamp_ns - self._past[0].stamp_ns > self.half_window_ns:
+            self._past.popleft()
         return _fitted(pose, window, self.half_window_ns)
+
+    def _ready(self) -> bool:
+        first_ns, newest_ns = self._pending[0].stamp_ns, self._pending[-1].stamp_ns
+        if not self.half_window_ns or newest_ns - first_ns > self.half_window_ns:
+            return True
+        if self._settled_ns is not None and first_ns <= self._settled_ns:
+            return True
+        gaps = (b.stamp_ns - a.stamp_ns for a, b in pairwise(self._pending))
+        return self.longest_gap_ns < self.half_window_ns and max(gaps, default=0) > (
+            self.longest_gap_ns
+        )
+
+    def _near(self, pose: Pose, others: Iterable[Pose]) -> list[Pose]:
+        """Those of the others, which follow each other away from the pose, in its window."""
+        found: list[Pose] = []
+        last_ns = pose.stamp_ns
+        for other in others:
+            if (
+                abs(other.stamp_ns - pose.stamp_ns) > self.half_window_ns
+                or abs(other.stamp_ns - last_ns) > self.longest_gap_ns
+            ):
+                break
+            last_ns = other.stamp_ns
+            found.append(other)
+        return found
 
 
 def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:

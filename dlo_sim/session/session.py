@@ -81,8 +81,10 @@ class Session:
         self._transforms = transforms
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
-        self._intake = Intake(scene, sources, self._time, self.journal, transforms)
         self._drive = Drive(scene, simulator_factory, self.journal.event, live)
+        self._intake = Intake(
+            scene, sources, self._time, self.journal, transforms, self._drive.passed_ns
+        )
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)

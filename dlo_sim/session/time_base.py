@@ -36,6 +36,10 @@ _LONGEST_WAIT = SECOND // 10
 # is the lag of a queue that empties.
 _SHRUNK = SECOND // 20
 
+# A topic none of whose messages is used may show that the offset is another topic's fault: by
+# stamps that keep the same distance from the clock, within _SHRUNK, for so long.
+_STEADY = SECOND // 10
+
 # While the clock stands still no patience is spent; at most this many messages of a topic wait.
 MOST_PENDING = 1000
 
@@ -72,6 +76,16 @@ class _Pending(NamedTuple):
     since_ns: int
 
 
+class _Run(NamedTuple):
+    """Consecutive messages of a topic at one distance from the clock: arrival [ns] and clock minus
+    stamp [ns] of the first, and how many they are.
+    """
+
+    since_ns: int
+    difference_ns: int
+    number: int = 1
+
+
 class _Late(NamedTuple):
     """The watched time [ns] since which all messages are late, and their lag [ns]."""
 
@@ -84,22 +98,60 @@ class Source:
     """State of the stamps of one topic.
 
     Attributes:
-        last_ns: stamp of the last used message in the time base [ns], None = none; set by the user
-            of the message.
+        is_pose: whether it drives an end effector.
+        last_ns: newest stamp used in the time base [ns], None = none.
+        seen: stamp -> message, of those used in the second before `last_ns`.
+        passed_ns: time base [ns] up to which the simulation has used the topic; set by the user of
+            the messages, None = nothing used. What comes late but after that can be put in order.
+        run: the latest messages.
         pending: waiting messages, in the order of their stamps.
         strays: stamps and arrivals [ns] of the latest consecutive messages that jump back.
         uses: number of messages of all sources used when the strays began.
     """
 
+    is_pose: bool = False
     last_ns: int | None = None
+    seen: dict[int, Stamped] = field(default_factory=dict)
+    passed_ns: int | None = None
+    run: _Run | None = None
     pending: deque[_Pending] = field(default_factory=deque)
     strays: list[tuple[int, int]] = field(default_factory=list)
     uses: int = 0
 
     def clear(self) -> None:
         """Forget the used messages; waiting ones are decided by those that follow."""
-        self.last_ns = None
+        self.last_ns = self.passed_ns = None
+        self.seen.clear()
         self.strays.clear()
+
+    def use(self, message: Stamped) -> None:
+        """Note that a message with its stamp in the time base is used."""
+        stamp_ns = message.stamp_ns
+        self.last_ns = stamp_ns if self.last_ns is None else max(stamp_ns, self.last_ns)
+        self.seen[stamp_ns] = message
+        while (oldest := next(iter(self.seen))) < self.last_ns - MOST_BEHIND:
+            del self.seen[oldest]
+
+    def check_free(self, message: Stamped) -> None:
+        """Check that a message that is not the newest can still be put in its place.
+
+        Raises:
+            Refused: it is a copy, or another one has its stamp, or it comes too late.
+        """
+        stamp_ns = message.stamp_ns
+        if stamp_ns in self.seen:
+            raise _of_one_stamp(message, self.seen[stamp_ns])
+        if self.passed_ns is not None and stamp_ns <= self.passed_ns:
+            raise _out_of_order(self.passed_ns - stamp_ns)
+
+    def steady(self, clock_ns: int, difference_ns: int) -> bool:
+        """Note a stamped message; returns whether its topic keeps its distance from the clock."""
+        run = self.run
+        if run is None or abs(difference_ns - run.difference_ns) > _SHRUNK:
+            self.run = _Run(clock_ns, difference_ns)
+            return False
+        self.run = run._replace(number=run.number + 1)
+        return run.number + 1 >= AGREEMENT and clock_ns - run.since_ns >= _STEADY
 
 
 class TimeBase:
@@ -124,8 +176,12 @@ class TimeBase:
     | | earlier, more than 1000 wait: the clock stands still | the oldest `in_future` |
     | | earlier for 0.4 s, other messages fit: one source's clock is wrong | `in_future` |
     | | earlier for 0.4 s, nothing fits, 3 wait: a clock was set, o was wrong | o = d, start over |
-    | none of the topic used | later: one source's clock is wrong, or delayed | `too_old` |
-    | not after last | up to 1 s back: duplicates, wrong order | `out_of_order` |
+    | any, o not 0 | for 0.1 s d fits the clock itself: so o was wrong | o = 0, start over |
+    | none of the topic used | more topics, or more poses, have its epoch | o = d, start over |
+    | | later: one source's clock is wrong, or delayed | `too_old` |
+    | not after last | up to 1 s back, the same message again: a second recorder | `copy` |
+    | | up to 1 s back, the simulation has not used a later one | used in its place |
+    | | up to 1 s back, else | `out_of_order` |
     | | further back: one source is wrong, a wrong stamp | `too_old` |
     | | third in a row, nothing used meanwhile: a bag loops | o = d, start over |
     | the clock goes back by more than 1 s | set back, /clock loops | start over |
@@ -151,9 +207,13 @@ class TimeBase:
         self.offset_ns = 0
         self.start_over()
 
-    def add_source(self) -> Source:
-        """Add a topic; returns its state."""
-        self._sources.append(Source())
+    def add_source(self, is_pose: bool = False) -> Source:
+        """Add a topic; returns its state.
+
+        Args:
+            is_pose: whether it drives an end effector.
+        """
+        self._sources.append(Source(is_pose))
         return self._sources[-1]
 
     def start_over(self) -> None:
@@ -196,7 +256,7 @@ class TimeBase:
     def sort(self, source: Source, message: Stamped, arrival_ns: int) -> Iterator[Decision]:
         """Decide about a valid message and the waiting ones of its topic.
 
-        Set `source.last_ns` before taking the next decision.
+        Call `source.use` with what is used before taking the next decision.
 
         Args:
             message: stamp 0 = unstamped.
@@ -205,23 +265,40 @@ class TimeBase:
         yield from self.due(source, arrival_ns)
         if message.stamp_ns == 0 or self.mode == "arrival":
             stamp_ns, refusal = self.from_clock(arrival_ns), None
+            message = message._replace(stamp_ns=stamp_ns)
             if source.last_ns is not None and stamp_ns <= source.last_ns:
                 refusal = _out_of_order(source.last_ns - stamp_ns)
-            yield Decision(message._replace(stamp_ns=stamp_ns), refusal=refusal)
+                if stamp_ns in source.seen:
+                    refusal = _of_one_stamp(message, source.seen[stamp_ns])
+            yield Decision(message, refusal=refusal)
             return
         try:
-            verdict = self._place(source, message.stamp_ns, arrival_ns)
+            verdict = self._place(source, message, arrival_ns)
         except Refused as refused:
             yield Decision(message, refusal=refused)
             return
-        yield from self.refute(source, message.stamp_ns)
         if verdict is None:
-            source.pending.append(_Pending(message, arrival_ns, self._spent_ns))
-            if len(source.pending) > MOST_PENDING:
-                yield self._refused(source.pending.popleft())
+            yield from self._wait(source, _Pending(message, arrival_ns, self._spent_ns))
         else:
+            yield from self.refute(source, message.stamp_ns)
             self._uses += 1
             yield Decision(message, verdict)
+
+    def _wait(self, source: Source, new: _Pending) -> Iterator[Decision]:
+        """Put a message among those that wait; refuse those that it refutes."""
+        stamp_ns = new.message.stamp_ns
+        yield from self.refute(source, stamp_ns + MOST_BEHIND)
+        later = []
+        while source.pending and source.pending[-1].message.stamp_ns >= stamp_ns:
+            later.append(source.pending.pop())
+        if later and later[-1].message.stamp_ns == stamp_ns:
+            refusal = _of_one_stamp(new.message, later[-1].message)
+            yield Decision(new.message, refusal=refusal)
+        else:
+            source.pending.append(new)
+        source.pending.extend(reversed(later))
+        if len(source.pending) > MOST_PENDING:
+            yield self._refused(source.pending.popleft())
 
     def refute(self, source: Source, stamp_ns: int = 0) -> Iterator[Decision]:
         """Refuse the waiting messages of a topic with this stamp or a later one."""
@@ -245,6 +322,11 @@ class TimeBase:
                     newest = source.pending[-1]
                     verdict = self._begin_again(newest.arrival_ns - newest.message.stamp_ns)
             source.pending.popleft()
+            if refusal is None and verdict is Verdict.USE:
+                try:
+                    source.check_free(first.message)
+                except Refused as refused:
+                    refusal = refused
             self._uses += refusal is None
             yield Decision(first.message, verdict, refusal)
 
@@ -252,23 +334,33 @@ class TimeBase:
         ahead = pending.message.stamp_ns - self.from_clock(pending.arrival_ns)
         return Decision(pending.message, refusal=_in_future(ahead))
 
-    def _place(self, source: Source, stamp_ns: int, clock_ns: int) -> Verdict | None:
+    def _place(self, source: Source, message: Stamped, clock_ns: int) -> Verdict | None:
         """Apply the table to a stamped message that arrives now; None: it waits.
 
         Raises:
             Refused: it is not used.
         """
+        stamp_ns = message.stamp_ns
+        steady = source.steady(clock_ns, clock_ns - stamp_ns)
         # Deciding the offset shifts the stamps that were dated by the clock so far.
         renaming = 0 if self._decided else self.offset_ns - _offset(clock_ns - stamp_ns)
         if source.last_ns is not None and stamp_ns <= source.last_ns + renaming:
             back_ns = source.last_ns + renaming - stamp_ns
-            return self._place_past(source, back_ns, stamp_ns, clock_ns)
-        if not self._decided:
+            if back_ns > MOST_BEHIND:
+                return self._place_past(source, back_ns, stamp_ns, clock_ns)
+            source.strays.clear()
+            source.check_free(message)
+            if not self._decided:
+                raise _out_of_order(back_ns)
+        elif not self._decided:
             self._decide(clock_ns - stamp_ns)
             for other in self._sources:
+                other.seen.clear()
                 if other.last_ns is not None:
                     other.last_ns += renaming
             return Verdict.DECIDE
+        elif steady and self._is_better(source, clock_ns - stamp_ns):
+            return self._begin_again(clock_ns - stamp_ns)
         source.strays.clear()
         ahead = stamp_ns - self.from_clock(clock_ns)
         if ahead > MOST_AHEAD:
@@ -287,13 +379,28 @@ class TimeBase:
         if self.mode == "auto" and self._spent_ns - self._late.since_ns >= PATIENCE:
             return self._begin_again(clock_ns - stamp_ns)
         if source.last_ns is None:
-            raise _too_old(lag_ns)
+            raise _too_old(lag_ns, "the clock" if not self.offset_ns else "those of other topics")
         return Verdict.USE
 
+    def _is_better(self, source: Source, difference_ns: int) -> bool:
+        """Whether more speaks for the epoch of stamps with this distance from the clock than for
+        the present one: first the clock itself, then the number of topics, then that of poses.
+        The latter two count only while no message of the topic is used.
+        """
+        offset_ns = _offset(difference_ns)
+        if self.mode != "auto" or not self.offset_ns:
+            return False
+        if offset_ns and (source.last_ns is not None or _fits(difference_ns - self.offset_ns)):
+            return False
+
+        def support(offset_ns: int) -> tuple[bool, int, int]:
+            runs = [(source, source.run) for source in self._sources]
+            theirs = [s for s, run in runs if run and _fits(run.difference_ns - offset_ns)]
+            return offset_ns == 0, len(theirs), sum(source.is_pose for source in theirs)
+
+        return support(offset_ns) > support(self.offset_ns)
+
     def _place_past(self, source: Source, back_ns: int, stamp_ns: int, clock_ns: int) -> Verdict:
-        if back_ns <= MOST_BEHIND:
-            source.strays.clear()
-            raise _out_of_order(back_ns)
         if source.strays:
             stamp_before, clock_before = source.strays[-1]
             passed, arrived = stamp_ns - stamp_before, clock_ns - clock_before
@@ -335,12 +442,22 @@ def _in_future(ahead_ns: int) -> Refused:
     return Refused("in_future", f"stamp is {ahead_ns * 1e-9:.3f} s ahead of its arrival; {_CURE}")
 
 
-def _too_old(behind_ns: int) -> Refused:
-    return Refused("too_old", f"stamp is {behind_ns * 1e-9:.3f} s behind; {_CURE}")
+def _too_old(behind_ns: int, what: str = "the last one used") -> Refused:
+    return Refused("too_old", f"stamp is {behind_ns * 1e-9:.3f} s behind {what}; {_CURE}")
+
+
+def _of_one_stamp(message: Stamped, other: Stamped) -> Refused:
+    if message == other:
+        return Refused("copy", "the same message again")
+    return _out_of_order(0)
 
 
 def _out_of_order(back_ns: int) -> Refused:
-    detail = f"stamp is {back_ns * 1e-9:.6f} s before the last one used"
     if back_ns == 0:
-        detail = "stamp is that of the last one used"
-    return Refused("out_of_order", f"{detail}; send rising stamps or set inputs.time: arrival")
+        detail = "another message has the same stamp; stamp each differently"
+    else:
+        detail = (
+            f"stamp is {back_ns * 1e-9:.6f} s before the last one used; send it earlier, raise "
+            "inputs.latency"
+        )
+    return Refused("out_of_order", f"{detail} or set inputs.time: arrival")

@@ -53,11 +53,15 @@ Message = TypeVar("Message", bound=Any)  # a named tuple with `stamp_ns` in the 
 
 
 class Waiting(Generic[Message]):
-    """The pending messages of one input.
+    """The pending messages of one input, in the order of their stamps.
 
     Args:
         most: number of newest ones that are kept, so that a paused simulation does not collect
             them without limit.
+
+    Attributes:
+        passed_ns: stamp of the last message taken out [ns], None = none since `clear`; one that is
+            not newer comes too late.
     """
 
     def __init__(self, most: int = 1000) -> None:
@@ -67,10 +71,17 @@ class Waiting(Generic[Message]):
     def clear(self) -> None:
         """Discard all messages."""
         self._pending.clear()
+        self.passed_ns: int | None = None
 
     def add(self, message: Message) -> None:
-        """Take an accepted message; stamps must increase."""
+        """Take an accepted message. One that comes late is put in its place; its stamp must be
+        newer than `passed_ns` and differ from those that wait.
+        """
+        newer = []
+        while self._pending and self._pending[-1].stamp_ns > message.stamp_ns:
+            newer.append(self._pending.pop())
         self._pending.append(message)
+        self._pending.extend(reversed(newer))
 
     def shift_time(self, delta_ns: int) -> None:
         """Shift all stamps by delta [ns], when the offset of the time base is decided after the
@@ -78,6 +89,8 @@ class Waiting(Generic[Message]):
         """
         for k, one in enumerate(self._pending):
             self._pending[k] = one._replace(stamp_ns=one.stamp_ns + delta_ns)
+        if self.passed_ns is not None:
+            self.passed_ns += delta_ns
 
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next known message, None = none."""
@@ -86,6 +99,7 @@ class Waiting(Generic[Message]):
     def due(self, now_ns: int) -> Iterator[Message]:
         """Remove and yield the messages up to a time [ns], the oldest first."""
         while self._pending and self._pending[0].stamp_ns <= now_ns:
+            self.passed_ns = self._pending[0].stamp_ns
             yield self._pending.popleft()
 
 
@@ -108,7 +122,7 @@ class LoadSchedule(Waiting[LoadMessage]):
         self.timeout_ns = round(load.timeout * SECOND)
 
     def add(self, message: LoadMessage) -> None:
-        """Take an accepted message; stamps must increase."""
+        """Take an accepted message, as `Waiting.add`."""
         if self._sign != 1.0:
             force = tuple(self._sign * value for value in message.force)
             torque = tuple(self._sign * value for value in message.torque)

@@ -6,13 +6,14 @@ import pytest
 from dlo_sim.core import one_rotation, rotations
 from dlo_sim.session.pose_smoothing import (
     Pose,
-    PoseSmoother,
+    SmoothedPoses,
     weights_of_the_value_at_zero,
 )
 from dlo_sim.session.time_base import SECOND
 
 MS = 1_000_000
 DT = 33 * MS
+END = 10**19  # ns
 
 
 def pose(stamp_ns, position=(0, 0, 0), turn=(0, 0, 0)):
@@ -21,16 +22,25 @@ def pose(stamp_ns, position=(0, 0, 0), turn=(0, 0, 0)):
 
 
 def smoothed(poses, half=140 * MS):
-    smoother = PoseSmoother(half, SECOND)
-    out = [released for p in poses for released in smoother.add(p)]
-    return out + smoother.flush()
+    return handed_over(SmoothedPoses(half, SECOND), poses)
+
+
+def handed_over(waiting, poses):
+    """What comes out, if each pose is taken as soon as it is ready, and all at the end."""
+    out = []
+    for p in poses:
+        waiting.add(p)
+        out += waiting.due(END)
+    waiting.settle()
+    return out + list(waiting.due(END))
 
 
 def test_off_means_untouched_and_at_once():
-    smoother = PoseSmoother(0, SECOND)
+    waiting = SmoothedPoses(0, SECOND)
     p = pose(5)
-    assert smoother.add(p) == [p]
-    assert smoother.flush() == []
+    waiting.add(p)
+    assert list(waiting.due(5)) == [p]
+    assert waiting.next_change_ns() is None
 
 
 def test_parabolas_pass_unchanged_even_with_uneven_stamps():
@@ -78,26 +88,40 @@ def test_rotation_noise_too():
 
 
 def test_a_pose_is_released_when_one_beyond_its_window_has_come():
-    smoother = PoseSmoother(100 * MS, SECOND)
+    waiting = SmoothedPoses(100 * MS, SECOND)
     for k in range(4):
-        assert smoother.add(pose(k * DT)) == []  # up to 99 ms
-    (first,) = smoother.add(pose(4 * DT))
+        waiting.add(pose(k * DT))
+        assert waiting.next_change_ns() is None  # up to 99 ms
+    waiting.add(pose(4 * DT))
+    (first,) = waiting.due(END)
     assert first.stamp_ns == 0
-    assert smoother.held_back == 4
-    assert [p.stamp_ns for p in smoother.flush()] == [DT, 2 * DT, 3 * DT, 4 * DT]
-    assert smoother.held_back == 0
+    waiting.settle()
+    assert [p.stamp_ns for p in waiting.due(END)] == [DT, 2 * DT, 3 * DT, 4 * DT]
+    assert waiting.next_change_ns() is None
 
 
 def test_how_poses_are_handed_over_does_not_matter():
     rng = np.random.default_rng(4)
     poses = [pose(k * DT, rng.normal(size=3)) for k in range(30)]
-    one = smoothed(poses)
-    smoother = PoseSmoother(140 * MS, SECOND)
-    two = []
-    for p in poses:
-        two += smoother.add(p)
-    two += smoother.flush()
-    assert one == two
+    at_once = SmoothedPoses(140 * MS, SECOND)
+    for k in rng.permutation(30):
+        at_once.add(poses[k])
+    at_once.settle()
+    assert list(at_once.due(END)) == smoothed(poses)
+
+
+def test_poses_that_change_places_within_a_window_are_smoothed_in_order():
+    rng = np.random.default_rng(6)
+    poses = [pose(k * DT, rng.normal(size=3)) for k in range(60)]
+    order = sorted(range(60), key=lambda k: k + rng.uniform(-2, 2))
+    assert order != sorted(order)
+    waiting, out = SmoothedPoses(140 * MS, SECOND), []
+    for k in order:
+        waiting.add(poses[k])
+        out += waiting.due((k - 8) * DT)  # the latency: a window of 4 poses, and as much disorder
+    waiting.settle()
+    assert out + list(waiting.due(END)) == smoothed(poses)
+    assert len(out) > 45
 
 
 def test_windows_do_not_reach_across_a_silence():
@@ -114,8 +138,9 @@ def test_few_poses_are_left_alone():
 
 
 def test_relabelling_time():
-    smoother = PoseSmoother(100 * MS, SECOND)
+    waiting = SmoothedPoses(100 * MS, SECOND)
     for k in range(4):
-        smoother.add(pose(k * DT))
-    smoother.shift_time(-7 * SECOND)
-    assert [p.stamp_ns for p in smoother.flush()] == [k * DT - 7 * SECOND for k in range(4)]
+        waiting.add(pose(k * DT))
+    waiting.settle()
+    waiting.shift_time(-7 * SECOND)
+    assert [p.stamp_ns for p in waiting.due(END)] == [k * DT - 7 * SECOND for k in range(4)]

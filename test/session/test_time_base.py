@@ -26,7 +26,7 @@ class Stream:
         outcomes = []
         for decision in decisions:
             if decision.refusal is None:
-                source.last_ns = decision.message.stamp_ns
+                source.use(decision.message)
                 self.used.append(decision.message.stamp_ns)
                 outcomes.append(decision.verdict)
             else:
@@ -34,11 +34,11 @@ class Stream:
                 outcomes.append(decision.refusal.reason)
         return outcomes
 
-    def send(self, stamp_ns, clock_ns, source=0):
+    def send(self, stamp_ns, clock_ns, source=0, values=()):
         """What becomes of it, and of those that waited with it."""
         self.base.watch(clock_ns, tick=False)
         source = self.sources[source]
-        return self._follow(source, self.base.sort(source, Stamped(stamp_ns, "", ()), clock_ns))
+        return self._follow(source, self.base.sort(source, Stamped(stamp_ns, "", values), clock_ns))
 
     def tick(self, clock_ns):
         self.base.watch(clock_ns, tick=True)
@@ -92,7 +92,8 @@ def test_which_messages_are_placed_by_their_stamp():
 def test_unstamped_messages_of_one_instant_are_one():
     stream = Stream("arrival")
     assert stream.send(0, T0) == [USE]
-    assert stream.send(0, T0) == ["out_of_order"]
+    assert stream.send(0, T0) == ["copy"]
+    assert stream.send(0, T0, values=(1.0,)) == ["out_of_order"]
     assert stream.send(0, T0 + 1) == [USE]
 
 
@@ -278,8 +279,76 @@ def test_a_bag_that_loops_starts_over_with_the_third_message():
 
 
 def test_disorder_is_no_jump():
+    """Between the stamps of others: used where the simulation has not yet been."""
     stream = Stream()
     stream.run(T0, 2.0)
-    for k in range(20):
-        assert stream.send(T0 + SECOND + k * 20 * MS, T0 + 2 * SECOND) == ["out_of_order"]
+    stream.sources[0].passed_ns = T0 + 1300 * MS
+    for k in range(1, 50):
+        stamp = T0 + SECOND + k * 20 * MS
+        assert stream.send(stamp, T0 + 2 * SECOND) == ["copy"]
+        assert stream.send(stamp, T0 + 2 * SECOND, values=(1.0,)) == ["out_of_order"]
+        outcome = "out_of_order" if stamp + MS <= T0 + 1300 * MS else USE
+        assert stream.send(stamp + MS, T0 + 2 * SECOND) == [outcome]
+        assert stream.send(stamp + MS, T0 + 2 * SECOND) == [
+            "copy" if outcome is USE else "out_of_order"
+        ]
     assert stream.run(T0 + 2 * SECOND, 0.1) == [USE] * 5
+
+
+class TestWhichClockIsWrong:
+    """Two topics whose stamps are seconds apart: the one that differs is refused, not the other."""
+
+    @staticmethod
+    def play(differences, poses=(True, False), seconds=1.0, begins=None):
+        """Messages at 50 Hz whose stamps are the clock plus a difference; returns the stream."""
+        stream = Stream(sources=len(differences))
+        for source, pose in zip(stream.sources, poses, strict=True):
+            source.is_pose = pose
+        stream.outcomes = [[] for _ in differences]
+        for k in range(round(50 * seconds)):
+            for j, difference in enumerate(differences):
+                clock = CLOCK + k * 20 * MS + (7 * MS * j if begins is None else begins[j])
+                if k == 0 or clock > CLOCK:
+                    stream.outcomes[j] += stream.send(clock + round(difference * SECOND), clock, j)
+                    stream.outcomes[j] += stream.tick(clock)
+        return stream
+
+    @pytest.mark.parametrize("off", [5.0, -5.0, 90.0, -90.0, 0.7, -1.2, -1e6, 1e6])
+    @pytest.mark.parametrize("first", [True, False])
+    def test_the_one_that_does_not_fit_the_clock(self, off, first):
+        """Even if it comes first, and even if it is that of the poses."""
+        differences = (off, 0.0) if first else (0.0, off)
+        stream = self.play(differences, poses=(True, True))
+        wrong, right = (0, 1) if first else (1, 0)
+        assert stream.base.offset_ns == 0
+        assert USE in stream.outcomes[right][-20:] and set(stream.outcomes[right][-20:]) == {USE}
+        if off == 0.7:  # a message so little ahead waits until its time comes
+            assert set(stream.outcomes[wrong][-20:]) == {USE}
+        else:
+            assert not {USE, OVER} & set(stream.outcomes[wrong][-20:])
+
+    @pytest.mark.parametrize("off", [5.0, -5.0, 1e3])
+    @pytest.mark.parametrize("pose", [0, 1])
+    def test_of_an_old_recording_the_one_that_is_no_pose(self, off, pose):
+        epoch = -1e6
+        differences = [epoch + off, epoch + off]
+        differences[pose] = epoch
+        stream = self.play(differences, poses=[pose == 0, pose == 1])
+        assert stream.base.offset_ns == pytest.approx(1e6 * SECOND, abs=MS)
+        assert set(stream.outcomes[pose][-20:]) == {USE}
+        assert not {USE, OVER} & set(stream.outcomes[1 - pose][-20:])
+
+    def test_of_an_old_recording_the_one_that_differs_from_the_others(self):
+        epoch = -1e6
+        stream = self.play([epoch + 5, epoch, epoch + 0.1], poses=(True, True, False))
+        assert set(stream.outcomes[1][-20:]) == set(stream.outcomes[2][-20:]) == {USE}
+        assert not {USE, OVER} & set(stream.outcomes[0][-20:])
+
+    def test_a_topic_that_was_held_up_blames_no_other(self):
+        """Its messages of three seconds come at one instant: their distances do not agree."""
+        stream = self.play([-1e6, -1e6], poses=(False, True), begins=(0, -4 * SECOND), seconds=4)
+        assert stream.outcomes[0].count(OVER) == 0
+        over = CLOCK + 4 * SECOND
+        for k in range(150):
+            stamp = over - 3 * SECOND + k * 20 * MS - 10**6 * SECOND
+            assert OVER not in stream.send(stamp, over, 1)
