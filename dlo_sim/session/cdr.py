@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +40,23 @@ _NANO = 1_000_000_000
 _STAMP = struct.Struct("<iI")
 # Serialisers may pad a message to a multiple of four or eight bytes.
 _MOST_PADDING = 7
+_LONGEST = 2**32 - 1  # sequence
 
 
 class DecodeError(ValueError):
-    """Bytes that are not a complete message of the expected type; its text is one line."""
+    """Bytes that are not a complete message of the expected type; its text is one line.
+
+    Attributes:
+        reason: of `diagnostics.REASONS`.
+    """
+
+    reason = "undecodable"
+
+
+class TooMany(DecodeError):
+    """A message that holds more than is used of anything; said before it is decoded."""
+
+    reason = "too_many"
 
 
 class Stamped(NamedTuple):
@@ -81,14 +94,14 @@ def decode(message_type: str, raw: Bytes) -> Stamped:
     return found
 
 
-def decode_pose_array(raw: Bytes) -> PoseArray:
-    """Header and poses of a PoseArray.
+def decode_pose_array(raw: Bytes, most: int = _LONGEST) -> PoseArray:
+    """Header and poses of a PoseArray, `most` at most.
 
     Raises:
         DecodeError: as `decode`.
     """
     reader = Reader(raw)
-    found = PoseArray(*reader.header(), reader.table(7))
+    found = PoseArray(*reader.header(), reader.table(7, "poses", most))
     reader.end()
     return found
 
@@ -102,29 +115,40 @@ class Reader:
     def __init__(self, raw: Bytes) -> None:
         if len(raw) < 4 or raw[0] != 0 or raw[1] > 1:
             raise DecodeError(f"encapsulation {bytes(raw[:2]).hex()} is not CDR (0000 or 0001)")
-        self._raw, self._at, self._order = raw, 4, "<" if raw[1] else ">"
+        self._raw, self.at, self.order = raw, 4, "<" if raw[1] else ">"
 
     def numbers(self, code: str, count: int = 1) -> tuple[float, ...]:
         """`count` numbers of one struct code."""
         size = struct.calcsize(code)
         begin = self._pass(size * count, size)
-        return struct.unpack_from(f"{self._order}{count}{code}", self._raw, begin)
+        return struct.unpack_from(f"{self.order}{count}{code}", self._raw, begin)
 
     def whole(self, code: str = "I") -> int:
         """One integer."""
         return int(self.numbers(code)[0])
 
-    def table(self, width: int) -> Array:
-        """A sequence of rows of `width` doubles, shape (n, width)."""
+    def count(self, what: str, most: int) -> int:
+        """The length of a sequence.
+
+        Raises:
+            TooMany: it exceeds `most`.
+        """
         count = self.whole()
+        if count > most:
+            raise TooMany(f"{count} {what}, {most} at most are used")
+        return count
+
+    def table(self, width: int, what: str = "rows", most: int = _LONGEST) -> Array:
+        """A sequence of rows of `width` doubles, shape (n, width)."""
+        count = self.count(what, most)
         begin = self._pass(8 * width * count, 8 if count else 1)  # an empty sequence has no padding
-        values = np.frombuffer(self._raw, self._order + "f8", width * count, begin)
+        values = np.frombuffer(self._raw, self.order + "f8", width * count, begin)
         return values.astype(float).reshape(count, width)
 
     def data(self, name: str = "a field") -> bytes:
         """A sequence of bytes, or a string with its NUL."""
         begin = self._pass(self.whole(), 1, name)
-        return bytes(self._raw[begin : self._at])
+        return bytes(self._raw[begin : self.at])
 
     def text(self) -> str:
         """A string."""
@@ -133,7 +157,7 @@ class Reader:
     def header(self) -> tuple[int, str]:
         """A std_msgs/Header: its stamp [ns] and frame."""
         begin = self._pass(8, 4)
-        seconds, nanoseconds = struct.unpack_from(self._order + "iI", self._raw, begin)
+        seconds, nanoseconds = struct.unpack_from(self.order + "iI", self._raw, begin)
         frame_id = self.data("frame_id")
         if nanoseconds >= _NANO:
             raise DecodeError(f"stamp has {nanoseconds} nanoseconds, 1 s or more")
@@ -141,16 +165,30 @@ class Reader:
             raise DecodeError("frame_id does not end with a NUL")
         return seconds * _NANO + nanoseconds, frame_id[:-1].decode("utf-8", "replace")
 
+    def records(self, layout: np.dtype[Any], most: int) -> NDArray[Any]:
+        """What follows as records of this layout, up to so many; they are not passed."""
+        there = min(most, (len(self._raw) - self.at) // layout.itemsize)
+        return np.frombuffer(self._raw, layout, there, self.at)
+
+    def skip(self, size: int, aligned: int = 1) -> None:
+        """Pass so many bytes, aligned unless there are none."""
+        self._pass(size, aligned if size else 1)
+
+    def view(self) -> memoryview:
+        """A sequence of bytes, not copied."""
+        begin = self._pass(self.whole(), 1)
+        return memoryview(self._raw)[begin : self.at]
+
     def end(self) -> None:
         """Refuse remaining bytes other than padding."""
-        if len(self._raw) > self._at + _MOST_PADDING:
-            raise DecodeError(f"{len(self._raw)} bytes, such a message has {self._at}")
+        if len(self._raw) > self.at + _MOST_PADDING:
+            raise DecodeError(f"{len(self._raw)} bytes, such a message has {self.at}")
 
     def _pass(self, size: int, aligned: int, name: str = "a field") -> int:
         """Align, then skip `size` bytes; returns their offset."""
-        begin = self._at + -(self._at - 4) % aligned
-        self._at = begin + size
-        if self._at > len(self._raw):
+        begin = self.at + -(self.at - 4) % aligned
+        self.at = begin + size
+        if self.at > len(self._raw):
             raise DecodeError(f"{len(self._raw)} bytes end inside {name}")
         return begin
 

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr import Bytes, DecodeError, Encoder, Reader, Stamped, Writer
+from dlo_sim.session.cdr import Bytes, DecodeError, Encoder, Reader, Stamped, TooMany, Writer
 
 Array = NDArray[np.float64]
 _REALS = {7: "f4", 8: "f8"}  # PointField datatypes of coordinates
 _FLOAT32, _FLOAT_SIZE = 7, 4
+
+# Of a message that is used: a tick of some milliseconds has to decode it. Pixels may be missing.
+MOST_POINTS, _MOST_MARKERS, _MOST_FIELDS, _MOST_PIXELS = 5_000, 500, 100, 2_000_000
 
 
 class Cloud(NamedTuple):
@@ -33,15 +36,21 @@ def decode_input(message_type: str, raw: Bytes) -> Stamped:
     """
     if message_type not in (cdr.POSE_ARRAY, cdr.POINT_CLOUD):
         return cdr.decode(message_type, raw)
-    decoder = decode_point_cloud if message_type == cdr.POINT_CLOUD else decode_pose_positions
-    stamp_ns, frame_id, points = decoder(raw)
-    there = points[~np.isnan(points).any(axis=1)]
-    return Stamped(stamp_ns, frame_id, tuple(there.ravel().tolist()))
+    if message_type == cdr.POINT_CLOUD:
+        stamp_ns, frame_id, points = decode_point_cloud(raw, keep_missing=False)
+    else:
+        stamp_ns, frame_id, points = decode_pose_positions(raw)
+        points = points[~np.isnan(points).any(axis=1)]
+    return Stamped(stamp_ns, frame_id, tuple(points.ravel().tolist()))
 
 
 def decode_pose_positions(raw: Bytes) -> Cloud:
-    """The positions of a PoseArray."""
-    message = cdr.decode_pose_array(raw)
+    """The positions of a PoseArray.
+
+    Raises:
+        DecodeError: as `cdr.decode`, or more than `MOST_POINTS`.
+    """
+    message = cdr.decode_pose_array(raw, MOST_POINTS)
     return Cloud(message.stamp_ns, message.frame_id, message.poses[:, :3])
 
 
@@ -50,10 +59,11 @@ def decode_marker_array(raw: Bytes) -> Cloud:
     its position if that is empty.
 
     Raises:
-        DecodeError: not such a message, or one without markers.
+        DecodeError: not such a message, or one without markers, or with more than 500, or more than
+            `MOST_POINTS`.
     """
     reader, points, head = Reader(raw), list[Sequence[float]](), None
-    for _ in range(reader.whole()):
+    for _ in range(reader.count("markers", _MOST_MARKERS)):
         own_head = reader.header()
         head = head or own_head
         reader.data()  # ns
@@ -63,16 +73,14 @@ def decode_marker_array(raw: Bytes) -> Cloud:
         reader.numbers("f", 4)  # colour
         reader.numbers("i", 2)  # lifetime
         reader.numbers("B")  # frame_locked
-        own = reader.table(3)
+        own = reader.table(3, f"points beside {len(points)} others", MOST_POINTS - len(points))
         points += own.tolist() or [pose[:3]]
-        for _ in range(reader.whole()):
-            reader.numbers("f", 4)
+        reader.skip(16 * reader.whole(), 4)  # colours
         reader.data()  # texture_resource
         reader.header()  # texture
         reader.data()
         reader.data()
-        for _ in range(reader.whole()):
-            reader.numbers("f", 2)
+        reader.skip(8 * reader.whole(), 4)  # of the texture
         reader.data()  # text
         reader.data()  # mesh_resource
         reader.data()  # mesh_file
@@ -83,23 +91,27 @@ def decode_marker_array(raw: Bytes) -> Cloud:
     return Cloud(*head, np.array(points))
 
 
-def decode_point_cloud(raw: Bytes) -> Cloud:
+def decode_point_cloud(raw: Bytes, keep_missing: bool = True) -> Cloud:
     """The points of a PointCloud2 with fields x, y, z.
 
+    Args:
+        keep_missing: also those with a NaN.
+
     Raises:
-        DecodeError: not such a message, or one without these fields.
+        DecodeError: not such a message, or one without these fields, or with more than
+            `MOST_POINTS` that are not missing.
     """
     reader = Reader(raw)
     stamp, frame_id = reader.header()
     rows, columns = reader.whole(), reader.whole()
     fields = {}
-    for _ in range(reader.whole()):
+    for _ in range(reader.count("fields", _MOST_FIELDS)):
         name = reader.text()
         offset, kind, _ = reader.whole(), reader.whole("B"), reader.whole()
         fields[name] = offset, kind
     big = reader.whole("B")
     point_step, row_step = reader.whole(), reader.whole()
-    data = reader.data()
+    data = reader.view()
     if any(name not in fields or fields[name][1] not in _REALS for name in "xyz"):
         raise DecodeError(f"fields {', '.join(fields)} are not x, y, z as float32 or float64")
     if len(data) < rows * row_step or row_step < columns * point_step:
@@ -118,9 +130,18 @@ def decode_point_cloud(raw: Bytes) -> Cloud:
             "itemsize": point_step,
         }
     )
-    cloud = np.ndarray((rows, columns), layout, data, 0, (row_step, point_step)).ravel()
+    if rows * columns > _MOST_PIXELS:
+        raise TooMany(f"{rows * columns} points, {MOST_POINTS} at most are used")
+    cloud = np.ndarray((rows, columns), layout, data, 0, (row_step, point_step))
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN like any other
-        points = np.stack([cloud[name].astype(float) for name in "xyz"], axis=-1)
+        there = ~(np.isnan(cloud["x"]) | np.isnan(cloud["y"]) | np.isnan(cloud["z"]))
+        if (count := int(np.count_nonzero(there))) > MOST_POINTS:
+            raise TooMany(
+                f"{count} points without a NaN, {MOST_POINTS} at most are used; crop the cloud to "
+                "the cable or thin it out"
+            )
+        kept = cloud.ravel() if keep_missing else cloud[there]
+        points = np.stack([kept[name].astype(float) for name in "xyz"], axis=-1)
     return Cloud(stamp, frame_id, points)
 
 

@@ -33,7 +33,8 @@ REASONS: dict[str, str] = {
     "in_future": "a stamp more than 0.5 s ahead that later messages did not confirm",
     "out_of_order": "a stamp before one that the simulation has used, or that another message has",
     "too_fast": "a pose that would need more than inputs.max_speed",
-    "too_many": "a plan while a hundred wait",
+    "too_many": "more points than are used (5,000 measured, 20,000 of a plan), or a plan while a "
+    "hundred wait",
     "bad_plan": "a plan whose joints, times or poses the end effectors cannot follow from here",
 }
 """The reasons for which messages are refused."""

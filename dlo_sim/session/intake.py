@@ -176,7 +176,7 @@ class Intake:
             decode = decode_input if topic.kind in POINT_KINDS else cdr.decode
             message = decode(topic.type, raw)
         except cdr.DecodeError as error:
-            topic.record.refuse("undecodable", f"{error}; publish {topic.type}")
+            topic.record.refuse(error.reason, f"{error}; publish {topic.type}")
             return []
         topic.waiting.append((message, arrival_ns))
         return self._look_up(topic, arrival_ns)

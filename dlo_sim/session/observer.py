@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _PLACES = 201  # points of the centerline that are searched for the nearest
-_AT_ONCE = 4096  # points whose distances from all places are computed together
 # Missing acceleration that is learnt per metre of correction [1/s^2], and its decay time [s]. On
 # recorded cables this reduces the error by 8 %; six times as much makes the lightest one swing.
 _LEARNT, _LASTS = 45.0, 1.6
@@ -100,12 +99,7 @@ class Observer(Waiting[Points]):
         self._filter.advance(passed)
         self._time = simulator.time
         line = self._basis @ simulator.control_points[:, :3]
-        nearest = np.concatenate(
-            [
-                np.linalg.norm(part[:, None] - line, axis=-1).argmin(axis=1)
-                for part in np.array_split(points, len(points) // _AT_ONCE + 1)
-            ]
-        )
+        nearest = nearest_of(line, points)
         near = np.linalg.norm(points - line[nearest], axis=-1) <= self.measured.gate
         self.rejected += int(np.sum(~near))
         if not near.any():
@@ -137,3 +131,12 @@ class Observer(Waiting[Points]):
         )
         self._simulator, self._time = simulator, simulator.time
         self._lacking = np.zeros((n, 3))
+
+
+def nearest_of(line: Array, points: Array) -> NDArray[np.int64]:
+    """Index of the nearest of the places on a line (m, 3) to each point (k, 3)."""
+    # |p - r|^2 without |p|^2, near the origin, where little is lost to rounding.
+    middle = line.mean(axis=0)
+    places = line - middle
+    squares = np.einsum("ij,ij->i", places, places)
+    return np.argmin(squares - 2.0 * ((points - middle) @ places.T), axis=1)

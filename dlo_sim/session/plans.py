@@ -8,7 +8,8 @@ state, which is older by the latency, and moves from there to the plan.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session import cdr
-from dlo_sim.session.content import Refused, check_pose
+from dlo_sim.session.content import MOST_DISTANT, NORM_TOLERANCE, Refused, check_pose
 from dlo_sim.session.diagnostics import TopicRecord
 from dlo_sim.session.session import Session
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 JUMP = 0.02, 0.2  # [m], [rad]: largest distance of a plan's first pose from the newest pose
 LONGEST = 60.0  # [s]: longest plan, counted from the present state
+MOST_POINTS = 20_000  # of a plan: 60 s at 333 Hz
+_MOST_JOINTS = 1000
 _TRANSFORM, _TWIST = 7, 6  # numbers of doubles
 
 
@@ -48,29 +51,72 @@ class Trajectory(NamedTuple):
     poses: Array
 
 
-def decode_trajectory(raw: cdr.Bytes) -> Trajectory:
+def decode_trajectory(raw: cdr.Bytes, known: Collection[str] | None = None) -> Trajectory:
     """Names, times and transforms of a message; velocities and accelerations are ignored.
+
+    Args:
+        known: names that the joints can have; others are refused before the points are read.
 
     Raises:
         DecodeError: not such a message, or a point whose number of transforms is not that of the
-            joints.
+            joints, or more than `MOST_POINTS`.
+        Refused: unknown joints.
     """
     reader = cdr.Reader(raw)
     stamp_ns, frame_id = reader.header()
-    joints = tuple(reader.text() for _ in range(reader.whole()))
-    times, poses = [], []
-    for number in range(reader.whole()):
-        transforms = reader.table(_TRANSFORM)
-        if len(transforms) != len(joints):
+    joints = tuple(reader.text() for _ in range(reader.count("joints", _MOST_JOINTS)))
+    if known is not None:
+        check_joints(known, joints)
+    count = reader.count("points", MOST_POINTS)
+    times, poses = np.empty(count), np.empty((count, len(joints), _TRANSFORM))
+    done = 0
+    while done < count:
+        tables = [reader.table(width) for width in (_TRANSFORM, _TWIST, _TWIST)]
+        if len(tables[0]) != len(joints):
             raise cdr.DecodeError(
-                f"point {number} has {len(transforms)} transforms for {len(joints)} joints"
+                f"point {done} has {len(tables[0])} transforms for {len(joints)} joints"
             )
-        reader.table(_TWIST)  # velocities
-        reader.table(_TWIST)  # accelerations
-        times.append(reader.whole("i") + 1e-9 * reader.whole())
-        poses.append(transforms)
-    shape = len(times), len(joints), _TRANSFORM
-    return Trajectory(stamp_ns, frame_id, joints, np.array(times), np.reshape(poses, shape))
+        poses[done] = tables[0]
+        times[done] = reader.whole("i") + 1e-9 * reader.whole()
+        done += 1
+        # Those that follow have as many velocities and accelerations, as a rule.
+        layout = _layout(reader, tables)
+        rows = reader.records(layout, count - done)
+        alike = np.ones(len(rows), dtype=bool)
+        for number, table in enumerate(tables):
+            alike &= rows[f"size {number}"] == len(table)
+        same = len(rows) if alike.all() else int(np.argmin(alike))
+        times[done : done + same] = rows["seconds"][:same] + 1e-9 * rows["nanoseconds"][:same]
+        if joints:
+            poses[done : done + same] = rows["table 0"][:same]
+        reader.skip(same * layout.itemsize)
+        done += same
+    return Trajectory(stamp_ns, frame_id, joints, times, poses)
+
+
+def _layout(reader: cdr.Reader, tables: Sequence[Array]) -> np.dtype[Any]:
+    """Layout of the points that follow one with these transforms, velocities and accelerations.
+
+    The first padding depends on where the point begins. After any table the rest of a point has a
+    fixed length, so that all points but the first of a message begin alike.
+    """
+    fields: dict[str, tuple[str, Any, int]] = {}
+    at = reader.at
+    for number, table in enumerate(tables):
+        fields[f"size {number}"] = "u4", (), at
+        at += 4
+        if len(table):
+            at += -(at - 4) % 8
+            fields[f"table {number}"] = "f8", table.shape, at
+            at += 8 * table.size
+    fields |= {"seconds": ("i4", (), at), "nanoseconds": ("u4", (), at + 4)}
+    layout: Any = {
+        "names": list(fields),
+        "formats": [(reader.order + kind, shape) for kind, shape, _ in fields.values()],
+        "offsets": [begin - reader.at for _, _, begin in fields.values()],
+        "itemsize": at + 8 - reader.at,
+    }
+    return np.dtype(layout)
 
 
 class Planned(NamedTuple):
@@ -111,9 +157,10 @@ class Plans:
         """Check one message; a bad one is refused and counted."""
         self.record.last_arrival_ns = arrival_ns
         try:
-            planned = self._planned(decode_trajectory(raw), arrival_ns)
+            trajectory = decode_trajectory(raw, known_joints(self._session.scene))
+            planned = self._planned(trajectory, arrival_ns)
         except cdr.DecodeError as error:
-            self.record.refuse("undecodable", f"{error}; publish {cdr.TRAJECTORY}")
+            self.record.refuse(error.reason, f"{error}; publish {cdr.TRAJECTORY}")
             return None
         except Refused as refused:
             self.record.refuse(refused.reason, refused.detail)
@@ -171,24 +218,41 @@ def check_plan(scene: Scene, trajectory: Trajectory) -> None:
     joints, times = trajectory.joints, trajectory.times
     if trajectory.frame_id not in ("", scene.frame_id):
         raise bad_plan(f"is in frame '{trajectory.frame_id}'; transform it to '{scene.frame_id}'")
-    known = [name for name, holder in scene.holders.items() if holder.held]
+    check_joints(known_joints(scene), joints)
+    if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
+        shown = ", ".join(f"{time:.6g}" for time in times[:4])
+        raise bad_plan(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
+    with np.errstate(over="ignore", invalid="ignore"):
+        distance = np.linalg.norm(trajectory.poses[..., :3], axis=-1)
+        norm = np.linalg.norm(trajectory.poses[..., 3:], axis=-1)
+        good = (distance <= MOST_DISTANT) & (np.abs(norm - 1.0) <= NORM_TOLERANCE)
+    for row, joint in np.argwhere(~good).tolist():
+        pose = tuple(trajectory.poses[row, joint].tolist())
+        where = f"the plan's pose {row} of {joints[joint]}"
+        if not math.isfinite(sum(pose)):
+            raise Refused("not_finite", f"{where} is {list(pose)}; repair the planner")
+        try:
+            check_pose(pose)
+        except Refused as refused:
+            raise Refused(refused.reason, f"{where}: {refused.detail}") from None
+
+
+def known_joints(scene: Scene) -> list[str]:
+    """What a plan can move: the ends and grasps of a scene that are held."""
+    return [name for name, holder in scene.holders.items() if holder.held]
+
+
+def check_joints(known: Collection[str], joints: Collection[str]) -> None:
+    """Refuse joints that are unknown, named twice or none.
+
+    Raises:
+        Refused: naming them.
+    """
     if not joints or not set(joints) <= set(known) or len(set(joints)) < len(joints):
         raise bad_plan(
             f"has the joints {', '.join(joints) or 'none'}; name what holds the cable, each once: "
             f"{', '.join(known) or 'nothing does'}"
         )
-    if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
-        shown = ", ".join(f"{time:.6g}" for time in times[:4])
-        raise bad_plan(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
-    for row, poses in enumerate(trajectory.poses.tolist()):
-        for name, pose in zip(joints, poses, strict=True):
-            where = f"the plan's pose {row} of {name}"
-            if not math.isfinite(sum(pose)):
-                raise Refused("not_finite", f"{where} is {pose}; repair the planner")
-            try:
-                check_pose(tuple(pose))
-            except Refused as refused:
-                raise Refused(refused.reason, f"{where}: {refused.detail}") from None
 
 
 def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float = 0.0) -> None:

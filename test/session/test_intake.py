@@ -138,7 +138,7 @@ def test_every_reason_has_a_test_here():
     tested = {reason for *_, reason in (*WRENCHES.values(), *POSES.values())}
     tested |= {"out_of_order", "too_old", "in_future", "undecodable"}
     tested |= {"bad_points", "no_transform"}  # test_two_points, test_transforms
-    tested |= {"bad_plan", "too_many"}  # of plans: test_plans.py, test_forecaster.py
+    tested |= {"bad_plan", "too_many"}  # test_plans, test_forecaster, test_observer
     assert tested == set(REASONS)
 
 

@@ -1,5 +1,7 @@
 """Measured points pull the prediction to the real cable; never silently, never by chance."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
@@ -8,7 +10,13 @@ from session_bench import MS, SECOND, T0
 from dlo_sim import Simulator, load_scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.session import cdr, observer
-from dlo_sim.session.cdr_points import PointCloudEncoder, decode_point_cloud
+from dlo_sim.session.cdr_markers import LineEncoder
+from dlo_sim.session.cdr_points import (
+    PointCloudEncoder,
+    decode_input,
+    decode_marker_array,
+    decode_point_cloud,
+)
 from dlo_sim.session.session import Session
 from dlo_sim.session.topics import MEASURED, input_topics
 
@@ -198,3 +206,66 @@ def test_clouds_with_a_layout_that_cannot_be_are_refused_or_empty(
     else:
         with pytest.raises(cdr.DecodeError, match="does not hold fields"):
             decode_point_cloud(raw)
+
+
+def clouded(points):
+    return PointCloudEncoder("world", "xyz", len(points)).encode(T0, points)
+
+
+@pytest.mark.parametrize(
+    ("kind", "topic_type", "count"),
+    [
+        ("point_cloud", "cloud", 5001),
+        ("point_cloud", "cloud", 307_200),
+        ("pose_array", "poses", 5001),
+    ],
+)
+def test_more_points_than_are_used_are_refused_before_they_are_decoded(kind, topic_type, count):
+    session = Session(scene({**SEEN, "measured.type": kind}))
+    raw = encoded(np.zeros((count, 3)), T0, topic_type)
+    tracemalloc.start()
+    try:
+        session.receive("/dlo_sim/measured", raw, T0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    record = session.journal.topics["/dlo_sim/measured"]
+    assert (record.refused, record.accepted) == ({"too_many": 1}, 0)
+    assert f"too_many: {count} po" in record.last_refusal
+    assert "5000 at most are used" in record.last_refusal
+    assert peak < 4 * count + 200_000, "masks of a byte each, no coordinates"
+
+
+def test_an_organised_cloud_of_which_little_is_the_cable_is_used():
+    """640 x 480 pixels, all but 3,000 of them NaN in one coordinate or another."""
+    pixels = np.full((307_200, 3), 0.1)
+    for k, axis in enumerate(np.array_split(np.arange(304_200), 3)):
+        pixels[axis, k] = np.nan
+    there = decode_input(cdr.POINT_CLOUD, clouded(pixels)).values
+    assert np.reshape(there, (-1, 3)).tolist() == pixels[304_200:].astype(np.float32).tolist()
+
+
+def markers(count, points):
+    types = STORE.types
+    line = LineEncoder("world", "", points, 0.1, (1.0,) * 4, 0)
+    marker = STORE.deserialize_cdr(line.encode(T0), cdr.MARKER)
+    return bytes(STORE.serialize_cdr(types[cdr.MARKER_ARRAY]([marker] * count), cdr.MARKER_ARRAY))
+
+
+def test_marker_arrays_have_the_same_bound():
+    assert len(decode_marker_array(markers(500, 10)).points) == 5000
+    with pytest.raises(cdr.TooMany, match="501 markers, 500 at most are used"):
+        decode_marker_array(markers(501, 1))
+    with pytest.raises(cdr.TooMany, match="11 points beside 4994 others, 6 at most are used"):
+        decode_marker_array(markers(499, 11))
+
+
+def test_the_nearest_places_are_those_of_the_distances():
+    """Also far from the origin, where the squares of distances lose digits."""
+    random = np.random.default_rng(5)
+    for shift in (0.0, 1e6):
+        line = shift + np.cumsum(random.normal(size=(201, 3)), axis=0)
+        points = line[random.integers(201, size=300)] + random.normal(scale=0.1, size=(300, 3))
+        distances = np.linalg.norm(points[:, None] - line, axis=-1)
+        found = distances[np.arange(300), observer.nearest_of(line, points)]
+        assert found == pytest.approx(distances.min(axis=1), abs=1e-9 + 1e-15 * shift)

@@ -1,5 +1,7 @@
 """Plans as messages: what is forecast of the good ones, why the others are refused."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
@@ -8,7 +10,7 @@ from session_bench import MS, SECOND, T0
 from dlo_sim.scene.loading import SceneError, load_scene
 from dlo_sim.session import cdr
 from dlo_sim.session.forecasts import answer
-from dlo_sim.session.plans import Plans
+from dlo_sim.session.plans import Plans, decode_trajectory
 from dlo_sim.session.session import Session
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -141,6 +143,95 @@ def test_damaged_messages(session):
     for length in range(0, len(whole), 37):
         assert plans.accept(whole[:length], NOW) is None
     assert set(plans.record.refused) == {"undecodable"}
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_points_of_any_layout_are_decoded_as_the_reference_does(little_endian):
+    """Lists of velocities that come and go, and beginnings that need other paddings."""
+    random = np.random.default_rng(3)
+    transform = TYPES["geometry_msgs/msg/Transform"]
+    twist = TYPES["geometry_msgs/msg/Twist"](vector("Vector3", 1, 2, 3), vector("Vector3", 4, 5, 6))
+    for trial in range(60):
+        joints = [f"j{'x' * random.integers(9)}" for _ in range(random.integers(4))]
+        count, change = random.integers(1, 12), random.integers(12)
+        sizes = random.integers(0, 3, (2, 2))
+        rows = random.normal(size=(count, len(joints), 7))
+        points = []
+        for k, row in enumerate(rows):
+            transforms = [
+                transform(vector("Vector3", *one[:3]), vector("Quaternion", *one[3:]))
+                for one in row
+            ]
+            twists = ([twist] * size for size in sizes[int(k >= change)])
+            duration = TYPES["builtin_interfaces/msg/Duration"](k, 7 * k)
+            points.append(
+                TYPES["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"](
+                    transforms, *twists, duration
+                )
+            )
+        header = TYPES["std_msgs/msg/Header"](
+            TYPES["builtin_interfaces/msg/Time"](1, 2), "f" * int(random.integers(9))
+        )
+        plan = TYPES[cdr.TRAJECTORY](header, joints, points)
+        raw = bytes(STORE.serialize_cdr(plan, cdr.TRAJECTORY, little_endian=little_endian))
+        found = decode_trajectory(raw)
+        assert found.joints == tuple(joints), trial
+        assert np.array_equal(found.poses, rows)
+        assert found.times.tolist() == [k + 7e-9 * k for k in range(count)]
+        for length in random.integers(8, len(raw) - 8, 5):
+            with pytest.raises(cdr.DecodeError):
+                decode_trajectory(raw[:length])
+
+
+def many(count, joints=("start",), last=0.0):
+    """A message of so many points at rest, written without the reference, which takes minutes."""
+    head = cdr.Writer()
+    head.header("", NOW)
+    head.numbers("I", len(joints))
+    for name in joints:
+        head.text(name)
+    head.numbers("I", count)
+    first, later = (head_of_point(len(head.data), k, len(joints)) for k in (0, 1))
+    return bytes(head.data) + first + later * (count - 1)
+
+
+def head_of_point(length, number, joints):
+    point = cdr.Writer()
+    point.data += bytes(length - len(point.data) if number == 0 else 0)
+    begin = len(point.data)
+    point.numbers("I", joints)
+    point.numbers("d", *([0, 0, 0, 0, 0, 0, 1] * joints))
+    point.numbers("I", 0, 0, 0, 0)
+    return bytes(point.data[begin:])
+
+
+@pytest.mark.parametrize(
+    ("plan", "refusal"),
+    [
+        (many(20_001), "too_many: 20001 points, 20000 at most are used; publish trajectory_msgs"),
+        (many(200_000), "too_many: 200000 points, 20000 at most"),
+        (many(20_000, ["tcp"]), "bad_plan: the plan has the joints tcp; name what holds"),
+        (many(200_000, ["tcp"]), "bad_plan: the plan has the joints tcp; name what holds"),
+        (many(1, ["start"] * 2000), "too_many: 2000 joints, 1000 at most are used"),
+    ],
+)
+def test_long_plans_are_refused_before_they_are_decoded(session, plan, refusal):
+    """Little memory: the points have not been looked at."""
+    plans = Plans(session, "/plan")
+    tracemalloc.start()
+    try:
+        assert plans.accept(plan, NOW) is None
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert plans.record.last_refusal.startswith(refusal)
+    assert peak < 300_000
+
+
+def test_the_longest_plan_is_decoded_as_a_whole():
+    found = decode_trajectory(many(20_000))
+    assert found.poses.shape == (20_000, 1, 7)
+    assert np.all(found.poses == [0, 0, 0, 0, 0, 0, 1]) and not found.times.any()
 
 
 def test_before_the_cable_is_placed():
