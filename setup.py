@@ -37,7 +37,7 @@ setup(
     maintainer="dlo_sim maintainers",
     maintainer_email="dlo_sim@example.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.view": ["page.html", "page.js"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.view": ["page.html", "page.js"]},
     python_requires=">=3.11",
     # .ci/run tries the lowest versions. Pythons that numba does not know are refused by numba.
     install_requires=["numpy>=1.26", "numba>=0.58.1", "rosbags", "ruamel.yaml", "tqdm"],

@@ -58,7 +58,7 @@ def scene_of(*values, **more):
         "step": "integrator.step",
         "n": "discretization.control_points",
     }
-    merged = {}
+    merged: dict[str, object] = {}
     for part in values:
         merged |= part
     merged |= {names[key]: value for key, value in more.items()}

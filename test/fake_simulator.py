@@ -45,7 +45,7 @@ class FakeSimulator:
         }
         self.tip = np.array(self.scene.end.position, dtype=float)
         self.speed = np.zeros(3)
-        self.loads = {}
+        self.loads: dict[str, np.ndarray] = {}
 
     @property
     def time(self) -> float:

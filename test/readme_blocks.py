@@ -11,7 +11,7 @@ import importlib.util
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from types import ModuleType
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "resource" / "rooms.svg"
 
 
-def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     """A markdown table without a trailing newline."""
     lines = [header, ("---",) * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
@@ -184,7 +184,8 @@ def rooms() -> str:
     arrows = direct(imports())
     missing = set(arrows) - set(PLACES)
     assert not missing, f"give {', '.join(sorted(missing))} a place in {Path(__file__).name}"
-    columns, rows = (max(place[k] for place in PLACES.values()) for k in (0, 1))
+    columns = max(column for column, _, _ in PLACES.values())
+    rows = max(row for _, row, _ in PLACES.values())
     size = (
         2 * EDGE + columns * (WIDTH + GAP_X) + WIDTH,
         2 * EDGE + rows * (HEIGHT + GAP_Y) + HEIGHT,

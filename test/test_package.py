@@ -77,6 +77,43 @@ def test_name_version_and_licence_agree(checkout, manifest):
     ]
 
 
+HEADING = r"## v(\d+\.\d+\.\d+) - (not released yet|\d{4}-\d{2}-\d{2})"
+
+
+def test_changelog_begins_with_this_version(checkout):
+    text = (checkout / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = [line for line in text.splitlines() if line.startswith("## ")]
+    found = [re.fullmatch(HEADING, line) for line in headings]
+    assert all(found), "tag and date of each version"
+    versions = [tuple(map(int, one[1].split("."))) for one in found]
+    assert found[0][1] == dlo_sim.__version__
+    assert versions == sorted(set(versions), reverse=True)
+    assert [one[2] for one in found[1:]].count("not released yet") == 0
+
+
+def test_the_commands_of_a_release_set_the_version_everywhere(checkout, tmp_path):
+    """Those before the checks are run in a copy of the files that they change."""
+    text = (checkout / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (commands,) = re.findall(r"## Release\n.*?```\n(.*?)```", text, re.DOTALL)
+    edits = commands[: commands.index(".ci/run")]
+    (tmp_path / "dlo_sim").mkdir()
+    names = ["dlo_sim/__init__.py", "package.xml", "CHANGELOG.md"]
+    before = {name: (checkout / name).read_text(encoding="utf-8") for name in names}
+    for name, content in before.items():
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    edits = re.sub(r"^version=.*$", "version=7.8.9", edits, flags=re.MULTILINE)
+    subprocess.run(["bash", "-euc", edits], cwd=tmp_path, check=True, timeout=60)
+    after = {name: (tmp_path / name).read_text(encoding="utf-8") for name in names}
+    new = [
+        [line for line in after[name].splitlines() if line not in before[name].splitlines()]
+        for name in names
+    ]
+    assert new[0] == ['__version__ = "7.8.9"']
+    assert new[1] == ["  <version>7.8.9</version>"]
+    assert len(new[2]) == 1 and re.fullmatch(HEADING, new[2][0])[1] == "7.8.9"
+    assert len(commands.splitlines()) == 10
+
+
 def test_ros_finds_executables_scenes_and_index(installed):
     assert {path.name for path in (installed / "lib/dlo_sim").iterdir()} == {"dlo_sim", "node"}
     assert (installed / "share/ament_index/resource_index/packages/dlo_sim").is_file()
@@ -94,6 +131,7 @@ def test_installed_package_finds_its_scenes_and_no_other(installed, tmp_path):
         "print(dlo_sim.__file__); print(s.shipped_scene('paper_wire'));"
         "print(dlo_sim.load_scene('paper_wire').cable.length)"
     )
+    assert (library / "dlo_sim" / "py.typed").is_file(), "type checkers use its annotations"
     lines = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,

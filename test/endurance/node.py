@@ -252,7 +252,7 @@ def overload(begin, end, seconds):
 
 
 if __name__ == "__main__":
-    asked = float((sys.argv[1:] or [1800.0])[0])
+    asked = float(sys.argv[1] if sys.argv[1:] else 1800.0)
     short = min(1.0, asked / 120.0)
     disturbed(asked)
     rates(max(8.0, 60.0 * short))

@@ -88,5 +88,5 @@ def soak(seconds, looks=10):
 
 if __name__ == "__main__":
     print(" | ".join(Look._fields))
-    for found in soak(float((sys.argv[1:] or [86_400])[0])):
+    for found in soak(float(sys.argv[1] if sys.argv[1:] else 86_400)):
         print(" | ".join(f"{number:.6g}" for number in found), flush=True)

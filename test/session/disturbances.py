@@ -10,6 +10,7 @@ import math
 import sys
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from fake_simulator import FakeSimulator
@@ -134,7 +135,8 @@ class World:
         self.case = case
         self.rng = np.random.default_rng(case.seed)
         self.session = Session(
-            scene_from_values({**TWO, "inputs.time": case.mode, **changes}), FakeSimulator
+            scene_from_values({**TWO, "inputs.time": case.mode, **changes}),
+            cast(Any, FakeSimulator),
         )
         self.wrongly_refused: list[str] = []
         self.doubles = 0  # unstamped messages that came at one instant
@@ -145,7 +147,7 @@ class World:
         self._clock_ns: int | None = None
 
     def _watch_decisions(self) -> None:
-        base = self.session._time
+        base: Any = self.session._time  # its methods are replaced
 
         def watched(method):
             def call(source, *rest):
@@ -253,7 +255,7 @@ class World:
             if session.started:
                 self.check(true_ns, clock_ns)
 
-    _ends = None
+    _ends: list[np.ndarray] | None = None
     top_speed = 0.0
     worst_age = 0.0
     worst_error = 0.0

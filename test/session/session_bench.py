@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, cast
 
 import numpy as np
 from fake_simulator import FakeSimulator
@@ -44,7 +45,9 @@ class Bench:
 
     def __init__(self, values: dict, live: bool = False, transforms=None, **changes) -> None:
         self.scene = scene_from_values({**values, **changes})
-        self.session = Session(self.scene, FakeSimulator, live=live, transforms=transforms)
+        self.session = Session(
+            self.scene, cast(Any, FakeSimulator), live=live, transforms=transforms
+        )
 
     def pose(
         self, stamp_ns, position=(0, 0, 0), orientation=(0, 0, 0, 1), *, arrival=None, frame="world"
@@ -73,7 +76,7 @@ class Bench:
 
     @property
     def simulator(self) -> FakeSimulator:
-        return self.session.simulator
+        return cast(FakeSimulator, self.session.simulator)
 
     def refused(self, topic) -> dict:
         return dict(self.session.journal.topics[topic].refused)
@@ -97,7 +100,7 @@ def play(bench, seconds, jitter=None, gap=(0.0, 0.0), tick=5 * MS):
                 delay = 0 if jitter is None else int(rng.uniform(0, 8 * MS))
                 arrivals.append((stamp + delay, kind, stamp))
     arrivals.sort()
-    out = {}
+    out: dict[tuple[str, int], bytes] = {}
     for now in range(T0, T0 + round(seconds * SECOND), tick):
         while arrivals and arrivals[0][0] <= now:
             arrival, kind, stamp = arrivals.pop(0)
