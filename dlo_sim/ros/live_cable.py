@@ -23,7 +23,7 @@ from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
 from dlo_sim.ros.state_keeper import StateKeeper
-from dlo_sim.ros.status import TickTimes, node_status
+from dlo_sim.ros.status import LOG_PAUSE, REPORT_PERIOD, Reports, TickTimes, node_status
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.ros.transforms import transforms_of
 from dlo_sim.scene.description import Scene
@@ -31,13 +31,12 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
+from dlo_sim.session.time_base import MOST_BEHIND
 from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
 from dlo_sim.session.transforms import Transforms
 from dlo_sim.simulation.simulator import Snapshot
 
-_DIAGNOSTICS_PERIOD = 1.0  # [s], REP-107
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase
-_LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
 
 
@@ -63,8 +62,7 @@ class LiveCable:
         self._node, self._log = node, node.get_logger()
         self._naming = Naming(node.get_fully_qualified_name(), node.resolved)
         self._times = TickTimes()
-        self._logged = (0, 0)  # events and refusals that the log knows of
-        self._source_problems: list[str] = []
+        self._reports = Reports(self._log)
         self._early: dict[str, bytes] = {}
         self._timers: list[Timer] = []  # none while it is not active
         with ExitStack() as opened:
@@ -154,7 +152,8 @@ class LiveCable:
             self._session.pause(False)
         self._times.interrupt()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        report = self._node.create_timer(_DIAGNOSTICS_PERIOD, self._report, clock=steady)
+        self._reports.begin()
+        report = self._node.create_timer(REPORT_PERIOD, self._report_if_due, clock=steady)
         self._timers = [report, self._tick_timer()]
 
     def deactivate(self) -> None:
@@ -247,22 +246,34 @@ class LiveCable:
                 self._log.info(text)
 
     def _on_jump(self, jump: TimeJump) -> None:
-        """Start over when the clock was set back or exchanged; a step ahead is the session's."""
+        """Start over when the clock was exchanged. What its steps mean is decided by the session at
+        the next tick: a step back by more than 1 s is a reset, for a shorter one the cable waits.
+        """
         self._times.interrupt()
         exchanged = jump.clock_change in (
             ClockChange.ROS_TIME_ACTIVATED,
             ClockChange.ROS_TIME_DEACTIVATED,
         )
-        if not exchanged and jump.delta.nanoseconds >= 0:
+        back_ns = -jump.delta.nanoseconds
+        if not exchanged and back_ns <= 0:
             return
         self._node.clock_watch.jumps += 1
-        what = "was exchanged" if exchanged else f"went back {-jump.delta.nanoseconds * 1e-9:.3f} s"
-        self._log.warning(f"the clock {what}; the simulation starts over")
-        self._start_over()
+        if exchanged:
+            line = "the clock was exchanged; simulation reset"
+            self._log.warning(line)
+            self._start_over(line)
+        elif back_ns > MOST_BEHIND:
+            self._clear_view()
+        else:
+            line = f"the clock went back by {back_ns * 1e-9:.3f} s; the cable waits until then"
+            self._log.warning(line, throttle_duration_sec=LOG_PAUSE)
 
-    def _start_over(self) -> None:
+    def _start_over(self, jump: str = "") -> None:
+        self._session.reset(jump)
+        self._clear_view()
+
+    def _clear_view(self) -> None:
         self._early.clear()
-        self._session.reset()
         self._outputs.delete_markers(self._now())
 
     # -- parameters -----------------------------------------------------------------------------
@@ -282,9 +293,13 @@ class LiveCable:
             )
 
     def _keep_ticking(self) -> None:
-        """What the executor would do now if it were not in a callback."""
+        """What the executor would do now if it were not in a callback, again and again while one
+        change of parameters follows the other.
+        """
         self._inputs.take_waiting()
         self._tick()
+        if self._timers:
+            self._report_if_due()
 
     def _adopt(self, scene: Scene, prepared: Prepared) -> None:
         """Go on with a changed scene; callbacks take turns, so this is between two ticks.
@@ -360,6 +375,10 @@ class LiveCable:
 
     # -- diagnostics ----------------------------------------------------------------------------
 
+    def _report_if_due(self) -> None:
+        if self._reports.are_due():
+            self._report()
+
     def _report(self) -> None:
         """Publish /diagnostics: what the session counts, and what only the node can measure."""
         now = self._now()
@@ -372,25 +391,7 @@ class LiveCable:
             statuses += self._forecaster.statuses(now)
         self._outputs.publish_diagnostics(encode_diagnostic_array(now, self._naming.node, statuses))
         self._keeper.keep(self._session)
-        self._log_events()
-        problems = [line for source in sources for line in source.problems]
-        for line in set(problems).difference(self._source_problems):
-            self._log.warning(line)
-        self._source_problems = problems
-
-    def _log_events(self) -> None:
-        """Say in the log, too, what the diagnostics have counted anew; not every second again."""
-        journal = self._session.journal
-        counts = (sum(journal.events.values()), sum(journal.refused.values()))
-        if counts[0] > self._logged[0]:
-            self._log.warning(journal.last_event, throttle_duration_sec=_LOG_PAUSE)
-        if counts[1] > self._logged[1]:
-            last = [f"{r.topic}: {r.last_refusal}" for r in journal.topics.values() if r.refused]
-            self._log.warning(
-                f"{counts[1]} messages refused so far; last on {'; '.join(last)}",
-                throttle_duration_sec=_LOG_PAUSE,
-            )
-        self._logged = counts
+        self._reports.log(self._session.journal, sources)
 
 
 def _answered(response: Any, success: bool, message: str) -> Any:

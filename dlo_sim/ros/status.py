@@ -1,12 +1,61 @@
 """The node's own line in /diagnostics: ticks, clock, publishers per input topic."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from dlo_sim.session.cdr import DiagnosticStatus
-from dlo_sim.session.diagnostics import OK, WARN
+from dlo_sim.session.diagnostics import OK, WARN, Journal
 
+REPORT_PERIOD = 1.0  # [s], REP-107
+LOG_PAUSE = 5.0  # [s] between two log lines of the same kind
+_EARLY = 0.1  # [s] by which a report may come before a period is over
 _LATE = 2.5  # periods between two ticks from which on a publication counts as late
+
+
+class Reports:
+    """When the diagnostics are due, and what of them the log says, too.
+
+    Args:
+        log: logger of the node.
+    """
+
+    def __init__(self, log: Any) -> None:
+        self._log = log
+        self._logged = (0, 0)  # events and refusals that the log knows of
+        self._source_problems: list[str] = []
+
+    def begin(self) -> None:
+        """The first ones are due in a period."""
+        self._due = time.perf_counter() + REPORT_PERIOD
+
+    def are_due(self) -> bool:
+        """Whether they are, once a period; asked by a timer, and when no timer fires."""
+        now = time.perf_counter()
+        if now < self._due - _EARLY:
+            return False
+        self._due = max(self._due, now - _EARLY) + REPORT_PERIOD
+        return True
+
+    def log(self, journal: Journal, sources: Iterable[InputSources]) -> None:
+        """Say in the log what the diagnostics have counted anew; not every second again."""
+        counts = (sum(journal.events.values()), sum(journal.refused.values()))
+        if counts[0] > self._logged[0]:
+            self._log.warning(journal.last_event, throttle_duration_sec=LOG_PAUSE)
+        if counts[1] > self._logged[1]:
+            last = [f"{r.topic}: {r.last_refusal}" for r in journal.topics.values() if r.refused]
+            self._log.warning(
+                f"{counts[1]} messages refused so far; last on {'; '.join(last)}",
+                throttle_duration_sec=LOG_PAUSE,
+            )
+        self._logged = counts
+        problems = [line for source in sources for line in source.problems]
+        for line in set(problems).difference(self._source_problems):
+            self._log.warning(line)
+        self._source_problems = problems
 
 
 @dataclass

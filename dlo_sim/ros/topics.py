@@ -22,6 +22,7 @@ from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, TF, InputTopi
 INPUT_POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
 OUTPUT_POLICIES = (QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 
+_MOST_TAKEN = 1000  # messages of a topic at once
 _GOODBYE = Duration(nanoseconds=300_000_000)  # longest wait for viewers to take the last marker
 
 
@@ -158,7 +159,7 @@ class Inputs:
     def take_waiting(self) -> None:
         """Hand over what has come, from inside a callback, when the executor cannot."""
         for subscription in self._subscriptions.values():
-            while True:
+            for _ in range(_MOST_TAKEN):  # of what comes faster than it is handled
                 with subscription.handle:
                     taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:

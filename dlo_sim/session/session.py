@@ -227,13 +227,16 @@ class Session:
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
         return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
 
-    def reset(self) -> None:
+    def reset(self, jump: str = "") -> None:
         """Start over: place the cable at the next poses (at once if no end is driven), without the
         loads received so far.
+
+        Args:
+            jump: what has happened to the clock, if that is why.
         """
         self._time.start_over()
         self._intake.clear()
-        self._restart("reset", "reset was called")
+        self._restart("time_jump" if jump else "reset", jump or "reset was called")
 
     def end_inputs(self) -> None:
         """Refuse the messages whose stamps still wait for confirmation, as no more will come."""
@@ -296,7 +299,7 @@ class Session:
         self._outputs = self._new_outputs()
         if time_mode_changed:
             self._time.set_mode(scene.inputs.time)
-            self.reset()
+            self.reset("inputs.time was changed; simulation reset")
 
     def _watch_clock(self, clock_ns: int, tick: bool) -> None:
         back_ns = self._time.watch(clock_ns, tick)

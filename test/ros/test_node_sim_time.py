@@ -86,19 +86,31 @@ def test_time_begins_stands_still_goes_on_and_jumps_back(
     clock.run_until(lambda: stamp(received[-1]) < before - 50 * 10**9, "control points of before")
     assert received[-1].poses[-1].position.z == pytest.approx(0.0, abs=0.05)  # straight again
     peer.status(name, lambda v, s: v["clock jumps"] == "1", "one jump")
+    values = peer.status("/dlo_sim: session", lambda v, s: True, "the session")
+    assert (values["event time_jump"], values["event reset"]) == ("1", "1"), "counted as it was"
     clock.close()
 
 
-def test_a_small_jump_back_is_a_reset_too(started: Callable[..., NodeProcess], peer: Peer) -> None:
+def test_a_small_jump_back_is_counted_and_waited_for(
+    started: Callable[..., NodeProcess], peer: Peer
+) -> None:
+    """A /clock of two publishers, or of a simulator that corrects itself."""
     started({**CABLE, "use_sim_time": True})
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
     clock = PlayedClock(peer, 50)
     clock.run_until(
         lambda: received and received[-1].poses[-1].position.z < -0.1, "a cable that sags"
     )
-    clock.now_ns -= 300_000_000
-    clock.run_until(lambda: abs(received[-1].poses[-1].position.z) < 0.05, "a straight cable")
-    peer.status("/dlo_sim: node", lambda v, s: v["clock jumps"] == "1", "one jump")
+    for jumps, back_ms in enumerate((50, 900), start=1):
+        clock.run_until(lambda: clock.now_ns - stamp(received[-1]) < 100_000_000, "the present")
+        received[:] = received[-1:]
+        clock.tick(-back_ms)
+        clock.run_until(lambda: len(received) > 20, "control points of later")
+        assert [stamp(m) for m in received] == sorted({stamp(m) for m in received})
+        assert all(message.poses[-1].position.z < -0.05 for message in received)
+        peer.status("/dlo_sim: node", lambda v, s, n=jumps: v["clock jumps"] == str(n), "a count")
+    values = peer.status("/dlo_sim: session", lambda v, s: True, "the session")
+    assert "event reset" not in values and "event time_jump" not in values
     clock.close()
 
 
