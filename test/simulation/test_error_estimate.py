@@ -256,3 +256,23 @@ def test_recording_reports_the_estimate_only_where_asked():
     assert asked.error_estimate["total"] == pytest.approx(
         asked.error_estimate["space"] + asked.error_estimate["time"]
     )
+
+
+def test_motions_given_in_advance_move_the_companions_too():
+    """They begin within a step of the simulator and within another one of each companion."""
+    scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
+    estimate = ErrorEstimate(Simulator(scene))
+    simulator = estimate.simulator
+    position, orientation = simulator.end_pose("end")
+    pose = {"position": position, "orientation": orientation}
+    first = EndMotion(start=0.0, duration=3.37 * simulator.step, **pose, velocity=[-0.2, 0.0, 0.1])
+    second = first.then(2.81 * simulator.step, velocity=[0.1, 0.0, 0.0])
+    for motion in (first, second):
+        estimate.set_motion("end", motion)
+    assert estimate.advance_steps(40).status.ok
+    finer = [one.simulator for one in estimate._companions if one.simulator is not None]
+    assert finer
+    for one in (simulator, *finer):
+        assert one.end_pose("end")[0] == pytest.approx(second.position_at(1.0), abs=1e-12)
+        assert one.control_points[-1, :3] == pytest.approx(second.position_at(1.0), abs=1e-9)
+    assert math.isfinite(estimate.recent.total)
