@@ -209,7 +209,7 @@ def _run(cable: Cable, recorder: Recorder, lane: Lane, k: int, step: float) -> R
     status = Status.DIVERGED if failed else Status.OK
     method = f"method {lane.method}, step {step:g} s"
     return Run(
-        control_points=lane.model.to_columns(lines),
+        control_points=lane.model.in_world(lane.model.to_columns(lines)),
         energy=energy,
         good=good,
         energy_error=float(error / max(exchanged, floor)),

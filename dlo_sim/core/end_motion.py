@@ -10,7 +10,7 @@ cable's attachment offset and tangent in it are not known here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -169,6 +169,12 @@ class EndMotion:
             angular_velocity=angular_velocity,
             angular_acceleration=angular_acceleration,
         )
+
+    def moved(self, way: Array) -> EndMotion:
+        """The same motion, moved by a vector (3,) [m]."""
+        if not way.any():
+            return self
+        return replace(self, position=self.position + way)
 
     @property
     def end(self) -> float:

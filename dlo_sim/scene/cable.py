@@ -203,7 +203,7 @@ class Obstacle:
         "plane: the half-space below the plane through position, normal to the obstacle's z axis.",
         choices=("plane",),
     )
-    position: Vector = parameter(ORIGIN, "A point on its surface.", "m", (-1.0e6, 1.0e6))
+    position: Vector = parameter(ORIGIN, "A point on its surface.", "m", (-1.0e8, 1.0e8))
     orientation: tuple[float, float, float, float] = parameter(
         (0.0, 0.0, 0.0, 1.0), "Quaternion x, y, z, w of its axes, world frame.", "", (-1.0, 1.0)
     )

@@ -17,7 +17,7 @@ class Holder:
         "End-effector position until the first pose arrives; for a free end it only sets the "
         "direction of the initial straight line.",
         "m",
-        (-1.0e6, 1.0e6),
+        (-1.0e8, 1.0e8),
     )
     fixed: Switches = parameter(
         (True, True, True), "Per world axis: held at the position of the end effector."

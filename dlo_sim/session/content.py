@@ -9,7 +9,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.session.cdr import Stamped
 
 # Positions further from the origin than this must be a mistake [m].
-MOST_DISTANT = 1e6
+MOST_DISTANT = 1e8
 
 # The distance of two points may differ from pose_spacing by this share.
 SPACING_TOLERANCE = 0.1

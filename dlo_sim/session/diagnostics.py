@@ -24,7 +24,7 @@ OK, WARN, ERROR, STALE = 0, 1, 2, 3
 REASONS: dict[str, str] = {
     "undecodable": "not a complete message of the expected type",
     "not_finite": "a NaN or infinite number",
-    "too_large": "a force, torque or position beyond inputs.max_force, inputs.max_torque, 1e6 m",
+    "too_large": "a force, torque or position beyond inputs.max_force, inputs.max_torque, 1e8 m",
     "bad_quaternion": "an orientation whose norm is not 1",
     "bad_points": "two_points that coincide, are not two, not pose_spacing apart, or exchanged",
     "unknown_frame": "a frame that is neither frame_id nor an end-effector's frame",

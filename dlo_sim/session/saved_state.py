@@ -48,6 +48,7 @@ def save_state(path: Path, state: Snapshot) -> None:
         "steps": state.steps,
         "remainder": state.remainder,
         "needs": dataclasses.asdict(state.needs),
+        "origin": state.origin.tolist(),
         "geometries": {
             name: [*(getattr(one, vector).tolist() for vector in _VECTORS), one.u]
             for name, one in state.geometries.items()
@@ -139,4 +140,5 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         numbers("state", state, (sizes["state"],)),
         numbers("inputs", inputs, (sizes["inputs"],)),
         geometries,
+        numbers("origin", head["origin"], (3,)),
     )

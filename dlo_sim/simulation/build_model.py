@@ -34,9 +34,10 @@ def build_model(
     needs: Needs,
     geometries: Geometries,
     knot_grading: bspline.Grading | None = None,
+    origin: NDArray[np.float64] | None = None,
 ) -> Model:
     """Constant arrays of a scene held where `geometries` says, with knots graded as the scene
-    says, or by `knot_grading`.
+    says, or by `knot_grading`. `origin` is that of the geometries in the world [m], default zero.
     """
     n, axes, twist = scene.discretization.control_points, needs.axes, needs.twist
     chosen = grading(scene) if knot_grading is None else knot_grading
@@ -64,7 +65,8 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     arrays = shape, aligned_zeros(sizes["model"]), sizes, counts
-    model = Model(*arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest)
+    origin = np.zeros(3) if origin is None else origin
+    model = Model(*arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest, origin)
     _Filling(scene, needs, model).fill()
     return model
 
@@ -262,7 +264,7 @@ class _Filling:
         for row, plane in zip(rows, self._scene.obstacles, strict=True):
             normal = np.array(plane.normal)
             row[: len(self._axes)] = normal[self._axes, None]
-            way = plane.position - self._model.rest
+            way = plane.position - self._model.origin - self._model.rest
             row[3] = normal @ way + 0.5 * self._scene.cable.diameter
 
     def _damping(self, masses: list[Array], gram: Array) -> None:

@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.engine import grasps
+from dlo_sim.engine import grasps, layout
 from dlo_sim.engine.grasps import MOTION_SIZE, TWIST
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import Geometries, Geometry, given_quaternion, known_holder
 
 Array = NDArray[np.float64]
@@ -124,6 +125,21 @@ class EndDrive:
                     points[inner, :3] = at
                 points[outer, 3] = place[3]
 
+    def rest_at(self, end: str, position: Array, orientation: Array) -> None:
+        """Rest at a pose, with the twist angle as it is."""
+        self._write(end, EndMotion.resting(position, orientation))
+
+    def pull_springs(self, cable: Cable, t: float) -> None:
+        """Let the springs of a cable pull to where the end effectors are at time t."""
+        model, names = cable.model, list(self._rows)
+        for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
+            target = self.place_at(names[spring.grasp], t)
+            if spring.tangent:
+                target = self.tangent(names[spring.grasp], t)
+            anchor[:] = target[model.columns[spring.line]]
+        booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
+        booked[:] = cable.anchors
+
     def place(
         self,
         end: str,
@@ -161,12 +177,17 @@ class EndDrive:
         twist = _twist_about(way, rotations.rotate(old_orientation, self._direction(end)))
         self.follow(end, t, EndMotion.resting(place, turned, t), twist)
 
-    def check_motion(self, end: str, t: float, motion: EndMotion, late: float) -> None:
-        """Check that a motion begins where the end effector will be then.
+    def check_motion(
+        self, end: str, t: float, motion: EndMotion, late: float, origin: Array
+    ) -> None:
+        """Check that a motion in the world begins where the end effector will be then.
+
+        Args:
+            late: how much before t it may start [s]. origin: of the cable's coordinates [m].
 
         Raises:
-            TypeError, ValueError: no such end effector, no motion, or one that starts more than
-                `late` [s] before t or at another pose.
+            TypeError, ValueError: no such end effector, no motion, or one that starts too early or
+                at another pose.
         """
         known_holder(self._scene, end)
         arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
@@ -175,7 +196,8 @@ class EndDrive:
                 f"motion of {end}: starts at {motion.start!r} s, before the present; start it at "
                 f"the simulator's time, {t!r} s, or later"
             )
-        there = self.pose(end, motion.start)
+        position, orientation = self.pose(end, motion.start)
+        there = position + origin, orientation
         way, turn = apart(there, motion.position, motion.orientation)
         if way > self._near or turn > NEAR:
             place = [float(f"{x:.9g}") for x in there[0]]
@@ -248,15 +270,17 @@ class EndDrive:
         self._write(end, motion)
         row[0] = 1.0
 
-    def take_over(self, other: EndDrive, t: float, turns: Array) -> None:
+    def take_over(self, other: EndDrive, t: float, turns: Array, way: Array) -> None:
         """Rest at the poses and twist angles of another simulator's end effectors at time t.
 
         Args:
+            way: from the origin of this simulator to the other's [m], shape (3,).
             turns: its `Cable.frame_turn` [rad], one row per grasp, or empty.
         """
         self._next.clear()
         for end, row in self._rows.items():
-            self._write(end, EndMotion.resting(*other.pose(end, t)))
+            position, orientation = other.pose(end, t)
+            self._write(end, EndMotion.resting(position + way, orientation))
             behind = turns[row, 0] if len(turns) else 0.0
             self.motion[row, TWIST] = other.place_at(end, t)[3] + behind
 

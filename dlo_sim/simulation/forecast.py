@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.strain import strain
 from dlo_sim.simulation.ends import NEAR, apart
+from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report
 from dlo_sim.simulation.view import CableView
 
@@ -66,14 +67,14 @@ class Forecast:
         return float(self.curvature.max(initial=0.0))
 
 
-Follow = Callable[[ArrayLike, Mapping[str, ArrayLike], ArrayLike], tuple[Report, Array]]
+Follow = Callable[[ArrayLike, Mapping[str, ArrayLike], ArrayLike], tuple[Report, Recorder]]
 
 
-def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> Forecast:
+def forecast(simulator: CableView, record_along: Follow, plan: Plan, every: float) -> Forecast:
     """Advance a simulator along a plan; see `Simulator.forecast`.
 
     Args:
-        follow: the simulator's method of that name.
+        record_along: the simulator's method of that name.
         every: time between two shapes [s].
 
     Raises:
@@ -105,15 +106,16 @@ def forecast(simulator: CableView, follow: Follow, plan: Plan, every: float) -> 
         raise ValueError(f"every: {every:g} s; give one above 0 s, up to the {times[-1]:g} s")
     samples = every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)
     now, scene = simulator.time, simulator.scene
-    report, points = follow(now + times, poses, np.minimum(now + samples, now + times[-1]))
+    report, recorder = record_along(now + times, poses, np.minimum(now + samples, now + times[-1]))
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
-    knots, place = simulator.model.knots, points[:, :, :3]
+    knots, place = simulator.model.knots, recorder.points[:, :, :3]
     shape, cable = strain(knots, u), scene.cable
     return Forecast(
-        times=samples[: len(points)],
-        control_points=points,
+        times=samples[: recorder.count],
+        control_points=recorder.control_points,
         u=u,
-        centerline=bspline.evaluate(np.eye(simulator.model.n), knots, u) @ place,
+        centerline=bspline.evaluate(np.eye(simulator.model.n), knots, u) @ place
+        + simulator.model.origin,
         curvature=shape.curvature(place),
         tension=None if scene.without_tension else shape.tension(place, cable.EA, cable.EI),
         report=report,

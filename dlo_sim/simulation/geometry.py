@@ -40,6 +40,22 @@ class Geometry:
 
 
 Geometries = Mapping[str, Geometry]
+GRID = 1024.0  # [m]; a power of two, so that subtracting a multiple does not round
+
+
+def origin_of(geometries: Geometries) -> Array:
+    """Origin of the cable's coordinates in the world [m], shape (3,): zero unless the start is
+    farther away than GRID / 2. Far from it, rounded coordinates would stretch a cable.
+    """
+    return np.asarray(GRID * np.round(geometries["start"].attachment / GRID) + 0.0)
+
+
+def moved(geometries: Geometries, way: Array) -> dict[str, Geometry]:
+    """The geometries, moved by a vector (3,) [m]."""
+    return {
+        name: replace(one, position=one.position + way, attachment=one.attachment + way)
+        for name, one in geometries.items()
+    }
 
 
 def known_holder(scene: Scene, name: object) -> str:

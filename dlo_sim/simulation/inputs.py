@@ -78,15 +78,10 @@ class CableInputs(CableView):
         Raises:
             TypeError, ValueError: no end, or not a pose.
         """
-        before = self._ends.state_of(end)
-        self._ends.place(end, self.time, position, orientation, tangent)
-        # What the jump brings in begins where the end was: its springs do work on the way.
-        needs, after = self._needs_moved(end), self._ends.state_of(end)
-        self._ends.set_state(end, before)
-        self._extend(needs)
-        self._ends.set_state(end, after)
-        self._natural_shape_moves()
-        self._stepper.jump(self.cable, self._ends, self.time)
+        if position is not None:
+            place = arguments.numbers(f"position of {end}", position, (3,), "m")
+            position = place - self.model.origin
+        self._put_end(end, position, orientation, tangent)
 
     def set_motion(self, end: str, motion: EndMotion) -> None:
         """Let an end effector follow a motion; afterwards it rests at its last pose.
@@ -99,7 +94,8 @@ class CableInputs(CableView):
         Raises:
             TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
         """
-        self._ends.check_motion(end, self.time, motion, self.step)
+        self._ends.check_motion(end, self.time, motion, self.step, self.model.origin)
+        motion = motion.moved(-self.model.origin)
         if not self._ends.follow_later(end, self.time, motion):
             self._ends.follow(end, self.time, motion)
         self._extend(self._needs_moved(end))
@@ -117,7 +113,7 @@ class CableInputs(CableView):
         """
         if inextensible(self.scene):
             raise ValueError("correct: breaks the constraints of rattle; use energy_momentum")
-        points, rates, cable = self.control_points, self.velocities, self.cable
+        points, rates, cable = self.cable.points, self.velocities, self.cable
         shape = len(points), 3
         points[:, :3] += arguments.numbers("shift", shift, shape, "m")
         rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
@@ -168,13 +164,13 @@ class CableInputs(CableView):
         if not -1.0 <= share <= 1.0:
             raise ValueError(f"at: needs a number from 0 to 1, or below for nearest, got {share!r}")
         u = share * self.scene.cable.length
-        position, orientation = self.end_pose(grasp)
+        position, orientation = self._ends.pose(grasp, self.time)
         if share < 0.0:
             places = np.linspace(0.0, self.scene.cable.length, NEAREST)
-            away = np.linalg.norm(self.centerline(places) - position, axis=1)
+            away = np.linalg.norm(self.centerline(places) - self.model.origin - position, axis=1)
             u = float(places[np.argmin(away)])
         columns, values, slopes = self._basis(np.array([u]))
-        points = self.control_points[columns[0], :3]
+        points = self.cable.points[columns[0], :3]
         tangent = slopes[0] @ points
         tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
         tangent /= np.linalg.norm(tangent)
@@ -193,6 +189,24 @@ class CableInputs(CableView):
 
     # -- inside ---------------------------------------------------------------------------------
 
+    def _put_end(
+        self,
+        end: str,
+        position: ArrayLike | None,
+        orientation: ArrayLike | None,
+        tangent: ArrayLike | None = None,
+    ) -> None:
+        """`set_end` to a position in the cable's coordinates."""
+        before = self._ends.state_of(end)
+        self._ends.place(end, self.time, position, orientation, tangent)
+        # What the jump brings in begins where the end was: its springs do work on the way.
+        needs, after = self._needs_moved(end), self._ends.state_of(end)
+        self._ends.set_state(end, before)
+        self._extend(needs)
+        self._ends.set_state(end, after)
+        self._natural_shape_moves()
+        self._stepper.jump(self.cable, self._ends, self.time)
+
     def _fill_inputs(self) -> None:
         """Loads, motions, anchors and natural shape of the scene in the arrays of the cable."""
         cable, model = self.cable, self.model
@@ -201,7 +215,7 @@ class CableInputs(CableView):
                 row[:3], row[3:6] = np.array(load.force)[:, None], np.array(load.torque)[:, None]
             row[6] = load.frequency if load.signal == "sine" else 0.0
         self._ends.live_in(cable.motion)
-        self._pull_to_grasps()
+        self._ends.pull_springs(self.cable, self.time)
         cable.point_grasps(self.time if self._steps else 0.0)
         self._natural = np.zeros((*model.rule.xi.shape, layout.NATURAL_ROWS))
         if has_natural_shape(self.scene, model):
@@ -212,18 +226,6 @@ class CableInputs(CableView):
             self._turning = to_blocks(rows.reshape(len(rows), -1))
             model.put_samples(cable.state, layout.NATURAL, turned_rows(rows, self._turn_of_start))
             between_steps.turn_natural.load()  # a tick must not have to compile it
-
-    def _pull_to_grasps(self) -> None:
-        """Let the springs pull to where the grasps are."""
-        cable, model = self.cable, self.model
-        for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
-            name = list(self._geometries)[spring.grasp]
-            target = self._ends.place_at(name, self.time)
-            if spring.tangent:
-                target = self._ends.tangent(name, self.time)
-            anchor[:] = target[model.columns[spring.line]]
-        booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
-        booked[:] = cable.anchors
 
     def _needs_moved(self, end: str) -> Needs:
         """What a moved end needs: the drive itself, the third coordinate, twist."""
@@ -290,7 +292,9 @@ class CableInputs(CableView):
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
         self._needs = needs
-        self.cable = Cable.new(build_model(self.scene, needs, self._geometries))
+        self.cable = Cable.new(
+            build_model(self.scene, needs, self._geometries, origin=self._origin)
+        )
         self._fill_inputs()
         self._loop = GuardedLoop(self.cable, self._stepper)
 
@@ -304,7 +308,7 @@ class CableInputs(CableView):
 
     def _replace(self, needs: Needs, geometries: Geometries) -> None:
         """Continue with other needs or grasps from the present state."""
-        points, rates = self.control_points, self.velocities
+        points, rates = self.cable.points, self.velocities
         self._ends.take_frame_turns(self.cable.frame_turn)
         old, ledger = self.cable, self.cable.ledger.copy()
         self._geometries = geometries
@@ -323,7 +327,7 @@ class CableInputs(CableView):
         before = self.cable.present_energy()
         self._ends.hold(grasp, geometry)
         if geometry.u is not None:
-            angle = self._angle_at(geometry.u, self.control_points)
+            angle = self._angle_at(geometry.u, self.cable.points)
             self._ends.count_from(grasp, self.time, angle)
         self._replace(self._needs, geometries)
         self.cable.ledger[layout.DRIVE_WORK] += self.cable.present_energy() - before

@@ -39,6 +39,8 @@ class Model:
             shape (n - 3,).
         rest: constant coordinate of planar motion [m] in its component, zero in the others, shape
             (3,).
+        origin: of the cable's coordinates in the world [m], shape (3,) (`geometry.origin_of`). All
+            positions in the arrays are relative to it.
     """
 
     shape: Table
@@ -53,6 +55,7 @@ class Model:
     axial_stiffness: float
     bending_stiffness: Array
     rest: Array
+    origin: Array
 
     @property
     def n(self) -> int:
@@ -102,6 +105,12 @@ class Model:
             out[:] = self.blank
         for line, column in enumerate(self.columns):
             out[..., column] = lines[..., line, :]
+        return out
+
+    def in_world(self, columns: Array) -> Array:
+        """Control points (..., n, 4) of the cable's coordinates in the world, a copy."""
+        out = columns.copy()
+        out[..., :3] += self.origin
         return out
 
     def to_lines(self, columns: Array) -> Array:

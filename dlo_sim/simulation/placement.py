@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -15,7 +14,7 @@ from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
-from dlo_sim.simulation import equilibrium, statics
+from dlo_sim.simulation import statics
 from dlo_sim.simulation.build_model import build_model, grading
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
@@ -56,13 +55,13 @@ def place(
     if resting and constrained:
         _relax_elastic(scene, geometries, cable)
     elif resting:
-        _relax(scene, ends, cable, lay)
+        statics.find(scene, geometries, ends, cable, lay)
     if constrained and not rattle.to_rest_length(cable.arrays):
         raise SceneError(
             "integrator.method: rattle keeps the cable at its length, which does not fit between "
             "its ends; move the ends or use energy_momentum and terms.stretch auto"
         )
-    if constrained and resting and not equilibrium.of_inextensible(scene, ends, cable, lay):
+    if constrained and resting and not statics.find_inextensible(scene, ends, cable, lay):
         raise SceneError(
             "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
             "control points, or energy_momentum"
@@ -74,29 +73,6 @@ def place(
     cable.put(points, np.zeros_like(points))
 
 
-def _relax(scene: Scene, ends: EndDrive, cable: Cable, lay: Callable[[], None] | None) -> None:
-    """Put an extensible cable into equilibrium.
-
-    Raises:
-        SceneError: none was found.
-    """
-    if not equilibrium.of_shape(cable, lay):
-        raise SceneError(
-            "initial.shape: no equilibrium found from the first guess; use straight, more control "
-            "points or discretization.stretch sample, or check the ends' positions, tangents and "
-            "the stiffness"
-        )
-    if not lay or not cable.model.has(layout.MATERIAL):
-        statics.relax_twist(cable)
-    elif not equilibrium.with_twist(scene, ends, cable, lay):
-        warnings.warn(
-            "initial.shape: the search for the twist that the natural shape causes did not "
-            "converge; the cable moves after the start: let it come to rest, or check "
-            "cable.shear_modulus",
-            stacklevel=2,
-        )
-
-
 def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:
     """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung out."""
     if not model.has(layout.CONTACT):
@@ -104,7 +80,7 @@ def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:
     u = np.linspace(0.0, scene.cable.length, PLACES)
     line = bspline.evaluate(points, model.knots, u)
     for obstacle in scene.obstacles:
-        depth = -(line - np.array(obstacle.position)) @ np.array(obstacle.normal)
+        depth = -(line + model.origin - np.array(obstacle.position)) @ np.array(obstacle.normal)
         worst = int(np.argmax(depth))
         if depth[worst] > scene.cable.diameter:
             raise SceneError(
@@ -127,7 +103,9 @@ def wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
 def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
     """Equilibrium with the true axial stiffness, close to that of the inextensible cable."""
     elastic = scene.with_values({"integrator.method": "energy_momentum", "terms.stretch": "auto"})
-    twin = Cable.new(build_model(elastic, needs_of(elastic), geometries, grading(scene)))
+    twin = Cable.new(
+        build_model(elastic, needs_of(elastic), geometries, grading(scene), cable.model.origin)
+    )
     twin.inputs[:] = cable.inputs
     twin.point_grasps(0.0)
     if twin.anchors.size:

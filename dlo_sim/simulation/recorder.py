@@ -57,6 +57,11 @@ class Recorder:
         return taken[:, :, layout.MARGIN : layout.MARGIN + self.model.n]
 
     @property
-    def control_points(self) -> Array:
-        """x, y, z [m] and theta [rad] of the samples taken, shape (count, n, 4)."""
+    def points(self) -> Array:
+        """Control points of the samples taken in the cable's coordinates, shape (count, n, 4)."""
         return self.model.to_columns(self.lines)
+
+    @property
+    def control_points(self) -> Array:
+        """x, y, z [m] and theta [rad] of the samples taken, world frame, shape (count, n, 4)."""
+        return self.model.in_world(self.points)

@@ -145,14 +145,14 @@ def record_simulator(
     count, control_points = recorder.count, recorder.control_points
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
-    shape, points = strain(simulator.model.knots, u), control_points[:, :, :3]
+    shape, points = strain(simulator.model.knots, u), recorder.points[:, :, :3]
     cable, known = scene.cable, not scene.without_tension
     error, why = simulator.energy_error, estimate.largest.unknown if estimate else ""
     unknown = (f"the position error is unknown: {why}",) if why else ()
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
-        centerline=basis @ points,
+        centerline=basis @ points + simulator.model.origin,
         centerline_u=u,
         tension=shape.tension(points, cable.EA, cable.EI) if known else None,
         curvature=shape.curvature(points),

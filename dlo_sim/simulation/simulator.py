@@ -24,7 +24,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive, Waiting
 from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
-from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of
+from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of, moved, origin_of
 from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inputs import CableInputs
 from dlo_sim.simulation.placement import place
@@ -41,7 +41,9 @@ CHUNK = 4096  # steps of a long advance after which the state is kept in case of
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything that `Simulator.restore` needs to continue bit for bit."""
+    """Everything that `Simulator.restore` needs to continue bit for bit. State, inputs and
+    geometries are relative to `origin`, shape (3,) [m].
+    """
 
     scene: Scene
     steps: int
@@ -50,6 +52,7 @@ class Snapshot:
     state: Array
     inputs: Array
     geometries: Geometries
+    origin: Array
     waiting: Waiting = field(default_factory=dict)
 
 
@@ -81,8 +84,10 @@ class Simulator(CableInputs):
         optional_terms.check_terms(scene, needs)
         check_named_method(scene)
         self._needs = needs
-        self._geometries: Geometries = geometries_of(scene, end_poses)
-        model = build_model(scene, needs, self._geometries)
+        geometries = geometries_of(scene, end_poses)
+        self._origin = origin_of(geometries)
+        self._geometries: Geometries = moved(geometries, -self._origin)
+        model = build_model(scene, needs, self._geometries, origin=self._origin)
         self.cable = Cable.new(model)
         self._greville = bspline.greville(model.knots)
         self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
@@ -199,10 +204,11 @@ class Simulator(CableInputs):
                 )
         stamps, grid = following.checked_times(times, self._steps, self.step)
         wanted = following.checked_samples(samples, self.time, stamps[-1])
-        rows = {name: self.path(name, given, len(stamps)) for name, given in poses.items()}
+        away = np.append(self._origin, np.zeros(4))
+        rows = {name: self.path(name, given, len(stamps)) - away for name, given in poses.items()}
         paths = {name: following.on_grid(grid, stamps, given) for name, given in rows.items()}
         for name, path in paths.items():
-            self.set_end(name, path[0, :3], path[0, 3:])
+            self._put_end(name, path[0, :3], path[0, 3:])
             self._extend(self._needs_along(name, path))
         cable = self.cable  # after set_end, which may have activated more terms
         recorder = Recorder(self.model, wanted)
@@ -228,7 +234,7 @@ class Simulator(CableInputs):
             TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
         """
         future = deepcopy(self)
-        return forecast(future, future.follow, plan, every)
+        return forecast(future, future.record_along, plan, every)
 
     def snapshot(self) -> Snapshot:
         """The present state, from which `restore` continues bit for bit."""
@@ -240,6 +246,7 @@ class Simulator(CableInputs):
             self.cable.state.copy(),
             self.cable.inputs.copy(),
             self._geometries,
+            self._origin,
             self._ends.waiting,
         )
 
@@ -255,7 +262,7 @@ class Simulator(CableInputs):
         self._steps = snapshot.steps
         self._remainder = snapshot.remainder
         if snapshot.needs != self._needs or snapshot.geometries is not self._geometries:
-            self._geometries = snapshot.geometries
+            self._geometries, self._origin = snapshot.geometries, snapshot.origin
             self._rebuild(snapshot.needs)
         self._needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
@@ -275,6 +282,12 @@ class Simulator(CableInputs):
             TypeError: not numbers. ValueError: another shape, not finite, a coordinate differs that
                 the scene does not simulate, or the energy is not finite.
         """
+        place = arguments.numbers("control points", points, (self.model.n, 4)).copy()
+        place[:, :3] -= self._origin
+        self._begin(place, rates)
+
+    def _begin(self, points: ArrayLike, rates: ArrayLike | None) -> None:
+        """`start_from` control points in the cable's coordinates."""
         place = self.model.own_columns("control points", points)
         speed = np.zeros_like(place)
         if rates is not None:
@@ -286,18 +299,18 @@ class Simulator(CableInputs):
         self.cable.put(place, speed, 0.0)
         if self._lays_natural_shape:
             self._lay_natural_shape()
-        moved = np.abs(self.control_points - given).max()
+        shifted = np.abs(self.cable.points - given).max()
         self.cable.open_account(self.scene)
         if not math.isfinite(self.cable.entry(layout.ENERGY_START)):
             self.restore(before)
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
         self._steps, self._remainder = 0, 0.0
         self._initial = self.snapshot()
-        if moved > 1e-9 * self.scene.cable.length:
+        if shifted > 1e-9 * self.scene.cable.length:
             warnings.warn(
                 "control points: those held by the ends differ from the held poses by "
-                f"{moved:.3g} m (or rad) and were moved back; start from `control_points`, or move "
-                "the ends with set_end first",
+                f"{shifted:.3g} m (or rad) and were moved back; start from `control_points`, or "
+                "move the ends with set_end first",
                 stacklevel=2,
             )
 
@@ -328,7 +341,7 @@ class Simulator(CableInputs):
         given = points, times, coordinates
         place, rates = cable_through(self.scene, self._ends, self._geometries, self.model, *given)
         twist = self.control_points[:, 3:]
-        self.start_from(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
+        self._begin(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends.
@@ -354,13 +367,15 @@ class Simulator(CableInputs):
         same ends, grasps and loads. Call it only before the first step.
         """
         arguments.instance("other", other, Simulator, "one that runs")
-        points, rates = other.control_points, other.velocities
+        points, rates = other.cable.points, other.velocities
+        way = other._origin - self._origin
+        points[:, :3] += way
         old, new = other.model, self.model
         if not np.array_equal(new.knots, old.knots):
             u = self.greville * (other.scene.cable.length / self.scene.cable.length)
             there = (bspline.evaluate(values, old.knots, u) for values in (points, rates))
             points, rates = (bspline.interpolate(new.knots, values) for values in there)
-        self._ends.take_over(other._ends, other.time, other.cable.frame_turn)
+        self._ends.take_over(other._ends, other.time, other.cable.frame_turn, way)
         if any(self._ends.twists(name) for name in self.scene.holders):
             self._extend(self._needs.with_twist(self.scene))
         taking = self._take_over_grasps(other)
@@ -368,7 +383,7 @@ class Simulator(CableInputs):
             at = self._geometries[name].u
             if at is not None and holder.holds_roll and not other.scene.holders[name].holds_roll:
                 self._ends.count_from(name, 0.0, self._angle_at(at, points))
-        self._pull_to_grasps()
+        self._ends.pull_springs(self.cable, self.time)
         self._ends.put(points, 0.0)
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
@@ -401,8 +416,9 @@ class Simulator(CableInputs):
         names of the grasps that still have to take the cable.
         """
         held, taking = dict(self._geometries), []
+        theirs = moved(other._geometries, other._origin - self._origin)
         for grasp in self.scene.grasps:
-            name, before = grasp.name, other._geometries[grasp.name]
+            name, before = grasp.name, theirs[grasp.name]
             if grasp.taken and before.u is not None and grasp.at == other.scene.grasp(name).at:
                 longer = self.scene.cable.length / other.scene.cable.length
                 held[name] = replace(before, u=before.u * longer)

@@ -147,8 +147,11 @@ def cable_through(
     times: ArrayLike | None,
     coordinates: ArrayLike | None,
 ) -> tuple[Array, Array]:
-    """Control points [m] and velocities [m/s], each (n, 3); see `Simulator.start_from_points`."""
+    """Control points [m], in the cable's coordinates, and velocities [m/s], each (n, 3), through
+    points in the world; see `Simulator.start_from_points`.
+    """
     frames, stamps = _frames(points, times)
+    frames = frames - model.origin
     spline = _Spline(scene, ends, geometries, model.knots)
     curve, rates = _fitted(spline, scene, frames, stamps, coordinates)
     across = [axis for axis in range(3) if axis not in model.axes]

@@ -1,5 +1,11 @@
 """Static equilibrium of a scene, for its first shape.
 
+`find` starts where the ends are easy to reach: on a sagging arc between ends not nearer than EASY
+of the length of cable between them, on the way from the straight cable to where the scene has them.
+It then moves and turns the ends along that way, in steps that adapt themselves. So the shape is the
+one that grippers reach which move together from the straight cable, where there are several. The
+cable is at rest under its loads after every step of the way.
+
 The cable descends from its first guess by backward Euler steps of the gradient flow,
     M (q1 - q0) / s = f(q1),
 whose pseudo-time s grows as long as Newton's method converges, so that the descent ends in Newton's
@@ -11,20 +17,40 @@ plain Newton method then crawls. So the tension of the tangent matrix is not the
 shape but the one that the linear system itself predicted (the mixed iteration of Magisano, Leonetti
 & Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and the same solution,
 found in a handful of iterations whatever the stiffness.
+
+Twist and shape are solved for in turn, or else by steps in time (`dynamic_relaxation`), as are the
+shapes of inextensible cables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline, mass
+from dlo_sim.core import bspline, mass, rotations
+from dlo_sim.core.methods import METHODS
 from dlo_sim.engine import layout
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.dynamic_relaxation import relative_movement, relax_in_time
+from dlo_sim.simulation.ends import EndDrive
+from dlo_sim.simulation.frequency import largest_frequency
+from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
+from dlo_sim.simulation.stepper import loop_of
 
 Array = NDArray[np.float64]
+Lay = Callable[[], None]
+
+EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
+STEPS = 2  # from there, unless more are needed
+LEAST_STEP = 1e-3  # of the way
+ROUGH = 1e-3  # of the length, movement that counts as rest on the way
 
 MAX_STEPS = 400
 MAX_ITERATIONS = 12
@@ -34,14 +60,237 @@ FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
+CUSP = 0.4  # local strain beyond that of the tension from which a shape is none of a cable
+
+SHARE_OF_TIME = 0.01  # step of the relaxation in time, relative to `_time_scale`
+LONGEST = 1.0  # [s], time scale of a cable without weight or stiffness
+EXTENSIBLE = 1e-8, 5_000  # tolerance and most steps of `relax_in_time`
+INEXTENSIBLE = 1e-7, 40_000
+MAX_ALTERNATIONS = 30
+CONTRACTION = 0.7  # of the movement by one alternation, or they are given up
+SETTLED = 1e-9  # movement by an alternation, relative to the length or 1 rad
 
 
-def relax(cable: Cable, after_step: Callable[[], None] | None = None) -> bool:
+def find(
+    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
+) -> None:
+    """Put an extensible cable into equilibrium, with its twist. `lay` aligns the natural shape with
+    the present shape and lets plastic flow follow; None if there is neither.
+
+    Where the twist is not found, the cable is only placed close to rest, with a UserWarning.
+
+    Raises:
+        SceneError: none was found.
+    """
+    way = _Way(scene, geometries, ends, cable, lay)
+    if not any(way.follow(begin) for begin in way.beginnings()):
+        raise SceneError(_cause(scene, way))
+    if not cable.model.has(layout.BISHOP):
+        relax_twist(cable)
+    elif not _with_twist(scene, ends, cable, lay):
+        warnings.warn(
+            "initial.shape: the search for the twist that acts on the shape did not converge; the "
+            "cable moves after the start: let it come to rest, or check cable.shear_modulus",
+            stacklevel=2,
+        )
+
+
+def find_inextensible(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
+    """Whether a cable of constant length came to rest by steps in time."""
+    step = min(0.5 / max(largest_frequency(scene, cable), 1e-3), 5e-3)
+    loop = loop_of(METHODS["rattle"], scene)
+    return relax_in_time(cable, loop, step, lambda: _stop(scene, ends, cable, lay), *INEXTENSIBLE)
+
+
+class _Way:
+    """The way of everything that holds the cable, from where it is straight and unstressed (share
+    0) to where the scene has it (share 1): positions move straight, tangents turn the shortest way.
+
+    The straight cable points from the first to the last held point; if they coincide, as the
+    tangents do on average; if only one point is held, along gravity.
+    """
+
+    def __init__(
+        self, scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
+    ) -> None:
+        self._scene, self._ends, self._cable, self._lay = scene, ends, cable, lay
+        self._geometries = geometries
+        self._places = held_places(scene, geometries)
+        self._u = np.array([u for u, _ in self._places])
+        held = {name: geo for name, geo in geometries.items() if geo.u is not None}
+        direction = self._direction()
+        at = np.array([geo.attachment for _, geo in self._places])
+        line = np.outer(self._u, direction)
+        self._back = line - line.mean(axis=0) - (at - at.mean(axis=0))  # from share 1 to share 0
+        self._turns = {
+            name: self._turn(direction, rotations.rotate(geo.orientation, geo.tangent))
+            for name, geo in held.items()
+        }
+
+    def _direction(self) -> Array:
+        length, (_, first), (_, last) = self._scene.cable.length, self._places[0], self._places[-1]
+        along = [rotations.rotate(geo.orientation, geo.tangent) for _, geo in self._places]
+        tangents = np.sum(along, axis=0)
+        gravity = np.array(self._scene.gravity)
+        choices = [last.attachment - first.attachment, tangents, gravity, np.array([1.0, 0.0, 0.0])]
+        if len(self._places) == 1:
+            choices = choices[2:1:-1] + choices[1:2]
+        for choice in choices:
+            size = float(np.linalg.norm(choice))
+            if size > 1e-6 * length:
+                return np.asarray(choice / size)
+        return choices[-1]
+
+    def _turn(self, direction: Array, tangent: Array) -> Array:
+        """Rotation vector from the direction of the straight cable to a tangent. Opposite ones turn
+        in the plane of the motion, or in the vertical one.
+        """
+        axis = np.cross(direction, tangent)
+        angle = float(np.arctan2(np.linalg.norm(axis), direction @ tangent))
+        if np.linalg.norm(axis) < 1e-9:
+            missing = [k for k in range(3) if k not in self._cable.model.axes]
+            least = np.eye(3)[np.argmin(np.abs(direction))]
+            axis = np.eye(3)[missing[0]] if missing else np.cross(self._scene.gravity, direction)
+            if np.linalg.norm(axis) < 1e-9:
+                axis = np.cross(direction, least)
+        return np.asarray(axis * (angle / np.linalg.norm(axis)))
+
+    def beginnings(self) -> Iterator[float]:
+        """Shares of the way from which to search: the farthest that is easy, then the straight
+        cable.
+        """
+        share = 1.0
+        for k, ((begin, one), (end, other)) in enumerate(pairwise(self._places)):
+            gap, back = other.attachment - one.attachment, self._back[k + 1] - self._back[k]
+            # |gap + (1 - share) back| = EASY (end - begin)
+            a, b = back @ back, gap @ back
+            c = gap @ gap - (EASY * (end - begin)) ** 2
+            if c < 0.0:
+                share = min(share, 1.0 - float((np.sqrt(b * b - a * c) - b) / a))
+        yield share
+        yield 0.0
+
+    def follow(self, begin: float) -> bool:
+        """Whether the search from a share of the way on ended in equilibrium."""
+        points = np.zeros((self._cable.model.n, 4))
+        knots = self._cable.model.knots
+        points[:, :3] = first_shape(self._scene, self._at(begin), knots)
+        self._put(points, begin, anew=True)
+        if not self._rests(begin):
+            self._place(1.0)
+            return False
+        share, step = begin, (1.0 - begin) / STEPS
+        path = [(share, self._cable.points)]
+        while share < 1.0:
+            there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
+            before = self._cable.state.copy()
+            self._put(self._predicted(path, there), there)
+            if self._rests(there):
+                path = [path[-1], (there, self._cable.points)]
+                share = there
+                continue
+            self._cable.state[:] = before
+            path, step = path[-1:], 0.4 * step
+            if step < LEAST_STEP:
+                self._place(1.0)
+                return False
+        return True
+
+    def _predicted(self, path: list[tuple[float, Array]], share: float) -> Array:
+        """Control points at a share of the way: a line through the last two, or the last shape with
+        the displacement of the held points interpolated along the cable.
+        """
+        (last, shape), (former, earlier) = path[-1], path[0]
+        points = shape.copy()
+        if former < last:
+            points += (share - last) / (last - former) * (shape - earlier)
+        else:
+            u = bspline.greville(self._cable.model.knots)
+            for axis in range(3):
+                points[:, axis] -= (share - last) * np.interp(u, self._u, self._back[:, axis])
+        return points
+
+    def _at(self, share: float) -> Geometries:
+        """What holds the cable at a share of the way."""
+        moved = dict(self._geometries)
+        back = {geo.u: way for (_, geo), way in zip(self._places, self._back, strict=True)}
+        for name, turn in self._turns.items() if share < 1.0 else ():
+            geo = self._geometries[name]
+            orientation = rotations.multiply(
+                rotations.from_rotation_vector((share - 1.0) * turn), geo.orientation
+            )
+            shift = (1.0 - share) * back.get(geo.u, np.zeros(3))
+            arm = rotations.rotate(
+                rotations.conjugate(geo.orientation), geo.attachment - geo.position
+            )
+            attachment = geo.attachment + shift
+            position = attachment - rotations.rotate(orientation, arm)
+            moved[name] = replace(
+                geo, position=position, orientation=orientation, attachment=attachment
+            )
+        return moved
+
+    def _place(self, share: float) -> None:
+        """Put what holds the cable at a share of the way."""
+        for name, geometry in self._at(share).items():
+            self._ends.rest_at(name, geometry.position, geometry.orientation)
+        self._cable.motion[:] = self._ends.motion
+        self._ends.pull_springs(self._cable, 0.0)
+        self._cable.point_grasps(0.0)
+
+    def _put(self, points: Array, share: float, anew: bool = False) -> None:
+        """Put the cable at rest at a share of the way."""
+        self._place(share)
+        self._ends.put(points, 0.0, anew)
+        self._cable.put(points, np.zeros_like(points), 0.0, follow=self._lay is None)
+        if self._lay:
+            self._lay()
+
+    def _rests(self, share: float) -> bool:
+        """Whether an equilibrium was found for the twist as it is, with plastic flow up to it
+        (`relax_with_flow`) at the end of the way.
+        """
+        if share < 1.0:
+            found = relax(self._cable, rest=ROUGH)
+        else:
+            found = _relax_with_flow(self._cable, self._lay)
+        return found
+
+
+def _cause(scene: Scene, way: _Way) -> str:
+    """Why no equilibrium was found, in a line."""
+    return "initial.shape: no equilibrium found; use straight"
+
+
+def _relax_with_flow(cable: Cable, lay: Lay | None) -> bool:
+    """Whether an equilibrium was found for the twist as it is, with plastic flow up to it. Where
+    the search with flow fails, as for stiff wires, with the flow up to the first guess and a
+    UserWarning.
+    """
+    begin = cable.state.copy()
+    flow = _flow(cable, lay)
+    if relax(cable, flow):
+        return True
+    cable.state[:] = begin
+    if flow is None or not relax(cable):
+        return False
+    warnings.warn(
+        "initial.shape: the search with plastic flow did not converge; the cable moves after the "
+        "start: let it come to rest, or raise plasticity.hardening",
+        stacklevel=2,
+    )
+    return True
+
+
+def relax(
+    cable: Cable, after_step: Callable[[], None] | None = None, rest: float = TOLERANCE
+) -> bool:
     """Move a cable to a nearby stable equilibrium at rest; true if it was reached.
 
     Damping plays no part, and sine loads are at their value at time zero. The twist stays as
     it is: `relax_twist` solves for it. `after_step` may change the natural and plastic curvature
     after each step of the search, which then converges linearly.
+    `rest` is the movement of a step [of the length] that counts as rest.
     """
     search = _Search(cable)
     cable.w[:] = 0.0
@@ -51,7 +300,7 @@ def relax(cable: Cable, after_step: Callable[[], None] | None = None) -> bool:
     progress = SLOW if after_step else FAST
     for _ in range(MAX_STEPS):
         iterations, moved = search.step(pseudo)
-        if iterations == 0 and last_move < TOLERANCE and not nudged:
+        if iterations == 0 and last_move < rest and not nudged:
             # At rest, yet not stable: a symmetric shape may be the top of a ridge.
             search.nudge()
             nudged, ceiling, smooth = True, np.inf, 0
@@ -66,7 +315,7 @@ def relax(cable: Cable, after_step: Callable[[], None] | None = None) -> bool:
         if pseudo >= search.patient:
             stuck = 0 if moved < progress * least else stuck + 1
             least = min(least, moved)
-            if moved < TOLERANCE or (moved < ROUND_OFF and stuck >= PATIENCE):
+            if moved < rest or (moved < ROUND_OFF and stuck >= PATIENCE):
                 return True
         pseudo *= 10.0 if iterations <= 4 else 2.0 if iterations <= 7 else 0.7
         smooth += 1
@@ -89,6 +338,74 @@ def relax_twist(cable: Cable) -> bool:
     stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
     cable.x[-1][free] += np.linalg.solve(stiffness, cable.forces()[-1][free])
     return True
+
+
+def _with_twist(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
+    """Whether shape and twist that acts on the shape are in
+    equilibrium together: found by solving for them in turn, or else by steps in time. Where both
+    fail, the cable has the shape of the last search that succeeded.
+    """
+    before = cable.state.copy()
+    if _in_turn(ends, cable, lay):
+        return True
+    alternated = cable.state.copy()
+    cable.state[:] = before
+    loop = loop_of(METHODS["energy_momentum"], scene)
+    step = SHARE_OF_TIME * _time_scale(scene)
+    if relax_in_time(cable, loop, step, lambda: _stop(scene, ends, cable, lay), *EXTENSIBLE):
+        return True
+    cable.state[:] = alternated
+    return False
+
+
+def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
+    """Solve in turn for the twist and for the shape; whether that converged. The state is that of
+    the last search that succeeded.
+    """
+    last, found = np.inf, cable.state.copy()
+    for _ in range(MAX_ALTERNATIONS):
+        before = cable.x.copy()
+        if not relax_twist(cable):
+            return False
+        _put(ends, cable, lay)
+        if not relax(cable, _flow(cable, lay)):
+            break
+        moved = relative_movement(cable, before)
+        if moved < SETTLED:
+            return True
+        if moved > CONTRACTION * last:
+            break
+        last, found = moved, cable.state.copy()
+    cable.state[:] = found
+    return False
+
+
+def _flow(cable: Cable, lay: Lay | None) -> Lay | None:
+    """What a search does after each step."""
+    return lay if cable.model.has(layout.PLASTICITY) else None
+
+
+def _put(ends: EndDrive, cable: Cable, lay: Lay | None) -> None:
+    """Put the cable at rest, with its ends where they are held."""
+    points = cable.points
+    ends.put(points, 0.0)
+    cable.put(points, np.zeros_like(points))
+    if lay:
+        lay()
+
+
+def _stop(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> None:
+    """Take the velocity away, and open a new energy account."""
+    _put(ends, cable, lay)
+    cable.open_account(scene)
+
+
+def _time_scale(scene: Scene) -> float:
+    """1 / hypot of the rates sqrt(g / L) and sqrt(EI / mu) / L^2 [s], at most LONGEST."""
+    cable = scene.cable
+    bending = np.sqrt(cable.EI / cable.mu) / cable.length**2
+    swinging = np.sqrt(float(np.linalg.norm(scene.gravity)) / cable.length)
+    return 1.0 / max(float(np.hypot(bending, swinging)), 1.0 / LONGEST)
 
 
 class _Search:
@@ -156,6 +473,12 @@ class _Search:
                 return iteration, float(moved / self._length)
         x[:] = before
         return 0, 0.0
+
+    def local_strain(self) -> float:
+        """Largest local strain beyond the one that counts, the cause of the tension."""
+        tangents = self._tangents()
+        strain = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents)) - 1.0
+        return float(np.abs(strain - self._counted(strain)).max())
 
     def nudge(self) -> None:
         """Move the spatial lines by a little that has no symmetry."""

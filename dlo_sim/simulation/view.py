@@ -40,7 +40,8 @@ class CableView:
     choice: Choice
     _needs: Needs
     _ends: EndDrive
-    _geometries: Geometries
+    _geometries: Geometries  # relative to the origin
+    _origin: Array  # in the world, as of the model
     _stepper: Stepper
     _steps: int
     _greville: Array
@@ -97,7 +98,7 @@ class CableView:
     @property
     def control_points(self) -> Array:
         """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
-        return self.cable.points
+        return self.model.in_world(self.cable.points)
 
     @property
     def velocities(self) -> Array:
@@ -116,8 +117,8 @@ class CableView:
             TypeError, ValueError: not such numbers.
         """
         columns, values, _ = self._basis(_coordinates(u))
-        points = self.control_points[:, :3].take(columns, axis=0)
-        return np.einsum("mk,mkd->md", values, points)
+        points = self.cable.points[:, :3].take(columns, axis=0)
+        return np.einsum("mk,mkd->md", values, points) + self.model.origin
 
     def tension(self, u: ArrayLike) -> Array:
         """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
@@ -130,7 +131,7 @@ class CableView:
         if self.scene.without_tension:
             raise ValueError(f"tension: {self.scene.without_tension}")
         shape, cable = strain(self.model.knots, _coordinates(u)), self.scene.cable
-        return shape.tension(self.control_points[:, :3], cable.EA, cable.EI)
+        return shape.tension(self.cable.points[:, :3], cable.EA, cable.EI)
 
     def curvature(self, u: ArrayLike) -> Array:
         """Curvature [1/m] at u, shape (len(u),), 0 or more.
@@ -138,7 +139,7 @@ class CableView:
         Raises:
             TypeError, ValueError: as `centerline`.
         """
-        return strain(self.model.knots, _coordinates(u)).curvature(self.control_points[:, :3])
+        return strain(self.model.knots, _coordinates(u)).curvature(self.cable.points[:, :3])
 
     def frames(self, u: ArrayLike) -> Array:
         """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent.
@@ -164,7 +165,7 @@ class CableView:
             raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
         points = self.cable.points
         self._write_poses(points, self._basis(self._greville), out)
-        out[:, :3] = points[:, :3]
+        out[:, :3] = points[:, :3] + self.model.origin
 
     def energy(self) -> Energy:
         """Energies of the present state."""
@@ -218,7 +219,8 @@ class CableView:
 
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
-        return self._ends.pose(end, self.time)
+        position, orientation = self._ends.pose(end, self.time)
+        return position + self.model.origin, orientation
 
     def path(self, name: str, given: ArrayLike, count: int) -> Array:
         """Check poses (count, 7), or pairs of points (count, 2, 3), of an end effector.

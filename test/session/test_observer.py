@@ -166,7 +166,7 @@ def test_nothing_is_there_unless_asked_for():
 def test_messages_that_cannot_be_used_are_refused():
     session = Session(scene(SEEN))
     topic, good = "/dlo_sim/measured", np.zeros((2, 3))
-    far, endless = np.full((2, 3), 1e7), np.array([[0.0, np.inf, 0.0]])
+    far, endless = np.full((2, 3), 1e9), np.array([[0.0, np.inf, 0.0]])
     session.receive(topic, encoded(far, T0, "cloud"), T0)
     session.receive(topic, encoded(endless, T0, "cloud"), T0)
     session.receive(topic, PointCloudEncoder("camera", "xyz", 2).encode(T0, good), T0)

@@ -54,7 +54,7 @@ BAD = {
     "none": ((), "bad_points", "0 points"),
     "coinciding": ((HERE[0], HERE[0]), "bad_points", "0 m apart: they give no direction"),
     "nan": (((math.nan, 0, 0), HERE[1]), "not_finite", "nan"),
-    "far away": (((0, 0, 2e6), HERE[1]), "too_large", "position"),
+    "far away": (((0, 0, 2e8), HERE[1]), "too_large", "position"),
     "spacing": ((HERE[0], 1.2 * HERE[1] - 0.2 * HERE[0]), "bad_points", "pose_spacing is 0.05 m"),
     "exchanged": (HERE[::-1], "bad_points", "turned by 18. degrees .* first nearer to the start"),
 }

@@ -22,7 +22,12 @@ HELD = {
     "loads.names": [],
 }
 CABLE = {key: value for key, value in SOFT.items() if not key.startswith("loads.")} | HELD
-METHODS = {"velocity_verlet": 3e-4, "energy_momentum": 2e-3, "rk4": 3e-4, "generalized_alpha": 2e-3}
+METHODS = {
+    "velocity_verlet": 3e-4,
+    "energy_momentum": 2e-3,
+    "rk4": 3e-4,
+    "generalized_alpha": 1.5e-3,
+}
 TURN = EndMotion(
     start=0.0,
     duration=0.2,

@@ -1,0 +1,161 @@
+"""Starts everyday scenes at rest and judges the shapes.
+
+    python test/simulation/everyday_scenes.py COUNT [SEED]
+
+starts COUNT scenes from SEED (default 0) on, prints how they fared and every scene that went wrong,
+and ends with status 1 if one did.
+"""
+
+import sys
+import time
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dlo_sim.batch.workers import open_workers
+from dlo_sim.core import bspline
+from dlo_sim.scene.loading import SceneError, scene_from_values
+from dlo_sim.simulation.simulator import Simulator
+
+Values = dict[str, Any]
+Rng = np.random.Generator
+
+# Young's modulus [Pa], shear modulus [Pa], density [kg/m^3], EI as a share of the solid section's.
+MATERIALS = {
+    "rope": (1e9, 1e7, 1100.0, 1e-3),
+    "soft cable": (2e6, 7e5, 1150.0, 1.0),
+    "hose": (1e7, 3.5e6, 1200.0, 0.6),
+    "cable": (1.2e8, 4e7, 2500.0, 1.0),
+    "nylon": (2.5e9, 9e8, 1150.0, 1.0),
+    "steel wire": (2e11, 7.9e10, 7800.0, 1.0),
+}
+
+
+def log_uniform(rng: Rng, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def direction(rng: Rng) -> np.ndarray:
+    """A random unit vector."""
+    v = rng.standard_normal(3)
+    return v / np.linalg.norm(v)
+
+
+def turned(rng: Rng, along: np.ndarray, angle: float) -> np.ndarray:
+    """A unit vector at an angle to `along`, towards a random side."""
+    side = np.cross(along, direction(rng))
+    return np.cos(angle) * along + np.sin(angle) * side / np.linalg.norm(side)
+
+
+def draw_scene(seed: int) -> tuple[str, Values]:
+    """Its kind and flat scene values, from a seed alone."""
+    rng = np.random.default_rng(seed)
+    material = str(rng.choice(list(MATERIALS)))
+    modulus, shear, density, share = MATERIALS[material]
+    length = 100.0 if rng.uniform() < 0.04 else log_uniform(rng, 0.1, 3.0)
+    diameter = min(log_uniform(rng, 1e-3, 3e-2), length / 20.0)
+    values: Values = {
+        "cable.length": length,
+        "cable.diameter": diameter,
+        "cable.density": density,
+        "cable.youngs_modulus": modulus,
+        "cable.shear_modulus": shear,
+        "start.clamped": bool(rng.uniform() < 0.9),
+        "initial.shape": "equilibrium",
+    }
+    if share < 1.0:
+        values["cable.bending_stiffness"] = share * modulus * np.pi * diameter**4 / 64.0
+        values["cable.torsional_stiffness"] = share * shear * np.pi * diameter**4 / 32.0
+    if rng.uniform() < 0.2:
+        values["gravity"] = (9.81 * direction(rng)).tolist()
+    start = rng.uniform(-1.0, 1.0, 3)
+    if rng.uniform() < 0.15:
+        start = start + direction(rng) * log_uniform(rng, 1e3, 5e6)
+    way = direction(rng)
+    if rng.uniform() < 0.5:
+        way[2] = 0.1 * way[2]
+        way /= np.linalg.norm(way)
+    most = 0.5 if rng.uniform() < 0.8 else np.pi
+    values["start.position"] = start.tolist()
+    values["start.tangent"] = turned(rng, way, rng.uniform(0.0, most)).tolist()
+    grippers = 1 if rng.uniform() < 0.2 else 2
+    span = rng.uniform(0.02, 1.0)
+    if rng.uniform() < 0.04:
+        span = rng.uniform(1.0, 1.002)
+    values["end.position"] = (start + span * length * way).tolist()
+    if grippers == 1:
+        values |= {"end.fixed": [False] * 3, "start.clamped": True}
+        if rng.uniform() < 0.5:
+            weight = density * np.pi / 4.0 * diameter**2 * length
+            values["end.mass"] = log_uniform(rng, 0.03, 30.0) * weight
+    else:
+        values |= {"end.fixed": [True] * 3, "end.clamped": bool(rng.uniform() < 0.9)}
+        values["end.tangent"] = turned(rng, way, rng.uniform(0.0, most)).tolist()
+    if rng.uniform() < 0.15:
+        values["cable.rest_curvature"] = [rng.uniform(-2.0, 2.0) / length]
+    turn = "turned" if most > 0.5 else "core"
+    return f"{grippers} {material} {turn}", values
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """problem: empty if the shape is right. seconds: of the start."""
+
+    seed: int
+    kind: str
+    problem: str
+    seconds: float
+    points: Any = None
+
+
+def run_seed(seed: int, more: Values | None = None) -> Outcome:
+    """Start the scene of a seed and judge the shape."""
+    kind, values = draw_scene(seed)
+    began = time.process_time()
+    try:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            sim = Simulator(scene_from_values(values | (more or {})))
+    except SceneError as refusal:
+        return Outcome(seed, kind, f"refused: {refusal}", time.process_time() - began)
+    seconds = time.process_time() - began - sim.compile_seconds
+    problem = "; ".join(str(one.message) for one in said) or judge(sim)
+    return Outcome(seed, kind, problem, seconds, sim.control_points)
+
+
+def judge(sim: Simulator) -> str:
+    """What is wrong with the shape."""
+    length = sim.scene.cable.length
+    u = np.linspace(0.0, length, 201)
+    slope = bspline.evaluate(sim.control_points[:, :3], sim.model.knots, u, 1)
+    stretch = np.linalg.norm(slope, axis=1)
+    tangent = slope / stretch[:, None]
+    start = sim.reaction("start")[0]
+    weight = sim.scene.cable.mu * np.array(sim.scene.gravity)
+    tension = -((start + np.outer(u, weight)) * tangent).sum(axis=1)
+    excess = stretch - 1.0 - tension / sim.scene.cable.EA
+    worst = int(np.argmax(np.abs(excess)))
+    if abs(excess[worst]) > 0.1:
+        return f"stretch {stretch[worst]:.3g} at {u[worst] / length:.2g} L, unexplained"
+    return ""
+
+
+def main(count: int, first: int = 0) -> int:
+    """Start so many scenes on all cores and print how they fared; the exit status."""
+    with open_workers() as workers:
+        outcomes = list(workers.map(run_seed, range(first, first + count)))
+    wrong = [one for one in outcomes if one.problem]
+    for one in wrong:
+        print(one.seed, one.kind, one.problem)
+    times = sorted(one.seconds for one in outcomes)
+    print(
+        f"{len(wrong)} of {count} wrong; start {times[count // 2]:.4f} s median, {times[-1]:.3f} s"
+    )
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*(int(argument) for argument in sys.argv[1:3])))
