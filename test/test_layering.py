@@ -60,7 +60,7 @@ FOREIGN = {
     "matplotlib": {"studies", "demo", "view/film.py"},
     "mpl_toolkits": {"view/film.py"},
     "ruamel": {"scene", "studies", "cli", "ros"},
-    "numba": {"compiling", "studies/work_precision/peers/chain_peer.py"},
+    "numba": {"compiling", "studies/work_precision/peer.py"},
     "distributed": {"batch/workers.py"},
     "scipy": {"identification/fit.py", "studies"},
     "tqdm": {"cli"},

@@ -10,7 +10,6 @@ import platform
 import subprocess
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,45 +19,11 @@ from numpy.typing import ArrayLike
 
 from dlo_sim import __version__
 from dlo_sim.process.atomic_output import write_atomically
-from dlo_sim.studies import Outcome
+from dlo_sim.studies import Outcome, Request
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("numpy", "numba", "llvmlite", "matplotlib")
-Cell = str | int | float | None
 SCALES = {"%": 1e2, "ppm": 1e6, "cm": 1e2, "mm": 1e3, "ms": 1e3, "us": 1e6, "ns": 1e9, "KB": 1e-3}
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of a table, or an axis of a figure: values in SI, shown in a unit.
-
-    Attributes:
-        header: `name [unit]`. scale: factor from SI to the unit, of which only the part before the
-            first slash counts (`us/step` as `us`); 1 for units not in `SCALES`.
-        form: format of numbers that are not whole, in the report; default: `shown`.
-    """
-
-    header: str
-    scale: float = 1.0
-    form: str = ""
-
-    @classmethod
-    def of(cls, words: str, form: str = "") -> Column:
-        """The column for a header `step [us]`, or `spread [%] {:.0f}` with its own format."""
-        header, _, own = words.removesuffix("}").partition(" {:")
-        unit = header.removesuffix("]").rpartition(" [")[2] if header.endswith("]") else ""
-        return cls(header, SCALES.get(unit.partition("/")[0], 1.0), own or form)
-
-    def scaled(self, cell: Cell) -> Cell:
-        """A cell converted to the unit; text and missing values are unchanged."""
-        if self.scale == 1.0 or cell is None or isinstance(cell, str):
-            return cell
-        return cell * self.scale
-
-    def shown(self, cell: Cell) -> str:
-        """A scaled cell as text."""
-        plain = cell is None or isinstance(cell, str | int) or not math.isfinite(cell)
-        return shown(cell) if plain or not self.form else format(cell, self.form)
 
 
 class Report:
@@ -66,19 +31,16 @@ class Report:
     report.md. `figures`, `data` and `tables` list what has been written so far.
     """
 
-    def __init__(self, folder: Path, title: str, command: str, scenes: Mapping[str, Path]) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+    def __init__(self, request: Request, title: str, scenes: Mapping[str, Path]) -> None:
+        self.folder = request.folder
+        self.folder.mkdir(parents=True, exist_ok=True)
         self.figures: list[str] = []
         self.data: list[str] = []
         self.tables: dict[str, int] = {}
         self._began = time.perf_counter()
         self._title = title
-        self._provenance = {
-            **facts(),
-            **{f"scene {name}": _portable(path) for name, path in scenes.items()},
-            "command": f"`{command}`",
-        }
+        self._made_with = facts() | {f"scene {k}": _portable(path) for k, path in scenes.items()}
+        self._made_with["command"] = f"`{request.command}`"
         self._body: list[str] = []
 
     def section(self, title: str, level: int = 2) -> None:
@@ -93,36 +55,39 @@ class Report:
         self,
         name: str,
         header: str | Sequence[str],
-        rows: Iterable[Sequence[Cell]],
+        rows: Iterable[Sequence[Any]],
         caption: str,
         form: str = "",
     ) -> None:
         """Add a table with its caption, also as `<name>.csv` with all digits.
 
         Args:
-            header: columns as for `Column.of`, `method | step [us]`, or a list of them.
-            rows: one cell per column, in SI; None is shown as a dash.
+            header: columns `method | step [us] | spread [%] {:.0f}`, or a list of them; the last
+                one has its own format.
+            rows: one cell per column, in SI: shown in the unit of its column, of which the part
+                before a slash counts (`us/step`). None is shown as a dash.
             form: format of columns without their own.
         """
-        words = header if isinstance(header, str) else " | ".join(header)
-        columns = [Column.of(one, form) for one in words.split(" | ")]
-        cells = [[c.scaled(x) for c, x in zip(columns, row, strict=True)] for row in rows]
-        headers = [column.header for column in columns]
-        for_people = [[c.shown(x) for c, x in zip(columns, row, strict=True)] for row in cells]
-        lines = [f"| {' | '.join(row)} |" for row in (headers, *for_people)]
-        lines.insert(1, "|" + "---|" * len(columns))
+        words = (header if isinstance(header, str) else " | ".join(header)).split(" | ")
+        columns = [one.removesuffix("}").partition(" {:") for one in words]
+        names, forms = [one[0] for one in columns], [one[2] or form for one in columns]
+        units = [one.removesuffix("]").rpartition(" [")[2].partition("/")[0] for one in names]
+        scales = [SCALES.get(u, 1.0) if n.endswith("]") else 1.0 for n, u in zip(names, units)]  # noqa: B905
+        cells = [[_scaled(x, by) for x, by in zip(row, scales, strict=True)] for row in rows]
+        texts = [[shown(x, form) for x, form in zip(row, forms, strict=True)] for row in cells]
+        lines = [f"| {' | '.join(row)} |" for row in (names, *texts)]
+        lines.insert(1, "|" + "---|" * len(names))
         self._body.append("\n".join([f"**{caption}** (`{name}.csv`)", "", *lines]))
         self.tables[name] = len(cells)
-        self._write_csv(name, headers, cells)
+        self._write_csv(name, names, cells)
 
     def figure(
         self, name: str, figure: Figure, columns: Mapping[str, ArrayLike], caption: str
     ) -> None:
         """Add a figure `<name>.png`, its data `<name>.csv` (header -> values) and a caption."""
-        write_atomically(
-            self.folder / f"{name}.png", lambda path: figure.savefig(path, format="png", dpi=110)
-        )
-        self.attach(f"{name}.png", columns, caption)
+        path = self.folder / f"{name}.png"
+        write_atomically(path, lambda partial: figure.savefig(partial, format="png", dpi=110))
+        self.attach(path.name, columns, caption)
 
     def attach(self, file: str, columns: Mapping[str, ArrayLike], caption: str) -> None:
         """Add a picture that is already in the folder, and its data; see `figure`."""
@@ -138,18 +103,15 @@ class Report:
     def outcome(self, verdicts: Mapping[str, str], summary: Sequence[str] = ()) -> Outcome:
         """Write report.md: title, summary (default: a line for each verdict), provenance, body."""
         items = "\n".join(f"- {name}: **{verdict}**" for name, verdict in verdicts.items())
-        took = f"{time.perf_counter() - self._began:.0f} s"
-        facts = {**self._provenance, "the study took": took}.items()
-        made_with = ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in facts)]
-        head = [f"# {self._title}", *(summary or [items]), "## Made with", "\n".join(made_with)]
+        self._made_with["the study took"] = f"{time.perf_counter() - self._began:.0f} s"
+        made_with = "\n".join(f"| {key} | {value} |" for key, value in self._made_with.items())
+        head = [f"# {self._title}", *(summary or [items]), "## Made with"]
+        text = "\n\n".join([*head, f"| | |\n|---|---|\n{made_with}", *self._body]) + "\n"
         path = self.folder / "report.md"
-        text = "\n\n".join([*head, *self._body]) + "\n"
         write_atomically(path, lambda partial: partial.write_text(text, encoding="utf-8"))
         return Outcome(str(path), self.figures, self.data, self.tables, dict(verdicts))
 
-    def _write_csv(
-        self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]
-    ) -> None:
+    def _write_csv(self, name: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
         if f"{name}.csv" in self.data:
             raise ValueError(f"{name}.csv: is written already; give table and figure two names")
         self.data.append(f"{name}.csv")
@@ -157,27 +119,25 @@ class Report:
         def write(path: Path) -> None:
             with path.open("w", encoding="utf-8", newline="") as stream:
                 writer = csv.writer(stream, lineterminator="\n")
-                writer.writerow([_plain(cell) for cell in header])
-                writer.writerows([[_plain(cell) for cell in row] for row in rows])
+                writer.writerows([_plain(cell) for cell in row] for row in (header, *rows))
 
         write_atomically(self.folder / f"{name}.csv", write)
 
 
-def shown(cell: Cell) -> str:
-    """A cell as text: four digits, a dash for a missing value."""
+def shown(cell: Any, form: str = "") -> str:
+    """A cell as text: in the format, or with four digits; a dash for a missing value."""
     if cell is None:
         return "-"
-    if isinstance(cell, str):
-        return cell
-    if isinstance(cell, int | np.integer):
+    if isinstance(cell, str | int | np.integer):
         return str(cell)
     value = float(cell)
     if not math.isfinite(value):
         return "none" if value > 0 else str(value)
-    size = abs(value)
-    if 1e-2 <= size < 1e4 or value == 0.0:
+    if form:
+        return format(value, form)
+    if 1e-2 <= abs(value) < 1e4 or value == 0.0:
         return f"{value:.4g}"
-    return f"{value:.0f}" if 1e4 <= size < 1e6 else f"{value:.2e}"
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e6 else f"{value:.2e}"
 
 
 def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:
@@ -186,7 +146,12 @@ def columns(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, l
     return {name: list(column) for name, column in zip(header, cells, strict=True)}
 
 
-def _plain(cell: object) -> object:
+def _scaled(cell: Any, scale: float) -> Any:
+    """A cell in the unit of its column; text and missing values are unchanged."""
+    return cell if scale == 1.0 or cell is None or isinstance(cell, str) else cell * scale
+
+
+def _plain(cell: Any) -> Any:
     """A cell of a CSV file: all digits, text without markdown emphasis."""
     if isinstance(cell, float | np.floating):
         return repr(float(cell))
@@ -195,10 +160,8 @@ def _plain(cell: object) -> object:
 
 def _portable(path: Path) -> str:
     """A shipped scene by its path in the checkout, any other by its name."""
-    try:
-        return f"`{path.resolve().relative_to(ROOT)}`"
-    except ValueError:
-        return f"`{path.name}`"
+    path = path.resolve()
+    return f"`{path.relative_to(ROOT) if path.is_relative_to(ROOT) else path.name}`"
 
 
 def facts() -> dict[str, str]:
@@ -215,25 +178,19 @@ def facts() -> dict[str, str]:
 
 def processor() -> str:
     """Name of the processor as the system gives it."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 def commit() -> str:
     """Commit of this checkout, with a note on uncommitted changes; or why it is not known."""
     if not (ROOT / ".git").exists():
         return "not run from a checkout"
-    git, words = ["git", "-C", str(ROOT)], ["status", "--porcelain", "--untracked-files=no"]
+    git = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty"]
     try:
-        name, changed = (
-            subprocess.run([*git, *more], capture_output=True, check=True, text=True, timeout=10)
-            for more in (["rev-parse", "--short=12", "HEAD"], words)
-        )
+        done = subprocess.run(git, capture_output=True, check=True, text=True, timeout=10)
     except (OSError, subprocess.SubprocessError):
         return "unknown (git did not answer, or does not know this checkout)"
-    return name.stdout.strip() + (" with uncommitted changes" if changed.stdout.strip() else "")
+    return done.stdout.strip().replace("-dirty", " with uncommitted changes")

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,31 +77,11 @@ def bisected(fine: Callable[[float], bool], low: float, high: float, tolerance: 
     return low
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Time of one step [s]: the least of the repeats, and their median."""
+class Cost(NamedTuple):
+    """Time of one step [s]: the least of the repeats, and (median - least) / least [-]."""
 
     best: float
-    median: float
-
-    @property
-    def spread(self) -> float:
-        """(median - best) / best [-]."""
-        return self.median / self.best - 1.0
-
-
-def in_turn(repeats: int, *works: Callable[[], object]) -> Array:
-    """Times [s] of functions called in turn, so that other load affects all of them alike; each is
-    called once before to warm up. Shape (repeats, len(works)).
-    """
-    for work in works:
-        work()
-    return np.array([[seconds_of(work) for work in works] for _ in range(repeats)])
-
-
-def least(work: Callable[[], object], repeats: int) -> float:
-    """Least time [s] of a function; see `in_turn`."""
-    return float(in_turn(repeats, work).min())
+    spread: float
 
 
 def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -> Cost:
@@ -121,7 +100,17 @@ def step_cost(simulator: Simulator, seconds: float = 0.003, repeats: int = 40) -
     steps = max(64, int(seconds / piece(64)))
     times = sorted(piece(steps) for _ in range(repeats))
     simulator.reset()
-    return Cost(times[0], times[repeats // 2])
+    return Cost(times[0], times[repeats // 2] / times[0] - 1.0)
+
+
+def least(work: Callable[[], object], repeats: int) -> float:
+    """Least time [s] of a function, after a call to warm up."""
+    times = []
+    for _ in range(repeats + 1):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times[1:])
 
 
 def advance(simulator: Simulator, steps: int) -> float:
@@ -141,10 +130,3 @@ def timed(simulator: Simulator, steps: int) -> tuple[float, StepReport]:
     began = time.perf_counter()
     report = simulator.advance_steps(steps)
     return time.perf_counter() - began, report
-
-
-def seconds_of(work: Callable[[], object]) -> float:
-    """Time that work takes [s]."""
-    began = time.perf_counter()
-    work()
-    return time.perf_counter() - began

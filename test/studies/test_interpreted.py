@@ -114,10 +114,3 @@ def test_evaluations_per_step_are_those_of_the_method():
         steps_of(wire, method, 1e-5, 20)
         assert METHODS[method].force_evaluations * 20 <= count
         assert count <= METHODS[method].force_evaluations * 20 + 1
-
-
-def test_what_it_does_not_know_is_refused():
-    with pytest.raises(ValueError, match="damping"):
-        Wire(scene(damping__mass=1.0), True)
-    with pytest.raises(ValueError, match="clamped ends"):
-        Wire(scene(start__clamped=True, start__fixed=[True] * 3, start__spring=[0.0] * 3), True)

@@ -40,13 +40,8 @@ def test_every_term_is_known():
     assert set(TERMS) == {*needs.TERMS, "out_of_plane", "air_drag"}
 
 
-def test_every_term_asked_for_has_a_row_and_there_is_a_figure(study, rows):
-    folder, outcome = study
+def test_every_term_asked_for_has_a_row(rows):
     assert tuple(rows) == QUICK_TERMS
-    assert outcome.tables == {"omission": len(QUICK_TERMS)}
-    assert outcome.figures == ["omission_bars.png"]
-    assert (folder / "omission_bars.png").stat().st_size > 10_000
-    assert "omission_bars.png)" in (folder / "report.md").read_text(encoding="utf-8")
 
 
 def test_every_term_is_timed_with_and_without(rows):

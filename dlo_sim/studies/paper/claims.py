@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from dlo_sim.studies.paper import accuracy, energy, limits, motion, timing
 from dlo_sim.studies.paper.limits import PLAIN, TORSION
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE
 from dlo_sim.studies.paper.wires import COMPARED
-from dlo_sim.studies.report import Cell, Report, shown
+from dlo_sim.studies.report import Report, shown
 
 Found = Mapping[str, float]
 INTEGRATOR, RESULTS, CONCLUSIONS = "Symplectic Integrator", "Simulation Results", "Conclusions"
@@ -21,35 +20,10 @@ NEAR = 0.98  # share of the largest error that counts as equal to it
 FASTER = 0.8  # share of the other's time below which a method counts as faster
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A claim with its verdict: section and words in the paper; holds, holds in part or does not
-    hold; the findings that decide, the decisive one first; tables and figures with the evidence.
-    """
-
-    name: str
-    section: str
-    words: str
-    verdict: str
-    measured: dict[str, float]
-    shown: tuple[str, ...]
-
-    @property
-    def evidence(self) -> str:
-        """The measured findings as text."""
-        return "; ".join(f"{name}: {shown(value)}" for name, value in self.measured.items())
-
-    @property
-    def row(self) -> list[Cell]:
-        """Row of the table of claims."""
-        where = ", ".join(f"`{name}`" for name in self.shown)
-        words, verdict = f'"{self.words}"', f"**{self.verdict}**"
-        return [self.name, self.section, words, verdict, self.evidence, where]
-
-
-class Question(NamedTuple):
-    """A claim with its criteria: conditions on the findings under which it holds, or holds in part,
-    and the names of the findings; the rest as in `Claim`.
+class Claim(NamedTuple):
+    """A claim: section and words in the paper, the condition on the findings under which it holds,
+    the names of the findings, the decisive one first, the tables and figures with the evidence, and
+    the condition under which it holds in part.
     """
 
     name: str
@@ -60,20 +34,39 @@ class Question(NamedTuple):
     shown: tuple[str, ...]
     partly: Callable[[Found], bool] = lambda found: False
 
-    def judged(self, found: Found) -> Claim:
-        """The claim with its verdict."""
-        partly = "holds in part" if self.partly(found) else "does not hold"
-        measured = {name: float(found[name]) for name in self.measured}
-        verdict = "holds" if self.holds(found) else partly
-        return Claim(self.name, self.section, self.words, verdict, measured, self.shown)
 
-
-def add(report: Report, claims: list[Claim]) -> str:
-    """Add the table of claims; returns a line of markdown for each, with verdict and evidence."""
+def judge(report: Report, found: Found) -> list[dict[str, Any]]:
+    """Add the table of claims; returns each with its verdict and findings."""
+    judged = []
+    for claim in CLAIMS:
+        partly = "holds in part" if claim.partly(found) else "does not hold"
+        measured = {name: float(found[name]) for name in claim.measured}
+        judged.append(
+            {
+                "name": claim.name,
+                "section": claim.section,
+                "words": claim.words,
+                "verdict": "holds" if claim.holds(found) else partly,
+                "measured": measured,
+                "shown": claim.shown,
+            }
+        )
+    rows = [
+        (
+            *(one["name"], one["section"], f'"{one["words"]}"', f"**{one['verdict']}**"),
+            *(evidence(one), ", ".join(f"`{name}`" for name in one["shown"])),
+        )
+        for one in judged
+    ]
     header = "claim | section | in the paper's words | verdict | measured | shown in"
     caption = "The claims of the paper, their sections, and the results of this run"
-    report.table("claims", header, [claim.row for claim in claims], caption)
-    return "\n".join(f"- {c.name}: **{c.verdict}**. {c.evidence}." for c in claims)
+    report.table("claims", header, rows, caption)
+    return judged
+
+
+def evidence(claim: Mapping[str, Any]) -> str:
+    """The findings of a judged claim as text."""
+    return "; ".join(f"{name}: {shown(value)}" for name, value in claim["measured"].items())
 
 
 def _stuck(found: Found) -> int:
@@ -93,8 +86,8 @@ def _drifts(found: Found, method: str) -> bool:
     return abs(found[energy.ADDED(method)]) > 3.0 * found[energy.SWING(method)]
 
 
-QUESTIONS = (
-    Question(
+CLAIMS = (
+    Claim(
         "2 ms is the largest stable step",
         RESULTS,
         "This time step-size is the largest value that preserves the stability",
@@ -102,7 +95,7 @@ QUESTIONS = (
         (limits.RATIO, limits.LIMIT("forest_ruth", 1), *limits.AT_2_MS),
         ("stable_steps", "limit_by_term", "paper_step"),
     ),
-    Question(
+    Claim(
         "25 % less time than Runge-Kutta",
         INTEGRATOR,
         "the CPU time can be decreased by approximately 25 percent",
@@ -111,7 +104,7 @@ QUESTIONS = (
         ("cost_per_step", "time_at_equal_error", "table_3"),
         partly=lambda f: _gains(f) > 0,
     ),
-    Question(
+    Claim(
         "the symplectic method is the fastest",
         CONCLUSIONS,
         "the symplectic integrator is the fastest",
@@ -119,7 +112,7 @@ QUESTIONS = (
         tuple(map(timing.TIME, COMPARED)),
         ("table_3", "run_time", "work_precision"),
     ),
-    Question(
+    Claim(
         "the symplectic method is the most stable",
         CONCLUSIONS,
         "and the most stable integrator among the considered ones",
@@ -127,7 +120,7 @@ QUESTIONS = (
         tuple(limits.LIMIT(m, 1) for m in COMPARED),
         ("stable_steps", "stable_steps_chart"),
     ),
-    Question(
+    Claim(
         "Runge-Kutta and Zhai are stuck in scenario 2",
         RESULTS,
         "the Runge-Kutta and Zhai integrators have been stuck and could not compute any solution",
@@ -140,7 +133,7 @@ QUESTIONS = (
         ("stable_steps", "torsion_at_paper_step", "table_4"),
         partly=lambda f: _stuck(f) > 0,
     ),
-    Question(
+    Claim(
         "Zhai is the slowest",
         RESULTS,
         "the Zhai integrator is excluded as it is the slowest",
@@ -152,7 +145,7 @@ QUESTIONS = (
         ),
         ("cost_per_step", "zhai_map"),
     ),
-    Question(
+    Claim(
         "no secular energy error",
         INTEGRATOR,
         "the aggregation of the truncation error in the total energy has not a secular component",
@@ -164,7 +157,7 @@ QUESTIONS = (
         ("energy_regular", "energy_regular_chart", "energy_real"),
         partly=lambda f: True,
     ),
-    Question(
+    Claim(
         "position errors grow linearly, others' quadratically",
         INTEGRATOR,
         "the positional errors rise in proportional to the first order of time ... conventional "
@@ -177,7 +170,7 @@ QUESTIONS = (
         ("energy_regular", "error_growth", "energy_real"),
         partly=lambda f: f[energy.EXPONENT("forest_ruth")] < 1.3,
     ),
-    Question(
+    Claim(
         "n_s has no noticeable effect",
         RESULTS,
         "n_s has no noticeable effect on the error",
@@ -187,7 +180,7 @@ QUESTIONS = (
         # Without the smallest n_s, at the paper's own n_u.
         partly=lambda f: f[accuracy.CHANGE(81, 9)] < SMALL,
     ),
-    Question(
+    Claim(
         "the error falls with n_u",
         RESULTS,
         "As n_u increases, the error decreases and vice versa",
@@ -199,7 +192,7 @@ QUESTIONS = (
         ("error_by_size", "error_over_time", "error_over_length"),
         partly=lambda f: f[accuracy.ERROR(13)] < f[accuracy.ERROR(9)] < f[accuracy.ERROR(5)],
     ),
-    Question(
+    Claim(
         "fewer control points or samples take less time",
         RESULTS,
         "reducing n_u and/or n_s will require less execution time",
@@ -212,7 +205,7 @@ QUESTIONS = (
         ("table_7", "stable_sweep", "cost_over_size"),
         partly=lambda f: f[timing.SAMPLES_COST] > 1.0,
     ),
-    Question(
+    Claim(
         "the error is largest at the centre",
         RESULTS,
         "the maximum error occurred at the center of the DLO",
@@ -221,7 +214,7 @@ QUESTIONS = (
         ("error_over_length", "error_over_time_and_length"),
         partly=lambda f: f[accuracy.CENTRE(9)] > NEAR,
     ),
-    Question(
+    Claim(
         "the error decreases over time",
         RESULTS,
         "the error decreases over time",
@@ -229,7 +222,7 @@ QUESTIONS = (
         (accuracy.LATE, accuracy.EARLY),
         ("error_over_time", "error_over_time_and_length"),
     ),
-    Question(
+    Claim(
         "C++ is three times as fast as MATLAB",
         CONCLUSIONS,
         "C++ is about three times faster than the corresponding MATLAB implementation",
@@ -237,7 +230,7 @@ QUESTIONS = (
         (*timing.RATIOS.values(), "MATLAB / C++ time of the paper"),
         ("cost_per_step",),
     ),
-    Question(
+    Claim(
         "in scenario 1 y is zero and mirrored points coincide",
         RESULTS,
         "the y component for each control point is equal to zero ... each two control points' "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +13,7 @@ from dlo_sim.simulation.recording import Recording
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published
 from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
-from dlo_sim.studies.plotting import Panel, chart
-from dlo_sim.studies.report import Cell
+from dlo_sim.studies.plotting import COLORS, draw, draw_band, new_figure
 from dlo_sim.studies.runs import Array, at_method, distance, run
 
 FINE = 8  # ratio of a method's step to that of the reference, real wire
@@ -50,11 +50,11 @@ class Conservation:
     exponent: float
 
     @property
-    def row(self) -> list[Cell]:
+    def row(self) -> list[Any]:
         """Row of a table with `HEADER`."""
         run, slope = self.recording, self.added / float(self.recording.time[-1])
         drifts = "yes" if abs(self.added) > 3.0 * self.swing else "no"
-        energy: list[Cell] = [self.error, slope, self.swing, drifts]
+        energy = (self.error, slope, self.swing, drifts)
         return [run.method, run.step_s, *energy, float(self.gap.max()), self.exponent, run.wall_s]
 
 
@@ -146,12 +146,14 @@ def _regular(paper: Paper) -> None:
     paper.report.table("energy_regular", HEADER, [one.row for one in found.values()], caption)
     _energy_figure(paper, "energy_regular_chart", "the regular wire", found)
     gaps = {method: np.maximum.accumulate(one.gap) for method, one in found.items()}
-    data = {"time [s]": fine.time[1:]} | {f"{m} [m]": gap[1:] for m, gap in gaps.items()}
-    looks = {"zhai [m]": {"linestyle": "--", "zorder": 5, "label": "zhai (on velocity_verlet)"}}
+    figure, (axes,) = new_figure(width=8.5, height=4.6)
+    lines = {method: (fine.time[1:], gap[1:]) for method, gap in gaps.items()}
+    looks = {"zhai": {"linestyle": "--", "zorder": 5, "label": "zhai (on velocity_verlet)"}}
     y = "largest position error so far [m]"
-    panel = Panel("time [s]", y, list(data)[1:], "Constants CHANGED", log="xy", looks=looks)
+    draw(axes, lines, "time [s]", y, "xy", "Constants CHANGED", looks)
+    data = {"time [s]": fine.time[1:]} | {f"{m} [m]": gap[1:] for m, gap in gaps.items()}
     caption = "Growth of the position error of a regular wire at 2 ms; exponents in the table"
-    chart(paper.report, "error_growth", data, [panel], caption)
+    paper.report.figure("error_growth", figure, data, caption)
     behind = np.flatnonzero(gaps["rk4"][1:] > gaps["forest_ruth"][1:])
     since = float(fine.time[1 + behind[0]]) if behind.size else float("inf")
     paper.found[BEHIND] = since
@@ -163,11 +165,13 @@ def _regular(paper: Paper) -> None:
 
 def _energy_figure(paper: Paper, name: str, wire: str, found: dict[str, Conservation]) -> None:
     data: dict[str, Array] = {}
-    panels = []
-    for method, one in found.items():
-        data["time [s]"] = one.recording.time
-        data[f"{method} [J]"] = one.recording.energy - one.recording.energy[0]
-        title = f"{method}, step {1e6 * one.recording.step_s:.4g} us"
-        panels.append(Panel("time [s]", "energy error [J]", [f"{method} [J]"], title, band=True))
+    figure, panels = new_figure(2, 2, 10.0, 5.6)
+    for axes, (method, one) in zip(panels, found.items(), strict=True):
+        time = data["time [s]"] = one.recording.time
+        error = data[f"{method} [J]"] = one.recording.energy - one.recording.energy[0]
+        draw_band(axes, time, error, COLORS[method])
+        axes.set_title(f"{method}, step {1e6 * one.recording.step_s:.4g} us")
+        axes.set(xlabel="time [s]", ylabel="energy error [J]")
+        axes.grid(alpha=0.3)
     caption = f"Energy of {wire}: error over time; band from least to largest, line: mean"
-    chart(paper.report, name, data, panels, f"{caption}; mind the scales", (10.0, 5.6), 2)
+    paper.report.figure(name, figure, data, f"{caption}; mind the scales")

@@ -17,14 +17,9 @@ from dlo_sim.studies.runs import Array
 
 
 class Wire:
-    """A scene as dense numpy arrays; `sample_by_sample` selects one of the two ways.
-
-    Raises:
-        ValueError: the scene has something that is not supported here.
-    """
+    """A scene as dense numpy arrays; `sample_by_sample` selects one of the two ways."""
 
     def __init__(self, scene: Scene, sample_by_sample: bool) -> None:
-        _check(scene)
         self.scene = scene
         n = scene.discretization.control_points
         self.knots = bspline.clamped_knots(n, scene.cable.length)
@@ -80,21 +75,3 @@ class Wire:
         if self._loop:
             return np.stack(list(map(np.linalg.solve, self._masses, columns)), axis=1)
         return np.stack(list(map(np.matmul, self._inverses, columns)), axis=1)
-
-
-def _check(scene: Scene) -> None:
-    """Refuse what `acceleration` does not support."""
-    ends, cable = scene.ends.values(), scene.cable
-    absent = {
-        "damping": any((scene.damping.mass, scene.damping.stiffness, scene.damping.air_drag)),
-        "clamped ends": any(end.clamped for end in ends),
-        "end masses": any(end.mass for end in ends),
-        "driven ends": any(end.driven for end in ends),
-        "natural curvature": cable.shaped,
-        "lumped mass": scene.discretization.mass != "consistent",
-        "stretching by span": scene.discretization.stretch_by_span,
-        "torques, topics": any(one.type != "force" or one.signal == "none" for one in scene.loads),
-    }
-    present = [name for name, there in absent.items() if there]
-    if present:
-        raise ValueError(f"the interpreted forces do not support: {', '.join(present)}")

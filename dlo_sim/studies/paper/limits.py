@@ -16,7 +16,6 @@ from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.wires import COMPARED, NEGLIGIBLE, SCENARIOS, Paper, scenario
 from dlo_sim.studies.plotting import heat_map, new_figure
-from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import Array, at_method, bisected, distance, each, run
 
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
@@ -44,7 +43,7 @@ def add(paper: Paper) -> None:
     cases = [(*key, limit, steps) for key, limit in zip(keys, predicted, strict=True)]
     limits = each(paper.workers, _observed, cases).values()
     stops = each(paper.workers, stopped_at, [(scenario(k), m) for k, m in keys]).values()
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     for (number, name), limit, observed, stop in zip(keys, predicted, limits, stops, strict=True):
         method, outcome = METHODS[name], f"stopped at step {stop}" if stop else "reached 10 s"
         price = method.force_evaluations / method.stability_limit
@@ -133,7 +132,7 @@ def _term_table(paper: Paper) -> None:
         "everything, lumped mass": {"discretization.mass": "lumped"},
         "torsion alone": {"terms.twist": "on"} | axial | springs | bending,
     }
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     for name, changes in variants.items():
         limit = wires.step_limit(scene.with_values(changes))
         omega = METHODS["forest_ruth"].stability_limit / limit
@@ -158,7 +157,7 @@ def _paper_rows(paper: Paper) -> None:
         *((f"{m}, real wire", "nothing", scene) for m in ("energy_momentum", *others)),
     ]
     first = ["forest_ruth, real wire", "nothing", "stopped, see above"]
-    rows: list[list[Cell]] = [[*first, None, None, None, None]]
+    rows: list[list[Any]] = [[*first, None, None, None, None]]
     for name, change, wire in wanted:
         method, _, where = name.partition(", ")
         try:
@@ -193,7 +192,7 @@ def _torsion_table(paper: Paper) -> None:
         for (name, values), number in product(changes.items(), SCENARIOS)
     }
     ends = each(paper.workers, stopped_at, product(models.values(), COMPARED))
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     for (name, number), scene in models.items():
         steps = {method: ends[scene, method] for method in COMPARED}
         rows.append([name, number])
@@ -217,12 +216,15 @@ def _zhai_map(paper: Paper) -> None:
     pairs = list(product(np.round(np.linspace(0.0, 1.0, 11), 2).tolist(), repeat=2))
     limits = [zhai.with_parameters(*pair).stability_limit for pair in pairs]
     label, (rows, columns) = "largest stable omega tau [-]", np.array(pairs).T
+    table = np.reshape(limits, (11, 11))
+    figure = heat_map(np.unique(rows), np.unique(columns), table, label, ".2f")
+    figure.axes[0].set(xlabel="phi [-]", ylabel="psi [-]")
     data: dict[str, Array] = {"psi [-]": rows, "phi [-]": columns, label: np.array(limits)}
     caption = (
         "Stability limit of Zhai's method on an undamped oscillator; psi = phi = 1/2, Verlet's "
         "positions, has the largest of all pairs"
     )
-    heat_map(paper.report, "zhai_map", data, label, caption, ".2f")
+    paper.report.figure("zhai_map", figure, data, caption)
     paper.found |= {"Zhai's best psi": psi, "Zhai's best phi": phi, "Zhai's best omega tau": limit}
     duration = 0.5 if paper.quick else 1.0
     runs = [(at_method(scenario(2), m), duration, 0.01) for m in ("velocity_verlet", "zhai")]

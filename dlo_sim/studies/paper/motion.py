@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
 from dlo_sim.simulation.recording import Recording
-from dlo_sim.studies import plotting
 from dlo_sim.studies.paper.wires import SCENARIOS, Paper, scenario
-from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.plotting import animate, draw, new_figure
 from dlo_sim.studies.runs import Array, at_method, distance, each, run
 
 DURATION = {True: 2.0, False: 10.0}  # [s]
@@ -58,11 +55,13 @@ def add(paper: Paper) -> None:
 
 def _parting(paper: Paper, time: Array, gaps: dict[str, Array]) -> None:
     """Add the divergence of runs of scenario 2: when they are APART, and the exponential rate."""
+    figure, (axes,) = new_figure(width=8.5, height=4.6)
+    axes.axhline(APART, color="gray", linestyle=":", label="1 mm")
+    lines = {method: (time[1:], gap[1:]) for method, gap in gaps.items()}
+    draw(axes, lines, "time [s]", "largest distance from forest_ruth [m]", "y")
     data = {"time [s]": time[1:]} | {method: gap[1:] for method, gap in gaps.items()}
-    y = "largest distance from forest_ruth [m]"
-    panel = Panel("time [s]", y, list(gaps), log="y", levels={"1 mm": APART})
     caption = "Two methods in scenario 2, each at 0.9 of its stability limit"
-    chart(paper.report, "scenario_2_parting", data, [panel], caption)
+    paper.report.figure("scenario_2_parting", figure, data, caption)
     far = np.flatnonzero(gaps["rk4"] > APART)
     end = int(far[0]) if far.size else len(time)
     envelope = np.maximum.accumulate(gaps["rk4"])[1:end]
@@ -77,21 +76,27 @@ def _coordinate(paper: Paper, recording: Recording, number: int, name: str) -> N
     values = recording.control_points[:, :, "xyz".index(name)]
     if name == "x":
         values = values - values[0]
-    data = {"time [s]": recording.time}
-    data |= {f"{name} of q{i + 1} [m]": values[:, i] for i in range(values.shape[1])}
     what = "displacement along x" if name == "x" else name
-    panel = Panel("time [s]", f"{what} [mm]", list(data)[1:])
+    figure, panels = new_figure(2, 1, 9.0, 6.0)
+    for axes, until in zip(panels, (np.inf, START), strict=True):
+        early = recording.time <= until
+        lines = {
+            f"{name} of q{i + 1}": (recording.time[early], 1e3 * row[early])
+            for i, row in enumerate(values.T)
+        }
+        draw(axes, lines, "time [s]", f"{what} [mm]")
+    data = {"time [s]": recording.time}
+    data |= {f"{name} of q{i + 1} [m]": row for i, row in enumerate(values.T)}
     caption = f"{what} of every control point, {SCENARIOS[number]}; below: the first {START:g} s"
     if (number, name) == (1, "z"):
         caption += "; mirrored control points lie on one curve"
-    panels = [panel, replace(panel, until=START)]
-    chart(paper.report, f"scenario_{number}_{name}", data, panels, caption, (9.0, 6.0), 2)
+    paper.report.figure(f"scenario_{number}_{name}", figure, data, caption)
 
 
 def _shapes(paper: Paper, recording: Recording, number: int) -> None:
     chosen = np.unique(np.linspace(0, len(recording.time) - 1, SHAPES).astype(int))
     views = SIDEWAYS[number]
-    figure, all_axes = plotting.new_figure(len(views), 1, 9.0, 3.6 * len(views))
+    figure, all_axes = new_figure(len(views), 1, 9.0, 3.6 * len(views))
     scale = Normalize(0.0, float(recording.time[-1]))
     for axes, (name, axis) in zip(all_axes, views, strict=True):
         curves = recording.centerline[chosen][:, :, [0, axis]] * [1.0, 1e3]
@@ -120,7 +125,7 @@ def _animation(paper: Paper, recording: Recording, number: int) -> None:
     frames = 10 if paper.quick else 100
     chosen = np.linspace(0, len(recording.time) - 1, frames).astype(int)
     views = SIDEWAYS[number]
-    figure, all_axes = plotting.new_figure(len(views), 1, 6.0, 2.6 * len(views))
+    figure, all_axes = new_figure(len(views), 1, 6.0, 2.6 * len(views))
     curves = []
     for axes, (name, axis) in zip(all_axes, views, strict=True):
         values = 1e3 * recording.centerline[:, :, axis]
@@ -137,6 +142,6 @@ def _animation(paper: Paper, recording: Recording, number: int) -> None:
         all_axes[0].set_title(f"{SCENARIOS[number]}, t = {recording.time[chosen[frame]]:.2f} s")
 
     file = f"scenario_{number}_animation.gif"
-    plotting.animate(paper.report.folder / file, figure, draw, frames, 10)
+    animate(paper.report.folder / file, figure, draw, frames, 10)
     caption = f"Animation, {SCENARIOS[number]} (stretched scale)"
     paper.report.attach(file, _shape_data(recording, chosen), caption)

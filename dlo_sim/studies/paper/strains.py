@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from dlo_sim.core import bspline, elasticity
@@ -12,7 +10,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper.wires import Paper, scenario
-from dlo_sim.studies.plotting import Panel, chart
+from dlo_sim.studies.plotting import draw, new_figure
 from dlo_sim.studies.runs import Array, at_method, each
 
 FLOORS = {
@@ -71,12 +69,17 @@ def _frenet(paper: Paper) -> None:
     floor, without = "curvature floor [1/m]", "samples without torsion"
     bound, survived = "step from the linear bound [s]", "step that survived [s]"
     data = {floor: floors, bound: steps, survived: shares * steps, without: empty}
-    looks = {bound: {"marker": "o"}, survived: {"marker": "s", "linestyle": "--"}}
-    panel = Panel(floor, "step [us]", [bound, survived], log="xy", looks=looks)
-    panel = replace(panel, uprights={"default floor": scenario(2).curvature_floor})
-    panels = [panel, replace(panel, y=f"{without} [%]", lines=[without], log="x")]
+    figure, (left, right) = new_figure(1, 2, 10.0, 4.2)
+    for axes in (left, right):
+        default = scenario(2).curvature_floor
+        axes.axvline(default, color="gray", linestyle=":", label="default floor")
+    lines = {"step from the linear bound": steps, "step that survived": shares * steps}
+    shown = {label: (floors, 1e6 * step) for label, step in lines.items()}
+    looks = {"step that survived": {"marker": "s", "linestyle": "--"}}
+    draw(left, shown, floor, "step [us]", "xy", "", looks, marker="o")
+    draw(right, {without: (floors, 100 * empty)}, floor, f"{without} [%]", "x")
     caption = "Breakdown of the Frenet torsion, scenario 2"
-    chart(paper.report, "frenet_breakdown", data, panels, caption, (10.0, 4.2))
+    paper.report.figure("frenet_breakdown", figure, data, caption)
     whole = floors[shares == 1.0].min()
     paper.found["least curvature floor stable at its linear bound [1/m]"] = float(whole)
 
@@ -126,7 +129,9 @@ def _plastic(paper: Paper) -> None:
     paper.found["set of the plastic strip / closed form"] = curvature[-1] / law.set_after(PEAK)
     simulated, closed = "simulated curvature [1/m]", "closed form [1/m]"
     data = {"moment [N m]": moments, simulated: curvature, closed: exact}
-    looks = {simulated: {"marker": "o", "linestyle": ""}, closed: {"color": "black"}}
-    panel = Panel("moment [N m]", "curvature [1/m]", [closed, simulated], looks=looks)
+    figure, (axes,) = new_figure(width=8.5, height=4.6)
+    axes.plot(moments, exact, color="black", label="closed form")
+    lines = {"simulated curvature": (moments, curvature)}
+    draw(axes, lines, "moment [N m]", "curvature [1/m]", marker="o", linestyle="")
     caption = "A clamped strip bent by a moment at its tip and released"
-    chart(paper.report, "moment_curvature", data, [panel], caption)
+    paper.report.figure("moment_curvature", figure, data, caption)

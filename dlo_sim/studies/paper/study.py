@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies import Outcome, Request
@@ -38,14 +39,14 @@ QUICK = """**Quick study:** extrapolated rows are marked. Growth over time and e
 class PaperOutcome(Outcome):
     """Results of the study, and the claims with their verdicts."""
 
-    claims: list[claims.Claim]
+    claims: list[dict[str, Any]]
 
 
 def run_study(request: Request) -> PaperOutcome:
     """Run the whole study into a folder."""
     scenes = {name: shipped_scene(name) for name in SCENES.values()}
     title = "Khalifa & Palli's symplectic spline cable, reproduced"
-    report = Report(request.folder, title, request.command, scenes)
+    report = Report(request, title, scenes)
     factor = softening(scenario(1), STEP)
     paper = Paper(report, request.workers, request.quick, factor)
     for k, (heading, add) in enumerate(SECTIONS):
@@ -56,11 +57,11 @@ def run_study(request: Request) -> PaperOutcome:
     found[limits.AT_2_MS[1]] = factor
     matlab, cpp = (t["forest_ruth"][-1] for t in (MATLAB_1, CPP_1))
     found["MATLAB / C++ time of the paper"] = matlab / cpp
-    judged = [question.judged(found) for question in claims.QUESTIONS]
     report.section("Claims")
-    lines = claims.add(report, judged)
+    judged = claims.judge(report, found)
+    lines = [f"- {c['name']}: **{c['verdict']}**. {claims.evidence(c)}." for c in judged]
     report.table("measured", ["what", "value"], found.items(), "Everything measured by its name")
     opening = [" ".join(text.split()) for text in (OPENING, QUICK)[: 1 + request.quick]]
-    verdicts = {claim.name: claim.verdict for claim in judged}
-    outcome = report.outcome(verdicts, [*opening, "## Verdicts", lines])
+    verdicts = {claim["name"]: claim["verdict"] for claim in judged}
+    outcome = report.outcome(verdicts, [*opening, "## Verdicts", "\n".join(lines)])
     return PaperOutcome(**vars(outcome), claims=judged)

@@ -5,6 +5,7 @@ compared with the paper's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,7 @@ from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.interpreted import Wire
 from dlo_sim.studies.paper.published import CONTROL_POINTS, SAMPLES
 from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario
-from dlo_sim.studies.plotting import COLORS, Panel, chart
-from dlo_sim.studies.report import Cell
+from dlo_sim.studies.plotting import COLORS, curves, draw, new_figure
 from dlo_sim.studies.runs import Array, Cost, advance, at_method, least, step_cost
 
 LOOP, ARRAYS = "sample by sample", "whole arrays"
@@ -174,9 +174,9 @@ def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
 
 
 def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     for (number, method), one in timings.items():
-        row: list[Cell] = [number, method, METHODS[method].force_evaluations, one.step]
+        row: list[Any] = [number, method, METHODS[method].force_evaluations, one.step]
         for printed in (MATLAB[number], CPP[number]):
             row.append(float(printed[method][-1]) / STEPS if method in printed else None)
         row += [one.numpy[LOOP], one.numpy[ARRAYS], one.cost.best, one.cost.spread]
@@ -194,23 +194,26 @@ def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
 
 
 def _figure(paper: Paper, own: dict[str, Timing]) -> None:
-    data: dict[str, Array] = {"simulated time [s]": published.TIMES}
-    looks: dict[str, dict[str, object]] = {}
+    lines: dict[str, Array] = {}
+    looks: dict[str, dict[str, Any]] = {}
     for method, one in own.items():
-        curves = {f"compiled, {method} [s]": (one.wall[:-1], "-")}
-        curves[f"numpy {ARRAYS}, {method} [s]"] = (one.interpreted(ARRAYS)[:-1], "--")
+        mine = {f"compiled, {method}": (one.wall[:-1], "-")}
+        mine[f"numpy {ARRAYS}, {method}"] = (one.interpreted(ARRAYS)[:-1], "--")
         if method in published.CPP_1:
-            curves[f"paper C++ at 2 ms, {PAPER_NAMES[method]} [s]"] = (published.CPP_1[method], ":")
-        for name, (times, style) in curves.items():
-            data[name], looks[name] = times, {"color": COLORS[method], "linestyle": style}
-    data["real time [s]"] = published.TIMES
-    looks["real time [s]"] = {"color": "black", "linewidth": 0.8}
-    lines = list(data)[1:]
-    panel = Panel("simulated time [s]", "run time [s]", lines, log="xy", looks=looks)
+            mine[f"paper C++ at 2 ms, {PAPER_NAMES[method]}"] = (published.CPP_1[method], ":")
+        for name, (times, style) in mine.items():
+            lines[name], looks[name] = times, {"color": COLORS[method], "linestyle": style}
+    lines["real time"] = published.TIMES
+    looks["real time"] = {"color": "black", "linewidth": 0.8}
+    figure, (axes,) = new_figure(width=9.0, height=5.0)
+    shown = {name: (published.TIMES, times) for name, times in lines.items()}
+    draw(axes, shown, "simulated time [s]", "run time [s]", "xy", "", looks)
+    data = {"simulated time [s]": published.TIMES}
+    data |= {f"{name} [s]": times for name, times in lines.items()}
     caption = (
         "Run time over simulated time, scenario 1; below the black line: faster than real time"
     )
-    chart(paper.report, "run_time", data, [panel], caption, (9.0, 5.0))
+    paper.report.figure("run_time", figure, data, caption)
 
 
 def add_sizes(paper: Paper) -> None:
@@ -225,7 +228,7 @@ def add_sizes(paper: Paper) -> None:
     grids = {number: _grid(number, paper.quick) for number in SCENARIOS}
     for table, (number, printed, what, kinds) in SWEEPS.items():
         times = SWEEP_STEPS * grids[number][:, :, kinds]
-        rows: list[list[Cell]] = []
+        rows: list[list[Any]] = []
         for n, paper_row, our_row in zip(CONTROL_POINTS, printed, times, strict=True):
             pairs = zip(paper_row, our_row, strict=True)
             cells = [[f"{theirs:.0f}", *(f"{time:.3g}" for time in ours)] for theirs, ours in pairs]
@@ -275,7 +278,7 @@ def _stable_table(paper: Paper, grid: Array) -> None:
 
 def _paper_step_table(paper: Paper) -> None:
     """Add the rows at 0.8 ms: limits, required change, and a run with it."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     for n in CONTROL_POINTS:
         scene = scenario(1, discretization__control_points=n)
         limit, factor = wires.step_limit(scene), wires.softening(scene, published.SWEEP_STEP)
@@ -299,19 +302,18 @@ def _paper_step_table(paper: Paper) -> None:
 
 
 def _size_figure(paper: Paper, compiled: Array) -> None:
-    printed, ours = "paper C++ cost of a step [s]", "compiled cost of a step [s]"
-    data = {
-        "n_u": np.repeat([f"n_u = {n}" for n in CONTROL_POINTS], SHAPE[1]),
-        "n_s": np.tile(SAMPLES, SHAPE[0]),
-        ours: compiled.ravel(),
-        printed: (published.SWEEP_CPP_1 / SWEEP_STEPS).ravel(),
-    }
-    panels = [
-        Panel("n_s", "cost of a Forest-Ruth step [ms]", [printed], "the paper's C++", by="n_u"),
-        Panel("n_s", "cost of a Forest-Ruth step [us]", [ours], "compiled, this machine", by="n_u"),
-    ]
+    n_u = np.repeat([f"n_u = {n}" for n in CONTROL_POINTS], SHAPE[1])
+    printed = (published.SWEEP_CPP_1 / SWEEP_STEPS).ravel()
+    data = {"n_u": n_u, "n_s": np.tile(SAMPLES, SHAPE[0])}
+    data |= {"compiled cost of a step [s]": compiled.ravel()}
+    data |= {"paper C++ cost of a step [s]": printed}
+    rows = list(zip(*data.values(), strict=True))
+    figure, (left, right) = new_figure(1, 2, 12.0, 4.4)
+    y = "cost of a Forest-Ruth step"
+    draw(left, curves(rows, 0, 1, 3, 1e3), "n_s", f"{y} [ms]", "", "the paper's C++")
+    draw(right, curves(rows, 0, 1, 2, 1e6), "n_s", f"{y} [us]", "", "compiled, this machine")
     caption = "Cost of a step over n_s and n_u, scenario 1"
-    chart(paper.report, "cost_over_size", data, panels, caption, (12.0, 4.4))
+    paper.report.figure("cost_over_size", figure, data, caption)
     for n, cost in zip(CONTROL_POINTS, compiled[:, SAMPLES.index(101)], strict=True):
         paper.found[SIZE_COST(n)] = 1e6 * float(cost)
     paper.found[SAMPLES_COST] = float((compiled[:, -1] / compiled[:, 0]).min())

@@ -14,7 +14,6 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.report import Cell
 from dlo_sim.studies.runs import Array, timed
 
 Values = dict[str, Any]
@@ -48,7 +47,7 @@ class Run:
         return self.simulator.scene
 
     @property
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[Any]:
         """Cells of the table: energy error, method, step [s], steps, iterations, run time [s]."""
         simulator = self.simulator
         counts = (self.steps, self.iterations, self.wall)

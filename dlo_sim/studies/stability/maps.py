@@ -24,7 +24,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import plotting
-from dlo_sim.studies.report import Cell, Report, columns
+from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import bisected
 from dlo_sim.studies.stability.scenes import ALUMINIUM, CANTILEVER
 
@@ -306,7 +306,7 @@ def _tables(report: Report, quick: bool, results: Mapping[Point, Limits]) -> Non
     )
 
 
-def _summary(found: list[Limits]) -> list[Cell]:
+def _summary(found: list[Limits]) -> list[Any]:
     ratios = [one.observed / one.predicted for one in found if math.isfinite(one.predicted)]
     ratios = [ratio for ratio in ratios if not math.isnan(ratio)]
     below = [one.below for one in found if math.isfinite(one.below)]

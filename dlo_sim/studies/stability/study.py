@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from dlo_sim.scene.loading import shipped_scene
 from dlo_sim.studies import Outcome, Request
-from dlo_sim.studies.report import Cell, Report
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.stability import maps, stiff
 from dlo_sim.studies.stability.extremes import Finding, examine
 from dlo_sim.studies.stability.scenes import EXTREMES
@@ -18,7 +19,7 @@ TITLE = "Stability limits of the methods, and extreme cables"
 def run_study(request: Request) -> Outcome:
     """Run the whole study into a folder."""
     scenes = {"paper_wire": shipped_scene("paper_wire")}
-    report = Report(request.folder, TITLE, request.command, scenes)
+    report = Report(request, TITLE, scenes)
     verdicts = stiff.describe(report, stiff.measured(request.quick, request.part(0.0, 0.3)))
     findings = []
     for extreme in EXTREMES:
@@ -38,7 +39,7 @@ def run_study(request: Request) -> Outcome:
 
 def _describe(report: Report, findings: Sequence[Finding]) -> dict[str, str]:
     """Add section and table of the extreme scenes; returns the verdicts."""
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     verdicts = {}
     for one in findings:
         extreme, right = one.extreme, "yes" if one.right else "**no**"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
 from dlo_sim.studies import Outcome, Request
 from dlo_sim.studies.plotting import animate, new_figure
-from dlo_sim.studies.report import Cell, Report
+from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import Array
 from dlo_sim.studies.validation import references, robot_arm
 from dlo_sim.studies.validation.corrected import corrected
@@ -75,10 +76,10 @@ def run_study(request: Request) -> Outcome:
             f"--data {folder}: holds no DLO*.npz and no static/ or bags/ of a robot arm; give the "
             "folder of the recordings"
         )
-    report = Report(request.folder, "Recorded cables", request.command, {})
+    report = Report(request, "Recorded cables", {})
     report.text(EXPLANATION)
     verdicts: dict[str, str] = {}
-    rows: list[list[Cell]] = []
+    rows: list[list[Any]] = []
     cables: list[Cable] = []
     for number, path in enumerate(files):
         cable = _predicted(path, folder, PIECES[request.quick])
@@ -132,7 +133,7 @@ def _predicted(path: Path, folder: Path, most: int) -> Cable:
     return Cable(path.stem, scene, pieces, markers, failures, scores, 0.01 * seconds)
 
 
-def _rows(cable: Cable, request: Request) -> list[list[Cell]]:
+def _rows(cable: Cable, request: Request) -> list[list[Any]]:
     items = [(cable.scene, piece) for piece in cable.pieces]
     others: dict[str, Sequence[Array]] = {
         "first shape": [references.held(piece) for piece in cable.pieces],
@@ -149,7 +150,7 @@ def _rows(cable: Cable, request: Request) -> list[list[Cell]]:
     return rows
 
 
-def _row(name: str, what: str, scores: Sequence[Score], seconds: float | None) -> list[Cell]:
+def _row(name: str, what: str, scores: Sequence[Score], seconds: float | None) -> list[Any]:
     mean, worst = mean_score(scores), max(one.l1 for one in scores)
     return [name, what, mean.l1, mean.distance, worst, mean.bias, mean.slow, mean.fast, seconds]
 

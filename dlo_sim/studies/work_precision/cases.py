@@ -12,7 +12,7 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
 from dlo_sim.studies.runs import Array
-from dlo_sim.studies.work_precision import elastica
+from dlo_sim.studies.work_precision import heavy_elastica as elastica
 from dlo_sim.tuning.trial import Job, error
 
 CLOSED = 0.2  # [m] by which the gripper of the soft cable closes
@@ -112,7 +112,7 @@ def soft_cable() -> Case:
     far = {"end.fixed": [True] * 3, "end.clamped": True, "end.tangent": [1.0, 0.0, 0.0]}
     scene = _clamped(1.0, 0.006, 1200.0, 1e7, **{"damping.mass": 2.0}, **far)
     job = Job(scene, 4.0, (0.5,), 2e-3, closing())
-    return Case("soft_grippers", "Soft cable, one gripper moving", job, "clamped")
+    return Case("soft_grippers", "Soft cable, one gripper moving", job, "clamped", fine=(49, 65))
 
 
 def closing() -> tuple[tuple[str, EndMotion], ...]:
@@ -131,8 +131,8 @@ def closing() -> tuple[tuple[str, EndMotion], ...]:
 
 def cantilever() -> Case:
     """A rubber cord clamped at one end, released straight: its tip falls by 0.9 of the length."""
-    job = Job(_clamped(0.3, 0.005, 1100.0, 5e6), 1.0, (1.0,))
-    return Case("cantilever", "Cantilever, large deflection", job, "cantilever", scale=0.3)
+    job, title = Job(_clamped(0.3, 0.005, 1100.0, 5e6), 1.0, (1.0,)), "Cantilever, large deflection"
+    return Case("cantilever", title, job, "cantilever", scale=0.3, fine=(49, 65))
 
 
 def steel() -> Case:
@@ -153,6 +153,7 @@ def chain() -> Case:
             "cable.bending_stiffness": 1.0e-4,
             "end.position": [float(np.sin(angle)), 0.0, -float(np.cos(angle))],
             "initial.shape": "straight",
+            "terms.twist": "off",
         }
     )
     job = Job(scene, 2.0, (0.5, 1.0))
@@ -181,5 +182,6 @@ def _clamped(
         "start.clamped": True,
         "start.tangent": [1.0, 0.0, 0.0],
         "end.position": [length, 0.0, 0.0],
+        "terms.twist": "off",
     }
     return scene_from_values(values | more)

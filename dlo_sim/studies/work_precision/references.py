@@ -53,11 +53,11 @@ def references(cases: list[Case], workers: Workers) -> dict[str, Reference]:
     Raises:
         RuntimeError: a run failed.
     """
-    runs = {case.name: _runs(case) for case in cases}
-    trials = each(workers, run, [one for some in runs.values() for one in some])
+    asked = {case.name: _runs(case) for case in cases}
+    trials = each(workers, run, [one for some in asked.values() for one in some])
     found = {}
     for case in cases:
-        coarse, fine, half, other = own = [trials[one] for one in runs[case.name]]
+        coarse, fine, half, other = own = [trials[one] for one in asked[case.name]]
         for trial in own:
             if not trial.ok:
                 raise RuntimeError(f"a reference run of {case.name} failed: {trial.message}")
@@ -81,12 +81,8 @@ def _runs(case: Case) -> list[tuple[Job, Setting, float]]:
     other = (Setting(CHECK, coarse, CHECK_STEP), 0.0)
     if case.scene.damping.mass:
         other = (Setting(CHECK_DAMPED, coarse), 1.0)
-    return [
-        (case.job, Setting(METHOD, coarse), 1.0),
-        (case.job, Setting(METHOD, fine), 1.0),
-        (case.job, Setting(METHOD, coarse), 0.5),
-        (case.job, *other),
-    ]
+    own = ((coarse, 1.0), (fine, 1.0), (coarse, 0.5))
+    return [*((case.job, Setting(METHOD, n), share) for n, share in own), (case.job, *other)]
 
 
 def add(report: Report, cases: list[Case], truths: dict[str, Reference]) -> None:

@@ -1,1 +1,0 @@
-"""Other simulators on the same cases, each in its own Python environment."""
