@@ -16,7 +16,6 @@ from functools import partial
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
-from dlo_sim.process import warning_lines
 from dlo_sim.process.children import children
 from dlo_sim.process.stopping import cleanup
 from dlo_sim.simulation.processors import processors
@@ -76,8 +75,7 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
         yield HERE
         return
     others = {*multiprocessing.active_children()}
-    lines = warning_lines.uses_lines()
-    pool = ProcessPoolExecutor(count, children(), warning_lines.use_lines, (lines,))
+    pool = ProcessPoolExecutor(count, children())
     with cleanup(lambda: _end(pool, others)):
         yield Workers(count, pool.map)
         pool.shutdown()

@@ -6,15 +6,20 @@ import signal
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 
+from dlo_sim.process import warning_lines
+
 # A terminal sends them to all of its processes; this one ends its children.
 _OF_A_TERMINAL = signal.SIGINT, signal.SIGHUP
 
 
 class _Child(SpawnProcess):
-    """A process that never sees the signals of a terminal, not even while it starts."""
+    """A process that never sees the signals of a terminal, not even while it starts, and prints
+    warnings as this one does.
+    """
 
     def start(self) -> None:
         """Start it; what is blocked in this thread stays as it was."""
+        self._lines = warning_lines.uses_lines()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_TERMINAL)
         try:
             # When it starts its own process, it unblocks SIGINT in this thread.
@@ -23,6 +28,11 @@ class _Child(SpawnProcess):
             super().start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def run(self) -> None:
+        """Do its work; called in the new process."""
+        warning_lines.use_lines(self._lines)
+        super().run()
 
 
 class _Children(SpawnContext):

@@ -1,7 +1,7 @@
 """Warnings of a command: one line each on stderr, without the place in the source.
 
-The Python API keeps Python's own format, so a command asks for lines when it starts, and every
-worker process that it starts asks for what its parent has.
+The Python API keeps Python's own format, so a command asks for lines when it starts; the processes
+that it starts do as it does (`process.children`).
 """
 
 import sys
@@ -15,7 +15,7 @@ def use_lines(lines: bool = True) -> None:
 
 
 def uses_lines() -> bool:
-    """Whether warnings of this process are printed as lines; for `use_lines` in a worker."""
+    """Whether warnings of this process are printed as lines."""
     return warnings.formatwarning is as_line
 
 

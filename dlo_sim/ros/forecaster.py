@@ -16,7 +16,6 @@ from multiprocessing.process import BaseProcess
 from queue import Empty, Queue, SimpleQueue
 from typing import TYPE_CHECKING
 
-from dlo_sim.process import warning_lines
 from dlo_sim.process.children import children
 from dlo_sim.session.cdr import DiagnosticStatus
 from dlo_sim.session.diagnostics import OK, WARN, topic_status
@@ -62,7 +61,7 @@ class _Worker(threading.Thread):
         while not self._closing.is_set():
             ours, theirs = children().Pipe()
             with ours:
-                given = theirs, self._example, warning_lines.uses_lines()
+                given = theirs, self._example
                 process = children().Process(target=_work, args=given, daemon=True)
                 process.start()
                 theirs.close()
@@ -184,11 +183,8 @@ class Forecaster:
             worker.close()
 
 
-def _work(connection: Connection, example: bytes, lines: bool) -> None:
-    """Say None when ready, then answer plans until the other side is closed; `lines` tells whether
-    warnings are printed as lines.
-    """
-    warning_lines.use_lines(lines)
+def _work(connection: Connection, example: bytes) -> None:
+    """Say None when ready, then answer plans until the other side is closed."""
     simulator: Simulator = pickle.loads(example)
     simulator.forecast(Plan([0.0, simulator.step], {}), simulator.step)  # loads machine code
     found: Answer | None = None
