@@ -7,7 +7,7 @@ from test_forces import HANGING, PATH, TIMES, bag_of
 import dlo_sim
 from dlo_sim.identification.measurement import Recording
 from dlo_sim.identification.prediction import COMPUTATION
-from dlo_sim.studies.validation import moved_cable
+from dlo_sim.studies.validation import robot_arm
 from dlo_sim.studies.validation.references import spline_distance
 
 
@@ -36,11 +36,13 @@ def test_a_moved_cable_is_read_with_its_tips_and_compared(tmp_path):
     table = tmp_path / "dyn_ft" / "run" / "state_and_input.csv"
     table.parent.mkdir(parents=True)
     np.savetxt(table, rows, delimiter=",", header="ts,X,Z,Phi,Theta0,Theta1", comments="")
-    read = moved_cable.recorded(tmp_path / "bags" / "run", scene)
+    read = robot_arm.recorded(tmp_path / "bags" / "run", scene)
     tips = read.markers[[0, 40, 80], 0]
     wanted = [[0.0, 0.0, -length], [-2.0 * length / np.pi, 0.0, 0.0], [-length, 0.0, 0.0]]
     assert np.abs(tips - [1.0, 0.0, 2.0] - wanted).max() < 1e-4
-    ((name, numbers, _, x_rms, *_, z_rms, z_bias, tip),) = moved_cable.rows("run", scene, read, {})
+    ((name, numbers, _, x_rms, *_, z_rms, z_bias, tip),) = robot_arm.moving_rows(
+        "run", scene, read, {}
+    )
     assert (name, numbers) == ("run", "published")
     assert max(x_rms, z_rms, abs(z_bias)) < 1e-5
     assert tip > 0.5

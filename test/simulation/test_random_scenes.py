@@ -15,7 +15,7 @@ from scene_generator import KINDS, Case, Move, draw_case
 from dlo_sim.core.methods import METHODS as METHODS_OF_ALL
 from dlo_sim.simulation.report import Report, Status
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.stability import truths
+from dlo_sim.studies import analytic
 
 SEEDS = range(40)
 # Each kind and family of methods is a compiled step: few of them here, all from the command line.
@@ -266,18 +266,18 @@ def test_lost_momentum_is_wrong(flight, monkeypatch):
     def grows(simulator):
         return np.full(3, 1e9 * simulator.time), np.zeros(3)
 
-    monkeypatch.setattr(truths, "momenta", grows)
+    monkeypatch.setattr(analytic, "momenta", grows)
     assert "momentum open by" in run_case(flight).problem
 
 
 def test_lost_angular_momentum_is_wrong(flight, monkeypatch):
-    real = truths.momenta
+    real = analytic.momenta
 
     def less(simulator):
         momentum, angular = real(simulator)
         return momentum, angular * (1.0 + 1e-3 * (simulator.steps > 0))
 
-    monkeypatch.setattr(truths, "momenta", less)
+    monkeypatch.setattr(analytic, "momenta", less)
     assert "momentum open by" in run_case(flight).problem
 
 

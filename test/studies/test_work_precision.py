@@ -10,9 +10,8 @@ import pytest
 
 from dlo_sim.batch.workers import HERE
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import Request
+from dlo_sim.studies import Request, analytic
 from dlo_sim.studies.work_precision import cases, peers, separate
-from dlo_sim.studies.work_precision import heavy_elastica as elastica
 from dlo_sim.studies.work_precision import study as study_module
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
@@ -184,16 +183,16 @@ def test_every_simulator_runs_on_every_case_or_says_why_not():
 
 
 def test_elastica_meets_small_deflections_and_two_known_shapes():
-    weak = elastica.Rod(bending=1.0, axial=1e9, weight=1e-3)
-    x, z = elastica.cantilever_tip(weak, 1.0)
+    weak = analytic.Rod(bending=1.0, axial=1e9, weight=1e-3)
+    x, z = analytic.cantilever_tip(weak, 1.0)
     assert z == pytest.approx(-1e-3 / 8.0, rel=1e-4)  # w L^4 / (8 EI)
     assert x == pytest.approx(1.0, abs=1e-6)
     # By a collocation method of another package, to eight digits.
     wire = cases.wire(1)
     assert wire.scale == pytest.approx(0.018528137, abs=1e-9)
     soft = cases.rod_of(cases.soft_cable().scene)
-    assert elastica.sag(soft, 1.0, 0.8) == pytest.approx(0.26940789, abs=1e-8)
-    rubber = elastica.cantilever_tip(cases.rod_of(cases.cantilever().scene), 0.3)
+    assert analytic.sag(soft, 1.0, 0.8) == pytest.approx(0.26940789, abs=1e-8)
+    rubber = analytic.cantilever_tip(cases.rod_of(cases.cantilever().scene), 0.3)
     assert rubber == pytest.approx((0.08908223, -0.26705251), abs=1e-8)
 
 
@@ -202,7 +201,7 @@ def test_equilibrium_converges_to_the_elastica_of_its_own_curvature():
     scene, _, truth, length = separate.known_shapes()["cantilever"]
     tip = Simulator(separate.at_rest(scene, 27)).centerline([length])[0][[0, 2]]
     assert np.abs(tip - truth).max() < 2.5e-5  # measured 1.6e-5
-    per_rest_length = elastica.cantilever_tip(cases.rod_of(scene), length)
+    per_rest_length = analytic.cantilever_tip(cases.rod_of(scene), length)
     assert np.abs(truth - per_rest_length).max() == pytest.approx(6.9e-5, abs=2e-6)
 
 

@@ -6,9 +6,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.studies.stability import checks
-from dlo_sim.studies.stability.checks import BIG_PULSE, PULSE, PULSES, TURN
+from dlo_sim.studies.stability import extremes
 from dlo_sim.studies.stability.extremes import (
+    BIG_PULSE,
+    PULSE,
+    PULSES,
+    TURN,
     Action,
     Check,
     Extreme,
@@ -140,7 +143,7 @@ FINE: Values = {"discretization.control_points": 2000}
 
 
 def _wire(name: str, what: str, values: Values, bound: float, duration: float = 10.0) -> Extreme:
-    return Extreme(name, what, values, duration, checks.energy_balance, bound)
+    return Extreme(name, what, values, duration, extremes.energy_balance, bound)
 
 
 def _stepped(tau: float) -> Extreme:
@@ -152,14 +155,14 @@ def _pulled(density: float, more: Values) -> Extreme:
     name = f"suture of {density:g} kg/m^3{', automatic' if more else ''}"
     what = "10 cm, r 0.2 mm, E 750 MPa, n_u 40, pulled to 1 N at the middle in 2 s, undamped"
     values = suture(density, "sine") | more
-    return Extreme(name, what, values, 2.0, checks.follows_string, 5e-3)
+    return Extreme(name, what, values, 2.0, extremes.follows_string, 5e-3)
 
 
 def _sudden(density: float, more: Values) -> Extreme:
     name = f"{'viscous ' if more else ''}suture of {density:g} kg/m^3, sudden"
     what = f"1 N at once at the middle{', damping.stiffness 1 ms' if more else ''}; 2 s"
     values = suture(density, "constant") | more
-    return Extreme(name, what, values, 2.0, checks.swings_about_string, 1e-6)
+    return Extreme(name, what, values, 2.0, extremes.swings_about_string, 1e-6)
 
 
 WIRES = (
@@ -178,32 +181,32 @@ SUTURES = (
     Extreme(
         "suture at rest",
         "its equilibrium under the pull of 1 N",
-        *(suture(HEAVY, "constant") | AT_REST, 0.0, checks.pulls_as_string, 5e-3),
+        *(suture(HEAVY, "constant") | AT_REST, 0.0, extremes.pulls_as_string, 5e-3),
     ),
 )
 
 # Name -> scene, duration [s], check and bound. WHAT describes them, EVENTS has (time [s], action).
 OTHERS: dict[str, tuple[Values, float, Check, float]] = {
-    "glass fibre": (FIBRE, 1.0, checks.sags_as_cantilever, 1e-3),
-    "rubber hose": (HOSE, 10.0, checks.weighs_its_weight, 1e-4),
-    "rubber hose, automatic": (HOSE | AUTO, 10.0, checks.weighs_its_weight, 1e-4),
-    "overhead line": (LINE, 1.0, checks.hangs_as_catenary, 1e-5),
-    "n_u = 2000": (LINE | FINE, 0.04, checks.hangs_as_catenary, 1e-5),
-    "cable of 1 mm": (catenary(1e-3, 1e-5, 1200.0, 1e6, 13), 0.1, checks.lasting, 1e-5),
-    "cable of 1 km": (LONG, 10.0, checks.hangs_as_catenary, 1e-4),
-    "slack cable snapped taut": (SLACK, 4.0, checks.is_taut, 1e-3),
-    "pulse of 1e6 N for 1 ms": (thrown(NYLON, 1e-4, "pull"), 0.01, checks.carries_impulse, 1e-9),
-    "free flight": (thrown(SOFT, 1e-3, "left", "right"), 5.0, checks.keeps_momentum, 1e-9),
-    "ends that meet": (GRIPPED | ends(-0.45, 0.45) | damped(), 1.5, checks.mirrors, 1e-6),
-    "pose jump of 1 m in one tick": (GRIPPED | ends(0.0, 0.8), 1.0, checks.energy_balance, 1e-5),
-    "stiffness times 1e6 at run time": (SWINGING, 0.3, checks.energy_balance, 1e-6),
-    "straight under twist": (TWISTED, 5.0, checks.turns_as_rod, 1e-6),
-    "straight under compression": (column(1.5, 0.0) | STRAIGHT, 0.1, checks.stays_straight, 1e-7),
-    "column below its buckling load": (column(0.9), 0.0, checks.amplifies_as_column, 1e-3),
-    "column above its buckling load": (column(1.1), 0.0, checks.buckles_as_elastica, 1e-3),
-    "ring": (RING, 0.1, checks.closes_ring, 1e-4),
-    "catenary settled by damping": (SETTLING, 10.0, checks.rests_as_undamped, 1e-6),
-    "catenary at rest, large damping": (VISCOUS, 1.0, checks.rests_as_undamped, 1e-6),
+    "glass fibre": (FIBRE, 1.0, extremes.sags_as_cantilever, 1e-3),
+    "rubber hose": (HOSE, 10.0, extremes.weighs_its_weight, 1e-4),
+    "rubber hose, automatic": (HOSE | AUTO, 10.0, extremes.weighs_its_weight, 1e-4),
+    "overhead line": (LINE, 1.0, extremes.hangs_as_catenary, 1e-5),
+    "n_u = 2000": (LINE | FINE, 0.04, extremes.hangs_as_catenary, 1e-5),
+    "cable of 1 mm": (catenary(1e-3, 1e-5, 1200.0, 1e6, 13), 0.1, extremes.lasting, 1e-5),
+    "cable of 1 km": (LONG, 10.0, extremes.hangs_as_catenary, 1e-4),
+    "slack cable snapped taut": (SLACK, 4.0, extremes.is_taut, 1e-3),
+    "pulse of 1e6 N for 1 ms": (thrown(NYLON, 1e-4, "pull"), 0.01, extremes.carries_impulse, 1e-9),
+    "free flight": (thrown(SOFT, 1e-3, "left", "right"), 5.0, extremes.keeps_momentum, 1e-9),
+    "ends that meet": (GRIPPED | ends(-0.45, 0.45) | damped(), 1.5, extremes.mirrors, 1e-6),
+    "pose jump of 1 m in one tick": (GRIPPED | ends(0.0, 0.8), 1.0, extremes.energy_balance, 1e-5),
+    "stiffness times 1e6 at run time": (SWINGING, 0.3, extremes.energy_balance, 1e-6),
+    "straight under twist": (TWISTED, 5.0, extremes.turns_as_rod, 1e-6),
+    "straight under compression": (column(1.5, 0.0) | STRAIGHT, 0.1, extremes.stays_straight, 1e-7),
+    "column below its buckling load": (column(0.9), 0.0, extremes.amplifies_as_column, 1e-3),
+    "column above its buckling load": (column(1.1), 0.0, extremes.buckles_as_elastica, 1e-3),
+    "ring": (RING, 0.1, extremes.closes_ring, 1e-4),
+    "catenary settled by damping": (SETTLING, 10.0, extremes.rests_as_undamped, 1e-6),
+    "catenary at rest, large damping": (VISCOUS, 1.0, extremes.rests_as_undamped, 1e-6),
 }
 WHAT = {
     "glass fibre": "125 um, 5 cm, 72 GPa, clamped at one end, at rest under its weight, 1 s",

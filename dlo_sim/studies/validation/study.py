@@ -20,7 +20,6 @@ from dlo_sim.studies.plotting import animate, new_figure
 from dlo_sim.studies.report import Report
 from dlo_sim.studies.runs import Array
 from dlo_sim.studies.validation import references, robot_arm
-from dlo_sim.studies.validation.corrected import corrected
 
 PIECES = {True: 2, False: 1000}  # of a cable
 PREDICTION = "prediction"
@@ -139,7 +138,7 @@ def _rows(cable: Cable, request: Request) -> list[list[Any]]:
         "first shape": [references.held(piece) for piece in cable.pieces],
         "moved": [references.moved(piece) for piece in cable.pieces],
         "at rest": list(request.workers.map(references.resting, items)),
-        "corrected": list(request.workers.map(corrected, items)),
+        "corrected": list(request.workers.map(references.corrected, items)),
     }
     rows = [_row(cable.name, PREDICTION, cable.scores, cable.seconds)]
     for what, predicted in others.items():

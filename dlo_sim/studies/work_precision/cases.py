@@ -11,8 +11,8 @@ from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scene
+from dlo_sim.studies import analytic
 from dlo_sim.studies.runs import Array
-from dlo_sim.studies.work_precision import heavy_elastica as elastica
 from dlo_sim.tuning.trial import Job, error
 
 CLOSED = 0.2  # [m] by which the gripper of the soft cable closes
@@ -88,11 +88,11 @@ class Run(NamedTuple):
         return f"{self.who}, stretch {self.stretch}" if by_span else self.who
 
 
-def rod_of(scene: Scene, deformed: bool = False) -> elastica.Rod:
-    """The cable's constants for `elastica`."""
+def rod_of(scene: Scene, deformed: bool = False) -> analytic.Rod:
+    """The cable's constants for `analytic`."""
     cable = scene.cable
     weight = cable.mu * float(np.linalg.norm(scene.gravity))
-    return elastica.Rod(cable.EI, cable.EA, weight, deformed)
+    return analytic.Rod(cable.EI, cable.EA, weight, deformed)
 
 
 def wire(number: int) -> Case:
@@ -103,7 +103,7 @@ def wire(number: int) -> Case:
     }[number]
     job = Job(load_scene(shipped_scene(name)), 2.0, (0.5,))
     length, spring = job.scene.cable.length, job.scene.start.spring[0]
-    sag = elastica.sag(rod_of(job.scene), length, length, spring)
+    sag = analytic.sag(rod_of(job.scene), length, length, spring)
     return Case(f"scenario_{number}", title, job, "pinned", axes, sag, "the static sag")
 
 

@@ -14,13 +14,11 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import Request
+from dlo_sim.studies import Request, analytic
 from dlo_sim.studies.plotting import curves, draw, new_figure
 from dlo_sim.studies.report import Report, columns
 from dlo_sim.studies.runs import Array, each
 from dlo_sim.studies.stability.scenes import ends
-from dlo_sim.studies.stability.truths import catenary
-from dlo_sim.studies.work_precision import heavy_elastica as elastica
 from dlo_sim.studies.work_precision.cases import CLOSED, Case, cantilever, rod_of, soft_cable, wire
 from dlo_sim.studies.work_precision.references import METHOD, Reference, run
 from dlo_sim.tuning.setting import Setting
@@ -180,14 +178,14 @@ def known_shapes() -> dict[str, Known]:
     """Static shapes with known solutions, by name."""
     cord, thin, gap = cantilever().scene, wire(1).scene, 1.0 - CLOSED
     soft = soft_cable().scene.with_values({"end.position": [gap, 0.0, 0.0]})
-    tip = elastica.cantilever_tip(rod_of(cord, True), cord.cable.length)
+    tip = analytic.cantilever_tip(rod_of(cord, True), cord.cable.length)
     length = thin.cable.length
-    sag = elastica.sag(rod_of(thin, True), length, length, thin.start.spring[0])
-    low = elastica.sag(rod_of(soft, True), soft.cable.length, gap)
+    sag = analytic.sag(rod_of(thin, True), length, length, thin.start.spring[0])
+    low = analytic.sag(rod_of(soft, True), soft.cable.length, gap)
     cable = {"cable.linear_density": 0.1, "cable.axial_stiffness": 1.0e4, "terms.bend": "off"}
     limp = scene_from_values({**cable, **ends(0.0, gap)})
     length = limp.cable.length
-    (x,), (z,) = catenary(np.array([0.5 * length]), length, gap, 0.1 * 9.81, 1.0e4)
+    (x,), (z,) = analytic.catenary(np.array([0.5 * length]), length, gap, 0.1 * 9.81, 1.0e4)
     return {
         "cantilever": (cord, 1.0, np.array(tip), cord.cable.length),
         "clamped": (soft, 0.5, np.array([0.5 * gap, -low]), soft.cable.length),

@@ -37,7 +37,7 @@ COSTS = {
 CONTROL_POINTS = {True: (7, 11), False: (7, 8, 9, 11, 13, 15, 17, 23)}
 STEPS = {  # [s], of implicit methods
     True: (5e-3, 2e-3),
-    False: (4e-2, 2e-2, 1e-2, 5e-3, 3e-3, 2e-3, 1e-3, 5e-4),
+    False: (4e-2, 2e-2, 1e-2, 5e-3, 4e-3, 3e-3, 2e-3, 1e-3, 5e-4),
 }
 SHARES = {True: (1.0,), False: (1.0, 0.5)}  # of the own step, explicit
 BUDGET = {True: 0.02, False: 0.1}  # [s] of repeats
