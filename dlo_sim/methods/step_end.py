@@ -144,8 +144,8 @@ def damp_alternation(shape, model, state, scratch, tau):
     -(1 - 2 / z): it alternates for thousands of steps, while the mode itself is at rest, and so do
     its kinetic energy and the reactions. The velocity at the end of the step is the mean one,
     (q1 - q0) / tau, plus d = (w1 - w0) / 2, which is tau / 2 times the acceleration in a smooth
-    motion. Of d, the share (z / (1 + z))^2 is removed: all of an overdamped mode, nothing of a slow
-    one (its frequency changes by z^2 / 4, below the error of the step). z / (1 + z) comes from the
+    motion. Of d, the share (z / (1 + z))^3 is removed: all of an overdamped mode, nothing of a slow
+    one (its frequency changes by z^3 / 4, below the error of the step). z / (1 + z) comes from the
     Newton matrix of the step, 2 / tau^2 M (1 + z).
     """
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
@@ -155,7 +155,7 @@ def damp_alternation(shape, model, state, scratch, tau):
     count = dim * width
     for at in range(count):
         kept[at] = w[at] - travel[at] / tau
-    for _ in range(2):
+    for _ in range(3):
         clear(shape, push)
         for d in range(dim):
             add_product(shape, model, shape[layout.MASS], d, 2.0 / (tau * tau), kept, push)
