@@ -92,13 +92,15 @@ def test_functions_of_the_page(checkout, tmp_path):
 # ---- in a browser, which runs the page as a user's does, without a display -------------------
 
 USER = (Path(__file__).parent / "page_user.js").read_text(encoding="utf-8")
-# Before the page's own script: what the browser and the console complain about.
+# Before the page's own script: what the browser and the console complain about; and frames that
+# come in the browser's virtual time, since those of its compositor come late on a busy machine.
 LISTENER = """
 <script>
   const complaints = [];
   const complain = (...given) => complaints.push(given.map(String).join(" "));
   console.error = console.warn = complain;
   window.addEventListener("error", (event) => complain(event.message));
+  window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);
 </script>
 """
 
