@@ -13,6 +13,7 @@ import logging
 import os
 import pickle
 import platform
+import shutil
 import stat
 import tempfile
 import threading
@@ -30,13 +31,22 @@ COMPILED_ROOMS = ("compiling", "engine", "methods", "terms")
 _log = logging.getLogger(LOGGER)
 _said: set[str] = set()
 _turn = threading.RLock()  # numba's cache setting is process-wide
+_ROOM = 50_000_000  # bytes; a piece takes up to a few megabytes
 _SEAL = hashlib.sha256().digest_size
 
 
 def base_directory() -> Path:
-    """The user's cache directory, shared by all versions, with symbolic links resolved."""
+    """The user's cache directory, shared by all versions, with symbolic links resolved.
+
+    Raises:
+        OSError: there is none: an unknown user, no home directory, a loop of symbolic links.
+    """
     base = os.environ.get("DLO_SIM_CACHE") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return (Path(base).expanduser() / "dlo_sim").resolve()
+    try:
+        return (Path(base).expanduser() / "dlo_sim").resolve()
+    except (OSError, RuntimeError) as error:  # pathlib raises both
+        problem = _printable(str(error)).rstrip(".")
+        raise OSError(f"{_printable(base)} is no directory ({problem})") from None
 
 
 @functools.cache
@@ -112,9 +122,12 @@ def kept(name: str) -> Iterator[None]:
     numba itself uses a new, private directory. The cache entry is one file, written atomically and
     read only if it is trusted and its checksum agrees; otherwise the code is compiled again and
     the entry replaced. numba's process-wide cache setting is restored at the end.
+
+    Raises:
+        OSError: nothing can be cached, also not for a moment; `say_not_kept` tells why.
     """
     path = base_directory() / digest() / name
-    with _turn, tempfile.TemporaryDirectory() as place:
+    with _turn, _room(path.parent) as place:
         folder = Path(place)
         found = _read(path)
         for relative, content in found.items():
@@ -131,8 +144,31 @@ def kept(name: str) -> Iterator[None]:
         files = [file for file in folder.rglob("*") if file.is_file()]
         made = {str(file.relative_to(folder)): file.read_bytes() for file in files}
         if made != found and not _obstacle(path.parent):
-            with contextlib.suppress(OSError):  # the disk may have become full
+            try:
                 _write(path, made)
+            except OSError as error:  # the disk may have become full
+                say_not_kept(f"{path.parent} cannot be written ({error.strerror})")
+
+
+@contextlib.contextmanager
+def _room(directory: Path) -> Iterator[str]:
+    """A new, private directory: among the temporary files or, where these have no room, in the
+    cache directory.
+
+    Raises:
+        OSError: there can be none.
+    """
+    place: str | Path = directory
+    with contextlib.suppress(OSError):
+        temporary = tempfile.gettempdir()
+        if shutil.disk_usage(temporary).free >= _ROOM or _obstacle(directory):
+            place = temporary
+    with tempfile.TemporaryDirectory(prefix="dlo_sim_", dir=place) as made:
+        try:
+            yield made
+        except OSError as error:
+            error.filename = str(place)  # rather than the name of a piece of code
+            raise
 
 
 class _Telling(logging.Handler):
@@ -206,10 +242,25 @@ def _obstacle(directory: Path) -> str:
 def _say(directory: Path) -> None:
     """Log, once per process, that code is compiled, and why it cannot be cached if so."""
     obstacle = _obstacle(directory)
-    told, level = f"once per installation, some 45 s, kept in {directory.parent}", logging.INFO
     if obstacle:
-        told = f"at every start: {obstacle}; set DLO_SIM_CACHE to a directory of your own"
-        level = logging.WARNING
+        say_not_kept(obstacle)
+    else:
+        place = _printable(str(directory.parent))
+        _log_once(logging.INFO, f"once per installation, some 45 s, kept in {place}")
+
+
+def say_not_kept(obstacle: str) -> None:
+    """Log, once per process, that code is compiled at every start, and why."""
+    cure = "free space there, or set DLO_SIM_CACHE to a directory of your own"
+    _log_once(logging.WARNING, f"at every start: {_printable(obstacle)}; {cure}")
+
+
+def _log_once(level: int, told: str) -> None:
     if told not in _said:
         _said.add(told)
         _log.log(level, "compiling, %s", told)
+
+
+def _printable(text: str) -> str:
+    """On one line, and without bytes of a name that are not UTF-8."""
+    return " ".join(text.encode("utf-8", "backslashreplace").decode().split())

@@ -22,7 +22,7 @@ import numpy as np
 from numba import NumbaExperimentalFeatureWarning, config, njit, types
 from numba.experimental import structref
 
-from dlo_sim.compiling.directory import kept
+from dlo_sim.compiling.directory import kept, say_not_kept
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -82,7 +82,9 @@ class Piece:
         try:
             with kept(f"{function.__module__}.{function.__qualname__}"):
                 return njit(self._signature, cache=True, **_OPTIONS)(function)
-        except OSError:  # no room even for temporary files
+        except OSError as error:
+            where = "" if error.filename is None else f"{error.filename} cannot be written: "
+            say_not_kept(f"{where}{error.strerror or error}")
             return njit(self._signature, **_OPTIONS)(function)
 
     def load(self) -> None:

@@ -14,6 +14,7 @@ from dlo_sim import __version__
 from dlo_sim.doctor.finding import Finding, note, ok, problem
 from dlo_sim.simulation.processors import processors
 
+_CACHE_CURE = "set DLO_SIM_CACHE to a directory of your own"
 _LAST_DOMAIN, _LAST_SAFE_DOMAIN = 232, 101
 _RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 
@@ -27,8 +28,12 @@ def installation() -> Iterator[Finding]:
         yield problem(f"{versions}; numba cannot be imported: {error}", "pip install numba")
         return
     yield ok(f"{versions}, numba {metadata.version('numba')}")
-    base = directory.base_directory()
-    yield cache(base, base / directory.digest(), directory.trust_problem(_existing(base)))
+    try:
+        base = directory.base_directory()
+    except OSError as error:
+        yield problem(f"{error}; every start compiles", _CACHE_CURE)
+    else:
+        yield cache(base, base / directory.digest(), directory.trust_problem(_existing(base)))
     cores = processors()
     if cores > 1:
         yield ok(f"{cores} cores")
@@ -43,11 +48,11 @@ def cache(base: Path, mine: Path, untrusted: str) -> Finding:
     Args:
         untrusted: why what is kept there must not be loaded; may be empty.
     """
-    cure = "set DLO_SIM_CACHE to a directory of your own"
     if untrusted:
-        return problem(f"the cache {base} is not used: {untrusted}; every start compiles", cure)
+        why = f"the cache {base} is not used: {untrusted}; every start compiles"
+        return problem(why, _CACHE_CURE)
     if not os.access(_existing(base), os.W_OK):
-        return problem(f"the cache {base} cannot be written; every start compiles", cure)
+        return problem(f"the cache {base} cannot be written; every start compiles", _CACHE_CURE)
     if mine.is_dir() and any(mine.iterdir()):
         return ok(f"the cache {base} holds this version's machine code")
     what = f"the cache {base} has no machine code of this version"

@@ -119,7 +119,10 @@ def read_arguments(arguments: Sequence[str]) -> Iterator[NodeArguments]:
     for scene in options.scene:
         for_ros = [_ROS_ARGUMENTS, _PARAMS_FILE, str(find_scene(scene)), _END, *for_ros]
     given = NodeArguments(allow_unmatched=options.allow_unmatched)
-    folder = tempfile.mkdtemp(prefix="dlo_sim_")
+    try:
+        folder = tempfile.mkdtemp(prefix="dlo_sim_")
+    except OSError as error:
+        raise _no_room(error) from None
     with cleanup(lambda: shutil.rmtree(folder, ignore_errors=True)):
         previous = ""
         for argument in for_ros:
@@ -160,9 +163,19 @@ def _readable_file(source: str, rewritten: Path) -> tuple[str, list[str]]:
         raise SceneError(f"{source}: {error}") from None
     if not _write_out_decimals(document):
         return source, nodes
-    with rewritten.open("w", encoding="utf-8") as stream:
-        YAML(typ="rt").dump(document, stream)
+    try:
+        with rewritten.open("w", encoding="utf-8") as stream:
+            YAML(typ="rt").dump(document, stream)
+    except OSError as error:
+        raise _no_room(error) from None
     return str(rewritten), nodes
+
+
+def _no_room(error: OSError) -> SceneError:
+    return SceneError(
+        f"temporary files cannot be written ({error.strerror}); free space, or set TMPDIR to a "
+        "folder that has some"
+    )
 
 
 def _readable_rule(rule: str) -> str:

@@ -19,7 +19,9 @@ class StateKeeper:
     """Writes state.save_to, and reads it at the start; without that parameter it does nothing."""
 
     def __init__(self, scene: Scene, log: Any) -> None:
-        self._path = Path(scene.state.save_to).resolve() if scene.state.save_to else None
+        # Path.resolve raises where symbolic links form a loop.
+        place = scene.state.save_to
+        self._path = Path(os.path.realpath(place)) if place else None
         self._log = log
         self._writer = ThreadPoolExecutor(1)
         self._writing: Future[None] | None = None
@@ -38,6 +40,11 @@ class StateKeeper:
             raise SceneError(f"state.save_to: the folder {folder} does not exist; create it first")
         if self._path.is_dir():
             raise SceneError(f"state.save_to: {self._path} is a folder; give a file in it")
+        if os.path.lexists(self._path) and not self._path.is_file():
+            raise SceneError(
+                f"state.save_to: {self._path} is a device, a pipe or a link to nowhere; give the "
+                "name of a file"
+            )
         if not os.access(folder, os.W_OK):
             raise SceneError(
                 f"state.save_to: nothing can be written in {folder}; give another folder"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import platform
+import pwd
 import random
 import shutil
 import tempfile
@@ -17,6 +18,8 @@ import pytest
 
 from dlo_sim.compiling import directory
 from dlo_sim.compiling.pieces import REAL, Piece, piece
+from dlo_sim.doctor.installation import installation
+from test.disks import mounted
 
 NAME = f"{__name__}.add_one"
 
@@ -162,6 +165,48 @@ def test_a_disk_that_is_full(
     monkeypatch.setattr(os, "replace", refuse)
     assert fresh()(1.0) == 2.0
     assert not [path for path in tmp_path.rglob("*") if path.is_file()], "nothing half written"
+    line = said()[-1]
+    assert line.startswith("compiling, at every start: ") and "No space left on device" in line
+    assert "free space there, or set DLO_SIM_CACHE" in line
+
+
+def test_temporary_files_without_room_are_not_needed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Callable[[], list[str]]
+) -> None:
+    full = tmp_path / "full"
+    full.mkdir()
+    with mounted(full, 16_384):
+        monkeypatch.setattr(tempfile, "tempdir", str(full))
+        assert fresh()(1.0) == 2.0
+        (line,) = said()
+        assert "once per installation" in line
+        loaded = fresh()
+        assert loaded(1.0) == 2.0 and sum(loaded.code.stats.cache_hits.values()) == 1
+        assert said() == []
+        kept = directory.base_directory() / directory.digest()
+        assert [path.name for path in kept.iterdir()] == [NAME], "no private directory is left"
+        with mounted(kept, 4096):
+            kept.chmod(0o755)
+            assert piece(REAL, REAL)(add_two)(1.0) == 3.0
+            assert any("at every start" in line and "No space left" in line for line in said())
+
+
+@pytest.mark.parametrize("base", ["~nobody_of_that_name/cache", "~/cache", "loop/cache"])
+def test_a_directory_that_cannot_be_is_said_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Callable[[], list[str]], base: str
+) -> None:
+    """An unknown user, no home directory, symbolic links in a circle."""
+    (tmp_path / "loop").symlink_to("loop")
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", {}.__getitem__)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DLO_SIM_CACHE", base)
+    assert fresh()(1.0) == 2.0
+    (line,) = said()
+    assert line.startswith("compiling, at every start: ") and line.isprintable()
+    assert base.split("/")[0] in line and "set DLO_SIM_CACHE to a directory of your own" in line
+    findings = [finding.what for finding in installation()]
+    assert sum("every start compiles" in text for text in findings) == 1
 
 
 def test_a_damaged_file_is_not_loaded_and_is_replaced(said: Callable[[], list[str]]) -> None:

@@ -1,11 +1,13 @@
 """The command line as rcl gets it: mixed lists written out, everything else untouched."""
 
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from dlo_sim.ros.arguments import read_arguments
 from dlo_sim.scene.loading import SceneError, load_scene
+from test.disks import mounted
 
 MIXED = """
 /**:
@@ -150,3 +152,20 @@ def test_a_parameter_for_another_node_is_noticed() -> None:
     with read_arguments(given) as arguments:
         (line,) = arguments.unmatched("/dlo_sim")
     assert line.startswith("-p other:rate:=50.0: holds parameters for /other, none")
+
+
+def test_temporary_files_without_room_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text("/**:\n  ros__parameters:\n    cable.rest_curvature: [0, 0.5]\n")
+    folder = tmp_path / "full"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    with mounted(folder, 4096):
+        (folder / "more").write_bytes(bytes(4096))
+        with (
+            pytest.raises(SceneError, match="No space left on device.; free space, or set TMPDIR"),
+            read_arguments(["--ros-args", "--params-file", str(params)]),
+        ):
+            pass

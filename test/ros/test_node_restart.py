@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -76,6 +77,8 @@ def test_state_that_cannot_be_used_is_refused(
     ("place", "writable", "text"),
     [
         ("", True, "is a folder; give a file in it"),
+        ("pipe", True, "is a device, a pipe or a link to nowhere; give the name of a file"),
+        ("loop", True, "is a device, a pipe or a link to nowhere; give the name of a file"),
         ("none/state", True, "/none does not exist; create it first"),
         ("state", False, "nothing can be written in .*; give another folder"),
     ],
@@ -83,6 +86,8 @@ def test_state_that_cannot_be_used_is_refused(
 def test_a_place_for_no_file_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, writable: bool, text: str
 ) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
     monkeypatch.setattr(state_keeper.os, "access", lambda folder, mode: writable)
     scene = scene_from_values({"state.save_to": str(tmp_path / place)})
     with pytest.raises(SceneError, match=f"^state.save_to: .*{text}$"):
