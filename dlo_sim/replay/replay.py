@@ -197,6 +197,7 @@ class _Replay:
         summary.messages_copied = sum(record.copies for record in journal.topics.values())
         summary.refused_by_reason = dict(sorted(journal.refused.items()))
         summary.messages_refused = sum(summary.refused_by_reason.values())
+        summary.warnings += journal.advice
         summary.events = dict(sorted(journal.events.items()))
         if self._bag.damage and summary.status == "done":
             read, promised = self._bag.count, self._bag.promised
@@ -240,8 +241,7 @@ class _Replay:
         origin = now = latest = message.time_ns
         self._next_diagnostics_ns = origin + _DIAGNOSTICS_PERIOD
         count = 0
-        tail = round(self._scene.inputs.latency * SECOND) + round(period)
-        while message is not None or now <= latest + tail:
+        while message is not None or now <= latest + session.latency_ns + round(period):
             while message is not None and message.time_ns <= now:
                 latest = max(latest, message.time_ns)
                 self._take(message, latest)
@@ -256,7 +256,9 @@ class _Replay:
             now = origin + round(count * period)
             if message is None or message.time_ns - now <= LONGEST_GAP:
                 continue
-            if now > latest + tail:  # what was recorded before the gap is simulated
+            if now > latest + session.latency_ns + round(
+                period
+            ):  # what was recorded before the gap is simulated
                 gap = (message.time_ns - latest) * 1e-9
                 summary.warnings.append(
                     f"a gap of {gap:.1f} s in the bag was left out; simulation reset"

@@ -80,6 +80,8 @@ def _check_text(row: Parameter, value: object, key: str) -> str:
 
 
 def _check_number(row: Parameter, value: object, key: str) -> float | int:
+    if value == "auto" and row.auto is not None:
+        return row.auto
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise refusal(key, value, f"is not a number; give {_wanted_element(row)}")
     if row.element_kind == "integer" and not isinstance(value, int):

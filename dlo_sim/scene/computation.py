@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from dlo_sim.scene.parameter import parameter
 
 SWITCH = ("auto", "on", "off")
+LEAST_LATENCY, MOST_LATENCY = 0.06, 10.0  # s, of inputs.latency auto
 LEAST_BY_SPAN = 9  # control points from which stretching by span is never less accurate
 
 
@@ -150,10 +151,13 @@ class Inputs:
     """Processing of input messages: time base, latency, limits, catching up."""
 
     latency: float = parameter(
-        0.06,
-        "Lag of the prediction, so that poses are interpolated, never extrapolated.",
+        -1.0,
+        "Lag of the prediction, so that poses are interpolated, never extrapolated: auto (-1) = "
+        "0.06, or as much more as the measured rate and delay of the poses need. A warning says "
+        "what they need if a given lag is too short.",
         "s",
-        (0.0, 10.0),
+        (-1.0, MOST_LATENCY),
+        auto=-1.0,
     )
     time: str = parameter(
         "auto",
@@ -178,6 +182,11 @@ class Inputs:
         "s",
         (1.0e-3, 10.0),
     )
+
+    @property
+    def least_latency(self) -> float:
+        """The lag [s] if no pose needs more."""
+        return LEAST_LATENCY if self.latency < 0.0 else self.latency
 
 
 @dataclass(frozen=True)

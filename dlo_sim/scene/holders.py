@@ -99,7 +99,7 @@ class Holder:
     pose_smoothing: float = parameter(
         0.0,
         "Half the window of a local quadratic fit that smooths noisy poses. It delays the poses: "
-        "raise inputs.latency by as much; 0 = off.",
+        "a given inputs.latency must be longer by as much; 0 = off.",
         "s",
         (0.0, 1.0),
     )

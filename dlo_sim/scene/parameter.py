@@ -34,6 +34,7 @@ class Parameter:
         high: largest value allowed, None = unbounded.
         choices: the values allowed, empty = any value in the range.
         length: number of elements of an array, None = any number.
+        auto: number that the word `auto` stands for, None = it is not a value.
         description: one sentence, without the unit.
         read_only: fixed when the node starts.
     """
@@ -48,6 +49,7 @@ class Parameter:
     length: int | None = None
     description: str = ""
     read_only: bool = False
+    auto: float | None = None
 
     @property
     def is_array(self) -> bool:
@@ -64,6 +66,8 @@ class Parameter:
         """The allowed values as text: `0.0 to 1.0`, `auto, on, off`, or empty."""
         if self.choices:
             return ", ".join(shown(choice) for choice in self.choices)
+        if self.auto is not None:
+            return f"auto ({self.auto:g}), or up to {self.high:g}"
         if self.low is not None and self.high is not None:
             return f"{self.low:g} to {self.high:g}"
         if self.low is not None:
@@ -79,14 +83,16 @@ def parameter(
     *,
     choices: tuple[Scalar, ...] = (),
     read_only: bool = False,
+    auto: float | None = None,
 ) -> Any:
     """A dataclass field that is a parameter; its kind follows from the annotation.
 
     Args:
         bounds: smallest and largest value, for each element of an array.
+        auto: number that the word `auto` stands for.
     """
     low, high = bounds or (None, None)
-    words = {"description": description, "unit": unit, "read_only": read_only}
+    words = {"description": description, "unit": unit, "read_only": read_only, "auto": auto}
     limits = {"low": low, "high": high, "choices": choices}
     return field(default=default, metadata={**words, **limits})
 

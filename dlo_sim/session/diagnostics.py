@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from dlo_sim.session.drive import Drive
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
+_MOST_ADVICE = 20
 
 REASONS: dict[str, str] = {
     "undecodable": "not a complete message of the expected type",
@@ -44,6 +45,8 @@ EVENTS: dict[str, str] = {
     "time_jump": "the clock or the stamps jumped; the simulation was reset",
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
+    "slow_poses": "poses come so slowly or late that outputs are delayed more than by 0.06 s, or "
+    "that inputs.latency or pose_timeout is too short for them",
     "late": "a message arrived after the simulation had passed its time; it takes effect now, "
     "measured points are rejected",
     "full": "more measurements wait than fit; the oldest is lost",
@@ -61,6 +64,9 @@ EVENTS: dict[str, str] = {
     "taken_up": "the prediction keeps up again; what was dropped last is resumed",
 }
 """The other events that are counted."""
+
+ADVICE = ("slow_poses",)
+"""Events that say what should be set otherwise; a replay repeats what they say."""
 
 
 class SessionStatus(Enum):
@@ -124,12 +130,19 @@ class TopicRecord:
 
 
 class Journal:
-    """The counters of a session; outlives resets."""
+    """The counters of a session; outlives resets.
+
+    Attributes:
+        topics: counters of each input. events: name -> number. last_event: its line of text.
+        advice: what the events of `ADVICE` said, each line once.
+        skipped_ns: simulated time that was skipped [ns].
+    """
 
     def __init__(self, topics: Sequence[str]) -> None:
         self.topics = {topic: TopicRecord(topic) for topic in topics}
         self.events: Counter[str] = Counter()
         self.last_event = ""
+        self.advice: list[str] = []
         self.skipped_ns = 0
         self._reported = 0
 
@@ -138,6 +151,8 @@ class Journal:
         assert name in EVENTS, name
         self.events[name] += 1
         self.last_event = detail
+        if name in ADVICE and detail not in self.advice and len(self.advice) < _MOST_ADVICE:
+            self.advice.append(detail)
 
     def fresh_events(self) -> int:
         """Number of events since the last call."""
@@ -194,6 +209,7 @@ def session_status(
     drive: Drive,
     accuracy: Accuracy,
     *,
+    latency: float,
     lag: float,
     delay: float | None,
     offset: float,
@@ -203,7 +219,8 @@ def session_status(
     Args:
         message: one line, takes precedence over other texts; may be empty.
         accuracy: the estimated error and its warning.
-        lag: time by which the state is behind the wanted one [s].
+        latency: time by which the wanted state is behind the clock [s].
+        lag: longest time since the last report by which the state was behind the wanted one [s].
         delay: age of the state's stamp [s], after which inputs take effect; None before the cable
             is placed.
         offset: clock minus stamps [s].
@@ -232,6 +249,7 @@ def session_status(
         ("energy [J]", f"{energy.total:.9g}"),
         ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
         *accuracy.values(),
+        ("latency [s]", f"{latency:.3f}"),
         ("lag [s]", f"{lag:.3f}"),
         ("inputs act after [s]", "never" if delay is None else f"{delay:.4f}"),
         ("skipped [s]", f"{journal.skipped_ns * 1e-9:.3f}"),

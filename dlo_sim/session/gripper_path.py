@@ -37,6 +37,7 @@ from dlo_sim.core.one_rotation import (
     turned,
 )
 from dlo_sim.scene.holders import Holder
+from dlo_sim.session.latency import PoseTiming
 from dlo_sim.session.pose_smoothing import Pose, SmoothedPoses
 from dlo_sim.session.rejoining import Shift
 from dlo_sim.session.step_grid import StepGrid
@@ -80,11 +81,13 @@ class GripperPath(SmoothedPoses):
     Attributes:
         silent: whether the last pose is being held after a silence.
         newest: the last pose received, used or not; None = none since `clear`.
+        timing: how often and how late poses come.
     """
 
     def __init__(self, end: str, holder: Holder, note: Callable[[str, str], None]) -> None:
         self.end = end
         self._note = note
+        self.timing = PoseTiming()
         super().__init__(0, 0, _MOST_WAITING)
         self.configure(holder)
 
@@ -92,12 +95,14 @@ class GripperPath(SmoothedPoses):
         """Use the settings of this holder from the next pose on."""
         self.timeout_ns = self.longest_gap_ns = round(holder.pose_timeout * SECOND)
         self.half_window_ns = round(holder.pose_smoothing * SECOND)
+        self.timing.configure(self.timeout_ns, self.half_window_ns)
 
     def clear(self) -> None:
         """Discard all poses; the next one starts a new path."""
         super().clear()
         self.silent = False
         self.newest: Pose | None = None
+        self.timing.clear()
         self._center: Pose | None = None
         self._interval_ns = 0
         self._shift: Shift | None = None
@@ -186,6 +191,7 @@ class GripperPath(SmoothedPoses):
                 segment = self._come_to_rest(grid, index, time)
             else:
                 self._center = self.take()
+                self.timing.use(center.stamp_ns, stamp_ns)
                 segment = self._segment_between(center, self._center, grid, index, time)
             if segment is not None:
                 return segment

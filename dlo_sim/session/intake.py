@@ -127,6 +127,9 @@ class Intake:
         journal: counts the messages.
         transforms: looks up frames that the scene does not name; None: such frames are refused.
         passed: stamp up to which the simulation has used an input [ns], None = nothing used.
+
+    Attributes:
+        patience_ns: time for which a message waits for its transform [ns].
     """
 
     def __init__(
@@ -139,6 +142,7 @@ class Intake:
         passed: Callable[[InputTopic], int | None] = lambda entry: None,
     ) -> None:
         self._passed = passed
+        self.patience_ns = round(scene.inputs.least_latency * SECOND)
         self.time_base = time_base
         self._transforms = transforms
         # Frame -> stamp of its last pose [ns].
@@ -154,7 +158,6 @@ class Intake:
         """Use limits, frames and timeouts of this scene, which has the same topics."""
         self._limits = scene.inputs
         self._content = ContentCheck(scene)
-        self._patience_ns = round(scene.inputs.latency * SECOND)
         for topic in self._topics.values():
             topic.configure(scene)
 
@@ -225,7 +228,7 @@ class Intake:
                 message = self._in_world(message, arrival_ns, topic.kind)
                 message = self._content.check(message, topic.kind, topic.spacing)
             except Refused as refused:
-                young = abs(clock_ns - arrival_ns) <= self._patience_ns
+                young = abs(clock_ns - arrival_ns) <= self.patience_ns
                 few = len(topic.waiting) <= _MOST_WAITING
                 if refused.reason == "no_transform" and young and few:
                     break

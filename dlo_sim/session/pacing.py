@@ -37,6 +37,7 @@ class Pacing:
         grid: times of the states to publish.
         most_steps: most steps of one tick.
         lag_ns: time by which the state is behind the wanted one [ns].
+        longest_lag_ns: the longest since this was last set to 0 [ns].
     """
 
     def __init__(self, scene: Scene, step: float, journal: Journal, live: bool) -> None:
@@ -49,7 +50,7 @@ class Pacing:
         """Use the limits of this scene and the step [s] of its simulator."""
         inputs = scene.inputs
         timeouts = [end.pose_timeout for end in scene.holders.values() if end.driven]
-        self.grid = OutputGrid(scene.rate, round(inputs.latency * SECOND))
+        self.grid = OutputGrid(scene.rate, round(inputs.least_latency * SECOND))
         self.most_steps = max(1, round(max(inputs.catch_up, 1.0 / scene.rate) / step))
         if self._live:
             self.most_steps = min(self.most_steps, _MOST_LIVE_STEPS)
@@ -59,7 +60,7 @@ class Pacing:
 
     def clear(self) -> None:
         """Clear the lag, resume what was dropped, and start to measure silences anew."""
-        self.lag_ns = 0
+        self.lag_ns = self.longest_lag_ns = 0
         self._shed = 0  # number of entries of _SHED that are dropped
         self._calm_ns = round(_CALM * SECOND)
         self._kept_up_since_ns: int | None = None
@@ -87,6 +88,7 @@ class Pacing:
             held_up: it waits for a pose or has failed, so it is not too slow.
         """
         before, self.lag_ns = self.lag_ns, max(0, wanted_ns - drive.now_ns)
+        self.longest_lag_ns = max(self.longest_lag_ns, self.lag_ns)
         if held_up:
             return
         falling_by = before if self.lag_ns >= before else 0

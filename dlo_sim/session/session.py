@@ -28,6 +28,7 @@ from dlo_sim.session.diagnostics import (
 )
 from dlo_sim.session.drive import Drive, Prepared
 from dlo_sim.session.intake import Accepted, Intake
+from dlo_sim.session.latency import Latency
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
 from dlo_sim.session.pacing import Pacing
 from dlo_sim.session.pose_smoothing import Pose
@@ -85,6 +86,8 @@ class Session:
         self._intake = Intake(
             scene, sources, self._time, self.journal, transforms, self._drive.passed_ns
         )
+        timings = {name: path.timing for name, path in self._drive.paths.items()}
+        self._latency = Latency(scene, timings, self.journal.event)
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
@@ -140,6 +143,11 @@ class Session:
         return self._time.offset_ns
 
     @property
+    def latency_ns(self) -> int:
+        """Time by which the prediction runs behind the clock now [ns]."""
+        return self._latency.ns
+
+    @property
     def stamp_ns(self) -> int:
         """Clock time of the present state [ns]; needs `started`."""
         return self._time.to_clock(self._drive.now_ns)
@@ -154,12 +162,13 @@ class Session:
         """
         self._watch_clock(arrival_ns, tick=False)
         before = self._time.offset_ns
-        self._use(self._intake.accept(topic, raw, arrival_ns), before)
+        self._use(self._intake.accept(topic, raw, arrival_ns), before, arrival_ns)
 
     def until_tick(self, now_ns: int) -> int:
         """Time [ns] from this clock time to when a regular tick should come, just after a state has
         become due; less than a timer period.
         """
+        self._pacing.grid.latency_ns = self._latency.ns
         return self._pacing.grid.until_tick(self._time.from_clock(now_ns))
 
     def tick(self, now_ns: int) -> TickReport:
@@ -168,7 +177,10 @@ class Session:
         """
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
-        self._use(self._intake.sample(now_ns) + self._intake.due(now_ns), before)
+        self._intake.patience_ns = self._latency.ns
+        self._use(self._intake.sample(now_ns) + self._intake.due(now_ns), before, now_ns)
+        self._latency.update()
+        self._pacing.grid.latency_ns = self._latency.ns
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and not self._pacing.without_markers
         self._markers_due, self._marker_count = due, count
@@ -220,10 +232,12 @@ class Session:
             self._message(),
             self._drive,
             self._accuracy,
-            lag=self._pacing.lag_ns * 1e-9,
+            latency=self._latency.ns * 1e-9,
+            lag=self._pacing.longest_lag_ns * 1e-9,
             delay=(now_ns - self.stamp_ns) * 1e-9 if self.started else None,
             offset=self._time.offset_ns * 1e-9,
         )
+        self._pacing.longest_lag_ns = self._pacing.lag_ns
         topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
         return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
 
@@ -295,6 +309,7 @@ class Session:
         self._drive.reconfigure(scene, prepared)
         self._intake.configure(scene)
         self._accuracy = Accuracy(scene, self.journal.event)
+        self._latency.configure(scene)
         self._pacing.configure(self.scene, self._drive.simulator.step)
         self._outputs = self._new_outputs()
         if time_mode_changed:
@@ -308,8 +323,10 @@ class Session:
             self._intake.clear()
             self._restart("time_jump", f"the clock went back by {back:.3f} s; simulation reset")
 
-    def _use(self, found: list[Accepted], offset_before: int) -> None:
-        """Pass messages to the drive; they may have changed the offset."""
+    def _use(self, found: list[Accepted], offset_before: int, clock_ns: int) -> None:
+        """Pass messages that can be used at this clock time [ns] to the drive; they may have
+        changed the offset.
+        """
         offset = self._time.offset_ns
         if not found and offset == offset_before:
             return
@@ -327,6 +344,9 @@ class Session:
                 self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
             for entry in accepted.entries:
                 self._drive.add(entry, accepted.message)
+                if entry.is_pose and accepted.message is not None:
+                    now_ns = self._time.from_clock(clock_ns)
+                    self._drive.paths[entry.target].timing.accept(accepted.message.stamp_ns, now_ns)
 
     def _begin(self, wanted_ns: int) -> bool:
         """Place the cable if every driven end has received a pose; returns whether it is placed."""

@@ -274,7 +274,7 @@ def _listen(
     player.tell(str(shift))
     length = (last - first) * 1e-9
     peer.until(lambda: player.said("played"), "the end of the bag", 30.0 + 1.5 * length)
-    end = last + shift - round(scene.inputs.latency * SECOND)
+    end = last + shift - round(scene.inputs.least_latency * SECOND)
     peer.until(
         lambda: publications.poses and max(publications.poses) > end - SECOND // 20,
         "the last control points",

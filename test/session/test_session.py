@@ -335,7 +335,7 @@ class TestSmoothing:
         assert first != play(bench(LOADED, **{"inputs.latency": 0.25}), 4.0)
 
     def test_too_little_latency_only_lags(self, bench):
-        hasty = bench(LOADED, **{"start.pose_smoothing": 0.14})
+        hasty = bench(LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.06})
         patient = bench(LOADED, **{"start.pose_smoothing": 0.14, "inputs.latency": 0.25})
         one, two = play(hasty, 4.0), play(patient, 4.0)
         # While it waits, the reaction does not know yet how the end goes on; the shape is the same
@@ -345,7 +345,9 @@ class TestSmoothing:
         for key in shared:
             states = (cdr.decode_pose_array(raw[key]).poses for raw in (one, two))
             assert np.allclose(*states, rtol=0.0, atol=1e-15)
-        assert not hasty.events
+        assert hasty.events == {"slow_poses": 1}
+        assert "set it to 0.23 or auto" in hasty.session.journal.last_event
+        assert not patient.events
 
     def test_a_single_pose_is_enough_after_the_timeout(self, bench):
         still = bench(LOADED, **{"start.pose_smoothing": 0.14})
