@@ -7,7 +7,10 @@ k = r''(u), C = t x k and n the axis of the natural curvature kappa0,
     stretch      eps = 1 - |t|              (positive in compression)
     curvature    kappa = |C| / |t|^3, as a vector along the binormal C / |t|^3
     twist rate   theta'
-    U = 1/2 integral EA eps^2 + EI |C / |t|^3 - kappa0 n|^2 + GJ theta'^2 du.
+    U = 1/2 integral EA eps^2 + EI |C / |t|^3 - kappa0 n|^2 + GJ theta'^2 du
+
+and the guard EA/2 (k max(v - v0, 0)^2 + k_c sum max(c0 - c, 0)^2) per length, with v a fourth of
+the variance of c = t . t over a span (by span only), and c at its ends and in its middle.
 
 Source: Khalifa & Palli, eqs. 6-8. Deviations: the integral runs over the rest length u, not over
 the deformed length; the twist is the plain theta', since their Frenet torsion is 0/0 on a straight
@@ -24,6 +27,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline, quadrature
 
 Array = NDArray[np.float64]
+GUARD = 100.0, 0.01, 100.0, 0.25  # k, v0, k_c, c0
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,31 @@ def counted_stretch(stretch: Array, rule: quadrature.Quadrature, section: Sectio
     return fitted.ravel()
 
 
+def guard(control_points: Array, knots: Array, section: Section) -> tuple[float, Array]:
+    """Energy of the guard [J] and its gradient [N], shape (n, 4); exact integrals over the spans of
+    |t|^4 by five Gauss points.
+    """
+    strength, even, short, least = GUARD
+    energy, result = 0.0, np.zeros_like(control_points, dtype=float)
+    ends = bspline.breaks(knots)
+    xi, weights = np.polynomial.legendre.leggauss(5)
+    places = np.concatenate((xi, [-1.0 + 1e-14, 0.0, 1.0 - 1e-14]))
+    for i, (begin, length) in enumerate(zip(ends, np.diff(ends), strict=False)):
+        _, slopes = bspline.active_basis(knots, begin + 0.5 * length * (1.0 + places), 1)
+        active = slice(i, i + bspline.ACTIVE)
+        t = slopes @ control_points[active, :3]
+        square = (t * t).sum(axis=1)
+        off = square[:5] - 0.5 * weights @ square[:5]
+        excess = max(0.125 * weights @ off**2 - even, 0.0) * section.by_span
+        missing = np.maximum(least - square[5:], 0.0)
+        factor = section.EA * length
+        energy += 0.5 * factor * (strength * excess**2 + short * (missing @ missing))
+        on_even = 0.25 * strength * excess * weights * off
+        on_square = factor * np.concatenate((on_even, -short * missing))
+        result[active, :3] += slopes.T @ (2.0 * on_square[:, None] * t)
+    return energy, result
+
+
 def natural_curvature(section: Section, share: float) -> Array:
     """kappa0 n [1/m] at u = share L, shape (3,)."""
     values = section.rest_curvature
@@ -121,7 +150,7 @@ def energies(
     length = float(knots[-1])
     u, weights = samples(rule, knots)
     strain = strains(control_points, knots, u)
-    stretch = bend = twist = 0.0
+    stretch, bend, twist = guard(control_points, knots, section)[0], 0.0, 0.0
     counted = counted_stretch(strain.stretch, rule, section)
     for i in range(len(u)):
         off = strain.binormal[i] - natural_curvature(section, u[i] / length)
@@ -145,7 +174,7 @@ def gradient(
     first, slopes = bspline.active_basis(knots, u, 1)
     _, curls = bspline.active_basis(knots, u, 2)
     counted = counted_stretch(strain.stretch, rule, section)
-    result = np.zeros_like(control_points, dtype=float)
+    result = guard(control_points, knots, section)[1]
     for i in range(len(u)):
         active = slice(first[i], first[i] + bspline.ACTIVE)
         t = slopes[i] @ control_points[active, :3]

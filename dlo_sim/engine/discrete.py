@@ -20,11 +20,14 @@ from dlo_sim.engine.elastic import (
     block_of,
     curve,
     dot,
+    matrix_times,
+    products,
     sample_of,
     scatter_lines,
     span_strains,
     tangent_at,
 )
+from dlo_sim.engine.span_guard import discrete_guard_gradient
 from dlo_sim.terms import bend, stretch, viscosity
 from dlo_sim.terms.viscosity import combined
 
@@ -84,7 +87,10 @@ def discrete_force(shape, model, state, x0, x1, moved, viscous, out, lost):
             if viscous != 0.0:
                 rate, rate_linear = span_rates(shape, model, block, p, q, r)
                 rate_linear = f * rate_linear
-        g0 = g1 = g2 = (zero(), zero(), zero())
+        guard = discrete_guard_gradient(shape, model, block, products(p), products(q))
+        g0 = matrix_times(guard, combined(1.0, p[0], 1.0, q[0]))
+        g1 = matrix_times(guard, combined(1.0, p[1], 1.0, q[1]))
+        g2 = matrix_times(guard, combined(1.0, p[2], 1.0, q[2]))
         for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
             xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)

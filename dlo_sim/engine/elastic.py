@@ -14,7 +14,8 @@ all of its samples, so with EA/EI of a thin cable the sampled stretching energy 
 bending. The axial strain is therefore projected onto constants, and onto linear functions in the
 first and the last span: n - 1 numbers, as many as r' has degrees of freedom along a straight cable.
 With m = 1/h integral eps du, l = 1/h integral eps xi du, f = 3 where linear, else 0, the energy is
-EA h/2 (m^2 + f l^2), and the projected strain at a sample is m + f xi l.
+EA h/2 (m^2 + f l^2), and the projected strain at a sample is m + f xi l. What this leaves free is
+bounded by the span guard (`terms.span_guard`), a part of any stretching energy.
 
 Source: assumed natural strains, Bucalem & Bathe 1993, Int. J. Numer. Meth. Eng. 36, 3729-3754; for
 splines the B-bar projection of Elguedj et al. 2008, Comput. Methods Appl. Mech. Eng. 197,
@@ -26,6 +27,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, load, root, store, zero
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import layout
+from dlo_sim.engine.span_guard import guard_energy, guard_gradient
 from dlo_sim.terms import bend, stretch
 
 
@@ -263,12 +265,12 @@ def matrix_times(g, p):
 def elastic_force(shape, model, x, out):
     """out -= dU/dq of stretching and bending."""
     terms = shape[layout.TERMS]
-    if not terms & (layout.STRETCH | layout.SPAN_STRETCH | layout.BEND):
+    if not terms & (layout.ANY_STRETCH | layout.BEND):
         return
     width, stride = shape[layout.LINE], shape[layout.STRIDE]
     # Terms that the scene lacks are factors of zero, without branches in the loop over the samples;
     # c > 0, as r' vanishes nowhere.
-    stretches = 1.0 if terms & (layout.STRETCH | layout.SPAN_STRETCH) else 0.0
+    stretches = 1.0 if terms & layout.ANY_STRETCH else 0.0
     sampled = 1.0 if terms & layout.STRETCH else 0.0
     bends = 1.0 if terms & layout.BEND else 0.0
     for b in range(shape[layout.BLOCKS]):
@@ -283,7 +285,7 @@ def elastic_force(shape, model, x, out):
             linear = linear * load(model, block + layout.LINEAR * LANES)
         mean -= sampled  # so that sampled c + mean |r'| is c - |r'|
         inner = products(p)
-        g = (zero(), zero(), zero(), zero(), zero(), zero())
+        g = guard_gradient(shape, model, block, inner)
         for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
             xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
@@ -306,7 +308,7 @@ def elastic_energy(shape, model, x):
     """Stretching and bending energy [J], as partial sums."""
     terms = shape[layout.TERMS]
     stretching, bent = zero(), zero()
-    if not terms & (layout.STRETCH | layout.SPAN_STRETCH | layout.BEND):
+    if not terms & (layout.ANY_STRETCH | layout.BEND):
         return stretching, bent
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
@@ -316,6 +318,7 @@ def elastic_energy(shape, model, x):
         )
         s = load(model, block + layout.SLOPE * LANES)
         p = curve(shape, model, x, b, 1.0)
+        stretching += guard_energy(shape, model, block, products(p))
         if terms & layout.SPAN_STRETCH:
             mean, slope = span_strains(shape, model, block, p)
             f = mean * mean + load(model, block + layout.LINEAR * LANES) * slope * slope

@@ -145,6 +145,7 @@ NATURAL_ROWS, PLASTIC_ROWS = 4, 9
 # -- bits of the terms --------------------------------------------------------------------------
 STRETCH = 1
 SPAN_STRETCH = 2
+ANY_STRETCH = STRETCH | SPAN_STRETCH
 BEND = 4
 CURVED = 8  # natural or plastic curvature
 TWISTED = 16

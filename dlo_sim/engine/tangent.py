@@ -10,7 +10,7 @@ runs over whole vectors.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, root, store, zero
+from dlo_sim.compiling.lanes import LANES, load, root, size, store, total, zero
 from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.discrete import mean
@@ -19,13 +19,16 @@ from dlo_sim.engine.elastic import (
     block_of,
     curve,
     dot,
+    matrix_times,
+    products,
     sample_of,
     span_strains,
     store_three,
     tangent_at,
 )
 from dlo_sim.engine.natural_curvature import natural_at
-from dlo_sim.terms import bend, natural_curvature, stretch, viscosity
+from dlo_sim.engine.span_guard import discrete_guard_gradient, guard_jacobian
+from dlo_sim.terms import bend, natural_curvature, span_guard, stretch, viscosity
 from dlo_sim.terms.viscosity import combined
 
 # Rows of `scratch` per sample: midpoint vectors and the factors of the Jacobian's dyads.
@@ -175,6 +178,47 @@ def add_tangent(shape, model, state, x0, x1, viscous, scale, scratch, band):
         for i in range(dim):
             for j in range(dim):
                 add_entry(shape, model, b, i, j, viscous, scale, scratch, band)
+        add_guard(shape, model, b, p, q, scale, scratch, band)
+
+
+@part
+def add_guard(shape, model, b, p, q, scale, scratch, band):
+    """Add the Jacobian of the span guard on a block: a sum of products of gradients of the
+    functions in `span_guard.FORMS`, at the midpoint and at the new configuration.
+    """
+    block, before, after = block_of(shape, b), products(p), products(q)
+    gradient = discrete_guard_gradient(shape, model, block, before, after)
+    active = zero()
+    for one in gradient:
+        active += size(one)
+    if total(active) == 0.0:
+        return
+    factors, middle, new = guard_jacobian(shape, model, block, before, after)
+    g0, g1, g2, g3, g4, g5 = gradient
+    for i in range(shape[layout.DIM]):
+        m = combined(1.0, p[i], 1.0, q[i])
+        for j in range(shape[layout.DIM]):
+            unit = 1.0 if i == j else 0.0
+            h = (
+                (unit * g0, unit * g1, unit * g2),
+                (unit * g1, unit * g3, unit * g4),
+                (unit * g2, unit * g4, unit * g5),
+            )
+            h = add_dyad(h, 1.0, matrix_times(middle, m), matrix_times(new, q[j]))
+            for k in range(len(span_guard.FORMS)):
+                form = span_guard.FORMS[k]
+                h = add_dyad(h, factors[k], matrix_times(form, m), matrix_times(form, q[j]))
+            scatter_entry(shape, model, b, i, j, h[0], h[1], h[2], scale, scratch, band)
+
+
+@part
+def add_dyad(h, factor, left, right):
+    """h + factor left right^T, 3 x 3."""
+    return (
+        combined(1.0, h[0], factor * left[0], right),
+        combined(1.0, h[1], factor * left[1], right),
+        combined(1.0, h[2], factor * left[2], right),
+    )
 
 
 @part

@@ -7,7 +7,7 @@ from differences import assert_limit, central
 
 from dlo_sim.compiling.lanes import bare, shifted
 from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, WHOLES, code_of, piece
-from dlo_sim.core import spectrum
+from dlo_sim.core import elasticity, spectrum
 from dlo_sim.engine import layout
 from dlo_sim.engine.assembly import ANY, all_tangents, assembly, discrete_gradient
 from dlo_sim.engine.band import clear_band
@@ -81,6 +81,7 @@ KINDS = {
     "by_sample": (ELASTIC, {}),
     "graded_by_span": (ELASTIC | BY_SPAN, {"grading": 0.5}),
     "planar": (PLANE, {}),
+    "planar_by_span": (PLANE | BY_SPAN, {}),
 }
 
 
@@ -88,7 +89,7 @@ KINDS = {
 def bench(request):
     values, more = KINDS[request.param]
     bench = Between(values, {"damping.stiffness": 1.0}, n=12, **more)
-    assert len(bench.axes) == (2 if request.param == "planar" else 3)
+    assert len(bench.axes) == (2 if "planar" in request.param else 3)
     assert bench.model.has(layout.CURVED)
     return bench
 
@@ -128,6 +129,48 @@ def test_it_is_symmetric_and_tends_to_the_gradient(bench):
     near = first + 1e-7 * (second - first)
     halfway = bench.force(0.5 * (first + near))[:, list(bench.axes)]
     assert np.abs(bench.between(first, near)[0] - halfway).max() < 1e-10 * size
+
+
+def uneven_pair(bench, into):
+    """Two configurations: into the guard, inside it, out of it, or beyond one another."""
+    sizes = {"in": (0.02, 0.1), "inside": (0.1, 0.11), "out": (0.1, 0.02), "far": (0.08, 0.2)}[into]
+    found = []
+    for seed, size in enumerate(sizes):
+        points = wild(bench, seed, size=size)
+        points[:, [d for d in range(3) if d not in bench.axes]] = 0.0
+        points[:, 3] = 0.0
+        found.append(points)
+    return found
+
+
+@pytest.mark.parametrize("into", ["in", "inside", "out", "far"])
+@pytest.mark.parametrize("kind", ["by_sample", "graded_by_span", "planar_by_span"])
+def test_the_span_guard_is_a_discrete_gradient_with_its_tangent(kind, into):
+    values, more = KINDS[kind]
+    bench = Between(values, n=12, **more)
+    first, second = uneven_pair(bench, into)
+    by_span = bench.model.has(layout.SPAN_STRETCH)
+    stiff = elasticity.Section(EA=bench.scene.cable.EA, by_span=by_span)
+    guards = [elasticity.guard(p, bench.model.knots, stiff)[0] for p in (first, second)]
+    energies = [bench.elastic(p) for p in (first, second)]
+    assert max(guards) > 0.01 * max(energies)
+    axes = list(bench.axes)
+    moved = (second - first)[:, axes]
+    force = bench.between(first, second)[0]
+    assert abs(np.sum(force * moved) + energies[1] - energies[0]) < 1e-13 * sum(energies)
+    expected = -bench.force(second)[:, axes]
+    assert (
+        np.abs(bench.between(second, second)[0] + expected).max() < 1e-12 * np.abs(expected).max()
+    )
+
+    def after(points):
+        ahead = second.copy()
+        ahead[:, axes] = points
+        return bench.between(first, ahead)[0].ravel()
+
+    exact = -bench.tangent(first, second)
+    shape = len(exact), bench.n, len(axes)
+    assert_limit(exact.reshape(shape), after, second[:, axes].copy(), bound=1e-7)
 
 
 @pytest.mark.parametrize("viscous", [0.0, BETA_OVER_TAU])
@@ -174,6 +217,8 @@ def test_its_tangent_is_its_derivative(bench):
 def test_its_tangent_with_viscosity_where_nothing_moves(bench):
     """Viscosity is linearised about the geometry of the step, which is exact for no increment."""
     points, _ = pair(bench)
+    points[:, 1:] *= 0.1  # short of the span guard, which would be far stiffer
+    points[:, 0] = bench.greville + 0.1 * (points[:, 0] - bench.greville)
     axes = list(bench.axes)
 
     def force(moved):

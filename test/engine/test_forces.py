@@ -71,7 +71,25 @@ def test_energies_and_forces_equal_the_oracle(n, mesh):
         assert np.all(np.abs(bench.force(points) - expected) < 1e-11 * scale)
         # The natural curvature takes part: without it the forces are others.
         without = -oracle(bench, elasticity.gradient, points, rest_curvature=(0.0,))
-        assert np.abs(without - expected).max() > 1e-5 * np.abs(expected).max()
+        bends = oracle(bench, elasticity.gradient, points, EA=0.0)
+        assert np.abs(without - expected).max() > 1e-5 * np.abs(bends).max()
+
+
+@pytest.mark.parametrize("mesh", ["uniform", "by_span", "graded_by_span"])
+@pytest.mark.parametrize("n", [5, 11, 20])
+def test_the_span_guard_equals_the_oracle(n, mesh):
+    values, more = MESHES[mesh]
+    bench = Bench(FULL, FLAT, NO_SPRINGS, values, n=n, **more)
+    for seed in range(3):
+        points = wild(bench, seed, size=0.9 * bench.greville[2])
+        points[:, :3] *= 0.5 if bench.model.has(layout.SPAN_STRETCH) else 0.2
+        stretch = oracle(bench, elasticity.energies, points)[0]
+        guard = elasticity.guard(points, bench.model.knots, section_of(bench))[0]
+        assert guard > 1e-3 * stretch
+        assert bench.potentials(points)["stretch"] == pytest.approx(stretch, rel=1e-11)
+        expected = -oracle(bench, elasticity.gradient, points)
+        scale = np.abs(expected).max(axis=0)
+        assert np.all(np.abs(bench.force(points) - expected) < 1e-11 * scale)
 
 
 def test_samples_on_knots_equal_the_oracle():
@@ -110,6 +128,8 @@ def test_each_term_alone_is_a_gradient(mesh, grading, part, shape):
     }[part]
     bench, other = (Bench(FULL, mesh, one, n=8, grading=grading) for one in ({}, {key: value}))
     points = SHAPES[shape](bench)
+    if mesh:  # short of the span guard, whose force would drown the others
+        points = straight(bench) + 0.3 * (points - straight(bench))
     points[:, :3] *= 1.02  # a straight cable is stretched and twisted as well
     points[:, 3] += 0.7 * bench.greville**2
     change = other.force(points) - bench.force(points)
@@ -172,8 +192,23 @@ def test_springs_pull_each_end_to_its_anchor():
     assert np.abs(pull[:-1]).max() < 1e-9
 
 
-def test_an_even_stretch_by_span_is_exact():
+@pytest.mark.parametrize("strain", [0.01, 0.5, -0.45])
+def test_an_even_stretch_by_span_is_exact(strain):
     bench = Bench(SOFT, BY_SPAN, FLAT, n=9)
-    points = straight(bench) * [1.01, 1.0, 1.0, 1.0]
-    exact = 0.5 * bench.scene.cable.EA * 1e-4
+    points = straight(bench) * [1.0 + strain, 1.0, 1.0, 1.0]
+    exact = 0.5 * bench.scene.cable.EA * strain**2
     assert bench.potentials(points)["stretch"] == pytest.approx(exact, rel=1e-12)
+
+
+def test_a_linear_stretch_by_span_gets_nothing_from_the_guard():
+    """|r'| = 0.9 + 0.4 u: it varies by 7 % within a span."""
+    bench = Bench(SOFT, BY_SPAN, FLAT, n=9)
+    points = straight(bench)
+    u = bench.greville
+    inner = np.zeros(len(u))
+    inner[1:] = np.cumsum(np.diff(u) * (0.9 + 0.2 * (u[1:] + u[:-1])))
+    points[:, 0] = inner
+    assert elasticity.guard(points, bench.model.knots, section_of(bench))[0] == 0.0
+    stretch = oracle(bench, elasticity.energies, points)[0]
+    assert stretch > 0.0
+    assert bench.potentials(points)["stretch"] == pytest.approx(stretch, rel=1e-12)
