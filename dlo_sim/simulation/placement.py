@@ -57,15 +57,14 @@ def place(
     elif resting:
         statics.find(scene, geometries, ends, cable, lay)
     if constrained and not rattle.to_rest_length(cable.arrays):
+        apart = float(np.linalg.norm(cable.points[-1, :3] - cable.points[0, :3]))
         raise SceneError(
-            "integrator.method: rattle keeps the cable at its length, which does not fit between "
-            "its ends; move the ends or use energy_momentum and terms.stretch auto"
+            f"integrator.method: rattle keeps the cable at its length, {scene.cable.length:.6g} m, "
+            f"which does not fit between its ends, {apart:.6g} m apart; move the ends or use "
+            "energy_momentum and terms.stretch auto"
         )
     if constrained and resting and not statics.find_inextensible(scene, ends, cable, lay):
-        raise SceneError(
-            "initial.shape: no equilibrium of the inextensible cable found; use straight, more "
-            "control points, or energy_momentum"
-        )
+        raise SceneError(statics.cause(scene, cable))
     if lay:
         lay()
     points = cable.points

@@ -37,6 +37,7 @@ from dlo_sim.core.methods import METHODS
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.dynamic_relaxation import relative_movement, relax_in_time
 from dlo_sim.simulation.ends import EndDrive
@@ -60,6 +61,7 @@ FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
+SHARPEST = 2.0  # [rad] by which a moment may bend a span
 CUSP = 0.4  # local strain beyond that of the tension from which a shape is none of a cable
 
 SHARE_OF_TIME = 0.01  # step of the relaxation in time, relative to `_time_scale`
@@ -84,13 +86,14 @@ def find(
     """
     way = _Way(scene, geometries, ends, cable, lay)
     if not any(way.follow(begin) for begin in way.beginnings()):
-        raise SceneError(_cause(scene, way))
+        raise SceneError(cause(scene, cable))
     if not cable.model.has(layout.BISHOP):
         relax_twist(cable)
     elif not _with_twist(scene, ends, cable, lay):
+        what = "natural shape causes" if cable.model.has(layout.MATERIAL) else "moments cause"
         warnings.warn(
-            "initial.shape: the search for the twist that acts on the shape did not converge; the "
-            "cable moves after the start: let it come to rest, or check cable.shear_modulus",
+            f"initial.shape: the search for the twist that the {what} did not converge; the cable "
+            "moves after the start: let it come to rest, or check cable.shear_modulus",
             stacklevel=2,
         )
 
@@ -257,9 +260,36 @@ class _Way:
         return found
 
 
-def _cause(scene: Scene, way: _Way) -> str:
-    """Why no equilibrium was found, in a line."""
-    return "initial.shape: no equilibrium found; use straight"
+def cause(scene: Scene, cable: Cable) -> str:
+    """A line that says that no equilibrium was found, why, and what helps."""
+    begin, model, material = "initial.shape: no equilibrium found", cable.model, scene.cable
+    weight = material.mu * material.length + scene.start.mass + scene.end.mass
+    pull = weight * np.array(scene.gravity) * model.has(layout.GRAVITY)
+    for load in scene.loads:
+        pull = pull + np.array(load.force) * (load.signal == "constant")
+    holders = [*scene.ends.values(), *(grasp for grasp in scene.grasps if grasp.taken)]
+    for axis, name in enumerate("xyz"):
+        if pull[axis] and not any(one.fixed[axis] or one.spring[axis] for one in holders):
+            return (
+                f"{begin}, since nothing holds the cable along {name}, where its weight and loads "
+                f"pull with {pull[axis]:.3g} N; hold an end along {name} (end.fixed), or use "
+                "straight"
+            )
+    if not model.has(layout.STRETCH | layout.SPAN_STRETCH) and not inextensible(scene):
+        return (
+            f"{begin}, since nothing resists stretching; set terms.stretch to auto and give "
+            "cable.axial_stiffness or cable.youngs_modulus"
+        )
+    span = float(np.diff(bspline.breaks(model.knots)).max())
+    for load in scene.loads:
+        moment = float(np.linalg.norm(load.torque)) * (load.signal == "constant")
+        if moment * span > SHARPEST * material.EI:
+            return (
+                f"{begin}, since loads.{load.name}.torque of {moment:.3g} N m bends the cable to a "
+                f"radius of {material.EI / moment:.2g} m; lower it below "
+                f"{0.5 * SHARPEST * material.EI / span:.2g} N m"
+            )
+    return f"{begin}; use straight, and let the cable come to rest"
 
 
 def _relax_with_flow(cable: Cable, lay: Lay | None) -> bool:
@@ -366,7 +396,9 @@ def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
     for _ in range(MAX_ALTERNATIONS):
         before = cable.x.copy()
         if not relax_twist(cable):
-            return False
+            return lay is None
+        if lay is None and relative_movement(cable, before) < SETTLED:
+            return True
         _put(ends, cable, lay)
         if not relax(cable, _flow(cable, lay)):
             break

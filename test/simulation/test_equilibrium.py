@@ -7,6 +7,8 @@ from scipy.integrate import solve_bvp
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import load_scene
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.simulation import statics
 from dlo_sim.simulation.simulator import Simulator
 
 TWO = load_scene("two_grippers")
@@ -206,6 +208,69 @@ def test_motions_and_saved_places_far_away_are_in_the_world():
     near.reset()
     longer = other.reconfigured(TWO.with_values({**ends, "cable.length": 1.01}))
     assert longer.control_points[0, :3] == pytest.approx([x, 0.0, 0.5], abs=1e-9)
+
+
+NOTHING_HELD = {
+    **{"start.fixed": [False] * 3, "end.fixed": [False] * 3, "start.clamped": False},
+    **{"end.clamped": False, "start.pose_topic": "", "end.pose_topic": ""},
+}
+GUIDED = {
+    **{"start.fixed": [True, True, False], "end.fixed": [True, True, False]},
+    **{"start.clamped": False, "end.clamped": False},
+}
+MOMENT = {"loads.names": ["m"], "loads.m.signal": "constant", "loads.m.position": 0.5}
+RATTLE = {"integrator.method": "rattle", "damping.stiffness": 0.0}
+REFUSED = {
+    "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [{"initial.shape": "straight"}]),
+    "guided": (
+        GUIDED,
+        "nothing holds the cable along z",
+        [
+            {"initial.shape": "straight"},
+            {"end.fixed": [True, True, True], "start.fixed": [True, True, True]},
+            {"end.fixed": [True, True, True]},
+        ],
+    ),
+    "free, rattle": (NOTHING_HELD | RATTLE, "along z", [{"initial.shape": "straight"}]),
+    "no stretch": ({"terms.stretch": "off"}, "stretching", [{"terms.stretch": "auto"}]),
+    "moment": (
+        MOMENT | {"loads.m.torque": [0.0, 100.0, 0.0]},
+        "radius of 1.3e-06 m; lower it below 0.0048 N m",
+        [{"loads.m.torque": [0.0, 0.0047, 0.0]}],
+    ),
+    "taut, rattle": (
+        RATTLE | {"end.position": [0.9999, 0.0, 0.5], "discretization.control_points": 13},
+        "1 m, which does not fit between its ends, 0.9999 m apart",
+        [
+            {"end.position": [0.99, 0.0, 0.5]},
+            {"integrator.method": "energy_momentum", "terms.stretch": "auto"},
+        ],
+    ),
+    "frenet": (
+        {"terms.twist": "frenet", "integrator.method": "rk4", "damping.stiffness": 0.0},
+        "frenet; use straight",
+        [{"initial.shape": "straight"}],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_refusal_says_the_cause_and_each_of_its_cures_helps(name):
+    values, words, cures = REFUSED[name]
+    scene = TWO.with_values({"initial.shape": "equilibrium", **values})
+    with pytest.raises(SceneError, match=words) as refusal:
+        Simulator(scene)
+    assert "\n" not in str(refusal.value)
+    for cure in cures:
+        assert Simulator(scene.with_values(cure)).advance(0.05).status.ok
+
+
+def test_a_shape_that_is_not_found_is_refused_and_can_be_started_straight(monkeypatch):
+    """The search is made to fail."""
+    monkeypatch.setattr(statics, "relax", lambda *_, **__: False)
+    with pytest.raises(SceneError, match="no equilibrium found; use straight"):
+        Simulator(TWO)
+    assert Simulator(TWO.with_values({"initial.shape": "straight"})).advance(0.1).status.ok
 
 
 def test_everyday_scenes_start_at_rest():

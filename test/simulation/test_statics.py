@@ -302,6 +302,20 @@ def test_a_steel_wire_of_natural_shape_rests_with_the_twist_that_it_causes():
     assert moved_within(dlo_sim.Simulator(dlo_sim.load_scene({**BENT, **WIRE})), 0.5) < 1e-6
 
 
+@pytest.mark.parametrize("model", ["bishop", "quasistatic"])
+def test_moments_twist_and_bend_a_cable_that_starts_at_rest(model):
+    """The twist acts on the shape: it rests to 1e-11 m, and its middle is 2 cm aside."""
+    values = {
+        **{"cable.rest_curvature": [0.0], "loads.names": ["turn"], "loads.turn.position": 0.4},
+        **{"loads.turn.signal": "constant", "loads.turn.torque": [6e-3, 0.0, 2e-3]},
+        **{"cable.youngs_modulus": 2e6, "cable.shear_modulus": 7e5, "terms.twist": model},
+    }
+    sim = dlo_sim.Simulator(dlo_sim.load_scene({**BENT, **values}))
+    assert np.abs(sim.control_points[:, 3]).max() > 0.5
+    assert np.abs(sim.control_points[:, 1]).max() > 0.02
+    assert moved_within(sim, 0.5) < 1e-9
+
+
 def test_a_twist_that_is_not_found_is_said(monkeypatch):
     """Both ways of finding it are made to fail."""
     monkeypatch.setattr(statics, "_in_turn", lambda *_: False)
