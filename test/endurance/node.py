@@ -241,10 +241,14 @@ def overload(begin, end, seconds):
     """Too little processor time for a while: when what was shed, and when it was taken up."""
     print("\ntime [s] | event | count so far")
     with Run(200.0, 50) as run:
+
+        def starve():
+            while run.now < end:
+                run.stop(0.046)
+                time.sleep(0.004)
+
         run.until(begin)
-        while run.now < end:
-            run.stop(0.046)
-            run.until(run.now + 0.004)
+        threading.Thread(target=starve).start()
         run.until(seconds)
         for name in ("markers_spared", "estimate_spared", "time_skipped", "taken_up"):
             for at, count in run.counts(f"event {name}"):
