@@ -61,6 +61,12 @@ def _topic(heard: Heard, entry: InputTopic) -> Iterator[Finding]:
         yield problem(f"{what}; {refused}", "see 'Bad input' in config/NODE.md")
     else:
         yield ok(what)
+    if heard.record.unframed:
+        key = f"loads.{entry.target}.frame"
+        yield note(
+            f"{topic}: messages without a frame_id are taken in {heard.record.unframed!r}",
+            f"set {key} to the frame of an end effector if the sensor turns with it",
+        )
 
 
 def epoch(offset: float, simulated_time: bool) -> Finding:

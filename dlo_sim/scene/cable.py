@@ -252,6 +252,12 @@ class Load:
         (-1.0, 1.0),
         choices=(1.0, -1.0),
     )
+    frame: str = parameter(
+        "",
+        "Frame of messages without a frame_id: the name in `start.frame`, `end.frame` or "
+        "`grasps.<name>.frame` for a sensor that turns with that end effector, or `frame_id`, or, "
+        "with inputs.tf, any frame of tf2; empty = `frame_id`, which is said when it is used.",
+    )
     signal: str = parameter(
         "none",
         "Load without a topic: constant, or force and torque times sin(2 pi frequency t).",

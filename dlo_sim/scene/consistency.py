@@ -178,6 +178,31 @@ def check_frames(world: str, holders: Holders) -> None:
             raise refusal(f"{name}.frame", frame, f"is also {seen[frame]}; {cure}")
 
 
+def check_load_frames(world: str, holders: Holders, loads: Sequence[Load], any_frame: bool) -> None:
+    """Refuse a frame of a load that nothing has, and two frames of one topic.
+
+    Args:
+        any_frame: whether other frames are looked up in tf2.
+    """
+    known = [world, *(holder.frame for holder in holders.values() if holder.frame)]
+    first: dict[str, Load] = {}
+    for load in loads:
+        if not load.input_topic:
+            continue
+        key = f"loads.{load.name}.frame"
+        if load.frame and load.frame not in known and not any_frame:
+            cure = "give one of them, or name that of the end effector in start.frame or end.frame"
+            raise refusal(key, load.frame, f"is no frame here ({', '.join(known)}); {cure}")
+        other = first.setdefault(load.input_topic, load)
+        if load.frame != other.frame:
+            raise refusal(
+                key,
+                load.frame,
+                f"differs from loads.{other.name}.frame {shown(other.frame)} of the same topic; "
+                "give both the same",
+            )
+
+
 def check_load(load: Load) -> None:
     """Refuse values of a load that would be ignored."""
     key = f"loads.{load.name}"

@@ -186,6 +186,8 @@ class Scene:
         consistency.check_frames(self.frame_id, dict(self.holder_keys()))
         for load in self.loads:
             consistency.check_load(load)
+        holders = dict(self.holder_keys())
+        consistency.check_load_frames(self.frame_id, holders, self.loads, self.inputs.tf)
         consistency.check_topics(dict(self.holder_keys()), self.loads)
         consistency.check_obstacles(self.obstacles)
         consistency.check_times(self.rate, self.integrator.step, self.inputs.catch_up)

@@ -73,7 +73,8 @@ def scene_file_values(source: str | os.PathLike[str]) -> dict[str, object]:
 
 
 def parse_assignment(text: str) -> tuple[str, object]:
-    """Split `key=value`; the value is parsed as YAML, as in a scene file.
+    """Split `key=value`; the value is parsed as YAML, as in a scene file. No value is the empty
+    text: a shell removes the quotes of `start.pose_topic=""`.
 
     Raises:
         SceneError: `=` is missing, or the value is not YAML.
@@ -84,7 +85,7 @@ def parse_assignment(text: str) -> tuple[str, object]:
     if not separator or not key.strip():
         raise SceneError(f"{brief(text)} is not an assignment; give key=value, cable.length=2.0")
     try:
-        return key.strip(), parse_yaml(value)
+        return key.strip(), parse_yaml(value) if value.strip() else ""
     except SceneError as error:
         raise SceneError(f"{key.strip()}: {brief(value)} {error}") from None
 

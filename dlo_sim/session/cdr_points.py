@@ -13,7 +13,9 @@ from dlo_sim.session.cdr import Bytes, DecodeError, Encoder, Reader, Stamped, To
 
 Array = NDArray[np.float64]
 _REALS = {7: "f4", 8: "f8"}  # PointField datatypes of coordinates
-_FLOAT32, _FLOAT_SIZE = 7, 4
+_FLOAT32, _FLOAT64, _FLOAT_SIZE = 7, 8, 4
+# Coordinates beyond this [m] are written as doubles: floats would be off by more than 0.03 mm.
+_FLOAT32_REACH = 1000.0
 
 # Of a message that is used: a tick of some milliseconds has to decode it. Pixels may be missing.
 MOST_POINTS, _MOST_MARKERS, _MOST_FIELDS, _MOST_PIXELS = 5_000, 500, 100, 2_000_000
@@ -145,22 +147,30 @@ def decode_point_cloud(raw: Bytes, keep_missing: bool = True) -> Cloud:
     return Cloud(stamp, frame_id, points)
 
 
+def needs_doubles(points: Array) -> bool:
+    """Whether points [m] are so far from the origin that float32 would be too coarse for them."""
+    return bool(np.abs(points).max(initial=0.0) > _FLOAT32_REACH)
+
+
 class PointCloudEncoder(Encoder):
-    """Encodes a PointCloud2 of a constant number of points; fields are float32, shape (count,
-    fields).
+    """Encodes a PointCloud2 of a constant number of points; fields are float32, or float64 with
+    `doubles`, shape (count, fields).
     """
 
-    def __init__(self, frame_id: str, fields: Sequence[str], count: int) -> None:
-        writer, size = Writer(), _FLOAT_SIZE * len(fields)
+    def __init__(
+        self, frame_id: str, fields: Sequence[str], count: int, doubles: bool = False
+    ) -> None:
+        kind, floats = (_FLOAT64, 2) if doubles else (_FLOAT32, 1)
+        writer, size = Writer(), floats * _FLOAT_SIZE * len(fields)
         writer.header(frame_id)
         writer.numbers("I", 1, count, len(fields))  # rows, columns
         for number, name in enumerate(fields):
             writer.text(name)
-            writer.numbers("I", _FLOAT_SIZE * number)
-            writer.numbers("B", _FLOAT32)
+            writer.numbers("I", floats * _FLOAT_SIZE * number)
+            writer.numbers("B", kind)
             writer.numbers("I", 1)
         writer.numbers("B", 0)  # is_bigendian
         writer.numbers("I", size, size * count, size * count)  # of a point, a row, all
-        begin = writer.zeros((count, len(fields)), "f")
+        begin = writer.zeros((count, floats * len(fields)), "f")  # bytes: doubles are not aligned
         writer.numbers("B", 1)  # is_dense
-        super().__init__(writer, begin, (count, len(fields)), "<f4")
+        super().__init__(writer, begin, (count, len(fields)), f"<f{floats * _FLOAT_SIZE}")

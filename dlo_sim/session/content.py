@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from dlo_sim.core.two_points import LEAST_APART
 from dlo_sim.scene.description import Scene
@@ -14,8 +15,23 @@ MOST_DISTANT = 1e8
 # The distance of two points may differ from pose_spacing by this share.
 SPACING_TOLERANCE = 0.1
 
+# What is said of positions that are as expected if divided by 1000.
+MILLIMETRES = "1000 times too large: metres?"
+# In cable lengths: a pose may be so far from where the scene expects it without suspicion, and is
+# suspected if a thousandth of it is no further away than this.
+_UNSUSPECTED, _NEAR = 50.0, 10.0
+
 # The norm of a quaternion may differ from 1 by this much; it is then normalised.
 NORM_TOLERANCE = 1e-3
+
+
+def in_millimetres(position: Sequence[float], expected: Sequence[float], length: float) -> bool:
+    """Whether a position seems to be in millimetres: far from where it is expected [m], in terms of
+    the cable's length [m], but near to it if divided by 1000.
+    """
+    thousandth = [1e-3 * x for x in position]
+    far = math.dist(position, expected) > _UNSUSPECTED * length
+    return far and math.dist(thousandth, expected) < _NEAR * length
 
 
 class Refused(Exception):
@@ -35,6 +51,11 @@ class ContentCheck:
         for name, end in scene.holders.items():
             if end.frame:
                 self._frames.setdefault(end.frame, name)
+
+    @property
+    def tools(self) -> list[str]:
+        """The frames of end effectors."""
+        return [name for name, end in self._frames.items() if end]
 
     def knows(self, frame_id: str) -> bool:
         """Whether the scene names this frame."""
@@ -86,10 +107,11 @@ class ContentCheck:
         if end is not None and not (end and fixed):
             return end
         known = [name for name, of in self._frames.items() if name and not (of and fixed)]
+        world = f"set frame_id: {frame_id} if it is the world frame, "
         raise Refused(
             "unknown_frame",
-            f"frame_id '{frame_id}', known: {', '.join(known)}; transform before publishing, or "
-            "run live with inputs.tf: true",
+            f"frame_id '{frame_id}', known: {', '.join(known)}; {world if end is None else ''}"
+            "transform before publishing, or run live with inputs.tf: true",
         )
 
 
@@ -103,9 +125,12 @@ def _check_points(values: tuple[float, ...], spacing: float) -> None:
     if apart < LEAST_APART:
         raise Refused("bad_points", f"{apart:.3g} m apart: they give no direction; publish two")
     if spacing and abs(apart - spacing) > SPACING_TOLERANCE * spacing:
+        in_millimetres = abs(1e-3 * apart - spacing) <= SPACING_TOLERANCE * spacing
         raise Refused(
             "bad_points",
-            f"{apart:.6g} m apart, pose_spacing is {spacing:g} m; correct it, or the markers",
+            f"{apart:.6g} m apart, pose_spacing is {spacing:g} m; "
+            f"{MILLIMETRES + ', ' if in_millimetres else ''}"
+            "correct it, or the markers",
         )
 
 

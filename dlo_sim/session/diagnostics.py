@@ -45,6 +45,8 @@ EVENTS: dict[str, str] = {
     "time_jump": "the clock or the stamps jumped; the simulation was reset",
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
+    "no_frame": "a load came without a frame_id and is taken in the world frame",
+    "units": "poses are so far from the scene that they may be in millimetres",
     "slow_poses": "poses come so slowly or late that outputs are delayed more than by 0.06 s, or "
     "that inputs.latency or pose_timeout is too short for them",
     "late": "a message arrived after the simulation had passed its time; it takes effect now, "
@@ -65,7 +67,7 @@ EVENTS: dict[str, str] = {
 }
 """The other events that are counted."""
 
-ADVICE = ("slow_poses",)
+ADVICE = ("slow_poses", "no_frame", "units")
 """Events that say what should be set otherwise; a replay repeats what they say."""
 
 
@@ -103,6 +105,7 @@ class TopicRecord:
 
     timeout: silence that is reported [s], 0 = never. occasional: it is normal to receive nothing.
     copies: messages that came again, as from a second recorder, and are ignored.
+    unframed: frame in which messages without a frame_id are taken; empty = there were none.
     """
 
     topic: str
@@ -110,6 +113,7 @@ class TopicRecord:
     occasional: bool = False
     accepted: int = 0
     copies: int = 0
+    unframed: str = ""
     refused: Counter[str] = field(default_factory=Counter)
     last_refusal: str = ""
     last_arrival_ns: int | None = None
@@ -197,6 +201,8 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
         *((f"refused {reason}", str(count)) for reason, count in sorted(record.refused.items())),
         ("age [s]", "never" if age is None else f"{age:.3f}"),
     ]
+    if record.unframed:
+        values.append(("frame of messages without frame_id", record.unframed))
     if record.last_refusal:
         values.append(("last refusal", record.last_refusal))
     return DiagnosticStatus(level, f"input {record.topic}", message, tuple(values))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr_markers import LINE_LIST, LineEncoder
-from dlo_sim.session.cdr_points import PointCloudEncoder
+from dlo_sim.session.cdr_points import PointCloudEncoder, needs_doubles
 from dlo_sim.session.outputs import OutgoingMessage
 from dlo_sim.session.plans import Planned
 from dlo_sim.session.time_base import SECOND
@@ -67,7 +67,8 @@ def _cloud(scene: Scene, found: Forecast, ahead: float) -> PointCloudEncoder:
     """A cloud of the points of all shapes; its field t counts from the plan's stamp [s]."""
     fields = ["x", "y", "z", "u", "t"] + ["tension"] * (found.tension is not None)
     shapes, points, _ = found.centerline.shape
-    cloud = PointCloudEncoder(scene.frame_id, fields, shapes * points)
+    doubles = needs_doubles(found.centerline)
+    cloud = PointCloudEncoder(scene.frame_id, fields, shapes * points, doubles)
     rows = cloud.rows.reshape(shapes, points, len(fields))
     rows[..., :3], rows[..., 3] = found.centerline, found.u
     rows[..., 4] = (found.times - ahead)[:, None]

@@ -22,7 +22,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.cdr_points import decode_input
-from dlo_sim.session.content import ContentCheck, Refused
+from dlo_sim.session.content import MILLIMETRES, ContentCheck, Refused, in_millimetres
 from dlo_sim.session.diagnostics import Journal, TopicRecord
 from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
@@ -67,9 +67,11 @@ class _Topic:
         self.type, self.kind = entries[0].type, entries[0].kind
         self.is_pose = entries[0].is_pose
         self.entries = entries
+        self.frame = ""  # of messages without one; empty = not given
         self.spacing = 0.0
         # Messages that wait for a transform, with their arrivals.
         self.waiting: deque[tuple[Stamped, int]] = deque()
+        self.unit = ""  # what seems to be wrong with the unit of the first pose
         self.clear()
 
     def configure(self, scene: Scene) -> None:
@@ -81,6 +83,7 @@ class _Topic:
             self.spacing = max(holder.pose_spacing for holder in holders)
         elif self.kind in ("wrench", "force"):
             self.record.timeout = min(scene.load(target).timeout for target in targets)
+            self.frame = scene.load(targets[0]).frame
         self.record.occasional = self.kind == "taken"
 
     def clear(self) -> None:
@@ -141,7 +144,7 @@ class Intake:
         transforms: Transforms | None = None,
         passed: Callable[[InputTopic], int | None] = lambda entry: None,
     ) -> None:
-        self._passed = passed
+        self._passed, self._note = passed, journal.event
         self.patience_ns = round(scene.inputs.least_latency * SECOND)
         self.time_base = time_base
         self._transforms = transforms
@@ -156,7 +159,9 @@ class Intake:
 
     def configure(self, scene: Scene) -> None:
         """Use limits, frames and timeouts of this scene, which has the same topics."""
-        self._limits = scene.inputs
+        self._expected = {name: x.position for name, x in scene.holders.items()}
+        self._length = scene.cable.length
+        self._limits, self._world = scene.inputs, scene.frame_id
         self._content = ContentCheck(scene)
         for topic in self._topics.values():
             topic.configure(scene)
@@ -224,6 +229,8 @@ class Intake:
         found: list[Accepted] = []
         while topic.waiting:
             message, arrival_ns = topic.waiting[0]
+            if not message.frame_id and topic.kind in ("wrench", "force"):
+                message = self._in_meant_frame(topic, message)
             try:
                 message = self._in_world(message, arrival_ns, topic.kind)
                 message = self._content.check(message, topic.kind, topic.spacing)
@@ -238,6 +245,27 @@ class Intake:
                 found += self._follow(topic, decisions)
             topic.waiting.popleft()
         return found
+
+    def _in_meant_frame(self, topic: _Topic, message: Stamped) -> Stamped:
+        """A load without a frame, in the frame that its key gives; the first one is noted."""
+        if not topic.record.unframed:
+            topic.record.unframed = topic.frame or self._world
+            if not topic.frame:
+                self._note("no_frame", self._advice_on_frame(topic))
+        return message._replace(frame_id=topic.frame)
+
+    def _advice_on_frame(self, topic: _Topic) -> str:
+        key = f"loads.{topic.entries[0].target}.frame"
+        tools = ", ".join(self._content.tools)
+        cure = (
+            f"set {key} to its frame ({tools})"
+            if tools
+            else (f"name that in start.frame or end.frame and in {key}")
+        )
+        return (
+            f"{topic.record.topic}: loads without a frame_id are taken in '{self._world}'; if the "
+            f"sensor turns with an end effector, {cure}, else set it to '{self._world}'"
+        )
 
     def _in_world(self, message: Stamped, arrival_ns: int, kind: str) -> Stamped:
         """A message, transformed to the world frame unless the scene names its frame.
@@ -283,6 +311,8 @@ class Intake:
         if topic.is_pose:
             message = topic.pose(values, stamp_ns)
             before, after = topic.around(stamp_ns)
+            if before is None and after is None:
+                self._suspect_unit(topic, message)
             self._check_speed(topic, before, message)
             if after is not None:
                 self._check_speed(topic, after, message)
@@ -299,6 +329,25 @@ class Intake:
         topic.record.accepted += 1
         return Accepted(decision.verdict, topic.entries, message)
 
+    def _suspect_unit(self, topic: _Topic, pose: Pose) -> None:
+        """Note a first pose that seems to be in millimetres."""
+        topic.unit = ""
+        for entry in topic.entries:
+            expected = self._expected[entry.target]
+            if in_millimetres(pose.position, expected, self._length):
+                topic.unit = f"; {MILLIMETRES}"
+                away = math.dist(pose.position, expected)
+                self._note(
+                    "units",
+                    f"{topic.record.topic}: the first pose is {away:.4g} m from where the scene "
+                    f"has '{entry.target}', {list(expected)}; {MILLIMETRES}",
+                )
+
+    @property
+    def unit(self) -> str:
+        """What seems to be wrong with the unit of poses, to be appended to a line; or empty."""
+        return max(topic.unit for topic in self._topics.values()) if self._topics else ""
+
     def _check_speed(self, topic: _Topic, last: Pose | None, pose: Pose) -> None:
         """Refuse |p - p_last| > inputs.max_speed min(dt, 0.1 s) + 1 mm, p_last = the used pose
         before or after it.
@@ -314,6 +363,7 @@ class Intake:
             return
         limit = self._limits.max_speed
         detail = f"pose jumps {distance:.6g} m in {passed:.4g} s, inputs.max_speed is {limit:g} m/s"
+        detail += topic.unit
         if topic.too_fast_since_ns is None:
             topic.too_fast_since_ns = stamp_ns
         elif stamp_ns - topic.too_fast_since_ns > SECOND:

@@ -13,7 +13,7 @@ state)
 - `~/centerline`, `~/control_polygon` (Marker LINE_STRIP): points on the cable, coloured according
   to outputs.color_by; the control points.
 - `~/points` (PointCloud2, if enabled): the points of the centerline with u [m] and, where the scene
-  determines it, tension [N].
+  determines it, tension [N]; float64 beyond 1 km from the origin, else float32.
 - `~/capsules` (MarkerArray, if enabled): capsules that enclose the cable.
 - `/tf` (TFMessage, if enabled): both ends of the cable with the material frame there, x axis =
   tangent from start to end; the end effector of each grasp, whether it holds the cable or not.
@@ -33,7 +33,7 @@ from dlo_sim.core.color_scale import colors
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr_markers import CapsuleEncoder, LineEncoder
-from dlo_sim.session.cdr_points import PointCloudEncoder
+from dlo_sim.session.cdr_points import PointCloudEncoder, needs_doubles
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (
     CAPSULES,
@@ -98,8 +98,9 @@ class Outputs:
             frame, "control_polygon", control_points, 0.3 * width, _POLYGON_COLOR, lifetime
         )
         fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
-        self._points = PointCloudEncoder(frame, fields, samples)
-        self._points.rows[:, 3] = self._samples
+        self._points = {
+            doubles: PointCloudEncoder(frame, fields, samples, doubles) for doubles in (False, True)
+        }
         self._capsules = CapsuleEncoder(frame, "capsules", capsules, _CABLE_COLOR, lifetime)
         encoders: dict[str, _Encode] = {
             CONTROL_POINTS: self._encode_control_points,
@@ -166,11 +167,12 @@ class Outputs:
         return self._polygon.encode(stamp_ns, points) if _finite(points) else None
 
     def _encode_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        rows = self._points.rows
-        rows[:, :3] = simulator.centerline(self._samples)
-        if rows.shape[1] > 4:
-            rows[:, 4] = simulator.tension(self._samples)
-        return self._points.encode(stamp_ns) if _finite(rows) else None
+        line = simulator.centerline(self._samples)
+        cloud = self._points[needs_doubles(line)]
+        cloud.rows[:, :3], cloud.rows[:, 3] = line, self._samples
+        if cloud.rows.shape[1] > 4:
+            cloud.rows[:, 4] = simulator.tension(self._samples)
+        return cloud.encode(stamp_ns) if _finite(cloud.rows) else None
 
     def _encode_capsules(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._along_capsules)

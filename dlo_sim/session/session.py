@@ -357,7 +357,7 @@ class Session:
         try:
             self._drive.begin(begin_ns, saved)
         except ValueError as error:
-            self._fail(f"the cable cannot be placed: {error}")
+            self._fail(f"the cable cannot be placed: {error}{self._intake.unit}")
             return False
         if saved is not None:
             self.journal.event("resumed", "went on from the state in state.save_to")

@@ -159,7 +159,7 @@ def test_values_and_scene_round_trip():
         ("gravity=[0, 0, -1.5]", "gravity", [0, 0, -1.5]),
         ("terms.twist=off", "terms.twist", "off"),
         ("start.pose_topic=~/start/pose", "start.pose_topic", "~/start/pose"),
-        ("start.frame=", "start.frame", None),
+        ("start.frame=", "start.frame", ""),
         ("frame_id='a=b'", "frame_id", "a=b"),
     ],
 )

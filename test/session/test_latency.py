@@ -7,6 +7,7 @@ import pytest
 from session_bench import GRIPPER, Bench, motion
 
 from dlo_sim.session import cdr
+from dlo_sim.session.latency import PoseTiming
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -83,6 +84,19 @@ def test_poses_that_are_always_late(rate, delay):
     assert share(published, begin=3.0) > 0.99
     need = delay + 1.5 / rate
     assert need <= bench.session.latency_ns / SECOND <= need + 0.05
+
+
+def test_a_hold_up_is_no_delay():
+    """Three seconds of messages that come at one instant are late as the newest of them is."""
+    timing = PoseTiming()
+    over = T0 + 3 * SECOND
+    delays = []
+    for k in range(300):
+        timing.accept(T0 + k * 10 * MS, over)
+    for now in range(over, over + 3 * SECOND, 10 * MS):
+        timing.accept(now - MS, now)
+        delays.append(timing.delay_ns)
+    assert max(delays) <= 10 * MS
 
 
 @pytest.mark.parametrize("slow", [2.0, 5.0, 10.0])
