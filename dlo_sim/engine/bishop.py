@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_sim.compiling.lanes import LANES, first, load, shifted, store, zero
-from dlo_sim.compiling.pieces import YES, part, piece
+from dlo_sim.compiling.lanes import LANES, first, load, root, shifted, store, zero
+from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine import layout
 from dlo_sim.engine.elastic import (
     add_sample,
@@ -29,7 +29,9 @@ from dlo_sim.engine.elastic import (
     sample_of,
     scatter,
     scatter_lines,
+    store_three,
     tangent_at,
+    three,
 )
 from dlo_sim.engine.grasps import DIRECTION, MOTION_SIZE, framed
 from dlo_sim.engine.lines import gathered
@@ -47,6 +49,8 @@ from dlo_sim.engine.term import ENERGY, FLOW, FORCE, Term, add_energy
 from dlo_sim.engine.torsion import angle_block
 from dlo_sim.terms import bishop
 
+COUPLING_ROWS = layout.COUPLING_ROWS
+
 
 @part
 def polynomial(a, xi):
@@ -61,22 +65,22 @@ def add_polynomial(a, f, xi):
 
 
 @part
-def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
-    """out -= discrete gradient, between x0 and x1, of the part of the twisting energy that depends
-    on tau: `turn` for the part on theta, `push` for the part on the centreline.
+def turn_by_shape(shape, model, state, x0, x1, viscous, discrete, rows, out):
+    """out -= the part on theta of the discrete gradient, between x0 and x1, of the twisting energy
+    that depends on tau; `push_by_twist` adds the part on the centreline.
 
-    `viscous` is beta / tau [-], 0 without damping. Returns the energy [J] dissipated beyond that of
-    theta alone, as partial sums.
+    Args:
+        viscous: beta / tau [-], 0 without damping. discrete: if false, x0 is x1.
+        rows: for `push_by_twist`, COUPLING_ROWS of every sample: mean rate [rad/m], its change, G.
     """
     stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
-    taken, reference = zero(), shifted(state, shape[layout.REFERENCE])
+    reference = shifted(state, shape[layout.REFERENCE])
     for b in range(shape[layout.BLOCKS]):
         block = block_of(shape, b)
         s = load(model, block + layout.SLOPE * LANES)
         r = curve(shape, model, reference, b, 1.0)
         p, q = curve(shape, model, x0, b, 1.0), curve(shape, model, x1, b, 1.0)
-        angle0, angle1 = angle_block(shape, model, x0, b), angle_block(shape, model, x1, b)
-        g0 = g1 = g2 = turned = (zero(), zero(), zero())
+        turned = (zero(), zero(), zero())
         for j in range(shape[layout.SAMPLES]):
             at = sample_of(block, j)
             xi = load(model, at + layout.XI * LANES)
@@ -84,32 +88,76 @@ def couple_twist(shape, model, state, x0, x1, viscous, turn, push, out):
             t, k = tangent_at(r, xi), bending_at(r, xi, s)
             t0, k0 = tangent_at(p, xi), bending_at(p, xi, s)
             t1, k1 = tangent_at(q, xi), bending_at(q, xi, s)
-            before, after = bishop.change(t, k, t0, k0), bishop.change(t, k, t1, k1)
-            rate, change = 0.5 * (before + after), after - before
-            rate -= rest_twist_at(shape, state, b, j)
-            if turn:
-                turned = add_polynomial(turned, w * (rate + viscous * change), xi)
-            if push:
-                theta0, theta1 = polynomial(angle0, xi), polynomial(angle1, xi)
-                own = theta1 - theta0
-                stress = w * (rate + 0.5 * (theta0 + theta1) + viscous * (change + own))
-                taken += w * viscous * change * (change + 2.0 * own)
-                g = bishop.mean_gradient(t0, k0, t1, k1)
-                g0 = add_sample(g0, stress * g[0], zero(), xi)
-                g1 = add_sample(g1, stress * g[1], zero(), xi)
-                g2 = add_sample(g2, stress * g[2], zero(), xi)
-        if push:
-            scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
-        if turn:
-            at = shape[layout.DIM] * shape[layout.LINE] + layout.MARGIN + LANES * b
-            scatter(turned, at, 1, model, block, -1.0, out)
+            after, change = bishop.change(t, k, t1, k1), zero()
+            rate = after - rest_twist_at(shape, state, b, j)
+            if discrete:
+                change = after - bishop.change(t, k, t0, k0)
+                rate -= 0.5 * change
+            turned = add_polynomial(turned, w * (rate + viscous * change), xi)
+            row = (b * shape[layout.SAMPLES] + j) * COUPLING_ROWS * LANES
+            store(rows, row, rate)
+            store(rows, row + LANES, change)
+            store_three(rows, row + 2 * LANES, bishop.mean_gradient(t0, k0, t1, k1))
+        at = shape[layout.DIM] * shape[layout.LINE] + layout.MARGIN + LANES * b
+        scatter(turned, at, 1, model, block, -1.0, out)
+
+
+@part
+def push_by_twist(shape, model, x0, x1, viscous, rows, out):
+    """out -= the part on the centreline (`turn_by_shape`, which wrote `rows`), for the twist lines
+    of x0 and x1. Returns the energy [J] dissipated beyond that of theta alone, as partial sums.
+    """
+    stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
+    taken = zero()
+    for b in range(shape[layout.BLOCKS]):
+        block = block_of(shape, b)
+        angle0, angle1 = angle_block(shape, model, x0, b), angle_block(shape, model, x1, b)
+        g0 = g1 = g2 = (zero(), zero(), zero())
+        for j in range(shape[layout.SAMPLES]):
+            at = sample_of(block, j)
+            xi = load(model, at + layout.XI * LANES)
+            w = stiffness * load(model, at + layout.QUADRATURE * LANES)
+            row = (b * shape[layout.SAMPLES] + j) * COUPLING_ROWS * LANES
+            rate, change, g = load(rows, row), load(rows, row + LANES), three(rows, row + 2 * LANES)
+            theta0, theta1 = polynomial(angle0, xi), polynomial(angle1, xi)
+            own = theta1 - theta0
+            stress = w * (rate + 0.5 * (theta0 + theta1) + viscous * (change + own))
+            taken += w * viscous * change * (change + 2.0 * own)
+            g0 = add_sample(g0, stress * g[0], zero(), xi)
+            g1 = add_sample(g1, stress * g[1], zero(), xi)
+            g2 = add_sample(g2, stress * g[2], zero(), xi)
+        scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
     return taken
 
 
 @piece(*FORCE)
-def force(shape, model, state, x0, x1, out):
-    """`couple_twist` on all coordinates; within an implicit step `methods.twist_step` adds it."""
-    couple_twist(shape, model, state, x0, x1, 0.0, YES, YES, out)
+def force(shape, model, state, _, x, out):
+    """out -= gradient of the twisting energy that depends on tau; within an implicit step
+    `methods.twist_step` does that.
+    """
+    stiffness = load(model, shape[layout.SCALES] + layout.STIFFNESS_GJ * LANES)
+    reference = shifted(state, shape[layout.REFERENCE])
+    for b in range(shape[layout.BLOCKS]):
+        block = block_of(shape, b)
+        s = load(model, block + layout.SLOPE * LANES)
+        r, p = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
+        angle = angle_block(shape, model, x, b)
+        g0 = g1 = g2 = turned = (zero(), zero(), zero())
+        for j in range(shape[layout.SAMPLES]):
+            at = sample_of(block, j)
+            xi = load(model, at + layout.XI * LANES)
+            w = stiffness * load(model, at + layout.QUADRATURE * LANES)
+            t, k = tangent_at(p, xi), bending_at(p, xi, s)
+            rate = bishop.change(tangent_at(r, xi), bending_at(r, xi, s), t, k)
+            rate -= rest_twist_at(shape, state, b, j)
+            turned = add_polynomial(turned, w * rate, xi)
+            stress, g = w * (rate + polynomial(angle, xi)), bishop.mean_gradient(t, k, t, k)
+            g0 = add_sample(g0, stress * g[0], zero(), xi)
+            g1 = add_sample(g1, stress * g[1], zero(), xi)
+            g2 = add_sample(g2, stress * g[2], zero(), xi)
+        scatter_lines(shape, model, b, g0, g1, g2, -1.0, out)
+        at = shape[layout.DIM] * shape[layout.LINE] + layout.MARGIN + LANES * b
+        scatter(turned, at, 1, model, block, -1.0, out)
 
 
 @piece(*ENERGY)
@@ -271,6 +319,59 @@ def frame_turned(shape, model, reference, x, span, xi, guess):
 
 
 @part
+def unit_at(p, xi):
+    """Unit tangents of the spans of a block at a local coordinate."""
+    t = tangent_at(p, xi)
+    inverse = 1.0 / root(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+    return inverse * t[0], inverse * t[1], inverse * t[2]
+
+
+@part
+def strip(a, b, c, d):
+    """Cosine and sine of half the area between the chords a -> b (old) and c -> d (new)."""
+    c0, s0 = half_area(a, b, d)
+    c1, s1 = half_area(a, c, d)
+    cosine, sine = c0 * c1 + s0 * s1, s0 * c1 - c0 * s1
+    scale = 1.0 / root(cosine * cosine + sine * sine)
+    return scale * cosine, scale * sine
+
+
+@part
+def joined(a, b):
+    """Cosine and sine of the sum of two angles given by theirs."""
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+@part
+def angle_of(spare, part, guess):
+    """Twice the sum of the angles whose cosines and sines the lanes of `part` have, up to multiples
+    of two turns: the value closest to `guess`. `spare`: room of two rows.
+    """
+    store(spare, 0, part[0])
+    store(spare, LANES, part[1])
+    whole = (1.0, 0.0)
+    for lane in range(LANES):
+        whole = joined(whole, (spare[lane], spare[LANES + lane]))
+    turned = 2.0 * np.arctan2(whole[1], whole[0])
+    return turned + 4.0 * np.pi * np.floor((guess - turned) / (4.0 * np.pi) + 0.5)
+
+
+@part
+def cable_turned(shape, model, reference, x, guess, spare):
+    """`frame_turned` up to the end of the cable, eight spans at a time."""
+    coarse = fine = (zero() + 1.0, zero())
+    for b in range(shape[layout.BLOCKS]):
+        p, q = curve(shape, model, reference, b, 1.0), curve(shape, model, x, b, 1.0)
+        begin, middle, end = unit_at(p, -1.0), unit_at(p, 0.0), unit_at(p, 1.0)
+        begin1, middle1, end1 = unit_at(q, -1.0), unit_at(q, 0.0), unit_at(q, 1.0)
+        coarse = joined(coarse, strip(begin, end, begin1, end1))
+        fine = joined(fine, strip(begin, middle, begin1, middle1))
+        fine = joined(fine, strip(middle, end, middle1, end1))
+    least = angle_of(spare, coarse, guess)
+    return (4.0 * angle_of(spare, fine, guess) - least) / 3.0
+
+
+@part
 def follow_springs(shape, model, inputs, state, psi, x):
     """Transform the anchors of the roll springs to the new frame of theta. The change of spring
     energy, by the error of psi and by the path of the tangent, counts as work of the grasp.
@@ -314,7 +415,8 @@ def follow_shape(shape, model, inputs, state, scratch):
     psi[layout.MARGIN] = 0.0
     solve_line(shape, model, shape[layout.FRAME_FACTORS], psi)
     last = psi[layout.MARGIN + n - 1]
-    missing = frame_turned(shape, model, reference, x, n - 4, 1.0, last) - last
+    spare = shifted(rates, shape[layout.BLOCKS] * shape[layout.SAMPLES] * LANES)
+    missing = cable_turned(shape, model, reference, x, last, spare) - last
     shares = shape[layout.FRAME_FACTORS] + 7 * shape[layout.LINE]
     for at in range(layout.MARGIN, layout.MARGIN + n):
         psi[at] += model[shares + at] * missing

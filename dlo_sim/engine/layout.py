@@ -111,7 +111,7 @@ BORDER_SHIFTS = 87  # Z: a padded vector of all unknowns per border row
 BORDER_SYSTEM = 88  # (C Z)^-1: border x border
 BORDER_SPARE = 89  # all unknowns
 BORDER_PUSHES = 69  # F with the unknowns fixed by other rows
-FRAME_SPARE = 68  # one line, and one row per sample of every block
+FRAME_SPARE = 68  # one line, and COUPLING_ROWS per sample of every block
 FIRST_OWN = 90  # from here: offsets that each family of methods defines for itself
 TABLES_START = 150
 
@@ -140,7 +140,7 @@ BENDING = 17  # EI [N m^2]
 VALUES = 18  # values of the four basis functions at xi = 0
 HEAD = 22
 XI, QUADRATURE, SAMPLE = 0, 1, 2  # rows of a sample: xi, weight [m]
-NATURAL_ROWS, PLASTIC_ROWS = 4, 9
+NATURAL_ROWS, PLASTIC_ROWS, COUPLING_ROWS = 4, 9, 5
 
 # -- bits of the terms --------------------------------------------------------------------------
 STRETCH = 1

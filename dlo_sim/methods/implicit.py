@@ -219,7 +219,8 @@ def implicit_step(
             shape, model, inputs, state, scratch, gradient, t0, tau, theta, rate, discrete
         )
         if coupled:
-            lost += step_twist(shape, model, inputs, state, scratch, t0, tau, discrete)
+            anew = iterations == 0
+            lost += step_twist(shape, model, inputs, state, scratch, t0, tau, discrete, anew)
         inertia = balance(shape, model, state, scratch, a, b, c)
         if converged or iterations == MAX_ITERATIONS:
             break

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dlo_sim.compiling.lanes import LANES, first, shifted, store
 from dlo_sim.compiling.pieces import NO, NUMBERS, REAL, TABLE, TRUTH, YES, part, piece
 from dlo_sim.engine import layout
-from dlo_sim.engine.bishop import couple_twist
+from dlo_sim.engine.bishop import push_by_twist, turn_by_shape
 from dlo_sim.engine.held import row_value
 from dlo_sim.engine.lines import (
     add_differences,
@@ -45,7 +45,7 @@ from dlo_sim.methods.implicit_layout import (
 
 REFINEMENTS = 3  # iterative refinements for a cable that is free to spin
 MOST_CORRECTIONS = 8  # Newton corrections with natural curvature in the material frame
-WITHIN = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH
+WITHIN = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH, TRUTH
 END = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL
 # Corrections end below TURNED, relative to 1 rad plus the angle, or below SHRUNK times the first
 # correction for an iterate of the shape: while the shape changes the twist need not be exact.
@@ -65,7 +65,7 @@ def damping_share(shape, model, tau):
 
 @part
 def mark_held(shape, held):
-    """held = 1 at control points with prescribed twist, else 0; return whether an end is held."""
+    """held = 1 at control points with prescribed twist, else 0."""
     n = shape[layout.N]
     for i in range(n):
         held[i] = 0.0
@@ -73,43 +73,44 @@ def mark_held(shape, held):
         if line_of(shape, k) == shape[layout.DIM]:
             point = point_of(shape, k)
             held[own_of(shape, point)] = 1.0
-    return held[0] + held[n - 1] > 0.0
 
 
 @part
 def factorize(shape, is_held, matrix):
-    """LDL^T factorisation in place of a matrix given by 4 lower diagonals of n entries each. The
-    inverse pivots of held unknowns are 0, so that `solve` returns 0 for them."""
+    """LDL^T factorisation in place of a matrix given by 4 lower diagonals of n entries each: 1 / D
+    replaces the diagonal, three diagonals of L follow. The inverse pivots of held unknowns are 0,
+    so that `solve` returns 0 for them.
+    """
     n = shape[layout.N]
+    inverse1 = inverse2 = inverse3 = 0.0  # 1 / D of the rows before
+    last1 = last2 = before1 = 0.0  # L of the row before, and of the one before that
     for i in range(n):
-        held = is_held[i] != 0.0
-        diagonal = matrix[i]
-        for k in range(min(3, i), 0, -1):
-            value = 0.0 if held or is_held[i - k] != 0.0 else matrix[k * n + i - k]
-            for m in range(k + 1, min(3, i) + 1):
-                value -= matrix[m * n + i - m] * matrix[4 * n + (m - k - 1) * n + i - k]
-            matrix[k * n + i - k] = value  # L D
-        for k in range(1, min(3, i) + 1):
-            scaled = matrix[k * n + i - k] * matrix[i - k]
-            diagonal -= scaled * matrix[k * n + i - k]
-            matrix[4 * n + (k - 1) * n + i] = scaled
-        matrix[i] = 0.0 if held else 1.0 / diagonal
+        free = 1.0 - is_held[i]
+        w3 = free * matrix[3 * n + i - 3] if i > 2 else 0.0  # L D
+        w2 = free * matrix[2 * n + i - 2] - w3 * before1 if i > 1 else 0.0
+        w1 = free * matrix[n + i - 1] - w3 * last2 - w2 * last1 if i > 0 else 0.0
+        l3, l2, l1 = w3 * inverse3, w2 * inverse2, w1 * inverse1
+        inverse3, inverse2 = inverse2, inverse1
+        inverse1 = free / (matrix[i] - w3 * l3 - w2 * l2 - w1 * l1)
+        matrix[i], matrix[4 * n + i] = inverse1, l1
+        matrix[5 * n + i], matrix[6 * n + i] = l2, l3
+        before1, last1, last2 = last1, l1, l2
 
 
 @part
 def solve(shape, matrix, x):
     """Forward and back substitution in place; held unknowns become 0."""
     n = shape[layout.N]
+    a = b = c = 0.0
     for i in range(n):
-        value = x[i]
-        for k in range(1, min(3, i) + 1):
-            value -= matrix[4 * n + (k - 1) * n + i] * x[i - k]
-        x[i] = value
+        d = x[i] - (matrix[6 * n + i] * a + matrix[5 * n + i] * b) - matrix[4 * n + i] * c
+        x[i] = d
+        a, b, c = b, c, d
+    a = b = c = 0.0
     for i in range(n - 1, -1, -1):
-        value = x[i] * matrix[i]
-        for k in range(1, min(3, n - 1 - i) + 1):
-            value -= matrix[4 * n + (k - 1) * n + i + k] * x[i + k]
-        x[i] = value
+        d = matrix[i] * x[i] - c
+        x[i] = d
+        c, b, a = b + matrix[4 * n + i] * d, a + matrix[5 * n + i] * d, matrix[6 * n + i] * d
 
 
 @part
@@ -143,7 +144,7 @@ def midpoint_moments(shape, model, inputs, scratch, t0, tau):
 
 
 @part
-def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins):
+def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins, anew):
     """One Newton correction of the twist line of x and CHANGE for the residual
         f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),   d = CHANGE,
     where f is FORCE: loads, twist of the frame, and damping and springs for the previous d. Adds
@@ -161,11 +162,12 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
         2.0 / (tau * tau),
     )
     matrix = shifted(scratch, shape[TWIST_MATRIX])
-    system(shape, model, tau, beta, matrix)
-    if natural:
-        natural_force(shape, model, state, begin, end, YES, NO, force)
-        add_natural_stiffness(shape, model, state, begin, end, matrix)
-    factorize(shape, shifted(scratch, shape[TWIST_HELD]), matrix)
+    if anew or natural:
+        system(shape, model, tau, beta, matrix)
+        if natural:
+            natural_force(shape, model, state, begin, end, YES, NO, force)
+            add_natural_stiffness(shape, model, state, begin, end, matrix)
+        factorize(shape, shifted(scratch, shape[TWIST_HELD]), matrix)
     latest, rest = shifted(scratch, shape[TWIST_LATEST]), shifted(scratch, shape[TWIST_REST])
     sum_ = shifted(scratch, shape[TWIST_SUM])
     add_differences(shape, model, shape[layout.TWIST], line, -1.0, start, force)
@@ -203,13 +205,14 @@ def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
 
 
 @part
-def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
+def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau, anew):
     """Solve for the twist line at the end of the step from t0. Returns the energy [J] dissipated in
     it, less that of the external damping in the initial CHANGE, which `step_force` counted.
 
     On entry CHANGE has the prescribed part and FORCE the forces at the new shape; the twist lines
     of x, CHANGE, FORCE and NEW_LOAD are completed. `begin`, `end`: configurations of the discrete
-    gradient of the natural curvature.
+    gradient of the natural curvature. `anew`: for the first time in this step; without natural
+    curvature the matrix stays that of the first time.
     """
     line, width = shape[layout.DIM], shape[layout.LINE]
     at, natural = line * width, shape[layout.TERMS] & layout.MATERIAL != 0
@@ -219,7 +222,10 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     if shape[layout.LOADS]:
         midpoint_moments(shape, model, inputs, scratch, t0, tau)
     beta = damping_share(shape, model, tau)
-    spins = not mark_held(shape, shifted(scratch, shape[TWIST_HELD]))
+    held = shifted(scratch, shape[TWIST_HELD])
+    if anew:
+        mark_held(shape, held)
+    spins = held[0] + held[shape[layout.N] - 1] == 0.0
     viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
     if damped:
         lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
@@ -230,7 +236,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
     for correction in range(MOST_CORRECTIONS if natural else 1):
         for k in range(at, at + width):
             force[k] = own[k]
-        moved = correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins)
+        moved = correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins, anew)
         for k in range(at, at + width):
             middle[k] = scratch[shape[START] + k] + 0.5 * change[k]
         if moved < tolerance:
@@ -247,7 +253,7 @@ def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau):
 
 
 @piece(*WITHIN)
-def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
+def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete, anew):
     """`solve_twist` in the Bishop frame of the present iterate of the shape, then add the forces of
     the twist on the centreline to FORCE. Returns the energy dissipated [J].
     """
@@ -256,9 +262,10 @@ def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
     if not discrete:
         begin = end = shifted(scratch, shape[MIDDLE])
     viscous = damping_share(shape, model, tau)
-    couple_twist(shape, model, state, begin, end, viscous, YES, NO, force)
-    lost = solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau)
-    taken = couple_twist(shape, model, state, begin, end, viscous, NO, YES, force)
+    rows = shifted(scratch, shape[layout.FRAME_SPARE] + shape[layout.LINE])
+    turn_by_shape(shape, model, state, begin, end, viscous, discrete, rows, force)
+    lost = solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau, anew)
+    taken = push_by_twist(shape, model, begin, end, viscous, rows, force)
     if shape[layout.TERMS] & layout.MATERIAL:
         natural_force(shape, model, state, begin, end, NO, YES, force)
     return lost + first(gathered(shape, taken))
@@ -288,13 +295,13 @@ def end_twist(shape, model, inputs, state, scratch, t0, tau):
     lost = 0.0
     if not shape[layout.TERMS] & layout.BISHOP:
         x = shifted(state, shape[layout.X])
-        lost = solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau)
+        lost = solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau, YES)
     twist_reactions(shape, model, scratch, tau)
     return lost
 
 
 @piece(*WITHIN)
-def no_step_twist(shape, model, inputs, state, scratch, t0, tau, discrete):
+def no_step_twist(shape, model, inputs, state, scratch, t0, tau, discrete, anew):
     """Nothing."""
     return 0.0
 

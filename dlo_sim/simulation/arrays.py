@@ -123,7 +123,7 @@ def rooms(counts: Counts) -> dict[str, dict[int, int]]:
             **dict.fromkeys((layout.RATES, layout.TARGETS), c.held * LANES),
             layout.AHEAD: c.held * layout.DIRECTION_ROWS * LANES,
             layout.SYSTEM: c.held * max(c.held, 1) * LANES,
-            layout.FRAME_SPARE: (c.line + samples) * bishop,
+            layout.FRAME_SPARE: (c.line + layout.COUPLING_ROWS * samples) * bishop,
             layout.NOTES: layout.NOTE_ROWS * LANES,
             **border_rooms(c.n * c.dim, 4 * c.dim, c.border),
             **implicit_rooms(c.n, c.dim, c.samples, c.held, c.size),
