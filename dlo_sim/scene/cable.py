@@ -23,11 +23,29 @@ class Cable:
     youngs_modulus: float = parameter(1.0e7, "Young's modulus E.", "Pa", (1.0, 1.0e13))
     shear_modulus: float = parameter(3.5e6, "Shear modulus G.", "Pa", (1.0, 1.0e13))
     linear_density: float = parameter(
-        0.0, "Mass per length mu; 0 = rho pi D^2 / 4.", "kg/m", (0.0, 1.0e4)
+        0.0,
+        "Mass per length mu; 0 = rho pi D^2 / 4. The polar inertia per length is mu D^2 / 8.",
+        "kg/m",
+        (0.0, 1.0e4),
     )
-    axial_stiffness: float = parameter(0.0, "EA; 0 = E pi D^2 / 4.", "N", (0.0, 1.0e14))
-    bending_stiffness: float = parameter(0.0, "EI; 0 = E pi D^4 / 64.", "N m^2", (0.0, 1.0e12))
-    torsional_stiffness: float = parameter(0.0, "GJ; 0 = G pi D^4 / 32.", "N m^2", (0.0, 1.0e12))
+    axial_stiffness: float = parameter(
+        0.0,
+        "EA; 0 = E pi D^2 / 4, as of a solid section, also if bending_stiffness is given.",
+        "N",
+        (0.0, 1.0e14),
+    )
+    bending_stiffness: float = parameter(
+        0.0,
+        "EI; 0 = E pi D^4 / 64, as of a solid section, also if axial_stiffness is given.",
+        "N m^2",
+        (0.0, 1.0e12),
+    )
+    torsional_stiffness: float = parameter(
+        0.0,
+        "GJ; 0 = 2 G / E EI, as of an isotropic section (G pi D^4 / 32 if it is solid).",
+        "N m^2",
+        (0.0, 1.0e12),
+    )
     rest_curvature: tuple[float, ...] = parameter(
         (0.0,),
         "Natural curvature at equally spaced points from start to end, interpolated linearly; one "
@@ -38,9 +56,9 @@ class Cable:
     rest_curvature_axis: Vector = parameter(
         (0.0, 1.0, 0.0),
         "Axis about which the unloaded cable is bent: a unit vector in the frame of the start end "
-        "effector, normal to the cable where it leaves the start. With terms.twist bishop or "
-        "quasistatic it follows the material frame along the cable. Positive curvature rotates the "
-        "tangent about it by the right-hand rule.",
+        "effector, normal to the cable where it leaves the start. Where twist acts on the shape "
+        "it follows the material frame along the cable. Positive curvature rotates the tangent "
+        "about it by the right-hand rule.",
         "",
         (-1.0, 1.0),
     )
@@ -54,7 +72,7 @@ class Cable:
     )
     rest_twist: tuple[float, ...] = parameter(
         (0.0,),
-        "Twist rate of the unloaded cable, in the same format; needs terms.twist bishop or "
+        "Twist rate of the unloaded cable, in the same format; needs terms.twist auto, bishop or "
         "quasistatic.",
         "rad/m",
         (-1.0e5, 1.0e5),
@@ -92,13 +110,39 @@ class Cable:
 
     @property
     def GJ(self) -> float:
-        """Torsional stiffness GJ = G pi D^4 / 32 [N m^2], or the value given directly."""
-        return self.torsional_stiffness or self.shear_modulus * math.pi * self.diameter**4 / 32.0
+        """Torsional stiffness GJ = 2 G / E EI [N m^2], or the value given directly."""
+        return self.torsional_stiffness or 2.0 * self.shear_modulus / self.youngs_modulus * self.EI
 
     @property
     def polar_inertia(self) -> float:
         """Polar inertia per length mu D^2 / 8 [kg m]; equals rho pi D^4 / 32 when mu is derived."""
         return self.mu * self.diameter**2 / 8.0
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """One line for each value that is derived although its partner is given: the assumption."""
+        lines = []
+        if self.bending_stiffness and not self.torsional_stiffness:
+            lines.append(
+                "cable.torsional_stiffness: not given beside bending_stiffness, so GJ = 2 G / E EI "
+                f"= {self.GJ:.3g} N m^2, as of an isotropic section"
+            )
+        if self.bending_stiffness and not self.axial_stiffness:
+            lines.append(
+                f"cable.axial_stiffness: not given beside bending_stiffness, so EA = E pi D^2 / 4 "
+                f"= {self.EA:.3g} N, as of a solid section"
+            )
+        if self.axial_stiffness and not self.bending_stiffness:
+            lines.append(
+                f"cable.bending_stiffness: not given beside axial_stiffness, so EI = E pi D^4 / 64 "
+                f"= {self.EI:.3g} N m^2, as of a solid section"
+            )
+        if self.linear_density:
+            lines.append(
+                f"cable.linear_density: the polar inertia that belongs to it is mu D^2 / 8 = "
+                f"{self.polar_inertia:.3g} kg m, as of a solid section"
+            )
+        return tuple(lines)
 
 
 @dataclass(frozen=True)
