@@ -24,7 +24,7 @@ from dlo_sim.simulation.arrays import aligned_zeros, from_blocks, new_shape, roo
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import Status
+from dlo_sim.simulation.report import Status, explained
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.stepper import GUARD_STEPS
 
@@ -214,7 +214,9 @@ def _run(cable: Cable, recorder: Recorder, lane: Lane, k: int, step: float) -> R
         good=good,
         energy_error=float(error / max(exchanged, floor)),
         status=status,
-        message=f"{status.value} (at {failed * step:.6g} s; {method})" if failed else "",
+        message=f"{explained(status, METHODS[lane.method])} (at {failed * step:.6g} s; {method})"
+        if failed
+        else "",
         method=lane.method,
         step=step,
         simulated=simulated,

@@ -75,10 +75,11 @@ class Terms:
     bend: str = parameter("auto", "Bending energy.", choices=SWITCH)
     twist: str = parameter(
         "auto",
-        "Torsional energy and twist angle theta. on: twist rate theta', which does not affect the "
-        "shape; bishop: in a rotation-minimising frame, so that twist also bends the cable; "
-        "quasistatic: as bishop, without rotary inertia about the axis; frenet: relative to "
-        "the torsion of the centerline.",
+        "Torsional energy and twist angle theta. bishop: in a rotation-minimising frame, so that "
+        "twist and shape act on each other; quasistatic: as bishop, without rotary inertia about "
+        "the axis; auto: quasistatic where the roll is held or turned, with explicit methods "
+        "bishop; on: twist rate theta', which does not affect the shape; frenet: relative to the "
+        "torsion of the centerline.",
         choices=("auto", "on", "off", "bishop", "frenet", "quasistatic"),
     )
     gravity: str = parameter("auto", "Weight.", choices=SWITCH)
@@ -103,6 +104,13 @@ class Initial:
         "one cable length apart, else equilibrium.",
         choices=("auto", "straight", "equilibrium"),
     )
+
+
+IMPLICIT_METHODS = (
+    *("auto", "implicit_midpoint", "energy_momentum", "energy_momentum_4"),
+    "generalized_alpha",
+)
+"""Values of integrator.method with which steps may be implicit."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.scene.computation import IMPLICIT_METHODS
 from dlo_sim.scene.description import Scene
 
 Vector = NDArray[np.float64]
@@ -21,8 +22,10 @@ class Needs:
     Attributes:
         stretch, bend, twist, plasticity, contact, gravity, springs, loads, drive, damping: present
             or not.
-        frenet, bishop: twist is relative to the Frenet torsion, or to the Bishop frame.
+        frenet, bishop: twist is relative to the Frenet torsion, or to the Bishop frame, where it
+            acts on the shape. quasistatic: it has no rotary inertia about the axis.
         axes: world axes of the motion: all three, or the two of a coordinate plane.
+        twist_model: the model of twist, as in `terms.twist`, also of twist that comes later.
         left_out: name of each absent term -> reason.
         warnings: one line for each term that is switched off although the scene needs it: the key,
             what is lost, the cure. Not part of comparisons.
@@ -33,6 +36,7 @@ class Needs:
     twist: bool
     frenet: bool
     bishop: bool
+    quasistatic: bool
     plasticity: bool
     contact: bool
     gravity: bool
@@ -41,6 +45,7 @@ class Needs:
     drive: bool
     damping: bool
     axes: tuple[int, ...]
+    twist_model: str
     left_out: dict[str, str]
     warnings: tuple[str, ...] = field(default=(), compare=False)
 
@@ -54,17 +59,25 @@ class Needs:
             return self
         if scene.terms.twist == "off":
             return self._with_warning(_lost(scene, self.axes)["twist"])
-        return self._without("twist", twist=True)
+        needs = self._without("twist", **_twist(self.twist_model))
+        return needs.spatial(scene) if needs.bishop else needs
+
+    def stepped(self, implicit: bool) -> Needs:
+        """These needs, in which twist that comes later is of a model that the chosen method has."""
+        later = not self.twist and self.twist_model == "quasistatic" and not implicit
+        return replace(self, twist_model="bishop") if later else self
 
     def spatial(self, scene: Scene) -> Needs:
-        """These needs once something acts out of their plane: all three dimensions, but
-        `terms.out_of_plane: off` keeps the plane and warns.
+        """These needs once something acts out of their plane: all three dimensions, with twist
+        where the roll is held against it, but `terms.out_of_plane: off` keeps the plane and warns.
         """
         if len(self.axes) == 3:
             return self
         if scene.terms.out_of_plane == "off":
             return self._with_warning(_lost(scene, self.axes)["out_of_plane"])
-        return self._without("out_of_plane", axes=_SPACE)
+        needs = self._without("out_of_plane", axes=_SPACE)
+        twists = scene.terms.twist == "auto" and twists_in_space(scene)
+        return needs.with_twist(scene) if twists else needs
 
     def _without(self, reason: str, **changes: Any) -> Needs:
         reasons = {key: why for key, why in self.left_out.items() if key != reason}
@@ -86,6 +99,7 @@ TERMS = tuple(member.name for member in fields(Needs) if member.type == "bool")
 def needs_of(scene: Scene) -> Needs:
     """Decide for every term whether a scene needs it."""
     axes, leaves = _axes(scene)
+    model = _twist_model(scene)
     lost = _lost(scene, axes)
     reasons: dict[str, str] = {}
     warnings: list[str] = []
@@ -102,8 +116,13 @@ def needs_of(scene: Scene) -> Needs:
         return False
 
     terms = scene.terms
-    # If off, warn now only for twist from the start; later twist warns in `Needs.with_twist`.
-    twisting = _twisted(scene, axes) if terms.twist == "off" else _may_twist(scene)
+    if terms.twist == "off":
+        # Warn now only for twist from the start; later twist warns in `Needs.with_twist`.
+        twisting = _twisted(scene, axes)
+    elif model == "on":
+        twisting = _may_twist(scene)
+    else:
+        twisting = len(axes) == 3 and (_has_moment(scene) or twists_in_space(scene))
     if len(axes) == 2:
         decide("out_of_plane", terms.out_of_plane, leaves, f"everything lies in {_plane(axes)}")
     present = {
@@ -124,10 +143,9 @@ def needs_of(scene: Scene) -> Needs:
         reasons["stretch"] = f"constraints keep the rest length ({how})"
         warnings = [line for line in warnings if line != lost["stretch"]]
     return Needs(
-        **present,
-        frenet=frenet_wanted(scene),
-        bishop=scene.terms.twist in ("bishop", "quasistatic"),
+        **(present | _twist(model if present["twist"] else "")),
         axes=axes,
+        twist_model=model,
         left_out=reasons,
         warnings=tuple(warnings),
     )
@@ -194,6 +212,46 @@ def _taut(scene: Scene) -> bool:
     return rigid and float(np.linalg.norm(line)) >= scene.cable.length * (1.0 - 1e-6)
 
 
+def _twist_model(scene: Scene) -> str:
+    """The model of twist of a scene, where it has twist.
+
+    With `auto` twist acts on the shape, quasistatically where the method is implicit; unless
+    nothing can bend, or the cable is kept in its plane, where the uncoupled model is exact. A
+    moment about a cable whose roll nothing holds spins it ever faster: there, too, it is uncoupled.
+    """
+    if scene.terms.twist not in ("auto", "off"):
+        return scene.terms.twist
+    bends = scene.terms.bend != "off" and scene.cable.EI > 0.0
+    if not bends or scene.terms.out_of_plane == "off":
+        return "on"
+    held = any(holder.holds_roll for holder in scene.holders.values())
+    if not held:
+        return "bishop" if any(scene.cable.rest_twist) else "on"
+    explicit = scene.integrator.method not in IMPLICIT_METHODS or inextensible(scene)
+    return "bishop" if explicit else "quasistatic"
+
+
+def _twist(model: str) -> dict[str, bool]:
+    """The terms of a model of twist; none for an empty one."""
+    return {
+        "twist": bool(model),
+        "frenet": model == "frenet",
+        "bishop": model in ("bishop", "quasistatic"),
+        "quasistatic": model == "quasistatic",
+    }
+
+
+def twists_in_space(scene: Scene) -> bool:
+    """Whether bending in space twists the cable, or a gripper can: its roll is held in two places,
+    or in one against a natural or plastic curvature; or it is twisted without loads. Otherwise
+    the twisting moment is zero everywhere, as nothing takes it up.
+    """
+    held = sum(holder.holds_roll for holder in scene.holders.values())
+    bent = scene.cable.shaped or plasticity_wanted(scene)
+    sprung = any(holder.roll_spring for holder in scene.holders.values())
+    return held > 1 or sprung or (held == 1 and bent) or any(scene.cable.rest_twist)
+
+
 def frenet_wanted(scene: Scene) -> bool:
     """Whether twist is relative to the Frenet torsion."""
     return scene.terms.twist == "frenet"
@@ -222,7 +280,9 @@ def needs_of_end(needs: Needs, scene: Scene, *, leaves_plane: bool, twists: bool
     needs = needs.with_drive()
     if leaves_plane:
         needs = needs.spatial(scene)
-    return needs.with_twist(scene) if twists else needs
+    # Where nothing holds the cable against it, a gripper that turns it does not twist it.
+    free = needs.twist_model in ("bishop", "quasistatic") and not twists_in_space(scene)
+    return needs.with_twist(scene) if twists and not free else needs
 
 
 def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
@@ -230,7 +290,9 @@ def _axes(scene: Scene) -> tuple[tuple[int, ...], bool]:
     switch = scene.terms.out_of_plane
     # Frenet and Bishop frames, and plasticity, are implemented in three dimensions only.
     framed = scene.terms.twist in ("frenet", "bishop", "quasistatic")
-    in_space = switch == "on" or framed or plasticity_wanted(scene)
+    twisted = _rolled(scene) or any(scene.cable.rest_twist)
+    rolled = scene.terms.twist == "auto" and switch != "off" and twisted
+    in_space = switch == "on" or framed or rolled or plasticity_wanted(scene)
     free_to_leave = (
         any(load.signal == "none" for load in scene.loads)
         or _driven(scene)
@@ -286,6 +348,16 @@ def _may_twist(scene: Scene) -> bool:
     return turned or moments or _rolled(scene)
 
 
+def _has_moment(scene: Scene) -> bool:
+    """Whether a load is a moment from the start."""
+    return any(any(load.torque) for load in scene.loads)
+
+
+def moments_may_come(scene: Scene) -> bool:
+    """Whether a load may become a moment while the cable is simulated."""
+    return any(load.type == "wrench" and load.signal == "none" for load in scene.loads)
+
+
 def _rolled(scene: Scene) -> bool:
     """Whether the roll is held by anything other than a clamp at an end: a spring, whose stiffness
     limits explicit steps.
@@ -298,7 +370,7 @@ def _twisted(scene: Scene, axes: tuple[int, ...]) -> bool:
     """Whether a moment twists the cable from the start (in a plane it only bends it), or its roll
     is held by `_rolled`.
     """
-    return _rolled(scene) or (len(axes) == 3 and any(any(load.torque) for load in scene.loads))
+    return _rolled(scene) or (len(axes) == 3 and _has_moment(scene))
 
 
 def _sprung(scene: Scene) -> bool:

@@ -71,7 +71,9 @@ def build_model(
     return model
 
 
-STATIC = 1e-9  # of the polar inertia of a cable whose twist is quasistatic
+# Share of the polar inertia that a cable with quasistatic twist keeps, because it could not be
+# inverted without: too little to matter in the energy account; more where nothing holds the roll.
+STATIC, FREE_STATIC = 1e-24, 1e-9
 EXCESS = {True: 2.0, False: 4.0}  # of knots at a clamp, by whether the other end is held, too
 REACH = 2.8  # sqrt(EI / T) over which that decays
 RESOLVED = 2.0  # equal spans per sqrt(EI / T) from which they err by less than 1e-4 of the length
@@ -119,7 +121,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
         layout.DAMPED: needs.damping,
         layout.BISHOP: needs.bishop,
         layout.CONTACT: needs.contact,
-        layout.STATIC_TWIST: scene.terms.twist == "quasistatic",
+        layout.STATIC_TWIST: needs.quasistatic,
         layout.DRAG: scene.drag_across > 0.0,
         layout.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
         layout.MATERIAL: curved and needs.bishop,
@@ -180,7 +182,9 @@ class _Filling:
         space[0, -1] += scene.end.mass
         inertia = scene.cable.polar_inertia
         if model.has(layout.STATIC_TWIST):
-            inertia *= STATIC  # not 0, which could not be inverted
+            free = not any(point.twist for point in model.holding.points)
+            sprung = any(spring.point.twist for spring in model.holding.springs)
+            inertia *= FREE_STATIC if free and not sprung else STATIC
         masses = [space] + [inertia * gram] * model.twist
         for kind, band in enumerate(masses):
             self._matrix(layout.MASS, kind, band)

@@ -31,5 +31,6 @@ def coiling_warning(scene: Scene, cable: Cable) -> str:
         return ""
     return (
         f"twisting moment of {moment:.3g} N m: a straight cable would coil from {limit:.3g} N m, "
-        f"which only terms.twist bishop shows; set that, or turn the ends less"
+        f"which only twist that acts on the shape shows; set terms.twist to auto, or turn the ends "
+        f"less"
     )

@@ -37,7 +37,7 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
     constrained = inextensible(scene)
     is_dense = constrained or dim * model.n <= DENSE_LIMIT
     value = _dense(cable, constrained) if is_dense else _lanczos(cable)
-    if model.twist:
+    if model.twist and not model.has(layout.STATIC_TWIST):
         held = model.held_mask()[dim]
         band, inertia = model.twisting_stiffness, model.band(layout.MASS, dim)
         twisting = spectrum.largest_of_line(band, inertia, ~held)
@@ -75,7 +75,8 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
     places, dim = bspline.greville(model.knots), len(model.axes)
     springs = [(0, 0, max(grasp.spring)) for grasp in idle]
     springs += [(0, 1, grasp.tangent_spring) for grasp in idle]
-    springs += [(dim, 0, stiffness_of_roll(grasp, scene)) for grasp in idle if model.twist]
+    if model.twist and not model.has(layout.STATIC_TWIST):
+        springs += [(dim, 0, stiffness_of_roll(grasp, scene)) for grasp in idle]
     for line, derivative, stiffness in springs:
         if stiffness:
             inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, line)))

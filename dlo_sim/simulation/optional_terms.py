@@ -49,7 +49,7 @@ def check_terms(scene: Scene, needs: Needs) -> None:
     if any(scene.cable.rest_twist) and not needs.bishop:
         raise SceneError(
             f"cable.rest_twist: {list(scene.cable.rest_twist)} needs the twist that acts on the "
-            "shape; set terms.twist to bishop"
+            "shape; set terms.twist to auto"
         )
 
 

@@ -7,6 +7,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from dlo_sim.core.methods import IMPLICIT, Method
+from dlo_sim.methods.implicit import ROOM
 
 # Newton iterations per sub-step. In one second of energy_momentum with 9 and 41 control points,
 # paper_wire and paper_wire_force took 4.0 to 5.3 on average, two_grippers at rest took 1.
@@ -19,8 +20,8 @@ class Status(Enum):
 
     OK = "advanced as asked"
     DIVERGED = (
-        "the energy grew beyond what was put in; use a smaller integrator.step or energy_momentum; "
-        "the last good state is kept"
+        "the energy grew beyond what was put in; use a smaller integrator.step; the last good "
+        "state is kept"
     )
     NOT_CONVERGED = (
         "Newton's method did not converge even with small steps, or would take too long; use a "
@@ -50,6 +51,28 @@ class Report(NamedTuple):
     simulated: float
     force_evaluations: int
     note: str = ""
+
+
+def explained(status: Status, method: Method) -> str:
+    """What happened, with a cure that this method leaves open."""
+    if status is Status.DIVERGED and method.family != IMPLICIT:
+        return status.value.replace("integrator.step;", "integrator.step or energy_momentum;")
+    return status.value
+
+
+def balance_warning(method: Method, tolerance: float, error: float) -> str:
+    """One line if a method that conserves energy left more of it open than it promises, else empty.
+
+    Args:
+        error: of the energy balance, relative to the energy exchanged.
+    """
+    bound = ROOM * tolerance
+    if not method.conserves_energy or error <= bound:
+        return ""
+    return (
+        f"energy balance: open by {error:.2g} of the energy exchanged, more than {bound:g}; the "
+        "motion may be wrong: use a smaller integrator.step"
+    )
 
 
 def newton_note(method: Method, step: float, steps: int, iterations: int) -> str:

@@ -11,7 +11,7 @@ from dlo_sim.core.amplification import largest_step
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, METHODS, RUNGE_KUTTA, ZHAI, Method
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import frenet_wanted, inextensible, plasticity_wanted
+from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of, plasticity_wanted
 from dlo_sim.simulation import optional_terms
 from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.holding import stiffness_of_roll
@@ -212,6 +212,8 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
         return "energy_momentum", "air drag that depends on the direction needs an implicit method"
     if damped and scene.damping.air_drag and (scene.start.mass or scene.end.mass):
         return "energy_momentum", "air drag beside a point mass needs an implicit method"
+    if needs_of(scene).quasistatic:
+        return "energy_momentum", "twist in equilibrium needs an implicit method"
     limit = METHODS["velocity_verlet"].stability_limit / max(frequency, 1e-12)
     if limit >= EXPLICIT_ENOUGH:
         return "velocity_verlet", f"soft: an explicit step of {limit:.2g} s is stable"

@@ -17,7 +17,7 @@ from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs, needs_of
+from dlo_sim.scene.needs import Needs, moments_may_come, needs_of, needs_of_load
 from dlo_sim.simulation import following, optional_terms
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
@@ -29,7 +29,7 @@ from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.inputs import CableInputs
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import Report, Status, newton_note
+from dlo_sim.simulation.report import Report, Status, explained, newton_note
 from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
@@ -101,13 +101,16 @@ class Simulator(CableInputs):
         frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
         self.choice = choose(scene, frequency, unchecked_step)
+        self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.choice)
         self.cable.open_account(self.scene)
         self._loop = GuardedLoop(self.cable, self._stepper)
         started = time.perf_counter()
         self._loop.advance(0, 0, None)
-        self.compile_seconds = time.perf_counter() - started
         self._initial = self.snapshot()
+        if moments_may_come(scene):
+            self._load_twist()
+        self.compile_seconds = time.perf_counter() - started
 
     # -- change ---------------------------------------------------------------------------------
 
@@ -148,8 +151,8 @@ class Simulator(CableInputs):
                 self._natural_shape_moves()
             if not status.ok:
                 message = (
-                    f"{status.value} (at {self.time:.6g} s, u = {self.greville[worst]:.3g} m; "
-                    f"method {self.method}, step {self.step:g} s)"
+                    f"{explained(status, self.choice.method)} (at {self.time:.6g} s, "
+                    f"u = {self.greville[worst]:.3g} m; method {self.method}, step {self.step:g} s)"
                 )
                 return Report(status, message, done, done * self.step, evaluations)
         note = newton_note(self.choice.method, self.step, done, evaluations)
@@ -220,7 +223,8 @@ class Simulator(CableInputs):
         made = self._loop.advance_along(self._steps, recorder, motions, natural)
         self._steps += made.steps
         self._ends.restored()
-        message = "" if made.status.ok else f"{made.status.value} (at {self.time:.6g} s)"
+        why = explained(made.status, self.choice.method)
+        message = "" if made.status.ok else f"{why} (at {self.time:.6g} s)"
         simulated = made.steps * self.step
         report = Report(made.status, message, made.steps, simulated, made.evaluations)
         return report, recorder
@@ -405,6 +409,14 @@ class Simulator(CableInputs):
             self._ends.lead_over(self.time, self.step)
             self._natural_shape_moves()
         return CHUNK if steps is None else max(steps, 1)
+
+    def _load_twist(self) -> None:
+        """Load the code of the twist that a moment brings: a tick must not have to compile it."""
+        needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
+        if needs.twist and not self._needs.twist:
+            self._extend(needs)
+            self._loop.advance(0, 0, None)
+            self.restore(self._initial)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Connect the end effectors of a copy to the copy's own arrays."""

@@ -19,7 +19,7 @@ from dlo_sim.simulation.following import checked_poses
 from dlo_sim.simulation.geometry import Geometries, known_holder
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.reaction import reaction
-from dlo_sim.simulation.report import Energy, UndefinedTorsion
+from dlo_sim.simulation.report import Energy, UndefinedTorsion, balance_warning
 from dlo_sim.simulation.selection import Choice
 from dlo_sim.simulation.stepper import Stepper
 
@@ -85,8 +85,12 @@ class CableView:
         """What is missing because of terms that the scene needs but are switched off, and what the
         model cannot show in its present state, one line each.
         """
-        coiling = coiling_warning(self.scene, self.cable)
-        return (*self._needs.warnings, *([coiling] if coiling else []))
+        tolerance, error = self.scene.integrator.tolerance, self.energy_error
+        lines = (
+            coiling_warning(self.scene, self.cable),
+            balance_warning(self.choice.method, tolerance, error),
+        )
+        return (*self._needs.warnings, *filter(None, lines))
 
     @property
     def left_out(self) -> dict[str, str]:

@@ -97,7 +97,7 @@ def test_the_command_writes_a_scene_that_predicts(moving, tmp_path, capsys):
     output = tmp_path / "fitted.yaml"
     words = [f"{key}={value}" for key, value in TRUTH.items() if "bending" not in key]
     words += ["start.clamped=true", "end.clamped=true", "end.fixed=[true, true, true]"]
-    words += ["start.tangent=[1.0, 0.0, 0.0]", "end.tangent=[1.0, 0.0, 0.0]"]
+    words += ["start.tangent=[-1.0, 0.0, 0.0]", "end.tangent=[-1.0, 0.0, 0.0]"]
     asked = [part for word in words for part in ("--set", word)]
     status = main(
         ["identify", str(bag), "--scene", "two_grippers", "--output", str(output), *asked]

@@ -69,7 +69,7 @@ RULES = [
     Rule("gravity", SPACE | NO_WEIGHT, {"terms.gravity": "on"}),
     Rule("damping", SPACE, {"terms.damping": "on"}),
     Rule("damping", SPACE, {"terms.damping": "on"}, method="energy_momentum", name="friction"),
-    Rule("plasticity", SPACE, {"plasticity.yield_curvature": 1e5}),
+    Rule("plasticity", SPACE | {"terms.twist": "off"}, {"plasticity.yield_curvature": 1e5}),
     Rule("springs", SPACE | {"end.position": [1.0, 0.0, 0.0]}, {"end.spring": [1e-12] * 3}),
     Rule("loads", SPACE, ZERO_LOAD),
     Rule("drive", SPACE | {"terms.twist": "on"}, {"start.pose_topic": "/pose"}),
@@ -114,12 +114,14 @@ def test_what_is_left_out_does_not_matter(rule):
 
 
 def test_twist_comes_back_with_a_moment_and_the_state_stays():
-    """Afterwards the cable moves as one that had twist from the start."""
+    """Afterwards the cable moves as one that had twist from the start. Until then it moves in a
+    plane, in which the inertia of the twist does not show.
+    """
     scene = SPACE | ZERO_LOAD | {"loads.tip.position": 0.6}
     common = {"n": 6, "method": "velocity_verlet", "step": 5e-4}
-    sim, full = simulator(scene, **common), simulator(scene, {"terms.twist": "on"}, **common)
+    sim, full = simulator(scene, **common), simulator(scene, {"terms.twist": "bishop"}, **common)
     for each in (sim, full):
-        set_moving(each, [0, 1, 2])
+        set_moving(each, [0, 2])
         assert each.advance_steps(STEPS).status.ok
     assert "twist" in sim.left_out
     saved, points, rates = sim.snapshot(), sim.control_points, sim.velocities

@@ -253,5 +253,5 @@ def test_a_copy_in_another_process_goes_on_with_the_same_bits(method):
 
 
 def test_rest_twist_needs_a_twist_that_acts():
-    with pytest.raises(SceneError, match="cable.rest_twist: .* needs .* terms.twist to bishop"):
+    with pytest.raises(SceneError, match="cable.rest_twist: .* needs .* terms.twist to auto"):
         bent(terms__twist="on", cable__rest_twist=[1.0])

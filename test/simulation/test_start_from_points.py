@@ -172,4 +172,4 @@ def test_a_grasp_holds_the_cable_where_it_is(swinging, clamped):
     before = sim.control_points
     assert sim.advance_steps(1).status.ok
     assert sim.centerline([0.5])[0] == pytest.approx(here, abs=1e-9)
-    assert np.abs(sim.control_points - before).max() < 0.03
+    assert np.abs(sim.control_points - before)[:, :3].max() < 0.03

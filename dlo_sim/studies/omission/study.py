@@ -49,6 +49,17 @@ TURNS = 2  # with, without, with, without
 Piece = tuple[Scene, bool, float]  # a scene, whether its grippers are at rest, duration [s]
 
 
+def _named(scene: Scene) -> Values:
+    """The model of twist that the scene has, by name, so that it stays whatever else changes."""
+    needs = needs_of(scene)
+    return {"terms.twist": needs.twist_model} if needs.twist else {}
+
+
+def _uncoupled(scene: Scene) -> Values:
+    """A model of twist that every method and every other term allows."""
+    return {"terms.twist": "on"} if needs_of(scene).twist else {}
+
+
 @dataclass(frozen=True)
 class Term:
     """Changes that add a term to a scene and remove it; `alone`: changes to both runs, tried in
@@ -58,7 +69,7 @@ class Term:
 
     put_in: Change
     take_out: Change
-    alone: tuple[Change, ...] = ({},)
+    alone: tuple[Change, ...] = (_named, _uncoupled)
     reason: str = ""
 
 
@@ -171,14 +182,30 @@ def _spatial(scene: Scene) -> Values:
     return {} if has(scene, "out_of_plane") else SPACE
 
 
+def _spatially_uncoupled(scene: Scene) -> Values:
+    """Three dimensions, with the twist that every other term allows if there is any."""
+    return {**_spatial(scene), **_uncoupled(scene)}
+
+
 def _driven(scene: Scene) -> Values:
     """What a driven end requires: three dimensions, and twist if it is clamped."""
-    return {**SPACE, **({"terms.twist": "on"} if needs_of(scene).twist else {})}
+    return {**SPACE, **_uncoupled(scene)}
 
 
 def _turning(scene: Scene) -> Values:
     """Twist in three dimensions."""
     return {"terms.twist": "on", **_spatial(scene)}
+
+
+def _framed(scene: Scene) -> Values:
+    """Twist in the Bishop frame."""
+    return {**BISHOP, **_spatial(scene)}
+
+
+def _implicit(scene: Scene) -> Values:
+    """Twist in the Bishop frame, with a method that may leave out its inertia."""
+    method = {"integrator.method": "energy_momentum", "integrator.step": 0.0}
+    return {**_framed(scene), **method}
 
 
 def _twisted(scene: Scene) -> Values:
@@ -189,7 +216,8 @@ def _twisted(scene: Scene) -> Values:
 
 def _loaded(scene: Scene) -> Values:
     """What loads require: three dimensions, if they act out of the plane."""
-    return SPACE if scene.loads and has(scene, "out_of_plane") else {}
+    space = SPACE if scene.loads and has(scene, "out_of_plane") else {}
+    return {**space, **_named(scene)}
 
 
 def _sprung(scene: Scene) -> Values:
@@ -198,6 +226,16 @@ def _sprung(scene: Scene) -> Values:
         if not all(end.fixed):
             return {f"{name}.spring": [0.0 if held else TINY for held in end.fixed]}
     return {"end.fixed": [False, True, True], "end.spring": [STIFF, 0.0, 0.0]}
+
+
+def _loose(scene: Scene) -> Values:
+    """The end holds no direction."""
+    return {"end.clamped": False, **_uncoupled(scene)}
+
+
+def _resting(scene: Scene) -> Values:
+    """No end is driven."""
+    return {**STILL, **_uncoupled(scene)}
 
 
 def _flat(scene: Scene) -> Values:
@@ -215,24 +253,28 @@ HELD: Values = {"start.fixed": [True] * 3, "end.fixed": [True] * 3, **FREE}
 RATTLE: Values = {"integrator.method": "rattle", "integrator.step": 0.0}
 FRENET: Values = {"terms.twist": "frenet", "torsion.curvature_floor": FLOOR}
 BISHOP: Values = {"terms.twist": "bishop"}
+QUASISTATIC: Values = {"terms.twist": "quasistatic"}
 GROUND: Values = {"obstacles.names": ["ground"], "obstacles.ground.position": [0.0, 0.0, -DEEP]}
 YIELDING: Values = {"plasticity.yield_curvature": NEVER, "terms.plasticity": "on"}
 TERMS = {
     "stretch": Term({"terms.stretch": "on"}, RATTLE),
     "bend": Term({"terms.bend": "on"}, {"terms.bend": "off"}),
     # A planar cable has no twist, whatever terms.twist says.
-    "twist": Term({"terms.twist": "on"}, {"terms.twist": "off"}, (_spatial,)),
+    "twist": Term({"terms.twist": "on"}, {"terms.twist": "off"}, (_spatially_uncoupled,)),
     "frenet": Term(FRENET, {"terms.twist": "on"}, (_twisted,), "terms.twist is not frenet"),
     "bishop": Term(BISHOP, {"terms.twist": "on"}, (_turning,), "terms.twist is not bishop"),
+    "quasistatic": Term(
+        QUASISTATIC, BISHOP, (_framed, _implicit), "terms.twist is not quasistatic"
+    ),
     "contact": Term(GROUND, {"terms.contact": "off"}),
-    "plasticity": Term(YIELDING, {"terms.plasticity": "off"}, (_spatial,)),
+    "plasticity": Term(YIELDING, {"terms.plasticity": "off"}, (_spatially_uncoupled,)),
     "gravity": Term({"terms.gravity": "on"}, {"terms.gravity": "off"}),
-    "springs": Term(_sprung, HELD, ({}, {"end.clamped": False})),
+    "springs": Term(_sprung, HELD, (_named, _uncoupled, _loose)),
     "loads": Term(NOTHING, {"loads.names": []}, (_loaded,)),
     "drive": Term({"start.pose_topic": "~/start/pose"}, STILL, (_driven,)),
     "damping": Term({"damping.mass": TINY}, {"terms.damping": "off"}),
     "air_drag": Term({"damping.air_drag": TINY}, {"damping.air_drag": 0.0}, reason="no air drag"),
-    "out_of_plane": Term(SPACE, _flat, ({}, STILL)),
+    "out_of_plane": Term(SPACE, _flat, (_uncoupled, _resting)),
 }
 
 
