@@ -10,6 +10,7 @@ import importlib.util
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -29,6 +30,10 @@ class WorkersError(Exception):
     """Workers that cannot be had: one line that names the address and the cure."""
 
 
+class WorkerLost(Exception):
+    """A process of this machine that was ended before its work: one line with the cure."""
+
+
 @dataclass(frozen=True)
 class Workers:
     """Does independent pieces of work.
@@ -44,6 +49,9 @@ class Workers:
         """Results of `function` on each item, in their order; yields each as soon as it can.
 
         The function and the items must be picklable: a function of a module, plain data.
+
+        Raises:
+            WorkerLost: somebody ended a process, or the system for want of memory.
         """
         return self.mapped(function, items)
 
@@ -77,9 +85,26 @@ def open_workers(scheduler: str | None = None, processes: int | None = None) -> 
     others = {*multiprocessing.active_children()}
     pool = ProcessPoolExecutor(count, children())
     with cleanup(lambda: _end(pool, others)):
-        yield Workers(count, pool.map)
+        yield Workers(count, partial(_in_pool, pool))
         pool.shutdown()
         others |= {*multiprocessing.active_children()}  # the pool's have ended
+
+
+def _in_pool(
+    pool: ProcessPoolExecutor, function: Callable[[Item], Result], items: Sequence[Item]
+) -> Iterator[Result]:
+    """Results from processes, which begin at once."""
+    return _told(pool.map(function, items))
+
+
+def _told(results: Iterator[Result]) -> Iterator[Result]:
+    try:
+        yield from results
+    except BrokenProcessPool:
+        raise WorkerLost(
+            "a worker process was ended before its work, by somebody or for want of memory; free "
+            "memory and run again"
+        ) from None
 
 
 def _on_cluster(

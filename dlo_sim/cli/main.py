@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 
 from dlo_sim import __version__
+from dlo_sim.batch.workers import WorkerLost
 from dlo_sim.cli import (
     demo,
     doctor,
@@ -62,6 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (CommandError, SceneError) as refusal:
         print(f"dlo_sim: error: {one_line(str(refusal))}", file=sys.stderr)
         return REFUSED
+    except WorkerLost as loss:
+        print(f"dlo_sim: error: {loss}", file=sys.stderr)
+        return FAILED
     except BrokenPipeError:
         # The reader of our output has gone; keep Python from complaining when it flushes stdout.
         _let_stdout_go()

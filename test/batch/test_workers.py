@@ -15,7 +15,7 @@ import pytest
 from batch_scenes import STEP, wire
 
 from dlo_sim.batch import simulate_batch, workers
-from dlo_sim.batch.workers import WorkersError, open_workers
+from dlo_sim.batch.workers import WorkerLost, WorkersError, open_workers
 
 SOON = 60.0  # [s]
 SCENES = [wire(k) for k in range(9)]
@@ -123,6 +123,18 @@ def test_a_cluster_gives_the_same_numbers(here):
         address = cluster.scheduler_address
         result = simulate_batch(SCENES, 100 * STEP, every=10 * STEP, scheduler=address)
     assert same(result, here)
+
+
+def test_a_worker_that_is_killed_is_one_line():
+    with (
+        pytest.raises(WorkerLost, match="^a worker process was ended .*; free memory and run"),
+        open_workers(processes=2) as crew,
+    ):
+        list(crew.map(_end, range(4)))
+
+
+def _end(number):
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_nobody_at_the_address_is_one_line(monkeypatch):
