@@ -29,7 +29,7 @@ from dlo_sim.cli import (
 )
 from dlo_sim.cli.arguments import CommandError, Parser
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.refusal import one_line, printable
+from dlo_sim.scene.refusal import one_line
 
 REFUSED, FAILED = 2, 3
 # What the system says of a name that it cannot take, and of a disk that takes no more, with cures.
@@ -41,6 +41,8 @@ _DISKS = {
     **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "choose another folder"),
     **dict.fromkeys((errno.EIO, errno.EMFILE, errno.ENFILE), "repair the system"),
 }
+
+_LOOP = "Symlink loop"  # begins what Path.resolve says of one, until Python 3.12
 
 SUBCOMMANDS = {
     module.__name__.rpartition(".")[2]: module
@@ -61,24 +63,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _run(arguments)
     except (CommandError, SceneError) as refusal:
-        print(f"dlo_sim: error: {one_line(str(refusal))}", file=sys.stderr)
-        return REFUSED
+        return _ended(REFUSED, str(refusal))
     except WorkerLost as loss:
-        print(f"dlo_sim: error: {loss}", file=sys.stderr)
-        return FAILED
+        return _ended(FAILED, str(loss))
     except BrokenPipeError:
         # The reader of our output has gone; keep Python from complaining when it flushes stdout.
         _let_stdout_go()
         return 0
     except OSError as error:
+        if not _has_folder():
+            return _ended(REFUSED, "the current folder is gone; change to one that exists")
         cure = _NAMES.get(error.errno or 0) or _DISKS.get(error.errno or 0)
         if cure is None:
             raise
-        where = printable(os.fsdecode(error.filename or "standard output"))
+        where = os.fsdecode(error.filename or "standard output")
         if not error.filename:  # every writer of files names them
             _let_stdout_go()
-        print(f"dlo_sim: error: {where}: {error.strerror}; {cure}", file=sys.stderr)
-        return REFUSED if error.errno in _NAMES else FAILED
+        status = REFUSED if error.errno in _NAMES else FAILED
+        return _ended(status, f"{where}: {error.strerror}; {cure}")
+    except RuntimeError as error:
+        if not str(error).startswith(_LOOP):
+            raise
+        return _ended(REFUSED, f"{error}; give another name")
+
+
+def _ended(status: int, why: str) -> int:
+    print(f"dlo_sim: error: {one_line(why)}", file=sys.stderr)
+    return status
+
+
+def _has_folder() -> bool:
+    try:
+        os.getcwd()
+    except OSError:
+        return False
+    return True
 
 
 def _let_stdout_go() -> None:

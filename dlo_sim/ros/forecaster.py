@@ -63,8 +63,14 @@ class _Worker(threading.Thread):
             with ours:
                 given = theirs, self._example
                 process = children().Process(target=_work, args=given, daemon=True)
-                process.start()
-                theirs.close()
+                try:
+                    process.start()
+                except OSError as error:  # no memory, or too many processes
+                    self._answers.put(Answer(problem=f"no process can be had ({error.strerror})"))
+                    self._closing.wait(_PAUSE)
+                    continue
+                finally:
+                    theirs.close()
                 self.process = process
                 answered = self._serve(ours)
                 process.kill()  # it may still be there, and not listen

@@ -41,6 +41,7 @@ _STAMP = struct.Struct("<iI")
 # Serialisers may pad a message to a multiple of four or eight bytes.
 _MOST_PADDING = 7
 _LONGEST = 2**32 - 1  # sequence
+_LONGEST_TEXT = 100_000  # bytes; a frame's name has a few
 
 
 class DecodeError(ValueError):
@@ -146,8 +147,8 @@ class Reader:
         return values.astype(float).reshape(count, width)
 
     def data(self, name: str = "a field") -> bytes:
-        """A sequence of bytes, or a string with its NUL."""
-        begin = self._pass(self.whole(), 1, name)
+        """A sequence of bytes, or a string with its NUL; nothing that is read here is long."""
+        begin = self._pass(self.count(f"bytes of {name}", _LONGEST_TEXT), 1, name)
         return bytes(self._raw[begin : self.at])
 
     def text(self) -> str:

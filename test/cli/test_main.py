@@ -168,3 +168,35 @@ def test_a_time_beyond_counting_is_refused(capsys):
     asked = ["--tolerance", "1e-3", "--duration", "1e300", "--output", "tuned.yaml"]
     assert main(["tune", "paper_wire", *asked]) == 2
     assert "1e+09 at most" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "paper_wire", "--duration", "0.001", "--output", "loop/run.npz"],
+        ["simulate", "loop.yaml", "--duration", "0.001"],
+        ["view", "loop"],
+        ["view", "loop/run.npz", "--output", "page.html"],
+        ["demo", "--output", "loop/demo"],
+        ["study", "paper", "--quick", "--output", "loop/study"],
+        ["forecast", "hanging_cable", "--plan", "loop", "--output", "run.npz"],
+        ["identify", "loop", "--scene", "hanging_cable", "--output", "loop/fitted.yaml"],
+        ["tune", "loop.yaml", "--tolerance", "0.1", "--duration", "1", "--output", "tuned.yaml"],
+        ["replay", "loop", "--params", "paper_wire", "--output", "loop/bag"],
+    ],
+)
+@pytest.mark.parametrize("gone", [False, True])
+def test_links_in_a_circle_and_a_folder_that_is_gone_are_one_line(
+    arguments, gone, tmp_path, monkeypatch, capsys
+):
+    for name in ("loop", "loop.yaml"):
+        (tmp_path / name).symlink_to(name)
+    folder = tmp_path / "gone" if gone else tmp_path
+    folder.mkdir(exist_ok=True)
+    monkeypatch.chdir(folder)
+    if gone:
+        folder.rmdir()
+    status = main(arguments)
+    out, err = capsys.readouterr()
+    assert (status, out) == (2, "")
+    assert err.startswith("dlo_sim: error: ") and err.count("\n") == 1

@@ -133,6 +133,12 @@ def test_what_a_message_says_is_quoted_on_one_short_line(loaded, frame):
     assert said.startswith("unknown_frame: frame_id") and said.isprintable() and len(said) < 2000
 
 
+def test_a_name_that_is_endless_is_refused_at_once(loaded):
+    loaded.wrench(T0, (1, 0, 0), frame="x" * 5_000_000)
+    record = loaded.session.journal.topics["/wrench"]
+    assert record.last_refusal.startswith("too_many: 5000001 bytes of frame_id, 100000 at most")
+
+
 def test_every_reason_has_a_test_here():
     """All but none: the reasons above are all that exist."""
     tested = {reason for *_, reason in (*WRENCHES.values(), *POSES.values())}
