@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 import os
 import sqlite3
+import struct
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -43,6 +44,7 @@ _DISK_ERRORS = (OSError, sqlite3.Error)
 # write what comes from several threads, and keep what they sort.
 _MOST_LATE = 10_000_000_000
 _PROGRESS_MESSAGES = 1000
+_HEADER = 16  # bytes of a message that begins with a header, at least
 # If a recording begins before this, zero may be its first time; if later, zero is no time.
 _LEAST_TIME = 1_000_000_000
 
@@ -68,7 +70,8 @@ class Bag:
         count: number of messages that can be read, all topics.
         undated: number of them that were recorded at zero: before /clock began, a recorder that
             follows it knows no time. They count as recorded with the message written before them,
-            the first ones with the first that has a time.
+            the first ones with the first that has a time, or are left out if they have no stamp
+            either. If none has a time, they count as recorded at their stamps.
         promised: number of messages that the metadata promises, None if unknown.
         span_ns: first and last time of recording [ns]; zeros if there is no message.
 
@@ -129,7 +132,7 @@ class Bag:
             types = self.topics.get(record.topic, ())
             if record.type not in types:
                 self.topics[record.topic] = (*types, record.type)
-        if self.undated and first < _LEAST_TIME:  # it is simulated time that began at zero
+        if 0 < first < _LEAST_TIME:  # it is simulated time that began at zero
             first, self._first_written, self.undated = 0, 0, 0
         self.span_ns = (first, latest)
         self._late = min(late, _MOST_LATE)
@@ -149,10 +152,17 @@ class Bag:
         written later than that comes out of order (`damage` says so).
         """
         waiting: list[tuple[int, int, Record]] = []
-        latest = self._first_written
+        latest, dated = self._first_written, False
         for number, record in enumerate(self._records(wanted.items())):
             if self.undated and record.time_ns == 0:
-                record = record._replace(time_ns=latest)
+                stamp_ns = _stamp(record.data)
+                if stamp_ns == 0 and not dated:
+                    continue
+                all_undated = self.undated == self.count
+                time_ns = max(latest, stamp_ns or 0) if all_undated else latest
+                record = record._replace(time_ns=time_ns)
+            else:
+                dated = True
             latest = max(latest, record.time_ns)
             heapq.heappush(waiting, (record.time_ns, number, record))
             while waiting and waiting[0][0] <= latest - self._late:
@@ -301,6 +311,15 @@ class BagWriter:
         return BagError(
             f"output {self.path} cannot be written ({_reason(error)}); choose another folder"
         )
+
+
+def _stamp(data: bytes) -> int | None:
+    """Stamp of the header [ns] with which a serialised message begins; None = it has none."""
+    if len(data) < _HEADER:
+        return None
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+    stamp_ns: int = seconds * 1_000_000_000 + nanoseconds
+    return stamp_ns if 0 <= stamp_ns < _END_OF_TIME else 0
 
 
 def _reason(error: Exception) -> str:

@@ -174,10 +174,12 @@ class _Replay:
         self.summary.compile_s = time.perf_counter() - begin
         self._inputs = {entry.topic for entry in self._session.inputs}
         if bag.undated:
+            some = f"{bag.undated} of {bag.count} messages were recorded at time 0"
+            how = "before /clock began; they count as recorded with the first that has a time, or "
             self.summary.warnings.append(
-                f"{bag.undated} of {bag.count} messages were recorded at time 0, before /clock "
-                "began; they count as recorded with the first that has a time, or with the one "
-                "written before them"
+                f"{some}; they count as recorded at their stamps"
+                if bag.undated == bag.count
+                else f"{some}, {how}with the one written before them"
             )
         # Without an output only what is compared has to be computed.
         self._wanted = None if writer is not None else [REACTION.format(end) for end in compare]

@@ -26,6 +26,7 @@ class Reports:
     def __init__(self, log: Any) -> None:
         self._log = log
         self._logged = (0, 0)  # events and refusals that the log knows of
+        self._advised = 0  # number of lines of advice in the log
         self._source_problems: list[str] = []
 
     def begin(self) -> None:
@@ -43,7 +44,10 @@ class Reports:
     def log(self, journal: Journal, sources: Iterable[InputSources]) -> None:
         """Say in the log what the diagnostics have counted anew; not every second again."""
         counts = (sum(journal.events.values()), sum(journal.refused.values()))
-        if counts[0] > self._logged[0]:
+        for line in journal.advice[self._advised :]:
+            self._log.warning(line)
+        self._advised = len(journal.advice)
+        if counts[0] > self._logged[0] and journal.last_event not in journal.advice:
             self._log.warning(journal.last_event, throttle_duration_sec=LOG_PAUSE)
         if counts[1] > self._logged[1]:
             last = [f"{r.topic}: {r.last_refusal}" for r in journal.topics.values() if r.refused]

@@ -22,6 +22,8 @@ from dlo_sim.session.time_base import SECOND
 _INTERVALS = 10
 # Until so many poses were used, the need is foreseen from those that have come.
 _FORESEEN = 3
+# So many of them that are longer than pose_timeout are a rate, not silences.
+_SILENCES = 3
 # A need that has become less lowers the lag after one to two times this time [ns].
 _CALM = 5 * SECOND
 # Delays are looked at in windows of at least so long [ns] and so many messages, those that come at
@@ -117,9 +119,9 @@ class PoseTiming:
 
     @property
     def slower_than_timeout(self) -> bool:
-        """Whether poses usually come at longer intervals than pose_timeout."""
+        """Whether poses often come at longer intervals than pose_timeout."""
         slow = sum(interval > self.timeout_ns for interval in self._intervals)
-        return self.known and 2 * slow > len(self._intervals)
+        return slow >= _SILENCES
 
 
 class Latency:
@@ -144,7 +146,7 @@ class Latency:
         self._auto = scene.inputs.latency < 0.0
         self._period_ns = round(1e9 / scene.rate)
         self.ns = round(scene.inputs.least_latency * SECOND)
-        self._said: dict[str, int] = {}
+        self._said: dict[tuple[str, str], int] = {}
         self._choose()
 
     def update(self) -> None:
@@ -171,8 +173,9 @@ class Latency:
         self.ns = min(least + more, round(MOST_LATENCY * SECOND))
 
     def _say(self, end: str, size_ns: int, text: Callable[[str, PoseTiming], str]) -> None:
-        if size_ns > _GROWN * self._said.get(end, 0):
-            self._said[end] = size_ns
+        key = end, text.__name__
+        if size_ns > _GROWN * self._said.get(key, 0):
+            self._said[key] = size_ns
             self._note("slow_poses", text(end, self._timings[end]))
 
     def _of_timeout(self, end: str, timing: PoseTiming) -> str:

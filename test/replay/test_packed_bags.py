@@ -150,6 +150,24 @@ def test_messages_recorded_at_zero(make_bag, recorded, scene, tmp_path, which):
     assert len(found) > 240
 
 
+def test_first_messages_without_any_time_are_left_out(make_bag, scene, tmp_path):
+    pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
+    stamps_of = [0] * 60 + [T0 + k * 20_000_000 for k in range(60, 200)]
+    found = [("/gripper_pose", t, pose.encode(t, (0, 0, 0.5, 0, 0, 0, 1))) for t in stamps_of]
+    summary = replayed(make_bag(found), scene, tmp_path / "out")
+    assert summary.ok and summary.messages_used == 140 and summary.messages_refused == 0
+    assert min(stamps(tmp_path / "out")) == stamps_of[60]
+
+
+def test_a_bag_without_any_time_of_recording(make_bag, recorded, scene, tmp_path):
+    """The stamps are the time, so that the result is that of the same bag with times."""
+    summary = replayed(make_bag([(m[0], 0, m[2]) for m in recorded]), scene, tmp_path / "out")
+    assert summary.ok and summary.messages_refused == 0 and not summary.events
+    assert summary.warnings[0].endswith("at time 0; they count as recorded at their stamps")
+    replayed(make_bag(name="dated"), scene, tmp_path / "whole")
+    assert stamps(tmp_path / "out") == stamps(tmp_path / "whole")
+
+
 def test_simulated_time_that_begins_at_zero_is_a_time(make_bag, recorded, scene, tmp_path):
     pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
     found = [

@@ -142,12 +142,13 @@ def test_it_is_said_at_once():
     assert bench.events == {"slow_poses": 1}
 
 
-def test_poses_slower_than_the_timeout_say_which_would_do_and_it_does():
+@pytest.mark.parametrize("intervals", [(1.1, 1.4), (0.9, 1.2)])
+def test_poses_slower_than_the_timeout_say_which_would_do_and_it_does(intervals):
     rng = np.random.default_rng(3)
-    times = np.cumsum(rng.uniform(1.1, 1.4, size=12))
+    times = np.cumsum(rng.uniform(*intervals, size=12))
     bench, published = play(times)
-    assert share(published) < 0.6 and bench.events["silent"] > 5
-    line = bench.session.journal.advice[0]
+    assert bench.events["silent"] >= 3
+    (line,) = (a for a in bench.session.journal.advice if "pose_timeout" in a)
     assert "further apart than start.pose_timeout 1 s" in line
     enough = float(re.search(r"set it to ([0-9.]+) to move", line)[1])
     bench, published = play(times, **{"start.pose_timeout": enough})
