@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import signal
+import threading
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
 
 from dlo_sim.process import warning_lines
 
@@ -13,8 +17,8 @@ _OF_A_TERMINAL = signal.SIGINT, signal.SIGHUP
 
 
 class _Child(SpawnProcess):
-    """A process that never sees the signals of a terminal, not even while it starts, and prints
-    warnings as this one does.
+    """A process that never sees the signals of a terminal, not even while it starts. It prints
+    warnings as this one does, and ends with this one, however that ends.
     """
 
     def start(self) -> None:
@@ -32,7 +36,16 @@ class _Child(SpawnProcess):
     def run(self) -> None:
         """Do its work; called in the new process."""
         warning_lines.use_lines(self._lines)
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
         super().run()
+
+
+def _end_with(parent: BaseProcess) -> None:
+    """End this process when its parent has ended: a worker of a pool would wait for ever."""
+    parent.join()
+    os._exit(1)
 
 
 class _Children(SpawnContext):

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,6 +100,21 @@ def work():
 if __name__ == "__main__":
     sys.exit(supervised(work))
 """
+
+
+def test_workers_end_with_a_parent_that_is_killed(tmp_path):
+    """Busy ones and idle ones, which wait for a queue that nobody closes."""
+    (tmp_path / "work.py").write_text(HAS_WORKERS.replace("[60.0] * 4", "[300.0, 0.0]"))
+    process = subprocess.Popen([sys.executable, str(tmp_path / "work.py")], stdout=subprocess.PIPE)
+    assert process.stdout.readline() == b"begun\n"
+    threads = Path(f"/proc/{process.pid}/task").glob("*/children")
+    workers = [pid for thread in threads for pid in thread.read_text().split()]
+    process.kill()
+    process.wait()
+    assert len(workers) == 3, "with the tracker of multiprocessing"
+    deadline = time.monotonic() + SOON
+    while any(os.path.exists(f"/proc/{pid}") for pid in workers):
+        assert time.monotonic() < deadline
 
 
 def test_interrupt_of_a_whole_group_is_one_line(tmp_path):
