@@ -44,7 +44,8 @@ def numbers(name: str, value: object, shape: tuple[int | None, ...], meaning: st
     )
     is_number = array.dtype.kind in "iuf"
     if is_number and fits:
-        array = array.astype(float)
+        with np.errstate(over="ignore"):  # a long double beyond all doubles is not finite
+            array = array.astype(float)
         if np.isfinite(array).all():
             return array
     refusal = ValueError if is_number else TypeError

@@ -184,3 +184,11 @@ def test_what_numpy_writes_is_read(tmp_path, save):
         np.testing.assert_array_equal(found[name], array)
         assert found[name].dtype == array.dtype
     assert read_npz(path, ["a", "z"]).keys() == {"a"}
+
+
+@pytest.mark.filterwarnings("error")
+def test_long_doubles_beyond_all_doubles_are_refused_without_a_warning(tmp_path):
+    path = tmp_path / "long.npz"
+    np.savez(path, times=np.arange(3) * np.longdouble("1e4000"), start=np.zeros((3, 7)))
+    with pytest.raises(PlanError, match="times: needs a list of finite numbers"):
+        read_plan(path, SCENE)
