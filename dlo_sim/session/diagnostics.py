@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 _MOST_ADVICE = 20
+# So many messages in a row that are ahead of the clock by more than this [ns] are a wrong clock.
+_AHEAD, _MANY = 20_000_000, 50
 
 REASONS: dict[str, str] = {
     "undecodable": "not a complete message of the expected type",
@@ -46,6 +48,7 @@ EVENTS: dict[str, str] = {
     "silent": "no pose for pose_timeout; the last one is held",
     "rejoined": "poses came back after a silence or a skip; the end returns to them smoothly",
     "no_frame": "a load came without a frame_id and is taken in the world frame",
+    "clock_ahead": "all stamps of a topic are ahead of the clock, so that they act too late",
     "units": "poses are so far from the scene that they may be in millimetres",
     "slow_poses": "poses come so slowly or late that outputs are delayed more than by 0.06 s, or "
     "that inputs.latency or pose_timeout is too short for them",
@@ -67,7 +70,7 @@ EVENTS: dict[str, str] = {
 }
 """The other events that are counted."""
 
-ADVICE = ("slow_poses", "no_frame", "units")
+ADVICE = ("slow_poses", "no_frame", "units", "clock_ahead")
 """Events that say what should be set otherwise; a replay repeats what they say."""
 
 
@@ -106,6 +109,8 @@ class TopicRecord:
     timeout: silence that is reported [s], 0 = never. occasional: it is normal to receive nothing.
     copies: messages that came again, as from a second recorder, and are ignored.
     unframed: frame in which messages without a frame_id are taken; empty = there were none.
+    delays_ns: least and greatest age of the stamps [ns] on arrival since the last report.
+    ahead: number of messages whose stamps were ahead of the clock, in a row.
     """
 
     topic: str
@@ -118,11 +123,20 @@ class TopicRecord:
     last_refusal: str = ""
     last_arrival_ns: int | None = None
     reported_refusals: int = 0
+    delays_ns: tuple[int, int] | None = None
+    ahead: int = 0
 
     @property
     def refusals(self) -> int:
         """Number of messages refused, for any reason."""
         return sum(self.refused.values())
+
+    def note_delay(self, delay_ns: int) -> bool:
+        """Note the age of a stamp [ns]; returns whether the topic has just shown to be ahead."""
+        least, most = self.delays_ns or (delay_ns, delay_ns)
+        self.delays_ns = min(least, delay_ns), max(most, delay_ns)
+        self.ahead = self.ahead + 1 if delay_ns < -_AHEAD else 0
+        return self.ahead == _MANY
 
     def refuse(self, reason: str, detail: str) -> None:
         """Count a refused message; `detail` names the value and the cure."""
@@ -201,6 +215,9 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
         *((f"refused {reason}", str(count)) for reason, count in sorted(record.refused.items())),
         ("age [s]", "never" if age is None else f"{age:.3f}"),
     ]
+    if record.delays_ns is not None:
+        values.append(("delay [s]", " to ".join(f"{ns * 1e-9:.3f}" for ns in record.delays_ns)))
+        record.delays_ns = None
     if record.unframed:
         values.append(("frame of messages without frame_id", record.unframed))
     if record.last_refusal:

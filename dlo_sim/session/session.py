@@ -344,9 +344,18 @@ class Session:
                 self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
             for entry in accepted.entries:
                 self._drive.add(entry, accepted.message)
-                if entry.is_pose and accepted.message is not None:
-                    now_ns = self._time.from_clock(clock_ns)
-                    self._drive.paths[entry.target].timing.accept(accepted.message.stamp_ns, now_ns)
+                if accepted.message is None:
+                    continue
+                stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
+                if entry.is_pose:
+                    self._drive.paths[entry.target].timing.accept(stamp_ns, now_ns)
+                if self.journal.topics[entry.topic].note_delay(now_ns - stamp_ns):
+                    ahead = (stamp_ns - now_ns) * 1e-9
+                    self.journal.event(
+                        "clock_ahead",
+                        f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act as "
+                        "much too late; synchronise the clocks or set inputs.time: arrival",
+                    )
 
     def _begin(self, wanted_ns: int) -> bool:
         """Place the cable if every driven end has received a pose; returns whether it is placed."""

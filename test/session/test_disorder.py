@@ -140,6 +140,22 @@ def test_a_late_pose_is_checked_against_the_poses_around_it():
     assert bench.refused("/gripper_pose") == {"too_fast": 2}
 
 
+@pytest.mark.parametrize("ahead", [0.03, 0.3])
+def test_a_clock_that_is_a_little_ahead_is_named(ahead):
+    """Its stamps are believed, as they fit; the topic is named, and its delay shown."""
+    bench = Bench(LOADED)
+    for k in range(100):
+        now = T0 + k * 10 * MS
+        bench.pose(now - 2 * MS, arrival=now)
+        bench.wrench(now + round(ahead * SECOND), (1, 0, 0), arrival=now)
+        bench.session.tick(now)
+    assert bench.events == {"clock_ahead": 1}
+    (line,) = bench.session.journal.advice
+    assert line.startswith(f"/wrench: stamps are {ahead:.3f} s ahead of the clock")
+    raw = bench.session.diagnostics(T0 + SECOND)
+    assert f"-{ahead:.3f} to -{ahead:.3f}".encode() in raw and b"0.002 to 0.002" in raw
+
+
 def test_two_clocks_that_differ_blame_the_load_whichever_comes_first():
     for begin in (0, 20):
         bench = Bench(LOADED)
