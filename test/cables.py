@@ -50,6 +50,10 @@ FLAT = {"gravity": [0.0, 0.0, 0.0]}
 FREE = {"start.clamped": False, "start.fixed": [False, False, False]}
 
 
+# Unless a test says otherwise, since it is rarely about what is chosen.
+RESOLUTION = {"discretization.control_points": 13, "discretization.knots": "uniform"}
+
+
 def scene_of(*values, **more):
     """A scene of merged values; method, step and n are short for the integrator's method and step
     and the number of control points."""
@@ -58,7 +62,7 @@ def scene_of(*values, **more):
         "step": "integrator.step",
         "n": "discretization.control_points",
     }
-    merged: dict[str, object] = {}
+    merged: dict[str, object] = dict(RESOLUTION)
     for part in values:
         merged |= part
     merged |= {names[key]: value for key, value in more.items()}
@@ -78,9 +82,12 @@ class Bench:
 
     def __init__(self, *values, grading=0.0, **more):
         self.scene = scene_of(*values, **more)
+        if grading:
+            graded = [grading, grading, 0.1 * self.scene.cable.length]
+            closer = {"discretization.knots": "graded", "discretization.grading": graded}
+            self.scene = self.scene.with_values(closer)
         geometries, needs = geometries_of(self.scene), needs_of(self.scene)
-        graded = bspline.Grading(grading, grading, 0.1 * self.scene.cable.length)
-        self.model = build_model(self.scene, needs, geometries, graded)
+        self.model = build_model(self.scene, needs, geometries)
         self.cable = Cable.new(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)

@@ -24,6 +24,7 @@ class FakeSimulator:
         self.scene = scene
         self.step = scene.integrator.step or step
         self.method = "fake"
+        self.resolution = "5 control points as the scene asks"
         self.active_terms = ("stretch",)
         self.left_out = {"twist": "fake"}
         self.warnings = ()
@@ -31,7 +32,7 @@ class FakeSimulator:
         self.note = ""
         self.calls: list[tuple] = []
         self.end_poses = dict(end_poses or {})
-        n = scene.discretization.control_points
+        n = scene.discretization.control_points or 5
         self.greville = np.linspace(0.0, scene.cable.length, n)
         self._place()
         FakeSimulator.built.append(self)

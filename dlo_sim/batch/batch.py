@@ -22,6 +22,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.recording import energies_at, record_simulator, sample_times
 from dlo_sim.simulation.report import Status
+from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -79,7 +80,8 @@ def simulate_batch(
     processes: int | None = None,
     scheduler: str | None = None,
 ) -> BatchResult:
-    """Run scenes of one number of control points from their initial states.
+    """Run scenes of one number of control points from their initial states. Where scenes leave it
+    open, it is the largest that one of them needs.
 
     Scenes of one structure (method, terms, quadrature, number of loads) with a drift/kick method
     (velocity_verlet, forest_ruth) and nothing but stretching, bending, gravity, springs, point
@@ -114,6 +116,7 @@ def simulate_batch(
     """
     every = duration if every is None else every
     _check(scenes, duration, every)
+    scenes = _alike(scenes)
     starts, paths = _each("initial", initial, scenes), _each("poses", poses, scenes)
     asked = list(zip(range(len(scenes)), scenes, starts, paths, strict=True))
     pieces = [asked[k : k + LANES] for k in range(0, len(asked), LANES)]
@@ -136,13 +139,26 @@ def _check(scenes: Sequence[Scene], duration: float, every: float) -> None:
     for name, value in (("duration", duration), ("every", every)):
         if not (np.isfinite(value) and value > 0.0):
             raise ValueError(f"{name}: {value:g} s is not above 0")
-    count = scenes[0].discretization.control_points
-    for k, scene in enumerate(scenes):
-        if scene.discretization.control_points != count:
+
+
+def _alike(scenes: Sequence[Scene]) -> list[Scene]:
+    """The scenes with one number of control points: those that leave it open get the number that
+    others ask for, or else the largest that is chosen for one of them.
+
+    Raises:
+        ValueError: scenes ask for different numbers.
+    """
+    numbers = [scene.discretization.control_points for scene in scenes]
+    count = max(numbers) or max(
+        resolved(scene)[0].discretization.control_points for scene in scenes
+    )
+    for k, number in enumerate(numbers):
+        if number not in (0, count):
             raise ValueError(
-                f"scene {k} has {scene.discretization.control_points} control points, scene 0 has "
-                f"{count}; give scenes of one number of control points"
+                f"scene {k} has {number} control points, scene {numbers.index(count)} has {count}; "
+                "give scenes of one number of control points"
             )
+    return [scene.with_values({"discretization.control_points": count}) for scene in scenes]
 
 
 def _each(

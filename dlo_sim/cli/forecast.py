@@ -2,7 +2,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dlo_sim.cli.arguments import (
     CommandError,
@@ -13,6 +13,7 @@ from dlo_sim.cli.arguments import (
 )
 from dlo_sim.cli.output import (
     check_output_file,
+    error_rows,
     print_json,
     print_rows,
     progress_bar,
@@ -20,7 +21,9 @@ from dlo_sim.cli.output import (
 )
 
 if TYPE_CHECKING:
+    from dlo_sim.scene.description import Scene
     from dlo_sim.simulation.forecast import Array, Forecast
+    from dlo_sim.simulation.simulator import Simulator
 
 FAILED = 3
 _SHOWN = 5  # points of the last shape, for people
@@ -73,14 +76,24 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from dlo_sim.replay.planned import PlanError, read_plan
+    from dlo_sim.simulation.accuracy import estimated
+    from dlo_sim.simulation.error_estimate import error_along
     from dlo_sim.simulation.simulator import Simulator
 
+    def along(scene: "Scene") -> "Array":
+        return Simulator(scene, begin).forecast(plan, options.every).centerline
+
+    accuracy: dict[str, Any] = {"error_estimate": None, "advice": ""}
     with progress_bar("forecast"):
         try:
             plan = read_plan(options.plan, scene, options.number)
             first = {name: np.asarray(rows)[0] for name, rows in plan.poses.items()}
             begin = {name: (pose[:3], pose[3:]) for name, pose in first.items()}
-            found = Simulator(scene, begin).forecast(plan, options.every)
+            simulator = Simulator(scene, begin)
+            found = simulator.forecast(plan, options.every)
+            if estimated(scene) and len(found.times):
+                error, advice = error_along(simulator, found.centerline, along)
+                accuracy = {"error_estimate": error.numbers, "advice": advice}
         except (PlanError, ValueError) as refusal:
             raise CommandError(str(refusal)) from None
     if not len(found.times):
@@ -92,13 +105,21 @@ def run(options: argparse.Namespace) -> int:
             options.output, arrays | {"tension": found.tension, "curvature": found.curvature}
         )
     if options.json:
-        print_json(_summary(found, list(plan.poses)))
+        print_json(_summary(found, simulator, list(plan.poses)) | accuracy)
     else:
-        _print_report(options, found, ", ".join(plan.poses))
+        rows = {
+            "chosen": _chosen(simulator),
+            **error_rows(accuracy["error_estimate"], accuracy["advice"]),
+        }
+        _print_report(options, found, ", ".join(plan.poses), rows)
     return 0 if found.report.status.ok else FAILED
 
 
-def _summary(found: "Forecast", planned: list[str]) -> dict[str, object]:
+def _chosen(simulator: "Simulator") -> str:
+    return f"{simulator.choice.reason}\n{simulator.resolution}"
+
+
+def _summary(found: "Forecast", simulator: "Simulator", planned: list[str]) -> dict[str, object]:
     return {
         "status": found.report.status.name.lower(),
         "message": found.report.message,
@@ -108,10 +129,14 @@ def _summary(found: "Forecast", planned: list[str]) -> dict[str, object]:
         "peak_tension": found.peak_tension,
         "largest_curvature": found.largest_curvature,
         "end_shape": found.centerline[-1],
+        "choice": simulator.choice.reason,
+        "resolution": simulator.resolution,
     }
 
 
-def _print_report(options: argparse.Namespace, found: "Forecast", planned: str) -> None:
+def _print_report(
+    options: argparse.Namespace, found: "Forecast", planned: str, more: dict[str, str]
+) -> None:
     report = found.report
     print(f"{options.scene}: {report.status.name.lower()}, {report.simulated:g} s along the plan")
     if report.message:
@@ -127,7 +152,7 @@ def _print_report(options: argparse.Namespace, found: "Forecast", planned: str) 
         "peak tension": tension,
         "largest curvature": curvature,
         f"shape at {found.times[-1]:g} s": "\n".join(lines),
-    }
+    } | more
     if options.output is not None:
         rows["output"] = f"{options.output} ({len(found.times)} shapes)"
     print_rows(rows)

@@ -18,6 +18,7 @@ from dlo_sim.cli.arguments import (
 )
 from dlo_sim.cli.output import (
     check_output_file,
+    error_rows,
     print_json,
     print_rows,
     progress_bar,
@@ -117,7 +118,8 @@ def run(options: argparse.Namespace) -> int:
         print_json(facts)
         return 0
     print(f"{options.data}: identified, {found.seconds:.0f} s")
-    print_rows(_rows(found))
+    estimate = None if found.error is None else found.error.numbers
+    print_rows(_rows(found) | error_rows(estimate, found.advice))
     print_rows({"output": str(options.output)})
     return 0
 
@@ -165,6 +167,8 @@ def _facts(options: argparse.Namespace, found: "Identified") -> dict[str, Any]:
         "left_out": found.left_out,
         "evaluations": found.fit.evaluations,
         "seconds": found.seconds,
+        "error_estimate": None if found.error is None else found.error.numbers,
+        "advice": found.advice,
     }
 
 

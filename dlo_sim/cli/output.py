@@ -189,3 +189,14 @@ def tell(line: str) -> None:
     from tqdm import tqdm
 
     tqdm.write(f"dlo_sim: {line}", file=sys.stderr)
+
+
+def error_rows(estimate: Mapping[str, float | None] | None, advice: str) -> dict[str, str]:
+    """Rows for people about estimated position errors [m] (`DiscretizationError.numbers`); none if
+    errors were not estimated.
+    """
+    if estimate is None:
+        return {}
+    known = {name: "unknown" if x is None else f"{x:.2g} m" for name, x in estimate.items()}
+    line = ", ".join(f"{name} {text}" for name, text in known.items())
+    return {"position error": f"{line} (estimated)" + f"\n{advice}" * bool(advice)}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_scene
-from dlo_sim.cli.output import print_json, print_rows, progress_bar, readable
+from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable
 
 if TYPE_CHECKING:
     from dlo_sim.replay.summary import ReplaySummary
@@ -91,6 +91,8 @@ def _print_summary(bag: Path, summary: "ReplaySummary") -> None:
     }
     if summary.messages_copied:
         rows["copies"] = f"{summary.messages_copied} messages came again and were ignored"
+    rows["chosen"] = summary.resolution
+    rows |= error_rows(summary.error_estimate, summary.advice)
     if summary.output:
         rows["output"] = f"{summary.output} ({summary.messages_written} messages)"
     if summary.events:

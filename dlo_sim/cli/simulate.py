@@ -13,6 +13,7 @@ from dlo_sim.cli.arguments import (
 )
 from dlo_sim.cli.output import (
     check_output_file,
+    error_rows,
     print_json,
     print_rows,
     progress_bar,
@@ -31,8 +32,8 @@ _SHAPES = ("control_points", "centerline", "centerline_u", "tension", "curvature
 _ARRAYS = ("time", *_SHAPES, "energy")
 _REPORT = (
     *("status", "message", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
-    *("choice", "force_evaluations", "real_time_factor", "energy_error_max", "error_estimate"),
-    *("active_terms", "left_out", "notes"),
+    *("choice", "resolution", "force_evaluations", "real_time_factor", "energy_error_max"),
+    *("error_estimate", "advice", "active_terms", "left_out", "notes"),
 )
 
 HELP = "run a scene without ROS and record it"
@@ -88,8 +89,11 @@ def run(options: argparse.Namespace) -> int:
 
 def _check_size(scene: Scene, duration: float, every: float) -> None:
     """Refuse a recording that would not fit into memory."""
+    from dlo_sim.simulation.resolution import resolved  # imports numpy
+
     samples = duration / every + 1.0
-    numbers = 4 * scene.discretization.control_points + 5 * scene.outputs.centerline_samples + 2
+    points = resolved(scene)[0].discretization.control_points
+    numbers = 4 * points + 5 * scene.outputs.centerline_samples + 2
     size = 8.0 * samples * numbers
     if size > _LARGEST_RECORDING:
         cure = every * size / _LARGEST_RECORDING
@@ -108,27 +112,20 @@ def _print_report(scene: str, output: Path | None, recording: "Recording") -> No
     rows = {
         "method": f"{recording.method}, step {recording.step_s * 1e6:.4g} us, "
         f"{recording.steps} steps, {recording.force_evaluations} {_counted(recording.method)}",
-        "chosen": recording.choice,
+        "chosen": f"{recording.choice}\n{recording.resolution}",
         "time": f"{recording.wall_s:.3g} s ({recording.real_time_factor:.3g} x real time), "
         f"after {recording.compile_s:.2g} s to compile",
         "energy error": "-" if error is None else f"{error:.2e} of the largest energy exchanged",
         "active": ", ".join(recording.active_terms) or "-",
         "left out": "\n".join(left_out) or "-",
     }
-    estimate = recording.error_estimate
-    if estimate is not None:
-        parts = (f"{name} {_length(part)}" for name, part in estimate.items())
-        rows["position error"] = f"{', '.join(parts)} (estimated)"
+    rows |= error_rows(recording.error_estimate, recording.advice)
     if recording.notes:
         rows["note"] = "\n".join(recording.notes)
     if output is not None:
         times, points, _ = recording.control_points.shape
         rows["output"] = f"{output} ({times} times, {points} control points)"
     print_rows(rows)
-
-
-def _length(value: float | None) -> str:
-    return "unknown" if value is None else f"{value:.2g} m"
 
 
 def _counted(method: str) -> str:

@@ -24,6 +24,7 @@ def findings(simulator: Simulator) -> Iterator[Finding]:
     if math.isfinite(choice.limit):
         limit = f"{choice.step / choice.limit:.0%} of the stability limit {choice.limit:.3g} s"
     yield ok(f"{simulator.method}, step {choice.step:.3g} s ({choice.reason}); {limit}")
+    yield ok(simulator.resolution)
     for line in simulator.scene.cable.assumptions:
         yield ok(line)
     for line in simulator.warnings:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from dlo_sim.batch.workers import Workers
 from dlo_sim.identification.fit import Fit, FitError, Progress, fit
 from dlo_sim.identification.measurement import START_FRAMES, Recording
-from dlo_sim.identification.prediction import COMPUTATION, Prediction, predicted_of
+from dlo_sim.identification.prediction import COMPUTATION, Prediction, position_error, predicted_of
 from dlo_sim.identification.problem import (
     HARDENING,
     YIELD,
@@ -22,6 +22,8 @@ from dlo_sim.identification.problem import (
 from dlo_sim.identification.scores import Score, mean_score, reaction, score
 from dlo_sim.replay.comparison import AxisComparison
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.accuracy import estimated
+from dlo_sim.simulation.report import DiscretizationError
 
 TRAINING, LEFT_OUT, ALL = "training pieces", "left-out pieces", "all pieces, fitted to all"
 
@@ -39,6 +41,8 @@ class Identified:
         pieces: number of pieces. left_out: of them not seen by the first fit.
         recordings, predicted: all pieces and what the first fit predicts of them.
         seconds: it took.
+        error: estimated error of the predicted places due to the discretisation; None if it was not
+            estimated. advice: what cures one above accuracy.target, one line; else empty.
     """
 
     scene: Scene
@@ -51,6 +55,8 @@ class Identified:
     recordings: tuple[Recording, ...]
     predicted: tuple[Prediction, ...]
     seconds: float
+    error: DiscretizationError | None
+    advice: str
 
 
 def identify(
@@ -109,6 +115,9 @@ def identify(
     ]
     for failure in failures:
         tell(f"the fitted scene fails in {failure}; its last good shape counts from there on")
+    error, advice = None, ""
+    if estimated(found.scene) and not failures:
+        error, advice = position_error(found.scene, pieces, last, workers, found.sensor)
     shape = {"initial.shape": asked.get("initial.shape", scene.initial.shape)}
     if not any(found.scene.cable.rest_curvature_2):
         shape["cable.rest_curvature_2"] = [0.0]
@@ -123,6 +132,8 @@ def identify(
         pieces,
         tuple(predicted),
         time.perf_counter() - began,
+        error,
+        advice,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,10 @@ from dlo_sim.batch.workers import Workers
 from dlo_sim.core import bspline
 from dlo_sim.identification.measurement import START_FRAMES, Recording
 from dlo_sim.scene.description import Scene
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.simulation.error_estimate import POINTS, error_along
 from dlo_sim.simulation.external_damping import external_rates
+from dlo_sim.simulation.report import DiscretizationError
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -23,6 +26,7 @@ STEP = 0.01  # [s], where the scene chooses; half of it moves 12 markers by 0.1 
 COMPUTATION: dict[str, object] = {
     "discretization.control_points": 17,
     "discretization.stretch": "span",
+    "discretization.knots": "uniform",
     "integrator.method": "energy_momentum",
     "integrator.step": STEP,
     "terms.out_of_plane": "on",
@@ -154,6 +158,36 @@ def predicted_of(
 ) -> list[Prediction]:
     """`predict` of several recordings."""
     return list(workers.map(_predict, [(scene, one, START_FRAMES, sensor) for one in recordings]))
+
+
+def position_error(
+    scene: Scene,
+    recordings: Sequence[Recording],
+    predicted: Sequence[Prediction],
+    workers: Workers,
+    sensor: Sensor | None = None,
+) -> tuple[DiscretizationError, str]:
+    """Estimated error of the predicted places due to the discretisation, the largest of all
+    recordings, and what cures one above accuracy.target.
+
+    The places are the markers; of recordings of forces, points along the cable.
+    """
+    if recordings[0].forces is not None:
+        shares = np.linspace(0.0, 1.0, POINTS)
+        recordings = [replace(one, shares=shares) for one in recordings]
+        predicted = predicted_of(scene, recordings, workers, sensor)
+
+    def places(found: Sequence[Prediction]) -> Array:
+        return np.concatenate([one.markers.reshape(-1, 1, 3) for one in found])
+
+    def with_another(finer: Scene) -> Array:
+        found = predicted_of(finer, recordings, workers, sensor)
+        if failure := next((one.failure for one in found if one.failure), ""):
+            raise SceneError(failure)
+        return places(found)
+
+    first = {end: (path[0, :3], path[0, 3:]) for end, path in recordings[0].poses.items()}
+    return error_along(Simulator(scene, first), places(predicted), with_another)
 
 
 def _predict(item: tuple[Scene, Recording, int, Sensor | None]) -> Prediction:

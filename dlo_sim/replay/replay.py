@@ -201,6 +201,11 @@ class _Replay:
         summary.messages_refused = sum(summary.refused_by_reason.values())
         summary.warnings += journal.advice
         summary.events = dict(sorted(journal.events.items()))
+        summary.resolution = self._session.simulator.resolution
+        accuracy = self._session.accuracy
+        if accuracy.largest is not None:
+            summary.error_estimate = accuracy.largest.numbers
+        summary.advice = accuracy.advice
         if self._bag.damage and summary.status == "done":
             read, promised = self._bag.count, self._bag.promised
             of = f" of {promised}" if promised is not None else ""

@@ -56,6 +56,10 @@ class ReplaySummary(ReplayFigures):
         ticks: ticks of the session.
         comparison: end -> rows per axis, for the ends asked for.
         warnings: one line each.
+        resolution: how many control points, and why.
+        error_estimate: largest estimated position errors [m]: `time`, `space`, `total` (None =
+            unknown); None if errors were not estimated (accuracy.estimate).
+        advice: the error if it exceeds accuracy.target, and what cures it, one line; else empty.
     """
 
     output: str = ""
@@ -67,6 +71,9 @@ class ReplaySummary(ReplayFigures):
     ticks: int = 0
     comparison: dict[str, list[AxisComparison]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    resolution: str = ""
+    error_estimate: dict[str, float | None] | None = None
+    advice: str = ""
 
 
 class Recording:

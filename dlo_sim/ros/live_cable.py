@@ -130,7 +130,7 @@ class LiveCable:
         left_out = "; ".join(f"{name} ({why})" for name, why in simulator.left_out.items())
         summary = (
             f"{simulator.method}, step {simulator.step:.6g} s "
-            f"({simulator.choice.reason}); {len(simulator.greville)} control points; computes "
+            f"({simulator.choice.reason}); {simulator.resolution}; computes "
             f"{', '.join(simulator.active_terms)}; leaves out {left_out or 'nothing'}"
         )
         self._log.info(f"{before}{summary}{after}")

@@ -14,7 +14,11 @@ class Discretization:
     """Spline, quadrature and mass matrix."""
 
     control_points: int = parameter(
-        13, "Number of control points n_u of the cubic B-spline.", "", (4, 2000)
+        0,
+        "Number of control points n_u of the cubic B-spline, at least 4; 0 = chosen from the scene "
+        "and accuracy.target.",
+        "",
+        (0, 2000),
     )
     quadrature: str = parameter(
         "gauss",
@@ -44,22 +48,26 @@ class Discretization:
         choices=("consistent", "lumped", "selective"),
     )
     knots: str = parameter(
-        "uniform",
-        "Knot spans of equal length (uniform), or shorter ones near clamped ends, where a heavy "
-        "cable bends most (auto; with gauss and an implicit method, without grasps).",
-        choices=("uniform", "auto"),
+        "auto",
+        "Knot spans of equal length (uniform), or shorter ones near clamped ends: by "
+        "`discretization.grading` (graded; with gauss), or where a cable bends sharply there and "
+        "nothing speaks against it (auto).",
+        choices=("auto", "uniform", "graded"),
+    )
+    grading: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 1.0),
+        "With knots graded: density of the knots at the start and at the end in excess of that "
+        "elsewhere, which counts as 1, and the length [m] over which the excess decays by 1/e.",
+        "",
+        (0.0, 1e3),
     )
 
     @property
     def stretch_by_span(self) -> bool:
         """Whether the stretching energy uses the strain projected on each span."""
-        enough = self.quadrature == "gauss" and self.control_points >= LEAST_BY_SPAN
+        many = self.control_points == 0 or self.control_points >= LEAST_BY_SPAN
+        enough = self.quadrature == "gauss" and many
         return self.stretch == "span" or (self.stretch == "auto" and enough)
-
-    @property
-    def graded(self) -> bool:
-        """Whether knot spans may differ in length."""
-        return self.knots == "auto" and self.quadrature == "gauss"
 
 
 @dataclass(frozen=True)
@@ -296,8 +304,8 @@ class Accuracy:
     )
     estimate: str = parameter(
         "auto",
-        "Estimate the error from two refined simulations run alongside; auto = in the node, as "
-        "long as it keeps up.",
+        "Estimate the error from two refined simulations run alongside; auto = unless measured "
+        "points correct the prediction, and in the node as long as it keeps up.",
         choices=SWITCH,
     )
 

@@ -51,6 +51,15 @@ def check_discretization(discretization: Discretization) -> None:
     samples, gauss = discretization.samples, discretization.quadrature == "gauss"
     by_span = discretization.stretch == "span"
     least = max(2 * (discretization.control_points - 3), 4)
+    if 0 < discretization.control_points < 4:
+        raise refused("control_points", "are too few for a cubic; give 4 or more, or 0")
+    if discretization.knots == "graded":
+        if not gauss:
+            raise refused("knots", "need Gauss points; set discretization.quadrature to gauss")
+        if discretization.grading[2] == 0.0:
+            raise refused(
+                "grading", "decays over no length; give one above 0 m as the third number"
+            )
     if gauss and not 2 <= samples <= 10:
         raise refused(
             "samples",
@@ -60,7 +69,7 @@ def check_discretization(discretization: Discretization) -> None:
     if by_span and not gauss:
         cure = "set discretization.quadrature to gauss, or stretch to sample"
         raise refused("stretch", f"needs Gauss points; {cure}")
-    if by_span and discretization.control_points < 5:
+    if by_span and 0 < discretization.control_points < 5:
         cure = "give 5 control points or more, or set it to sample"
         raise refused(
             "stretch", f"leaves a single span ways to stretch that cost no energy; {cure}"

@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from dlo_sim.scene.refusal import one_line
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.cdr import DiagnosticStatus
+from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
+    from dlo_sim.scene.description import Scene
     from dlo_sim.session.drive import Drive
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -42,6 +44,7 @@ REASONS: dict[str, str] = {
 }
 """The reasons for which messages are refused."""
 
+KNOTS = "knot density"  # key of the diagnostics
 EVENTS: dict[str, str] = {
     "other_epoch": "stamps come from another epoch than the clock; their own time base is used",
     "time_jump": "the clock or the stamps jumped; the simulation was reset",
@@ -225,6 +228,14 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
     return DiagnosticStatus(level, f"input {record.topic}", message, tuple(values))
 
 
+def _density(scene: Scene) -> str:
+    """Density of the knots at the start and the end in excess of 1, and the length over which it
+    decays as a share of the cable's, by which a reader of control points finds the curve.
+    """
+    start, end, reach = knot_grading(scene)
+    return f"{start:.17g} {end:.17g} {reach / scene.cable.length:.17g}"
+
+
 def session_status(
     journal: Journal,
     status: SessionStatus,
@@ -266,6 +277,8 @@ def session_status(
         ("simulated time [s]", f"{simulator.time:.6f}"),
         ("step [s]", f"{simulator.step:.9g}"),
         ("method", simulator.method),
+        ("control points", str(len(simulator.greville))),
+        (KNOTS, _density(simulator.scene)),
         ("active terms", ", ".join(simulator.active_terms)),
         ("left out", "; ".join(f"{name}: {why}" for name, why in simulator.left_out.items())),
         ("warnings", "; ".join(warnings)),

@@ -12,12 +12,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.accuracy import companions, estimated
+from dlo_sim.session.accuracy import companions
 from dlo_sim.session.gripper_path import GripperPath, Segment
 from dlo_sim.session.observer import Observer
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.topics import InputTopic
 from dlo_sim.session.waiting import LoadSchedule, TakeMessage, Waiting
+from dlo_sim.simulation.accuracy import estimated
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
@@ -54,7 +55,6 @@ class Drive:
         scene: what is simulated.
         factory: builds the simulator: factory(scene, end_poses=None).
         note: called with the name of an event and one line of text.
-        live: whether the prediction is live, for accuracy.estimate auto.
 
     Attributes:
         scene: what is simulated now.
@@ -69,11 +69,9 @@ class Drive:
         scene: Scene,
         factory: Callable[..., Simulator],
         note: Callable[[str, str], None],
-        live: bool = False,
     ) -> None:
         self.simulator = factory(scene)
         self.estimate: ErrorEstimate | None = None
-        self._live = live
         self._too_slow = False
         self._rebuilt = False  # whether the simulator's initial state differs from the scene's
         self.scene = scene
@@ -169,7 +167,7 @@ class Drive:
         if saved is not None:
             for name, path in self.paths.items():
                 path.skip_to(origin, *self.simulator.end_pose(name))
-        if estimated(self.scene, self._live and not self._too_slow):
+        if estimated(self.scene) and not self._too_slow:
             self.estimate = companions(self.simulator, None if saved is not None else poses)
 
     def clear(self) -> None:
@@ -314,7 +312,7 @@ class Drive:
             return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
-        estimate = companions(simulator) if estimated(scene, self._live) else None
+        estimate = companions(simulator) if estimated(scene) else None
         return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:

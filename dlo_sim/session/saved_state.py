@@ -21,9 +21,10 @@ from dlo_sim import __version__
 from dlo_sim.core.arguments import count, number, numbers
 from dlo_sim.core.npz import read_npz
 from dlo_sim.process.atomic_output import write_atomically
-from dlo_sim.scene.description import Scene, scene_values
+from dlo_sim.scene.description import Scene, scene_from_values, scene_values
 from dlo_sim.scene.needs import Needs
 from dlo_sim.scene.refusal import SceneError, brief
+from dlo_sim.simulation.resolution import continued
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Snapshot
@@ -69,7 +70,8 @@ def save_state(path: Path, state: Snapshot) -> None:
 def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
     """The saved state of this scene and its age [s]; None if there is no file.
 
-    In its scene, each grasp is taken or not as in the state.
+    In its scene, each grasp is taken or not as in the state; control points and knots that the
+    scene leaves open are those of the state.
 
     Raises:
         SceneError: the file cannot be read, is not a state, or is one of another scene or version;
@@ -79,7 +81,10 @@ def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
     try:
         file = read_npz(path, ("head", "state", "inputs"))
         head, state, inputs = json.loads(str(file["head"])), file["state"], file["inputs"]
-        unfit = _unfit(head, scene)
+        unfit = "" if head["version"] == __version__ else f"dlo_sim {head['version']}"
+        if not unfit:
+            scene = continued(scene, scene_from_values(head["scene"]))
+            unfit = _of_another(head, scene)
         if not unfit:
             return _snapshot(head, scene, state, inputs), time.time() - head["saved_at"]
     except FileNotFoundError:
@@ -95,10 +100,8 @@ def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
     raise SceneError(f"state.save_to: {path} is of {unfit}; {cure}")
 
 
-def _unfit(head: dict[str, Any], scene: Scene) -> str:
-    """Which other version or scene a state is of; empty if it fits."""
-    if head["version"] != __version__:
-        return f"dlo_sim {head['version']}"
+def _of_another(head: dict[str, Any], scene: Scene) -> str:
+    """Which other scene a state is of; empty if it fits."""
     saved, now = head["scene"], json.loads(json.dumps(scene_values(scene)))
     for key in sorted(saved.keys() | now.keys()):
         before, value = saved.get(key), now.get(key)

@@ -49,8 +49,7 @@ class Session:
             end_poses=None).
         transforms: looks up frames of tf2; needed if the scene uses them.
         naming: names of the node and its topics; default: not remapped.
-        live: whether the prediction is live, so that its error is estimated if accuracy.estimate is
-            auto.
+        live: whether the prediction is live, so that it must keep up with the clock.
         resume: a saved state to begin with.
 
     Attributes:
@@ -82,7 +81,7 @@ class Session:
         self._transforms = transforms
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
-        self._drive = Drive(scene, simulator_factory, self.journal.event, live)
+        self._drive = Drive(scene, simulator_factory, self.journal.event)
         self._intake = Intake(
             scene, sources, self._time, self.journal, transforms, self._drive.passed_ns
         )
@@ -136,6 +135,11 @@ class Session:
         if self._paused:
             return SessionStatus.PAUSED
         return SessionStatus.RUNNING if self.started else SessionStatus.WAITING
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The estimated errors; anew after `reconfigure`."""
+        return self._accuracy
 
     @property
     def offset_ns(self) -> int:

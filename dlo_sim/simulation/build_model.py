@@ -24,7 +24,7 @@ from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.selection import is_implicit
+from dlo_sim.simulation.resolution import knot_grading
 
 Array = NDArray[np.float64]
 
@@ -33,15 +33,16 @@ def build_model(
     scene: Scene,
     needs: Needs,
     geometries: Geometries,
-    knot_grading: bspline.Grading | None = None,
     origin: NDArray[np.float64] | None = None,
 ) -> Model:
-    """Constant arrays of a scene held where `geometries` says, with knots graded as the scene
-    says, or by `knot_grading`. `origin` is that of the geometries in the world [m], default zero.
+    """Constant arrays of a scene held where `geometries` says.
+
+    Args:
+        scene: `resolution.resolved`.
+        origin: that of the geometries in the world [m], default zero.
     """
     n, axes, twist = scene.discretization.control_points, needs.axes, needs.twist
-    chosen = grading(scene) if knot_grading is None else knot_grading
-    knots = bspline.clamped_knots(n, scene.cable.length, chosen)
+    knots = bspline.clamped_knots(n, scene.cable.length, knot_grading(scene))
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = needs.bend and (needs.plasticity or scene.cable.shaped)
@@ -74,37 +75,7 @@ def build_model(
 # Share of the polar inertia that a cable with quasistatic twist keeps, because it could not be
 # inverted without: too little to matter in the energy account; more where nothing holds the roll.
 STATIC, FREE_STATIC = 1e-24, 1e-9
-EXCESS = {True: 2.0, False: 4.0}  # of knots at a clamp, by whether the other end is held, too
-REACH = 2.8  # sqrt(EI / T) over which that decays
-RESOLVED = 2.0  # equal spans per sqrt(EI / T) from which they err by less than 1e-4 of the length
 SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
-
-
-def grading(scene: Scene) -> bspline.Grading:
-    """Grading of the knots towards clamped ends.
-
-    A cable under tension T bends at a clamp within sqrt(EI / T). T is taken to be its weight, with
-    that of a body at a free end; half of it where both ends are held. Excess and reach were chosen
-    by the errors of ten cables, with sqrt(EI / T) from 0.004 to 0.1 of the length, hanging and
-    swung from a clamp and between grippers 0.5 to 0.95 of the length apart. The reach is at least
-    half a span, so that a narrower bend has knots, too. Grasps bend a cable everywhere: with them
-    spans stay equal, and with explicit steps, whose accuracy and length shorter spans reduce.
-    """
-    cable, ends = scene.cable, (scene.start, scene.end)
-    held = [any(end.fixed) or any(end.spring) for end in ends]
-    bodies = sum(end.mass for end, holds in zip(ends, held, strict=True) if not holds)
-    weight = (cable.mu * cable.length + bodies) * float(np.linalg.norm(scene.gravity))
-    absent = weight == 0.0 or "off" in (scene.terms.gravity, scene.terms.bend)
-    if not scene.discretization.graded or scene.grasps or absent:
-        return bspline.EQUAL
-    if not (any(end.clamped for end in ends) and is_implicit(scene)):
-        return bspline.EQUAL
-    span = cable.length / (scene.discretization.control_points - bspline.DEGREE)
-    bend = float(np.sqrt(cable.EI * sum(held) / weight))
-    if bend == 0.0 or bend >= RESOLVED * span:
-        return bspline.EQUAL
-    start, end = (EXCESS[all(held)] * end.clamped for end in ends)
-    return bspline.Grading(start, end, max(REACH * bend, 0.5 * span))
 
 
 def _terms(scene: Scene, needs: Needs, curved: bool) -> int:

@@ -38,8 +38,7 @@ from dlo_sim.core.methods import IMPLICIT
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import plasticity_wanted
-from dlo_sim.scene.parameters import PARAMETERS
-from dlo_sim.simulation.build_model import grading
+from dlo_sim.simulation.accuracy import MOST_CONTROL_POINTS, SPACE_ORDER, advice
 from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
@@ -53,12 +52,8 @@ LOOK = 0.02  # [s] of simulated time between two comparisons
 WINDOW = 1.0  # [s] whose largest error is the recent one
 TIME_FACTOR = 2  # refinement of the companions
 SPACE_FACTOR = 1.5
-SPACE_ORDER = 2
 SHORT = 0.1  # of the accurate step; below it the time error is below 1 % of accuracy.target
 
-_MOST_CONTROL_POINTS = next(
-    int(row.high or 0) for row in PARAMETERS if row.key == "discretization.control_points"
-)
 _Place = Callable[[Scene], Simulator]
 _Finer = tuple[dict[str, object], int, float]
 """Scene values of a companion, its steps per step of the original, and the ratio error/distance."""
@@ -121,6 +116,11 @@ class ErrorEstimate:
     def largest(self) -> DiscretizationError:
         """The largest error of the run."""
         return DiscretizationError(self._time.largest, self._space.largest, self._failure)
+
+    def advice(self, error: DiscretizationError) -> str:
+        """An error that exceeds accuracy.target, and what cures it, one line; else empty."""
+        simulator = self.simulator
+        return advice(simulator.scene, simulator.method, simulator.step, self.order, error)
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
         """Advance all three; returns the simulator's report.
@@ -209,6 +209,33 @@ class ErrorEstimate:
             companion.compare(points, self._u)
 
 
+def error_along(
+    simulator: Simulator, places: Array, predicted: Callable[[Scene], Array]
+) -> tuple[DiscretizationError, str]:
+    """Error of a prediction that finer simulators of the same kind can repeat, and the advice.
+
+    Args:
+        simulator: that predicted; its method is implicit.
+        places: predicted places [m], shape (T, K, 3).
+        predicted: makes the same prediction with another scene; shorter if it failed.
+    """
+    parts, unknown = {"time": 0.0, "space": 0.0}, ""
+    for part, finer in (("time", _finer_in_time), ("space", _finer_in_space)):
+        try:
+            if found := finer(simulator, Simulator):
+                values, _, factor = found
+                other = predicted(simulator.scene.with_values(values))
+                if len(other) < len(places):
+                    raise SceneError("it failed")
+                gaps = np.linalg.norm(other - places, axis=-1)
+                parts[part] = factor * float(gaps.max(initial=0.0))
+        except SceneError as refusal:
+            parts[part] = math.inf
+            unknown = unknown or f"no finer run to compare with: {refusal}"
+    error, order = DiscretizationError(**parts, unknown=unknown), _order_in_time(simulator)
+    return error, advice(simulator.scene, simulator.method, simulator.step, order, error)
+
+
 class _Companion:
     """One finer simulator, and the errors estimated from its distance.
 
@@ -282,18 +309,14 @@ def _finer_in_time(original: Simulator, place: _Place) -> _Finer | None:
     explicit = original.choice.method.family != IMPLICIT
     if explicit and original.step < SHORT * accurate_step(original.scene)[0]:
         return None
-    values = _like(original) | {"integrator.step": original.step / TIME_FACTOR}
+    values = _same_method(original) | {"integrator.step": original.step / TIME_FACTOR}
     gain = float(TIME_FACTOR) ** _order_in_time(original)
     return values, TIME_FACTOR, gain / (gain - 1.0)
 
 
-def _like(original: Simulator) -> dict[str, object]:
-    """Method and kind of knots of the original, fixed even where its scene has `auto`."""
-    graded = grading(original.scene) != bspline.EQUAL
-    return {
-        "integrator.method": original.method,
-        "discretization.knots": "auto" if graded else "uniform",
-    }
+def _same_method(original: Simulator) -> dict[str, object]:
+    """The method of the original, fixed even where its scene has `auto`."""
+    return {"integrator.method": original.method}
 
 
 def _order_in_time(simulator: Simulator) -> int:
@@ -308,10 +331,10 @@ def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
     scene = original.scene
     choice = scene.discretization
     spans = choice.control_points - bspline.DEGREE
-    finer = min(math.ceil(SPACE_FACTOR * spans), _MOST_CONTROL_POINTS - bspline.DEGREE)
+    finer = min(math.ceil(SPACE_FACTOR * spans), MOST_CONTROL_POINTS - bspline.DEGREE)
     if finer <= spans:
         raise SceneError(f"discretization.control_points: {choice.control_points} is the most")
-    values = _like(original) | {
+    values = _same_method(original) | {
         "discretization.control_points": finer + bspline.DEGREE,
         "integrator.step": original.step,
     }

@@ -15,7 +15,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
 from dlo_sim.simulation import statics
-from dlo_sim.simulation.build_model import build_model, grading
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
@@ -102,9 +102,7 @@ def wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
 def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
     """Equilibrium with the true axial stiffness, close to that of the inextensible cable."""
     elastic = scene.with_values({"integrator.method": "energy_momentum", "terms.stretch": "auto"})
-    twin = Cable.new(
-        build_model(elastic, needs_of(elastic), geometries, grading(scene), cable.model.origin)
-    )
+    twin = Cable.new(build_model(elastic, needs_of(elastic), geometries, cable.model.origin))
     twin.inputs[:] = cable.inputs
     twin.point_grasps(0.0)
     if twin.anchors.size:

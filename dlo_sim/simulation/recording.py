@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.strain import strain
 from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.accuracy import estimated
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import DiscretizationError, Report, Status, newton_note
+from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
 from dlo_sim.simulation.simulator import Simulator
 
@@ -44,12 +45,13 @@ class Recording:
         wall_s: time for stepping [s]; compile_s: for building the simulator before it [s].
         steps, step_s, method, force_evaluations: of the run; implicit methods count Newton
             iterations as force evaluations.
-        choice: why this method and step.
+        choice: why this method and step; resolution: how many control points, and why.
         real_time_factor: simulated_s / wall_s.
         energy_error_max: largest |energy - work done + energy lost| relative to the largest energy
             exchanged; None if it is not finite.
         error_estimate: largest estimated position errors [m] of the run: `time`, `space`, `total`
             (None = unknown); None if errors were not estimated (accuracy.estimate).
+        advice: the error if it exceeds accuracy.target, and what cures it, one line; else empty.
         active_terms, left_out: terms in the step, and the other terms with the reason.
         notes: what a reader of the results should know, one line each.
     """
@@ -70,10 +72,12 @@ class Recording:
     step_s: float
     method: str
     choice: str
+    resolution: str
     force_evaluations: int
     real_time_factor: float
     energy_error_max: float | None
     error_estimate: dict[str, float | None] | None
+    advice: str
     active_terms: tuple[str, ...]
     left_out: dict[str, str]
     notes: tuple[str, ...] = ()
@@ -115,8 +119,7 @@ def record(
     """
     began = time.perf_counter()
     simulator = Simulator(scene)
-    estimated = scene.accuracy.estimate == "on"
-    return record_simulator(simulator, duration, every, progress, began, estimated, tell)
+    return record_simulator(simulator, duration, every, progress, began, estimated(scene), tell)
 
 
 def record_simulator(
@@ -125,19 +128,19 @@ def record_simulator(
     every: float,
     progress: Callable[[float], None] | None = None,
     began: float | None = None,
-    estimated: bool = False,
+    with_estimate: bool = False,
     tell: Callable[[str], object] | None = None,
 ) -> Recording:
     """`record` for a simulator that has not been stepped yet.
 
     Args:
         began: `time.perf_counter` when the building of the simulator began [s].
-        estimated: whether to estimate the error; only if the simulator is in its scene's initial
-            state.
+        with_estimate: whether to estimate the error; only if the simulator is in its scene's
+            initial state.
     """
     began = time.perf_counter() if began is None else began
     scene = simulator.scene
-    estimate = ErrorEstimate(simulator) if estimated else None
+    estimate = ErrorEstimate(simulator) if with_estimate else None
     compile_s = time.perf_counter() - began
     recorder = Recorder(simulator.model, sample_times(duration, every))
     recorder.put(simulator.cable, simulator.energy().total)
@@ -147,8 +150,7 @@ def record_simulator(
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
     shape, points = strain(simulator.model.knots, u), recorder.points[:, :, :3]
     cable, known = scene.cable, not scene.without_tension
-    error, why = simulator.energy_error, estimate.largest.unknown if estimate else ""
-    unknown = (f"the position error is unknown: {why}",) if why else ()
+    error = simulator.energy_error
     return Recording(
         time=recorder.times[:count],
         control_points=control_points,
@@ -168,19 +170,16 @@ def record_simulator(
         step_s=simulator.step,
         method=simulator.method,
         choice=simulator.choice.reason,
+        resolution=simulator.resolution,
         force_evaluations=counts.evaluations,
         real_time_factor=simulator.time / wall_s,
         energy_error_max=error if np.isfinite(error) else None,
-        error_estimate=None if estimate is None else _estimated(estimate.largest),
+        error_estimate=None if estimate is None else estimate.largest.numbers,
+        advice="" if estimate is None else estimate.advice(estimate.largest),
         active_terms=simulator.active_terms,
         left_out=simulator.left_out,
-        notes=simulator.notes + unknown + counts.notes,
+        notes=simulator.notes + counts.notes,
     )
-
-
-def _estimated(error: DiscretizationError) -> dict[str, float | None]:
-    parts = {"time": error.time, "space": error.space, "total": error.total}
-    return {name: part if np.isfinite(part) else None for name, part in parts.items()}
 
 
 def sample_times(duration: float, every: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -105,6 +106,12 @@ class DiscretizationError:
     def total(self) -> float:
         """Sum of both [m]."""
         return self.time + self.space
+
+    @property
+    def numbers(self) -> dict[str, float | None]:
+        """`time`, `space` and `total` [m], for JSON; None if unknown."""
+        parts = {"time": self.time, "space": self.space, "total": self.total}
+        return {name: part if math.isfinite(part) else None for name, part in parts.items()}
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from dlo_sim.simulation.inputs import CableInputs
 from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, explained, newton_note
+from dlo_sim.simulation.resolution import continued, resolved
 from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
@@ -59,6 +60,10 @@ class Snapshot:
 class Simulator(CableInputs):
     """A cable of one scene.
 
+    Attributes:
+        scene: with the number of control points and the knots that were chosen where it left them
+            open; resolution: why, one line. choice: method and step.
+
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
         end_poses: end-effector poses at time 0, {"start": (position [m] (3,), quaternion x, y, z, w
@@ -79,7 +84,9 @@ class Simulator(CableInputs):
         *,
         unchecked_step: bool = False,
     ) -> None:
-        self.scene = arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
+        arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
+        self.scene, self.resolution = resolved(scene)
+        scene = self.scene
         needs = needs_of(scene)
         optional_terms.check_terms(scene, needs)
         check_named_method(scene)
@@ -351,9 +358,11 @@ class Simulator(CableInputs):
         """A simulator of another scene that starts with this one's shape, motion and ends.
 
         Loads are those of the scene; `set_load` must be called again. Building takes time: if this
-        simulator has advanced meanwhile, let the new one `take_over` its state.
+        simulator has advanced meanwhile, let the new one `take_over` its state. Control points and
+        knots that the scene leaves open are those of this simulator.
         """
         arguments.instance("scene", scene, Scene, "dlo_sim.load_scene")
+        scene, resolution = resolved(continued(scene, self.scene))
         # Tangents that the scene does not give are those of this simulator.
         tangents = {
             f"{end}.tangent": list(self._geometries[end].tangent)
@@ -362,7 +371,7 @@ class Simulator(CableInputs):
         }
         poses = {name: self.end_pose(name) for name in scene.holders}
         other = Simulator(scene.with_values(tangents), poses)
-        other.scene = scene
+        other.scene, other.resolution = scene, resolution
         other.take_over(self)
         return other
 

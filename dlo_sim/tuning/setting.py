@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene, scene_values
 from dlo_sim.scene.needs import needs_of
-from dlo_sim.simulation.build_model import grading
+from dlo_sim.simulation.resolution import resolved
 
 FEW = 7  # control points, of a cable with long spans
 KEYS = {
@@ -70,16 +70,17 @@ class Setting:
         by = ", stretch by span" if self.stretch == "span" else ""
         implicit = self.method in METHODS and METHODS[self.method].family == IMPLICIT
         may_grade = implicit and self.quadrature == "gauss"
-        graded = ", knots auto" if self.knots == "auto" and may_grade else ""
+        graded = f", knots {self.knots}" if self.knots != "uniform" and may_grade else ""
         points = f"{self.samples} points {rule}{by}{graded}"
         loose = "" if self.tolerance is None else f", tolerance {self.tolerance:g}"
         return f"{self.method}, n_u {self.control_points}, {points}, {step}{loose}{without}"
 
 
 def present_setting(scene: Scene) -> Setting:
-    """What a scene asks for now."""
+    """What a scene asks for now, with the number of control points that it gets."""
     values = scene_values(scene)
-    return Setting(**{name: values[key] for name, key in KEYS.items()})
+    asked = Setting(**{name: values[key] for name, key in KEYS.items()})
+    return replace(asked, control_points=resolved(scene)[0].discretization.control_points)
 
 
 def ways_to_resolve(scene: Scene, method: str) -> tuple[tuple[str, str], ...]:
@@ -91,4 +92,5 @@ def ways_to_resolve(scene: Scene, method: str) -> tuple[tuple[str, str], ...]:
     if not needs_of(replace(scene, integrator=integrator)).stretch:
         return (plain,)
     coarse = Setting(method, FEW, 1e-3, knots="auto").applied(scene)
-    return (plain, ("span", "uniform"), *[("span", "auto")] * any(grading(coarse)[:2]))
+    graded = resolved(coarse)[0].discretization.knots == "graded"
+    return (plain, ("span", "uniform"), *[("span", "auto")] * graded)

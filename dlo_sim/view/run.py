@@ -15,7 +15,9 @@ from dlo_sim.replay.bags import Bag, BagError
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import printable
 from dlo_sim.session import cdr
+from dlo_sim.session.diagnostics import KNOTS
 from dlo_sim.session.topics import CONTROL_POINTS, DIAGNOSTICS, REACTION, resolved
+from dlo_sim.simulation import resolution
 
 Array = NDArray[np.float64]
 
@@ -157,7 +159,7 @@ def read_bag(
 ) -> Run:
     """Read the outputs of a node or a replay from a bag.
 
-    Without a scene the knots are assumed uniform.
+    Without a scene the knots are those of the diagnostics, or of equal spans.
 
     Args:
         origin_ns: stamp of time zero [ns]; default: the first.
@@ -168,7 +170,7 @@ def read_bag(
     try:
         bag = Bag(path)
         node = node or _only_node(path, bag)
-        states, forces, curves = _read(bag, node, origin_ns)
+        states, forces, curves, density = _read(bag, node, origin_ns)
     except (BagError, cdr.DecodeError) as error:
         raise RunError(str(error)) from None
     poses = np.array([states[stamp] for stamp in sorted(states)])
@@ -178,7 +180,7 @@ def read_bag(
             f"{path}: {node}{_LAST} holds {poses.shape[1]} control points, a cable has "
             f"{bspline.ACTIVE} or more; give a bag of a run"
         )
-    knots = _knots(path, scene, poses.shape[1])
+    knots = _knots(path, scene, poses.shape[1], density)
     u = np.linspace(0.0, knots[-1], _POINTS)
     points = poses[:, :, :3]
     good = np.all(np.abs(poses) <= _LARGEST, axis=(1, 2))
@@ -245,8 +247,8 @@ def _only_node(path: Path, bag: Bag) -> str:
 
 def _read(
     bag: Bag, node: str, origin_ns: int | None
-) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...]]:
-    """Poses and forces by their stamps, and curves from the diagnostics."""
+) -> tuple[dict[int, Array], dict[str, dict[int, Array]], tuple[Curve, ...], bspline.Grading]:
+    """Poses and forces by their stamps, and curves and the grading from the diagnostics."""
     poses = f"{node}{_LAST}"
     before, _, after = f"{node}{REACTION.removeprefix('~')}".partition("{}")
     ends = {
@@ -276,7 +278,7 @@ def _read(
             "of one run"
         )
     origin = min(states) if origin_ns is None else origin_ns
-    return states, forces, tuple(_told(told, origin))
+    return states, forces, tuple(_told(told, origin)), _density(told)
 
 
 def _told(told: list[tuple[int, dict[str, str]]], origin_ns: int) -> list[Curve]:
@@ -298,18 +300,26 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _knots(path: Path, scene: Scene | None, n: int) -> Array:
-    if scene is None:
-        return bspline.clamped_knots(max(n, bspline.ACTIVE), 1.0)
-    if n != scene.discretization.control_points:
-        raise RunError(
-            f"{path}: has {n} control points, the scene {scene.discretization.control_points}; "
-            "give the scene of that run"
-        )
-    # Imported here, because it also imports the compiler.
-    from dlo_sim.simulation.simulator import Simulator
+def _density(told: list[tuple[int, dict[str, str]]]) -> bspline.Grading:
+    """Grading of the knots of a cable of length 1, from the diagnostics."""
+    for _, values in told:
+        words = values.get(KNOTS, "").split()
+        if len(words) == 3 and all(_is_number(word) and float(word) >= 0.0 for word in words):
+            start, end, reach = map(float, words)
+            return bspline.Grading(start, end, reach) if reach else bspline.EQUAL
+    return bspline.EQUAL
 
-    return Simulator(scene).model.knots
+
+def _knots(path: Path, scene: Scene | None, n: int, density: bspline.Grading) -> Array:
+    if scene is None:
+        return bspline.clamped_knots(max(n, bspline.ACTIVE), 1.0, density)
+    known, _ = resolution.resolved(scene)
+    number, length = known.discretization.control_points, known.cable.length
+    if n != number:
+        raise RunError(
+            f"{path}: has {n} control points, the scene {number}; give the scene of that run"
+        )
+    return bspline.clamped_knots(n, length, resolution.knot_grading(known))
 
 
 def _at(stamps: NDArray[np.int64], found: dict[int, Array]) -> Array:

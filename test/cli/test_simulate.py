@@ -19,14 +19,8 @@ from dlo_sim.scene.loading import shipped_scene
 
 JSON_KEYS = {
     *("status", "simulated_s", "wall_s", "compile_s", "steps", "step_s", "method"),
-    *(
-        *("choice", "force_evaluations"),
-        "real_time_factor",
-        "energy_error_max",
-        "error_estimate",
-        "active_terms",
-    ),
-    *("active_terms", "left_out"),
+    *("choice", "resolution", "force_evaluations", "real_time_factor", "energy_error_max"),
+    *("error_estimate", "advice", "active_terms", "left_out"),
 }
 
 
@@ -43,6 +37,8 @@ class MadeUp:
     step_s: float = 1e-3
     method: str = "forest_ruth"
     choice: str = "as the scene asks"
+    resolution: str = "9 control points as the scene asks"
+    advice: str = ""
     force_evaluations: int = 1500
     real_time_factor: float = 2.0
     energy_error_max: float | None = 1e-6

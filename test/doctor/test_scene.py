@@ -25,9 +25,10 @@ def test_method_step_limit_and_warnings_of_a_scene():
     values = {"start.clamped": True, "start.tangent": [1, 0, 0], "terms.gravity": "off"}
     values |= {"discretization.control_points": 7, "integrator.method": "velocity_verlet"}
     simulator = Simulator(scene_from_values(values))
-    computed, method, warning, _ = findings(simulator)
+    computed, method, resolution, warning, _ = findings(simulator)
     assert computed.what.startswith("active terms: stretch, bend; inactive: ")
     assert f"of the stability limit {simulator.choice.limit:.3g} s" in method.what
+    assert resolution.what == "7 control points as the scene asks"
     assert (warning.level, "terms.gravity: off" in warning.what) == ("note", True)
 
 
@@ -59,7 +60,7 @@ ROPE = {"cable.diameter": 0.02, "cable.youngs_modulus": 5.0e7, "cable.shear_modu
 def test_what_is_assumed_of_a_cable_that_is_given_in_part(given, assumed):
     coarse = {"discretization.control_points": 7}
     lines = [one.what for one in findings(Simulator(scene_from_values(ROPE | given | coarse)))][
-        2:-1
+        3:-1
     ]
     assert len(lines) == len(assumed)
     for line, pattern in zip(lines, assumed, strict=True):

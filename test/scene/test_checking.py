@@ -34,7 +34,7 @@ def refusal(values: dict) -> str:
         ("cable.length", None, "no value given; give a number in m"),
         ("cable.length", [1.0], "[1.0] is not a number"),
         ("discretization.control_points", 13.0, "13.0 is not a whole number; write it without"),
-        ("discretization.control_points", 3, "3 is out of range; give 4 to 2000"),
+        ("discretization.control_points", 3, "3 are too few for a cubic; give 4 or more, or 0"),
         ("start.clamped", 1, "1 is not a boolean; give true or false"),
         ("frame_id", 5, "5 is not a text"),
         ("frame_id", "a\nb", "is not a name"),

@@ -76,7 +76,7 @@ def test_with_values_changes_a_copy():
     changed = scene.with_values({"discretization.control_points": 20})
     assert changed.discretization.control_points == 20
     assert changed.cable.length == 2.0
-    assert scene.discretization.control_points == 13
+    assert scene.discretization.control_points == 0
 
 
 def test_with_values_checks_the_whole_scene_again():

@@ -135,7 +135,9 @@ class World:
         self.case = case
         self.rng = np.random.default_rng(case.seed)
         self.session = Session(
-            scene_from_values({**TWO, "inputs.time": case.mode, **changes}),
+            scene_from_values(
+                {**TWO, "accuracy.estimate": "off", "inputs.time": case.mode, **changes}
+            ),
             cast(Any, FakeSimulator),
         )
         self.wrongly_refused: list[str] = []

@@ -44,7 +44,8 @@ class Bench:
     """A session on a fake simulator, with messages made from numbers."""
 
     def __init__(self, values: dict, live: bool = False, transforms=None, **changes) -> None:
-        self.scene = scene_from_values({**values, **changes})
+        # The fake simulator has no companions.
+        self.scene = scene_from_values({"accuracy.estimate": "off", **values, **changes})
         self.session = Session(
             self.scene, cast(Any, FakeSimulator), live=live, transforms=transforms
         )

@@ -12,6 +12,7 @@ from session_bench import FREE, MS, SECOND
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.session import Session
+from dlo_sim.simulation.accuracy import advice
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.report import DiscretizationError
 
@@ -25,6 +26,9 @@ class FakeEstimate:
         self.simulator = simulator
         self.recent = DiscretizationError(1e-5, 2e-5)
         self.order = 2
+
+    def advice(self, error) -> str:
+        return advice(self.simulator.scene, "energy_momentum", self.simulator.step, 2, error)
 
     def take_over(self) -> None:
         self.recent = DiscretizationError(0.0, 0.0)
@@ -69,7 +73,7 @@ def found(one: Session) -> tuple[int, str, dict[str, str]]:
 
 @pytest.mark.parametrize(
     ("live", "setting", "expected"),
-    [(True, "auto", True), (False, "auto", False), (False, "on", True), (True, "off", False)],
+    [(True, "auto", True), (False, "auto", True), (False, "on", True), (True, "off", False)],
 )
 def test_who_estimates(estimates, live, setting, expected):
     one = session(live, accuracy__estimate=setting)
@@ -138,8 +142,8 @@ def test_excess_is_a_warning_while_it_lasts_and_an_event_once(estimates):
         one.tick(T0 + k * 5 * MS)
         level, message, values = found(one)
         assert level == 1
-        assert "0.004 m exceeds 0.001 m" in message
-        assert "raise discretization.control_points to 7" in message
+        assert "0.004 m exceeds accuracy.target 0.001 m" in message
+        assert "raise discretization.control_points to 8" in message
         assert values["space error [m]"] == "0.004"
     assert one.journal.events["inaccurate"] == 1
     estimates[0].recent = DiscretizationError(0.0, 4e-4)
@@ -147,7 +151,7 @@ def test_excess_is_a_warning_while_it_lasts_and_an_event_once(estimates):
     assert found(one)[0] == 0
     estimates[0].recent = DiscretizationError(2e-3, 1e-4)
     one.tick(T0 + 35 * MS)
-    assert "lower integrator.step to 0.00063 s" in found(one)[1]
+    assert "lower integrator.step to 0.00061 s" in found(one)[1]
     assert one.journal.events["inaccurate"] == 2
 
 
@@ -203,6 +207,7 @@ def test_loads_and_steps_go_to_the_companions(monkeypatch):
         lambda simulator, poses=None: SimpleNamespace(
             simulator=simulator,
             recent=DiscretizationError(0.0, 0.0),
+            advice=lambda error: "",
             set_load=lambda *a, **k: asked.append("load"),
             advance_steps=lambda n: (asked.append("steps"), simulator.advance_steps(n))[1],
         ),

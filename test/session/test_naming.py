@@ -17,7 +17,9 @@ HELD = {"start.pose_topic": "~/start/pose", "loads.names": ["tip"]}
 
 def session_of(values: dict, node: str, remapped: dict[str, str]) -> Session:
     naming = Naming(node, lambda topic: remapped.get(topic, topic.replace("~", node, 1)))
-    return Session(scene_from_values(values), FakeSimulator, naming=naming)
+    return Session(
+        scene_from_values({"accuracy.estimate": "off", **values}), FakeSimulator, naming=naming
+    )
 
 
 def test_topic_names() -> None:

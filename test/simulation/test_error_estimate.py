@@ -160,7 +160,7 @@ def test_largest_error_is_held_for_a_second():
 
 
 def test_companions_continue_from_the_present_state():
-    scene = shipped("two_grippers")
+    scene = shipped("two_grippers").with_values({"discretization.knots": "uniform"})
     running = Simulator(scene)
     running.advance_steps(100)
     placed = ErrorEstimate(Simulator(scene))
@@ -245,11 +245,12 @@ def test_a_companion_that_failed_stops_no_gripper():
     assert "finer run failed" in estimate.recent.unknown
 
 
-def test_recording_reports_the_estimate_only_where_asked():
+def test_recording_reports_the_estimate_unless_it_is_off():
     scene = shipped("two_grippers").with_values({"discretization.control_points": 13})
-    plain = record(scene, 0.1, 0.01)
-    assert plain.error_estimate is None
-    asked = record(scene.with_values({"accuracy.estimate": "on"}), 0.1, 0.01)
+    plain = record(scene.with_values({"accuracy.estimate": "off"}), 0.1, 0.01)
+    assert plain.error_estimate is None and plain.advice == ""
+    asked = record(scene, 0.1, 0.01)
+    assert "raise discretization.control_points to " in asked.advice
     np.testing.assert_array_equal(asked.control_points, plain.control_points)
     assert asked.error_estimate is not None
     assert asked.error_estimate["space"] > 1e-3

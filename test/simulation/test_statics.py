@@ -293,6 +293,7 @@ def test_plastic_flow_that_is_not_found_is_said(monkeypatch):
 WIRE = {
     **{"cable.youngs_modulus": 2e11, "cable.shear_modulus": 8e10, "cable.diameter": 0.002},
     **{"cable.rest_curvature": [0.5], "cable.rest_curvature_2": [0.3, -0.5]},
+    **{"discretization.control_points": 13, "discretization.knots": "uniform"},
     "terms.twist": "quasistatic",
 }
 

@@ -102,7 +102,7 @@ def test_tuned_scene_is_the_same_cable_and_faster(tuned):
     }
     assert changed <= {
         *("discretization.control_points", "discretization.quadrature"),
-        *("discretization.samples", "discretization.stretch"),
+        *("discretization.samples", "discretization.stretch", "discretization.knots"),
         *("integrator.method", "integrator.step"),
         *("terms.bend", "terms.gravity", "terms.damping", "terms.out_of_plane"),
     }
@@ -347,7 +347,7 @@ def test_stretching_that_is_left_out_is_tried_one_way():
 
 def test_graded_knots_are_tried_where_a_heavy_cable_is_clamped():
     held = {"start.fixed": [True] * 3, "start.clamped": True, "start.spring": [0.0] * 3}
-    clamped = held | {"gravity": [0.0, 0.0, -9.81]}
+    clamped = held | {"gravity": [0.0, 0.0, -9.81], "cable.bending_stiffness": 1e-3}
     assert ways_to_resolve(_wire(clamped), "energy_momentum")[2:] == (("span", "auto"),)
     weightless = clamped | {"gravity": [0.0, 0.0, 0.0]}
     assert len(ways_to_resolve(_wire(weightless), "energy_momentum")) == 2

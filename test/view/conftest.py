@@ -33,7 +33,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         curvatures.append(sim.curvature(u))
         forces.append(sim.reaction_wrench("start"))
         sim.advance(PERIOD)
-    write_bag(folder / "bag", states, forces, "/dlo_sim")
+    start, end, reach = sim.scene.discretization.grading
+    assert start > 0.1, "the view has to know that spans differ in length"
+    write_bag(folder / "bag", states, forces, "/dlo_sim", f"{start!r} {end!r} {reach / 0.4!r}")
     arrays = {"time": PERIOD * np.arange(TIMES), "control_points": points, "centerline": lines}
     arrays |= {"tension": tensions, "curvature": curvatures, "energy": np.zeros(TIMES)}
     np.savez(folder / "run.npz", **arrays)

@@ -32,7 +32,13 @@ class Made(NamedTuple):
     frames: np.ndarray
 
 
-def write_bag(path: Path, states: list[np.ndarray], forces: list[tuple], node: str) -> None:
+def write_bag(
+    path: Path,
+    states: list[np.ndarray],
+    forces: list[tuple],
+    node: str,
+    knots: str = "0 0 1",
+) -> None:
     points, reaction = f"{node}/control_points", f"{node}/start/reaction"
     poses = cdr.PoseArrayEncoder("world", len(states[0]))
     wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "world")
@@ -43,7 +49,11 @@ def write_bag(path: Path, states: list[np.ndarray], forces: list[tuple], node: s
         writer.write(points, stamp, poses.encode(stamp, state))
         writer.write(reaction, stamp, wrench.encode(stamp, force))
         error = "unknown" if k == 0 else f"{1e-4 * k}"
-        values = (("energy [J]", f"{0.1 * k}"), ("error estimate [m]", error))
+        values = (
+            ("energy [J]", f"{0.1 * k}"),
+            ("error estimate [m]", error),
+            ("knot density", knots),
+        )
         told = [
             cdr.DiagnosticStatus(0, "other", "", (("energy [J]", "7"),)),
             cdr.DiagnosticStatus(0, "session", "running", values),

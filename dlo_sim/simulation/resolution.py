@@ -1,0 +1,169 @@
+"""How many control points a scene is computed with, where its knots lie, and why: the one place
+that decides it.
+
+The lengths over which the curvature of a cable changes decide. Beside a clamp that is
+lambda = sqrt(EI / T), over which a cable under the tension T turns from the clamp's direction into
+that of the pull. Elsewhere it is the radius l of the sharpest curvature, 1 / l = 1 / r + kappa,
+with the natural curvature kappa and r the smaller of
+
+- (EI / w)^(1/3), the radius to which a cable of weight w per length closes between two grippers,
+- a sixth of the length, the radius of a ring.
+
+Errors of the position [m] found with knot spans of length h:
+
+- beside a clamp CLAMP * pi / 2 * lambda (h / lambda)^5 (it may turn by pi / 2),
+- elsewhere MIDDLE * l (h / l)^4.
+
+The constants are from the cables of test/simulation/everyday_motions.py, whose errors they exceed 2
+to 10 times. What depends on the motion (waves, tension by acceleration or by grippers that pull) is
+not in them: the error estimate tells.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_sim.core import bspline
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.selection import is_implicit
+
+CLAMP, MIDDLE = 0.05, 0.05  # of the errors above
+TURN = 0.5 * np.pi  # [rad] between a clamp and the pull
+FINEST_NEEDED = 1.5  # spans per length are not longer than this, whatever the target
+RING = 6.0  # lengths of a cable per radius of the ring that it closes to
+REACH = 2.8  # lambda over which the density of knots decays; by the errors of ten cables
+FEWEST, MOST = 9, 250  # control points that are chosen; with 250, steps still keep up
+
+
+@dataclass(frozen=True)
+class _Spans:
+    """Lengths of knot spans [m] that keep the error below accuracy.target.
+
+    bend: beside clamps and other things that bend the cable sharply; infinite without any. middle:
+    elsewhere. reach: length beside a clamp over which one becomes the other.
+    """
+
+    bend: float
+    middle: float
+    reach: float
+
+
+def resolved(scene: Scene) -> tuple[Scene, str]:
+    """The scene with the number of control points and the knots that it leaves open, and why.
+
+    What is chosen depends on the scene alone. A scene that leaves nothing open stays as it is.
+    """
+    asked, spans = scene.discretization, _wanted_spans(scene)
+    grading = _grading(scene, spans)
+    if number := asked.control_points:
+        if asked.knots == "auto" and grading != bspline.EQUAL:  # a narrower bend has knots, too
+            span = scene.cable.length / (number - bspline.DEGREE)
+            grading = grading._replace(reach=max(grading.reach, 0.5 * span))
+        closer = "" if grading == bspline.EQUAL else ", closer knots at clamps"
+        return _with(scene, number, grading), f"{number} control points as the scene asks{closer}"
+    wanted, most, limit = _number(scene, spans, grading), MOST, "are chosen"
+    if asked.quadrature == "uniform" and asked.samples // 2 + bspline.DEGREE < most:
+        most, limit = asked.samples // 2 + bspline.DEGREE, "discretization.samples allow"
+    number, target = min(max(wanted, FEWEST), most), f"accuracy.target {scene.accuracy.target:g} m"
+    reason = f"spans of {_length(scene.cable.length / (number - bspline.DEGREE))} for {target}"
+    if wanted > most:
+        reason = f"the most that {limit}, {target} wants {wanted}"
+    elif grading != bspline.EQUAL:
+        span = min(spans.bend, spans.middle)
+        reason = f"spans from {_length(span)} at clamps to {_length(spans.middle)} for {target}"
+    return _with(scene, number, grading), f"{number} control points: {reason}"
+
+
+def continued(scene: Scene, before: Scene) -> Scene:
+    """A scene with the number of control points and the knots of the one that is being simulated,
+    as far as it leaves them open: they do not change while a cable moves.
+    """
+    asked, present = scene.discretization, before.discretization
+    number = asked.control_points or present.control_points
+    if asked.knots != "auto" or number != present.control_points:
+        return scene.with_values({"discretization.control_points": number})
+    return _with(scene, number, knot_grading(before))
+
+
+def knot_grading(scene: Scene) -> bspline.Grading:
+    """Grading of the knots of a scene that leaves nothing open."""
+    chosen = scene.discretization
+    return bspline.Grading(*chosen.grading) if chosen.knots == "graded" else bspline.EQUAL
+
+
+def _with(scene: Scene, number: int, grading: bspline.Grading) -> Scene:
+    """The scene with this number of control points and, where it says auto, this grading."""
+    values: dict[str, object] = {}
+    if scene.discretization.control_points != number:
+        values["discretization.control_points"] = number
+    if scene.discretization.knots == "auto":
+        values["discretization.knots"] = "uniform" if grading == bspline.EQUAL else "graded"
+        if grading != bspline.EQUAL:
+            values["discretization.grading"] = list(grading)
+    return scene.with_values(values) if values else scene
+
+
+def _wanted_spans(scene: Scene) -> _Spans:
+    cable, ends, target = scene.cable, scene.ends.values(), scene.accuracy.target
+    held = [any(end.fixed) or any(end.spring) for end in ends]
+    gravity = float(np.linalg.norm(scene.gravity)) * (scene.terms.gravity != "off")
+    bending = cable.EI * (scene.terms.bend != "off")
+    bodies = sum(end.mass for end, holds in zip(ends, held, strict=True) if not holds)
+    weight = cable.mu * gravity
+    pulled = sum(float(np.linalg.norm(load.force)) for load in scene.loads)
+    tension = (weight * cable.length + bodies * gravity + pulled) / max(sum(held), 1)
+    radius = cable.length / RING
+    if weight and bending:
+        radius = min(radius, (bending / weight) ** (1.0 / 3.0))
+    natural = max(map(abs, (*cable.rest_curvature, *cable.rest_curvature_2)))
+    middle = _span(1.0 / (1.0 / radius + natural), MIDDLE, 4, target)
+    if not (tension and bending):
+        return _Spans(math.inf, middle, 1.0)
+    bend = math.sqrt(bending / tension)
+    reach = REACH * bend + max(end.jaw for end in ends)
+    sharp = any(end.clamped for end in ends) or _bent_between(scene)
+    return _Spans(_span(bend, CLAMP * TURN, 5, target) if sharp else math.inf, middle, reach)
+
+
+def _span(length: float, factor: float, order: int, target: float) -> float:
+    """The longest span h [m] with factor length (h / length)^order <= target."""
+    return length * min((target / (factor * length)) ** (1.0 / order), FINEST_NEEDED)
+
+
+def _grading(scene: Scene, spans: _Spans) -> bspline.Grading:
+    """Closer knots at clamped ends: what the scene says, or, with `auto`, what the spans are to be.
+
+    Spans stay equal with uniform quadrature; with a lumped mass, which is of first order on unequal
+    ones; where something bends the cable between its ends; and with explicit steps, which the
+    shortest span limits.
+    """
+    choice, excess = scene.discretization, max(spans.middle / spans.bend - 1.0, 0.0)
+    if choice.knots != "auto":
+        return knot_grading(scene)
+    ends = [excess * end.clamped for end in scene.ends.values()]
+    plain = choice.quadrature == "gauss" and choice.mass != "lumped" and not _bent_between(scene)
+    grading = bspline.Grading(ends[0], ends[1], spans.reach)
+    if not (any(ends) and plain):
+        return bspline.EQUAL
+    number = choice.control_points or _number(scene, spans, grading)
+    return grading if is_implicit(_with(scene, number, grading)) else bspline.EQUAL
+
+
+def _bent_between(scene: Scene) -> bool:
+    """Whether something acts on the cable at a place between its ends."""
+    return bool(scene.grasps) or any(0.0 < load.position < 1.0 for load in scene.loads)
+
+
+def _number(scene: Scene, spans: _Spans, grading: bspline.Grading) -> int:
+    """Control points with which no span is longer than wanted."""
+    (start, end, reach), length = grading, scene.cable.length
+    span = min(spans.middle, spans.bend * (1.0 + max(start, end)))  # where the density is 1
+    share = length - (start + end) * reach * math.expm1(-length / reach)
+    return math.ceil(min(share / span, 1e6) - 1e-9) + bspline.DEGREE
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.2g} mm" if metres < 0.1 else f"{metres:.2g} m"

@@ -1,0 +1,162 @@
+"""Numbers of control points and knots that are chosen: errors, and what they depend on."""
+
+import warnings
+
+import numpy as np
+import pytest
+from cables import scene_of
+from everyday_motions import EVERYDAY, Everyday, checked
+
+from dlo_sim.batch.batch import simulate_batch
+from dlo_sim.core import bspline
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
+from dlo_sim.simulation.resolution import FEWEST, MOST, resolved
+from dlo_sim.simulation.simulator import Simulator
+
+BY_NAME = {everyday.name: everyday for everyday in EVERYDAY}
+OPEN = {"discretization.control_points": 0, "discretization.knots": "auto"}
+ROPE = BY_NAME["rope, level clamp"].values
+NUMBER = "discretization.control_points"
+
+
+def number_of(scene):
+    return resolved(scene)[0].discretization.control_points
+
+
+@pytest.mark.parametrize(
+    "name", ["soft, turn in space", "rope, level clamp", "tube, between", "hose, hanging"]
+)
+def test_everyday_motions_are_as_accurate_as_asked(name):
+    found = checked(BY_NAME[name])
+    assert found.true < 1e-3, found
+    assert found.true < 1.3 * found.estimated < 1.3e-3, found
+    assert not found.advice
+
+
+def test_a_cable_of_100_m():
+    """13 equal spans are 0.89 m off, and the report says so."""
+    long = BY_NAME["long cable"]
+    found = checked(Everyday(long.name, long.values, 2.0, long.moves))
+    assert found.true < 0.3e-3 and not found.advice, found
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "key"),
+    [
+        ("soft, approach", {NUMBER: 13}, NUMBER),
+        ("hose, between", {NUMBER: 9, "discretization.knots": "uniform"}, NUMBER),
+        ("USB, level clamp", {NUMBER: 9}, NUMBER),
+        ("hose, hanging", {"integrator.step": 0.02}, "integrator.step"),
+    ],
+)
+def test_what_is_too_coarse_is_told_with_a_setting_that_does(name, changes, key):
+    found = checked(BY_NAME[name], changes)
+    assert found.true > 1e-3, "too coarse indeed"
+    assert 0.7 * found.true < found.estimated < 3.0 * found.true
+    assert key in found.advice and "exceeds accuracy.target 0.001 m" in found.advice
+    assert found.after < 1e-3, found
+
+
+def test_a_load_between_the_ends_is_told_where_it_resonates():
+    """Most is chosen by equal spans that resolve the kink; what is left is told."""
+    found = checked(BY_NAME["soft, sway"])
+    assert found.good and (found.true < 1e-3 or found.advice), found
+
+
+def test_a_given_number_is_kept():
+    for n in (4, 13, 60):
+        scene, why = resolved(scene_of(ROPE, n=n))
+        assert scene.discretization.control_points == n
+        assert why.startswith(f"{n} control points as the scene asks")
+    given = scene_of(ROPE, {"discretization.knots": "uniform"}, n=13)
+    assert resolved(given)[0] == given
+    again = resolved(resolved(scene_from_values(ROPE))[0])
+    assert again[0] == resolved(scene_from_values(ROPE))[0]
+
+
+@pytest.mark.parametrize("below", [1, 2, 3])
+def test_numbers_below_four_are_refused(below):
+    with pytest.raises(SceneError, match=f"control_points: {below} are too few for a cubic"):
+        scene_from_values({NUMBER: below})
+
+
+def test_the_number_grows_with_the_fourth_to_fifth_root_of_the_target():
+    """Errors are of order 4 elsewhere, of order 5 at clamps."""
+    spans = {
+        target: number_of(scene_of(ROPE, OPEN, {"accuracy.target": target})) - bspline.DEGREE
+        for target in (1e-2, 1e-3, 1e-4, 1e-5)
+    }
+    for coarse, fine in ((1e-2, 1e-3), (1e-3, 1e-4), (1e-4, 1e-5)):
+        assert 10.0 ** (1.0 / 5.0) - 0.05 < spans[fine] / spans[coarse] < 10.0**0.25 + 0.1
+
+
+def test_the_same_number_whatever_the_units():
+    """A cable ten times as long, thick and accurate, with the same shape: the same spans."""
+    small = scene_of(ROPE, OPEN)
+    values = {
+        "cable.length": 20.0,
+        "cable.bending_stiffness": small.cable.EI * 1e3,
+        "accuracy.target": 1e-2,
+        "end.position": [0.0, 0.0, -18.0],
+    }
+    assert number_of(small.with_values(values)) == number_of(small)
+
+
+def test_bounds():
+    short = {"cable.length": 0.05, "end.position": [0.05, 0.0, 0.0]}
+    assert number_of(scene_of(OPEN, short, {"accuracy.target": 0.01})) == FEWEST
+    scene, why = resolved(scene_of(ROPE, OPEN, {"accuracy.target": 1e-9}))
+    assert scene.discretization.control_points == MOST
+    assert "250 control points: the most that are chosen, accuracy.target 1e-09 m wants " in why
+
+
+def test_samples_of_a_uniform_quadrature_bound_the_number():
+    uniform = {"discretization.quadrature": "uniform", "discretization.samples": 21}
+    scene, why = resolved(scene_of(ROPE, OPEN, uniform))
+    assert scene.discretization.control_points == 13, "ten spans, two samples each"
+    assert "the most that discretization.samples allow" in why
+    assert scene.discretization.knots == "uniform"
+
+
+@pytest.mark.parametrize(
+    ("finer", "changes"),
+    [
+        (True, {"cable.rest_curvature": [20.0]}),
+        (True, {"cable.bending_stiffness": 2e-4}),
+        (True, {"loads.names": ["hand"], "loads.hand.position": 0.4}),
+        (True, {"grasps.names": ["hand"], "grasps.hand.position": [0.0, 0.0, 1.0]}),
+        (False, {"cable.bending_stiffness": 0.02}),
+        (False, {"start.clamped": False, "start.tangent": [0.0] * 3}),
+    ],
+)
+def test_what_bends_the_cable_more_sharply_needs_more(finer, changes):
+    usual, other = (number_of(scene_of(ROPE, OPEN, more)) for more in ({}, changes))
+    assert (other > usual) is finer and other != usual
+
+
+def test_without_weight_or_bending_a_number_is_found_too():
+    for off in ({"gravity": [0.0, 0.0, 0.0]}, {"terms.bend": "off"}, {"terms.gravity": "off"}):
+        assert FEWEST <= number_of(scene_of(ROPE, OPEN, off)) < 30
+
+
+def test_poses_do_not_change_the_number():
+    scene = load_scene(shipped_scene("two_grippers"), OPEN)
+    poses = {"end": (np.array([0.3, 0.2, 0.4]), np.array([0.0, 0.0, 0.0, 1.0]))}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        placed = Simulator(scene, poses)
+    assert placed.model.n == Simulator(scene).model.n == number_of(scene)
+
+
+def test_scenes_of_a_batch_have_the_largest_number_that_one_needs():
+    soft, stiff = (
+        scene_of(ROPE, OPEN, {"cable.bending_stiffness": EI, "initial.shape": "straight"})
+        for EI in (2e-3, 2e-2)
+    )
+    assert number_of(stiff) < number_of(soft)
+    result = simulate_batch([stiff, soft], 0.01, processes=1)
+    assert result.control_points.shape[2] == number_of(soft)
+    given = stiff.with_values({NUMBER: 11})
+    assert simulate_batch([soft, given], 0.01, processes=1).control_points.shape[2] == 11
+    with pytest.raises(ValueError, match="scene 1 has 9 control points, scene 0 has 11"):
+        simulate_batch([given, stiff.with_values({NUMBER: 9})], 0.01, processes=1)
