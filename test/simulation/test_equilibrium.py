@@ -218,7 +218,6 @@ GUIDED = {
     **{"start.fixed": [True, True, False], "end.fixed": [True, True, False]},
     **{"start.clamped": False, "end.clamped": False},
 }
-MOMENT = {"loads.names": ["m"], "loads.m.signal": "constant", "loads.m.position": 0.5}
 RATTLE = {"integrator.method": "rattle", "damping.stiffness": 0.0}
 REFUSED = {
     "free": (NOTHING_HELD, "z, where .* pull with -0.319 N", [{"initial.shape": "straight"}]),
@@ -233,11 +232,6 @@ REFUSED = {
     ),
     "free, rattle": (NOTHING_HELD | RATTLE, "along z", [{"initial.shape": "straight"}]),
     "no stretch": ({"terms.stretch": "off"}, "stretching", [{"terms.stretch": "auto"}]),
-    "moment": (
-        MOMENT | {"loads.m.torque": [0.0, 100.0, 0.0]},
-        "radius of 1.3e-06 m; lower it below 0.0048 N m",
-        [{"loads.m.torque": [0.0, 0.0047, 0.0]}],
-    ),
     "taut, rattle": (
         RATTLE | {"end.position": [0.9999, 0.0, 0.5], "discretization.control_points": 13},
         "1 m, which does not fit between its ends, 0.9999 m apart",
@@ -273,18 +267,19 @@ def test_a_shape_that_is_not_found_is_refused_and_can_be_started_straight(monkey
     assert Simulator(TWO.with_values({"initial.shape": "straight"})).advance(0.1).status.ok
 
 
-def test_everyday_scenes_start_at_rest():
-    outcomes = [everyday_scenes.run_seed(seed) for seed in range(60)]
-    assert not [one for one in outcomes if "refused" in one.problem]
+def test_everyday_scenes_start_in_stable_shapes_at_rest():
+    outcomes = [everyday_scenes.run_seed(seed) for seed in range(200)]
+    assert not [(one.seed, one.kind, one.problem) for one in outcomes if one.problem]
 
 
 @pytest.mark.parametrize(
     "values",
     [
         {"end.position": [0.3, 0.0, 0.6]},
+        {"end.position": [0.3, 0.0, 0.5]},
         {"cable.youngs_modulus": 2e8, "end.position": [0.5, 0.1, 0.5]},
     ],
-    ids=["soft", "stiff"],
+    ids=["soft", "level", "stiff"],
 )
 def test_grippers_that_move_together_from_the_straight_cable_end_in_the_same_shape(values):
     more = {"discretization.control_points": 21, "damping.air_drag": 0.2, "damping.stiffness": 0.02}
