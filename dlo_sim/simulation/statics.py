@@ -72,8 +72,10 @@ SHARE_OF_TIME = 0.01  # step of the relaxation in time, relative to `_time_scale
 LONGEST = 1.0  # [s], time scale of a cable without weight or stiffness
 EXTENSIBLE = 1e-8, 5_000  # tolerance and most steps of `relax_in_time`
 INEXTENSIBLE = 1e-7, 40_000
-MAX_ALTERNATIONS = 30
-CONTRACTION = 0.7  # of the movement by one alternation, or they are given up
+MAX_ALTERNATIONS = 80
+CONTRACTION = 0.7  # of the movement by one alternation, or the next ones turn half as far
+DAMPED = 0.98  # of the movement by one of those, or the next ones turn half as far again
+LEAST_SHARE = 0.03  # of the twist that the present shape asks for
 SETTLED = 1e-9  # movement by an alternation, relative to the length or 1 rad
 
 
@@ -387,21 +389,24 @@ def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
     """Solve in turn for the twist and for the shape; whether that converged. The state is that of
     the last search that succeeded.
     """
-    last, found = np.inf, cable.state.copy()
+    last, found, share = np.inf, cable.state.copy(), 1.0
     for _ in range(MAX_ALTERNATIONS):
         before = cable.x.copy()
         if not relax_twist(cable):
             return lay is None
         if lay is None and relative_movement(cable, before) < SETTLED:
             return True
+        cable.x[-1] = before[-1] + share * (cable.x[-1] - before[-1])
         _put(ends, cable, lay)
         if not relax(cable, _flow(cable, lay)):
             break
-        moved = relative_movement(cable, before)
+        moved = relative_movement(cable, before) / share
         if moved < SETTLED:
             return True
-        if moved > CONTRACTION * last:
-            break
+        if moved > (CONTRACTION if share == 1.0 else DAMPED) * last:
+            share *= 0.5
+            if share < LEAST_SHARE:
+                break
         last, found = moved, cable.state.copy()
     cable.state[:] = found
     return False

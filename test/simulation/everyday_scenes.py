@@ -27,7 +27,7 @@ UNEXPLAINED = 0.4  # local stretch beyond that of the tension: no resolution of 
 
 # Young's modulus [Pa], shear modulus [Pa], density [kg/m^3], EI as a share of the solid section's.
 MATERIALS = {
-    "rope": (1e9, 1e7, 1100.0, 1e-3),
+    "rope": (1e9, 3e8, 1100.0, 1e-3),
     "soft cable": (2e6, 7e5, 1150.0, 1.0),
     "hose": (1e7, 3.5e6, 1200.0, 0.6),
     "cable": (1.2e8, 4e7, 2500.0, 1.0),
