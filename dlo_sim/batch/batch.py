@@ -46,7 +46,7 @@ class BatchResult:
         energy: kinetic and potential [J], shape (scenes, T), as `Recording.energy`.
         energy_error: largest |energy - work done + energy lost| as a share of the energy exchanged,
             up to the last good state, shape (scenes,).
-        status: ok, diverged or not_converged; message: one line, empty if all is well.
+        status: ok, diverged, not_converged or unresolved; message: one line, empty if all is well.
         method: of each scene; step [s] and simulated [s]: shape (scenes,).
         one_by_one: why a scene was not on a vector lane, empty if it was.
     """

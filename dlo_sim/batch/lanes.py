@@ -26,6 +26,7 @@ from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status, explained
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.soundness import unexplained_stretch
 from dlo_sim.simulation.stepper import GUARD_STEPS
 
 Array = NDArray[np.float64]
@@ -206,17 +207,27 @@ def _run(cable: Cable, recorder: Recorder, lane: Lane, k: int, step: float) -> R
     energy = energies.reshape(-1, LANES)[:, k].copy()
     energy[good:] = energy[good - 1]
     error, exchanged, floor = rows[GOOD_LEDGER:, k]
-    status = Status.DIVERGED if failed else Status.OK
     method = f"method {lane.method}, step {step:g} s"
+    status, message = (
+        Status.DIVERGED,
+        f"{Status.DIVERGED.value} (at {failed * step:.6g} s; {method})",
+    )
+    if not failed:
+        message = unexplained_stretch(lane.model, lane.model.to_columns(lines))
+        status = Status.UNRESOLVED if message else Status.OK
     return Run(
         control_points=lane.model.in_world(lane.model.to_columns(lines)),
         energy=energy,
         good=good,
         energy_error=float(error / max(exchanged, floor)),
         status=status,
+<<<<<<< HEAD
         message=f"{explained(status, METHODS[lane.method])} (at {failed * step:.6g} s; {method})"
         if failed
         else "",
+=======
+        message=message,
+>>>>>>> 0cde8a5 (Report shapes whose stretch their tension does not explain)
         method=lane.method,
         step=step,
         simulated=simulated,

@@ -167,6 +167,7 @@ class _Replay:
         factory: Callable[..., Simulator] | None,
     ) -> None:
         self.summary = ReplaySummary()
+        self._unresolved = ""  # the first line about a shape that is none of a cable
         self._bag, self._scene, self._writer = bag, scene, writer
         self._progress = progress
         begin = time.perf_counter()
@@ -216,6 +217,8 @@ class _Replay:
                 f"be read, {(last - first) * 1e-9:.3f} s"
             )
         self._report_refusals()
+        if self._unresolved and summary.status == "done":
+            summary.status, summary.message = "unresolved", self._unresolved
         self._compare()
 
     def _report_refusals(self) -> None:
@@ -307,6 +310,7 @@ class _Replay:
             if writer is not None:
                 writer.write(DIAGNOSTICS, now, session.diagnostics(now))
                 summary.messages_written += 1
+        self._unresolved = self._unresolved or session.unresolved
         if report.status is SessionStatus.FAILED:
             summary.status = "diverged"
             summary.message = report.message

@@ -19,8 +19,8 @@ class ReplayFigures:
     Attributes:
         status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
             the simulator gave up; `refused`: more than 5 % of the messages of a topic could not be
-            used; `output_incomplete`: the disk was full, the output holds what was written until
-            then.
+            used; `unresolved`: at some time the shape was none of a cable; `output_incomplete`: the
+            disk was full, the output holds what was written until then.
         message: one line that explains any status but `done`, else "".
         messages_used, messages_written: input and output messages.
         simulated_s: simulated time [s]; wall_s: time for reading, stepping and writing [s] without

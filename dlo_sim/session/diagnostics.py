@@ -65,6 +65,7 @@ EVENTS: dict[str, str] = {
     "resumed": "the simulation resumed from the state in state.save_to",
     "failed": "a step failed; the last good state is held",
     "not_published": "an output was not finite and was not published",
+    "unresolved": "the stretch of the cable is not what its tension explains: a fold or cusp",
     "inaccurate": "the estimated error exceeds accuracy.target",
     "slow_newton": "Newton's method took far more iterations in a tick than usual",
     "markers_spared": "the prediction fell behind; markers are no longer published",
@@ -264,6 +265,8 @@ def session_status(
     level, text = OK, message or status.value
     if status is SessionStatus.FAILED:
         level = ERROR
+    elif drive.unresolved:
+        level, text = ERROR, message or drive.unresolved
     elif delay is None or lag > drive.scene.inputs.catch_up:
         level = WARN
     elif accuracy.warning:

@@ -60,6 +60,7 @@ class Drive:
         scene: what is simulated now.
         simulator: the simulator; placed by `begin`.
         estimate: runs its companions; None if it has none.
+        unresolved: one line if the shape is none of a cable (`simulation.soundness`), else "".
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.
     """
@@ -72,6 +73,7 @@ class Drive:
     ) -> None:
         self.simulator = factory(scene)
         self.estimate: ErrorEstimate | None = None
+        self.unresolved = ""
         self._too_slow = False
         self._rebuilt = False  # whether the simulator's initial state differs from the scene's
         self.scene = scene
@@ -175,6 +177,7 @@ class Drive:
         for one in self._inputs:
             one.clear()
         self.grid = None
+        self.unresolved = ""
         self.estimate = None
         self._too_slow = False
 
@@ -196,7 +199,8 @@ class Drive:
             stop = self._apply_inputs(grid, target)
             report = self._driven.advance_steps(stop - self.simulator.steps)
             slow = report.note or slow
-            if not report.status.ok:
+            self.unresolved = "" if report.status.ok else report.message
+            if not report.status.advanced:
                 return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.

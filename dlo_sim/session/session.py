@@ -199,6 +199,11 @@ class Session:
         self._pacing.reached(wanted_ns, self._drive, bool(self._waiting or self._failure))
         return self._report(steps)
 
+    @property
+    def unresolved(self) -> str:
+        """One line if the present shape is none of a cable (`simulation.soundness`), else ""."""
+        return self._drive.unresolved
+
     def messages(
         self, wanted: Collection[str] | None = None, again: Collection[str] = ()
     ) -> list[OutgoingMessage]:
@@ -379,8 +384,11 @@ class Session:
         return True
 
     def _advance(self, wanted_ns: int, most_steps: int, silence_ns: int) -> int:
+        before = self._drive.unresolved
         done = self._drive.advance(wanted_ns, most_steps, silence_ns)
         steps, self._waiting, failure, slow = done
+        if self._drive.unresolved and not before:
+            self.journal.event("unresolved", self._drive.unresolved)
         if slow:
             self.journal.event("slow_newton", slow)
         self._accuracy.look(self._drive.estimate)

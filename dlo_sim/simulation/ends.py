@@ -96,6 +96,11 @@ class EndDrive:
         """Quaternion of an end effector at time t."""
         return self._motions[end].orientation_at(t)
 
+    @property
+    def clamped(self) -> tuple[str, ...]:
+        """The ends that hold the direction of the cable rigidly."""
+        return tuple(name for name, end in self._scene.ends.items() if end.clamped)
+
     def tangent(self, end: str, t: float) -> Array:
         """Direction of the cable at a clamped end, world frame, start towards end."""
         return rotations.rotate(self.orientation(end, t), self._direction(end))

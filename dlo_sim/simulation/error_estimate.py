@@ -135,9 +135,9 @@ class ErrorEstimate:
             report = simulator.advance_steps(min(steps - done, to_look), recorder)
             done += report.steps
             evaluations += report.force_evaluations
-            if report.status.ok and report.steps:
+            if report.status.advanced and report.steps:
                 self._follow()
-            if not report.status.ok or done >= steps:
+            if not report.status.advanced or done >= steps:
                 simulated = done * simulator.step
                 note = newton_note(simulator.choice.method, simulator.step, done, evaluations)
                 return Report(report.status, report.message, done, simulated, evaluations, note)
@@ -272,7 +272,7 @@ class _Companion:
         if self.simulator is None or self.failure:
             return
         report = self.simulator.advance_steps(steps * self._per_step - self.simulator.steps)
-        if not report.status.ok:
+        if not report.status.advanced:
             self._fail(f"the finer run failed: {report.message}")
 
     def compare(self, points: Array, u: Array) -> None:

@@ -18,6 +18,7 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
 from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.soundness import judged
 
 Array = NDArray[np.float64]
 
@@ -145,6 +146,7 @@ def record_simulator(
     recorder = Recorder(simulator.model, sample_times(duration, every))
     recorder.put(simulator.cable, simulator.energy().total)
     wall_s, report, counts = _run(simulator, estimate, duration, recorder, progress, tell)
+    report = judged(report, recorder)
     count, control_points = recorder.count, recorder.control_points
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
@@ -239,10 +241,10 @@ def _run(
             if progress is not None:
                 progress(simulator.steps / total)
         except KeyboardInterrupt:
-            if simulator.steps < total and report.status.ok:
+            if simulator.steps < total and report.status.advanced:
                 message = f"interrupted at {simulator.time:.6g} s of {duration:g} s"
                 report = report._replace(status=Status.INTERRUPTED, message=message)
-        ended = simulator.steps >= total or not report.status.ok
+        ended = simulator.steps >= total or not report.status.advanced
         if ended or simulator.steps % part == 0:
             counts.end_part()
         if ended:

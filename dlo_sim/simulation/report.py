@@ -29,11 +29,17 @@ class Status(Enum):
         "smaller integrator.step; the last good state is kept"
     )
     INTERRUPTED = "ended from outside"
+    UNRESOLVED = "advanced as asked, but the stretch of the cable is not what its tension explains"
 
     @property
     def ok(self) -> bool:
-        """Whether the advance was completed."""
+        """Whether the advance was completed with a shape that is one of a cable."""
         return self is Status.OK
+
+    @property
+    def advanced(self) -> bool:
+        """Whether all steps were made, so that the next ones can follow."""
+        return self in (Status.OK, Status.UNRESOLVED)
 
 
 class Report(NamedTuple):

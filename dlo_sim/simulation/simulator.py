@@ -32,6 +32,7 @@ from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, explained, newton_note
 from dlo_sim.simulation.resolution import continued, resolved
 from dlo_sim.simulation.selection import check_named_method, choose
+from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.transfer import carry_samples
@@ -133,7 +134,7 @@ class Simulator(CableInputs):
         wanted = duration + self._remainder
         steps = float(np.floor(wanted / self.step + 1e-9))
         report = self.advance_steps(arguments.count(f"duration / {self.step:g} s", steps))
-        self._remainder = wanted - report.steps * self.step if report.status.ok else 0.0
+        self._remainder = wanted - report.steps * self.step if report.status.advanced else 0.0
         return report
 
     def advance_steps(self, steps: int, recorder: Recorder | None = None) -> Report:
@@ -163,7 +164,9 @@ class Simulator(CableInputs):
                 )
                 return Report(status, message, done, done * self.step, evaluations)
         note = newton_note(self.choice.method, self.step, done, evaluations)
-        return Report(Status.OK, "", done, done * self.step, evaluations, note)
+        wrong = unexplained_stretch(self.model, self.cable.points, self._ends, self.time)
+        status = Status.UNRESOLVED if wrong else Status.OK
+        return Report(status, wrong, done, done * self.step, evaluations, note)
 
     def follow(
         self, times: ArrayLike, poses: Mapping[str, ArrayLike], samples: ArrayLike
@@ -234,7 +237,7 @@ class Simulator(CableInputs):
         message = "" if made.status.ok else f"{why} (at {self.time:.6g} s)"
         simulated = made.steps * self.step
         report = Report(made.status, message, made.steps, simulated, made.evaluations)
-        return report, recorder
+        return judged(report, recorder), recorder
 
     def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
         """Predict the shapes along a plan, at multiples of `every` [s], bit for bit as `follow`.

@@ -1,0 +1,191 @@
+"""Shapes whose stretch is what their tension explains: close grippers and violent events end in the
+right shape, and what does not is reported in one line."""
+
+import warnings
+
+import numpy as np
+import pytest
+from cables import scene_of, simulator
+
+from dlo_sim import load_scene
+from dlo_sim.core import bspline
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.scene.refusal import SceneError
+from dlo_sim.simulation import soundness
+from dlo_sim.simulation.recording import record
+from dlo_sim.simulation.report import Status
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.soundness import unexplained_stretch
+
+GRIPPERS = load_scene("two_grippers")
+HANGING = {
+    "cable.length": 0.5,
+    "cable.diameter": 0.006,
+    "cable.density": 1150.0,
+    "cable.youngs_modulus": 2e6,
+    "cable.shear_modulus": 7e5,
+    "start.clamped": True,
+    "start.tangent": [0.0, 0.0, -1.0],
+    "damping.stiffness": 0.01,
+    "damping.air_drag": 0.005,
+    "discretization.control_points": 13,
+}
+METHODS = {"energy_momentum": {}, "forest_ruth": {"damping.stiffness": 0.0}}
+METHODS["forest_ruth"] |= {"damping.air_drag": 0.0, "integrator.method": "forest_ruth"}
+
+
+def local_stretch(sim):
+    """|r'| at 401 places."""
+    u = np.linspace(0.0, sim.scene.cable.length * (1.0 - 1e-12), 401)
+    t = bspline.evaluate(sim.control_points[:, :3], sim.model.knots, u, 1)
+    return np.linalg.norm(t, axis=1)
+
+
+def folded(sim):
+    """Whether the first edge points against the clamp."""
+    edge = sim.control_points[1, :3] - sim.control_points[0, :3]
+    return edge @ sim.scene.start.tangent <= 0.0
+
+
+def test_close_grippers_hold_the_right_shape():
+    """Against a shooting solution: force (0.0064, 0, 0.1595) N, moment -0.00640 N m about y, lowest
+    point 0.4466 m below the grippers, stretch 0.99 to 1.04."""
+    sim = Simulator(GRIPPERS.with_values({"end.position": [0.2, 0.0, 0.5]}))
+    force, moment = sim.reaction("start")
+    assert force == pytest.approx([0.0064, 0.0, 0.1595], abs=1e-4)
+    assert moment == pytest.approx([0.0, -0.0064, 0.0], abs=2e-5)
+    lowest = sim.centerline(np.linspace(0.0, 1.0, 1001))[:, 2].min()
+    assert 0.5 - lowest == pytest.approx(0.4466, abs=2e-4)
+    stretch = local_stretch(sim)
+    assert stretch.min() > 0.985
+    assert stretch.max() < 1.045
+    assert sim.advance(0.1).status.ok
+
+
+@pytest.mark.parametrize("apart", [0.2, 0.05, 0.02])
+@pytest.mark.parametrize("shape", ["equilibrium", "straight"])
+def test_few_control_points_make_no_cusp(apart, shape):
+    values = {"end.position": [apart, 0.0, 0.5], "initial.shape": shape}
+    sim = Simulator(GRIPPERS.with_values(values | {"discretization.control_points": 13}))
+    for _ in range(8):
+        assert sim.advance(1.0).status.ok
+    stretch = local_stretch(sim)
+    assert stretch.min() > 0.7
+    assert stretch.max() < 1.35
+
+
+@pytest.mark.parametrize("speed", [14.0, 19.0])
+def test_a_violent_push_leaves_no_fold(speed):
+    sim = Simulator(GRIPPERS.with_values({"discretization.control_points": 13}))
+    push = {"velocity": [-speed, 0.0, 0.0], "position": [0.8, 0.0, 0.5]}
+    orientation = [0.0, 0.0, 0.0, 1.0]
+    sim.set_motion(
+        "end", EndMotion(start=0.0, duration=0.7 / speed, orientation=orientation, **push)
+    )
+    for _ in range(20):
+        assert sim.advance(0.05).status.ok
+        assert not folded(sim)
+    assert np.abs(local_stretch(sim) - 1.0).max() < 0.3
+    assert sim.energy_error < 1e-5
+
+
+def test_a_moment_far_too_large_leaves_no_fold():
+    sim = simulator(HANGING, {"loads.names": ["tip"], "damping.mass": 2.0})
+    sim.set_load("tip", torque=[0.0, 0.1, 0.0])
+    sim.advance(0.2)
+    assert not folded(sim)
+    sim.set_load("tip", torque=[0.0, 0.0, 0.0])
+    assert sim.advance(8.0).status.ok
+    assert np.abs(local_stretch(sim) - 1.0).max() < 0.02
+    assert sim.control_points[-1, 2] == pytest.approx(-0.501, abs=2e-3)
+
+
+@pytest.mark.parametrize("stretch", ["span", "sample"])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_column_under_a_violent_acceleration_does_not_turn_over(method, stretch):
+    """1e4 m/s^2 along the cable, towards the clamp, for 5 ms."""
+    up = {"start.tangent": [0.0, 0.0, 1.0], "gravity": [0.0, 0.0, -1e4]}
+    sim = simulator(HANGING, up, METHODS[method], {"discretization.stretch": stretch})
+    for _ in range(10):
+        report = sim.advance(5e-4)
+        if not report.status.advanced:
+            assert report.message  # refused, and said
+            return
+        assert report.status is Status.UNRESOLVED or not folded(sim)
+
+
+def test_a_cusp_is_named_with_its_place_and_a_cure():
+    sim = simulator(HANGING, {"discretization.stretch": "span"})
+    points = sim.control_points.copy()
+    assert not unexplained_stretch(sim.model, points)
+    points[6, :3] = points[5, :3]
+    points[7, :3] = points[5, :3]
+    line = unexplained_stretch(sim.model, points)
+    assert "\n" not in line
+    assert line.startswith("at u = 0.3 m")
+    assert "discretization.control_points from 13 to 23" in line
+
+
+def test_the_bound_leaves_coarse_shapes_alone():
+    """Stretch that differs from its mean by up to 0.4 in every span."""
+    sim = simulator(HANGING)
+    points = sim.control_points.copy()
+    points[2:-2:2, 2] -= 0.8 * 0.05
+    assert not unexplained_stretch(sim.model, points)
+    places = soundness._places(sim.model.knots.tobytes())
+    lengths, explained = places.stretch(points[:, :3])
+    assert np.abs(lengths - explained).max() > 0.35
+
+
+def test_a_clamp_that_is_turned_over_is_named():
+    sim = simulator(HANGING)
+    points = sim.control_points.copy()
+    points[1] = points[0] - 0.2 * (points[1] - points[0])
+    assert unexplained_stretch(sim.model, points, sim._ends, 0.0).startswith(
+        "at u = 2.5e-14 m the cable has -0.20"
+    )
+
+
+@pytest.mark.parametrize("estimate", ["on", "off"])
+def test_a_run_with_such_a_shape_is_not_ok(monkeypatch, estimate):
+    monkeypatch.setattr(soundness, "BOUND", 1e-3)
+    scene = scene_of(HANGING, {"accuracy.estimate": estimate})
+    scene = scene.with_values({"initial.shape": "straight", "start.tangent": [1.0, 0.0, 0.0]})
+    done = record(scene, 0.3, 0.01)
+    assert done.status == "unresolved"
+    assert done.simulated_s == pytest.approx(0.3, abs=0.02)
+    assert "of its rest length where its tension explains" in done.message
+    assert not done.ok
+
+
+@pytest.mark.parametrize("clamped", [False, True])
+@pytest.mark.parametrize("apart", [1e-6, 1e-3])
+def test_grasps_nearer_than_a_span_resolves_are_refused_in_one_line(apart, clamped):
+    values = two_grasps(apart, clamped)
+    with pytest.raises(SceneError, match=r"grasps.b.at: .*take it a span away.*control_points"):
+        scene_of(values) and simulator(values)
+
+
+@pytest.mark.parametrize("clamped", [False, True])
+def test_grasps_a_span_apart_stretch_what_is_between_them(clamped):
+    """Moved apart by 3 mm, as the refusal above advises."""
+    sim = simulator(two_grasps(0.1, clamped))
+    motion = {"position": [0.6, 0.0, 0.0], "velocity": [0.03, 0.0, 0.0]}
+    orientation = [0.0, 0.0, 0.0, 1.0]
+    sim.set_motion("b", EndMotion(start=0.0, duration=0.1, orientation=orientation, **motion))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sim.advance(0.1).status.ok
+    assert local_stretch(sim).max() < 1.1
+
+
+def two_grasps(apart, clamped):
+    """A straight cable of 1 m with grasps at 0.5 m and a little further."""
+    values = {"grasps.names": ["a", "b"], "cable.length": 1.0}
+    values |= {"start.tangent": [1.0, 0.0, 0.0], "initial.shape": "straight"}
+    values |= {"end.position": [1.0, 0.0, 0.0], "end.fixed": [True] * 3}
+    for name, share in (("a", 0.5), ("b", 0.5 + apart)):
+        values[f"grasps.{name}.at"] = share
+        values[f"grasps.{name}.position"] = [share, 0.0, 0.0]
+        values[f"grasps.{name}.clamped"] = clamped
+    return HANGING | values
