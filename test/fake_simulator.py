@@ -101,7 +101,7 @@ class FakeSimulator:
         done = 0
         for _ in range(n):
             if self.fail_at is not None and self.steps >= self.fail_at:
-                status = SimpleNamespace(ok=False)
+                status = SimpleNamespace(ok=False, advanced=False)
                 return SimpleNamespace(status=status, message="diverged: fake", steps=done, note="")
             force = sum(self.loads.values(), np.zeros(3)) + np.array(self.scene.gravity)
             self.speed = self.speed + self.step * force
@@ -109,7 +109,7 @@ class FakeSimulator:
             self.steps += 1
             done += 1
         return SimpleNamespace(
-            status=SimpleNamespace(ok=True), message="", steps=done, note=self.note
+            status=SimpleNamespace(ok=True, advanced=True), message="", steps=done, note=self.note
         )
 
     def reset(self):

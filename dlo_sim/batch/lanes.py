@@ -208,10 +208,8 @@ def _run(cable: Cable, recorder: Recorder, lane: Lane, k: int, step: float) -> R
     energy[good:] = energy[good - 1]
     error, exchanged, floor = rows[GOOD_LEDGER:, k]
     method = f"method {lane.method}, step {step:g} s"
-    status, message = (
-        Status.DIVERGED,
-        f"{Status.DIVERGED.value} (at {failed * step:.6g} s; {method})",
-    )
+    status = Status.DIVERGED
+    message = f"{explained(status, METHODS[lane.method])} (at {failed * step:.6g} s; {method})"
     if not failed:
         message = unexplained_stretch(lane.model, lane.model.to_columns(lines))
         status = Status.UNRESOLVED if message else Status.OK
@@ -221,13 +219,7 @@ def _run(cable: Cable, recorder: Recorder, lane: Lane, k: int, step: float) -> R
         good=good,
         energy_error=float(error / max(exchanged, floor)),
         status=status,
-<<<<<<< HEAD
-        message=f"{explained(status, METHODS[lane.method])} (at {failed * step:.6g} s; {method})"
-        if failed
-        else "",
-=======
         message=message,
->>>>>>> 0cde8a5 (Report shapes whose stretch their tension does not explain)
         method=lane.method,
         step=step,
         simulated=simulated,

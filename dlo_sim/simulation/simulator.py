@@ -35,6 +35,7 @@ from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
+from dlo_sim.simulation.symmetry import release_from_line, steps_between_looks
 from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
@@ -111,6 +112,7 @@ class Simulator(CableInputs):
         self.choice = choose(scene, frequency, unchecked_step)
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
         self._stepper = Stepper(scene, self.choice)
+        self._look_every = steps_between_looks(self.choice.step, self._stepper.guard_steps)
         self.cable.open_account(self.scene)
         self._loop = GuardedLoop(self.cable, self._stepper)
         started = time.perf_counter()
@@ -150,11 +152,13 @@ class Simulator(CableInputs):
             raise ValueError("recorder: is of another model; make a new one of the present model")
         evaluations = 0
         while done < steps:
-            piece = min(CHUNK, steps - done, self._steps_of_motions())
+            piece = min(CHUNK, steps - done, self._steps_of_motions(), self._steps_to_look())
             status, made, used, worst = self._loop.advance(self._steps, piece, recorder)
             self._steps += made
             done += made
             evaluations += used
+            if made:
+                self._look()
             if self._ends.waiting and self._ends.begin_motions(self.time):
                 self._natural_shape_moves()
             if not status.ok:
@@ -230,13 +234,24 @@ class Simulator(CableInputs):
             row = list(self.scene.holders).index(name)
             motions[:, row] = following.motions_along(cable.motion[row], grid, path)
         natural = following.natural_along(self.model, self._turning, motions)
-        made = self._loop.advance_along(self._steps, recorder, motions, natural)
-        self._steps += made.steps
+        moments, turns = natural
+        done, evaluations, status = 0, 0, Status.OK
+        while done < len(motions) and status.ok:
+            piece = slice(done, done + self._steps_to_look())
+            share = moments, turns.reshape(-1, 9)[piece].ravel()
+            made = self._loop.advance_along(self._steps, recorder, motions[piece], share)
+            self._steps += made.steps
+            done, evaluations, status = (
+                done + made.steps,
+                evaluations + made.evaluations,
+                made.status,
+            )
+            if made.steps:
+                self._look()
         self._ends.restored()
-        why = explained(made.status, self.choice.method)
-        message = "" if made.status.ok else f"{why} (at {self.time:.6g} s)"
-        simulated = made.steps * self.step
-        report = Report(made.status, message, made.steps, simulated, made.evaluations)
+        why = explained(status, self.choice.method)
+        message = "" if status.ok else f"{why} (at {self.time:.6g} s)"
+        report = Report(status, message, done, done * self.step, evaluations)
         return judged(report, recorder), recorder
 
     def forecast(self, plan: Plan, every: float = EVERY) -> Forecast:
@@ -413,6 +428,15 @@ class Simulator(CableInputs):
         self._initial = self.snapshot()
 
     # -- inside ---------------------------------------------------------------------------------
+
+    def _steps_to_look(self) -> int:
+        """Number of steps up to the next look at a straight cable."""
+        return self._look_every - self._steps % self._look_every
+
+    def _look(self) -> None:
+        """Look at a straight cable where it is time to."""
+        if self._steps % self._look_every == 0:
+            release_from_line(self.cable, self.scene)
 
     def _steps_of_motions(self) -> int:
         """Number of steps that the present motions of the end effectors last."""

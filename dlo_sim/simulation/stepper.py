@@ -112,6 +112,11 @@ class Stepper:
         self.step = choice.step
         self._loop = loop_of(choice.method, scene)
 
+    @property
+    def guard_steps(self) -> int:
+        """Steps between two checks of the energy."""
+        return 1 if self.family == IMPLICIT else GUARD_STEPS
+
     def looked_at(self, step: int) -> bool:
         """Whether the loop checks the energy after step number `step`."""
         return self.family == IMPLICIT or step % GUARD_STEPS == 0

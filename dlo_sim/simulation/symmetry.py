@@ -1,0 +1,90 @@
+"""A straight cable pushed along itself: the little that lets it buckle.
+
+Where a cable is exactly straight, nothing has a component across it, and it stays straight for
+ever, however large the compression. A real one leaves the line as soon as the compression exceeds
+what the straight shape bears (Euler). So the dynamics look at a straight cable at fixed steps,
+whatever part of a run they belong to: at the same steps in a node, a replay and after a restart.
+Where it is compressed and its stiffness has a direction of negative curvature, all control points
+get velocities across the line, of fixed random directions: so small that they move the cable by
+PUSH of the accuracy asked for in the time in which the fastest mode grows e-fold. Their energy
+counts as work of the loads. A cable that bears its compression, or is not straight, is left alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.core import bspline
+from dlo_sim.engine import layout
+from dlo_sim.scene.description import Scene
+from dlo_sim.simulation.cable import Cable
+
+Array = NDArray[np.float64]
+LOOK = 2e-3  # [s] between two looks at least
+STRAIGHT = 1e-9  # of the length, distance from the line that counts as none
+PUSH = 0.05  # of the accuracy asked for: how far the push goes before it grows
+
+
+def steps_between_looks(step: float, multiple: int) -> int:
+    """Steps between two looks, a multiple of `multiple`."""
+    return max(1, round(LOOK / (step * multiple))) * multiple
+
+
+def release_from_line(cable: Cable, scene: Scene) -> bool:
+    """Push a straight cable that does not bear its compression off its line; whether it did."""
+    model = cable.model
+    dim = len(model.axes)
+    x = cable.x[:dim]
+    length = model.knots[-1]
+    chord = x[:, -1] - x[:, 0]
+    span = float(np.sqrt(chord @ chord))
+    if span < 0.1 * length or not model.has(layout.ANY_STRETCH):
+        return False
+    along = chord / span
+    middle = x[:, model.n // 2] - x[:, 0]
+    if np.abs(middle - along * (along @ middle)).max() > STRAIGHT * length:
+        return False  # at first only one point, which costs the least
+    way = x - x[:, :1]
+    if np.abs(way - np.outer(along, along @ way)).max() > STRAIGHT * length:
+        return False
+    rate = _growth(cable, scene.cable.mu, along @ way)
+    if rate == 0.0 or not _unstable(cable):
+        return False
+    push = np.zeros_like(cable.x)
+    push[:dim] = np.random.default_rng(0).standard_normal((dim, model.n))
+    push[:dim] -= np.outer(along, along @ push[:dim])
+    push = cable.free_acceleration(push)
+    largest = np.abs(push[:dim]).max()
+    if largest == 0.0:
+        return False
+    before = cable.kinetic()
+    cable.w[:dim] += PUSH * scene.accuracy.target * rate / largest * push[:dim]
+    cable.ledger[layout.LOAD_WORK] += cable.kinetic() - before
+    return True
+
+
+def _growth(cable: Cable, density: float, places: Array) -> float:
+    """Rate [1/s] at which the fastest mode of a compressed straight cable grows; 0 under tension.
+
+    A mode with wave number k grows with rate^2 = (P k^2 - EI k^4) / mu, fastest for k^2 = P / 2 EI;
+    the spline resolves k up to pi / span. P is the compression of the shortest edge.
+    """
+    model = cable.model
+    rest = (model.knots[4:-1] - model.knots[1:-4]) / 3.0
+    shortest = float(np.min(np.diff(places) / rest))
+    if shortest >= 1.0 - 1e-12:
+        return 0.0
+    force = model.axial_stiffness * (1.0 - shortest)
+    finest = np.pi * (model.n - bspline.DEGREE) / float(model.knots[-1])
+    square = min(force / (2.0 * float(model.bending_stiffness.max()) + 1e-300), finest**2)
+    return float(np.sqrt(0.5 * force * square / density))
+
+
+def _unstable(cable: Cable) -> bool:
+    """Whether the stiffness of what is free has a negative eigenvalue."""
+    cable.stiffness()
+    if cable.loads.size and cable.loads[:, 3:6].any():
+        cable.add_moment_stiffness()
+    unknowns = np.zeros(cable.model.n * len(cable.model.axes))
+    return cable.solve_held(unknowns) > 0
