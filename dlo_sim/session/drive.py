@@ -199,9 +199,9 @@ class Drive:
             stop = self._apply_inputs(grid, target)
             report = self._driven.advance_steps(stop - self.simulator.steps)
             slow = report.note or slow
-            self.unresolved = "" if report.status.ok else report.message
             if not report.status.advanced:
                 return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
+            self.unresolved = "" if report.status.ok else report.message
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.
         self._renew_motions(grid, silence_ns)

@@ -6,8 +6,9 @@ what the straight shape bears (Euler). So the dynamics look at a straight cable 
 whatever part of a run they belong to: at the same steps in a node, a replay and after a restart.
 Where it is compressed and its stiffness has a direction of negative curvature, all control points
 get velocities across the line, of fixed random directions: so small that they move the cable by
-PUSH of the accuracy asked for in the time in which the fastest mode grows e-fold. Their energy
-counts as work of the loads. A cable that bears its compression, or is not straight, is left alone.
+PUSH of the accuracy asked for in the time in which the fastest mode grows e-fold, and without
+momentum, so that they do not show in the reactions. Their energy counts as work of the loads. A
+cable that bears its compression, or is not straight, is left alone.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.core import bspline
+from dlo_sim.core import bspline, mass
 from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
@@ -54,7 +55,7 @@ def release_from_line(cable: Cable, scene: Scene) -> bool:
     push = np.zeros_like(cable.x)
     push[:dim] = np.random.default_rng(0).standard_normal((dim, model.n))
     push[:dim] -= np.outer(along, along @ push[:dim])
-    push = cable.free_acceleration(push)
+    push = _without_momentum(cable, cable.free_acceleration(push))
     largest = np.abs(push[:dim]).max()
     if largest == 0.0:
         return False
@@ -62,6 +63,19 @@ def release_from_line(cable: Cable, scene: Scene) -> bool:
     cable.w[:dim] += PUSH * scene.accuracy.target * rate / largest * push[:dim]
     cable.ledger[layout.LOAD_WORK] += cable.kinetic() - before
     return True
+
+
+def _without_momentum(cable: Cable, push: Array) -> Array:
+    """Free velocities (lines, n) less those of a uniform force that has their momentum."""
+    share = mass.multiply(cable.model.band(layout.MASS, 0), np.ones(cable.model.n))
+    for line in range(len(cable.model.axes)):
+        uniform = np.zeros_like(push)
+        uniform[line] = share
+        uniform = cable.free_acceleration(uniform)
+        carried = float(share @ uniform[line])
+        if carried > 0.0:
+            push = push - float(share @ push[line]) / carried * uniform
+    return push
 
 
 def _growth(cable: Cable, density: float, places: Array) -> float:

@@ -208,6 +208,7 @@ def test_what_each_correction_teaches_saves_iterations():
         "integrator.method": "energy_momentum",
         "integrator.step": 0.02,
         "integrator.tolerance": 1e-12,
+        "discretization.stretch": "sample",  # without the span guard, which 9 points need here
         "loads.names": ["hand"],
         "loads.hand.position": 0.6,
         "loads.hand.signal": "sine",
@@ -216,7 +217,7 @@ def test_what_each_correction_teaches_saves_iterations():
     }
     report = Simulator(load_scene(shipped_scene("two_grippers"), values)).advance(1.0)
     assert report.status.ok
-    assert report.force_evaluations < 13.5 * report.steps  # 12.3; 14.7 with Broyden's sign wrong
+    assert report.force_evaluations < 12.3 * report.steps  # 11.3; SIGN with Broyden's sign wrong
 
 
 def test_a_calm_run_with_one_wild_part_says_where_it_was_wild(monkeypatch):
