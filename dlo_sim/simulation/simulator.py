@@ -35,7 +35,7 @@ from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.simulation.symmetry import release_from_line, steps_between_looks
+from dlo_sim.simulation.symmetry import is_bent, release_from_line, steps_between_looks
 from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
@@ -430,7 +430,11 @@ class Simulator(CableInputs):
     # -- inside ---------------------------------------------------------------------------------
 
     def _steps_to_look(self) -> int:
-        """Number of steps up to the next look at a straight cable."""
+        """Number of steps up to the next look at a straight cable; many where it is bent: it will
+        not be exactly straight so soon.
+        """
+        if is_bent(self.cable):
+            return CHUNK
         return self._look_every - self._steps % self._look_every
 
     def _look(self) -> None:

@@ -23,6 +23,7 @@ from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
 LOOK = 2e-3  # [s] between two looks at least
+BENT = 1e-3  # of the length, distance of the middle from the line beyond which none will be soon
 STRAIGHT = 1e-9  # of the length, distance from the line that counts as none
 PUSH = 0.05  # of the accuracy asked for: how far the push goes before it grows
 
@@ -30,6 +31,17 @@ PUSH = 0.05  # of the accuracy asked for: how far the push goes before it grows
 def steps_between_looks(step: float, multiple: int) -> int:
     """Steps between two looks, a multiple of `multiple`."""
     return max(1, round(LOOK / (step * multiple))) * multiple
+
+
+def is_bent(cable: Cable) -> bool:
+    """Whether the middle of a cable is far from the line between its ends."""
+    x = cable.x
+    n = cable.model.n
+    chord, way = x[:, n - 1] - x[:, 0], x[:, n // 2] - x[:, 0]
+    lines = range(len(cable.model.axes))
+    along = sum(chord[k] * way[k] for k in lines)
+    square, reach = sum(chord[k] ** 2 for k in lines), sum(way[k] ** 2 for k in lines)
+    return bool(reach * square - along * along > (BENT * cable.model.knots[-1]) ** 2 * square)
 
 
 def release_from_line(cable: Cable, scene: Scene) -> bool:

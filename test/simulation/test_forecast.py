@@ -9,6 +9,7 @@ from cables import SOFT, simulator
 from dlo_sim import Plan
 from dlo_sim.core import rotations
 from dlo_sim.simulation.forecast import forecast
+from dlo_sim.simulation.recorder import Recorder
 
 TIMES = np.linspace(0.0, 0.6, 13)
 
@@ -76,7 +77,7 @@ def test_one_that_fails_before_its_first_shape_says_so_itself():
     sim = moving()
 
     def failing(times, poses, samples):
-        return sim.advance_steps(0), np.zeros((0, sim.model.n, 4))
+        return sim.advance_steps(0), Recorder(sim.model, np.zeros(0))
 
     found = forecast(sim, failing, plan_of(sim), 0.1)
     assert found.centerline.shape == (0, len(found.u), 3)

@@ -313,9 +313,7 @@ def test_velocities_are_those_that_were_set():
 
 
 def test_newtons_method_finds_its_way_back_from_too_far():
-    """Blows that need the search along the correction: 10,600 iterations in all, and 21,000 where
-    it goes further out instead of back.
-    """
+    """Blows that need the search along the correction; they fold the cable: 8,700 iterations."""
     cable = {"length": 0.5, "diameter": 0.01, "youngs_modulus": 1e6}
     scene = scene_from_values(
         {
@@ -323,15 +321,16 @@ def test_newtons_method_finds_its_way_back_from_too_far():
             "start.clamped": True,
             "loads.names": ["tip"],
             "integrator.method": "energy_momentum",
-            "integrator.step": 0.1,
+            "integrator.step": 0.02,
             "discretization.control_points": 9,
+            "terms.twist": "on",
         }
     )
     iterations = 0
-    for push in (1.0, 10.0, 100.0):
+    for push in (1.0, 10.0, 30.0):
         sim = Simulator(scene)
         sim.set_load("tip", force=(-push, 0.1 * push, 0.0))
         report = sim.advance_steps(5)
-        assert report.status.advanced  # the largest blow folds the cable
+        assert report.status.advanced
         iterations += report.force_evaluations
-    assert iterations < 15_000
+    assert iterations < 10_000
