@@ -31,7 +31,7 @@ class WorkersError(Exception):
 
 
 class WorkerLost(Exception):
-    """A process of this machine that was ended before its work: one line with the cure."""
+    """A process of this machine was lost before its work was done: one line with the cure."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Workers:
         The function and the items must be picklable: a function of a module, plain data.
 
         Raises:
-            WorkerLost: somebody ended a process, or the system for want of memory.
+            WorkerLost: a process was killed, by somebody or by the system for want of memory.
         """
         return self.mapped(function, items)
 
@@ -94,15 +94,23 @@ def _in_pool(
     pool: ProcessPoolExecutor, function: Callable[[Item], Result], items: Sequence[Item]
 ) -> Iterator[Result]:
     """Results from processes, which begin at once."""
-    return _told(pool.map(function, items))
+    with _named_loss():
+        return _watched(pool.map(function, items))
 
 
-def _told(results: Iterator[Result]) -> Iterator[Result]:
-    try:
+def _watched(results: Iterator[Result]) -> Iterator[Result]:
+    with _named_loss():
         yield from results
+
+
+@contextmanager
+def _named_loss() -> Iterator[None]:
+    """Name the loss of a process where work is handed out and where results are taken."""
+    try:
+        yield
     except BrokenProcessPool:
         raise WorkerLost(
-            "a worker process was ended before its work, by somebody or for want of memory; free "
+            "a worker process was killed or ran out of memory before its work was done; free "
             "memory and run again"
         ) from None
 
