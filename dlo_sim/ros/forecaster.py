@@ -59,24 +59,33 @@ class _Worker(threading.Thread):
     def run(self) -> None:
         """Have a process, until the end."""
         while not self._closing.is_set():
-            ours, theirs = children().Pipe()
-            with ours:
-                given = theirs, self._example
-                process = children().Process(target=_work, args=given, daemon=True)
-                try:
-                    process.start()
-                except OSError as error:  # no memory, or too many processes
-                    self._answers.put(Answer(problem=f"no process can be had ({error.strerror})"))
-                    self._closing.wait(_PAUSE)
-                    continue
-                finally:
-                    theirs.close()
-                self.process = process
-                answered = self._serve(ours)
-                process.kill()  # it may still be there, and not listen
-                process.join()
+            try:
+                process, connection = self._begun()
+            except OSError as error:  # no memory, or too many processes or open files
+                self._answers.put(Answer(problem=f"no process can be started ({error.strerror})"))
+                self._closing.wait(_PAUSE)
+                continue
+            self.process = process
+            # `close` sets `_closing` before it looks for a process to end: one of the two sees it.
+            with connection:
+                answered = not self._closing.is_set() and self._serve(connection)
+            process.kill()  # it may still be there, and not listen
+            process.join()
             if not answered:
                 self._closing.wait(_PAUSE)
+
+    def _begun(self) -> tuple[BaseProcess, Connection]:
+        """A process that is starting, and our side of the pipe to it."""
+        ours, theirs = children().Pipe()
+        try:
+            process = children().Process(target=_work, args=(theirs, self._example), daemon=True)
+            process.start()
+        except BaseException:
+            ours.close()
+            raise
+        finally:
+            theirs.close()
+        return process, ours
 
     def _serve(self, connection: Connection) -> bool:
         """Hand over plans and answers until one side has ended; returns whether there was any."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import time
@@ -87,6 +88,30 @@ def test_a_process_that_does_not_read_holds_up_nobody(
     until(lambda: [*forecaster.answers()] or forecaster.statuses(0)[0].message == failed)
     until(lambda: list(forecaster.answers()) or values(forecaster)["plans forecast"] == "4")
     assert values(forecaster)["plans that failed"] == "1"
+
+
+def test_a_process_that_cannot_be_started_is_tried_again(
+    forecaster: Forecaster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without memory, or without an open file left for its pipe."""
+    first = running(forecaster)
+    real, failures = room.children, [OSError(errno.ENOMEM, "no memory"), OSError(24, "no files")]
+
+    def children() -> Any:
+        if failures:
+            raise failures.pop()
+        return real()
+
+    monkeypatch.setattr(room, "_PAUSE", 0.01)
+    monkeypatch.setattr(room, "children", children)
+    first.kill()
+    until(lambda: running(forecaster) is not first)
+    list(forecaster.answers())
+    assert forecaster.statuses(0)[0].message == (
+        "2 plans failed, last: no process can be started (no memory)"
+    )
+    forecaster.accept(b"", 0)
+    until(lambda: list(forecaster.answers()))
 
 
 def test_a_process_that_was_stopped_does_not_hold_up_the_end(forecaster: Forecaster) -> None:
