@@ -132,7 +132,7 @@ class Bag:
             types = self.topics.get(record.topic, ())
             if record.type not in types:
                 self.topics[record.topic] = (*types, record.type)
-        if 0 < first < _LEAST_TIME:  # it is simulated time that began at zero
+        if self.undated and 0 < first < _LEAST_TIME:  # it is simulated time that began at zero
             first, self._first_written, self.undated = 0, 0, 0
         self.span_ns = (first, latest)
         self._late = min(late, _MOST_LATE)

@@ -251,7 +251,12 @@ class _Replay:
         origin = now = latest = message.time_ns
         self._next_diagnostics_ns = origin + _DIAGNOSTICS_PERIOD
         count = 0
-        while message is not None or now <= latest + session.latency_ns + round(period):
+
+        def simulated() -> bool:
+            """Whether all that has been handed over is simulated."""
+            return now > latest + session.latency_ns + round(period)
+
+        while message is not None or not simulated():
             while message is not None and message.time_ns <= now:
                 latest = max(latest, message.time_ns)
                 self._take(message, latest)
@@ -264,11 +269,7 @@ class _Replay:
                 self._progress(_OPENING + (1.0 - _OPENING) * done)
             count += 1
             now = origin + round(count * period)
-            if message is None or message.time_ns - now <= LONGEST_GAP:
-                continue
-            if now > latest + session.latency_ns + round(
-                period
-            ):  # what was recorded before the gap is simulated
+            if message is not None and message.time_ns - now > LONGEST_GAP and simulated():
                 gap = (message.time_ns - latest) * 1e-9
                 summary.warnings.append(
                     f"a gap of {gap:.1f} s in the bag was left out; simulation reset"

@@ -105,7 +105,7 @@ def _unpack(path: Path, whole: Path) -> None:
     """Unpack a whole file as far as it goes.
 
     Raises:
-        DamagedFile: it goes on.
+        DamagedFile: it is damaged, unpacks to too much, or there is no room for it.
     """
     left = _LEAST_WORK + _MOST_RATIO * path.stat().st_size
     with path.open("rb") as file, whole.open("wb") as out:

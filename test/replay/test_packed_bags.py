@@ -177,6 +177,7 @@ def test_simulated_time_that_begins_at_zero_is_a_time(make_bag, recorded, scene,
     bag = Bag(make_bag(found))
     assert bag.undated == 0 and bag.span_ns[0] == 0
     assert [m.time_ns for m in bag.messages(TOPICS)] == [m[1] for m in found]
+    assert Bag(make_bag(found[3:], name="later")).span_ns == (found[3][1], found[-1][1])
 
 
 def test_pauses_of_hours_do_not_fill_diagnostics(make_bag, scene, tmp_path):
