@@ -241,6 +241,7 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
         return described
     limit = _LARGEST_INTEGER if row.kind == "integer" else sys.float_info.max
     low = -limit if row.low is None else row.low
+    low = low if row.auto is None else min(low, row.auto)  # a descriptor holds one range
     high = limit if row.high is None else row.high
     if row.kind == "double":
         described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]

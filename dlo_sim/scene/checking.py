@@ -90,7 +90,7 @@ def _check_number(row: Parameter, value: object, key: str) -> float | int:
         raise refusal(key, value, f"is not finite; give {_wanted_element(row)}")
     low = -math.inf if row.low is None else row.low
     high = math.inf if row.high is None else row.high
-    if not low <= value <= high:
+    if not low <= value <= high and value != row.auto:
         unit = f" {row.unit}" if row.unit else ""
         raise refusal(key, value, f"is out of range; give {row.allowed}{unit}")
     if row.choices and value not in row.choices:

@@ -172,7 +172,7 @@ class Inputs:
         "0.06, or as much more as the measured rate and delay of the poses need. A warning says "
         "what they need if a given lag is too short.",
         "s",
-        (-1.0, MOST_LATENCY),
+        (0.0, MOST_LATENCY),
         auto=-1.0,
     )
     time: str = parameter(

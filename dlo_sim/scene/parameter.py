@@ -34,7 +34,7 @@ class Parameter:
         high: largest value allowed, None = unbounded.
         choices: the values allowed, empty = any value in the range.
         length: number of elements of an array, None = any number.
-        auto: number that the word `auto` stands for, None = it is not a value.
+        auto: number that the word `auto` stands for, outside the range; None = it is not a value.
         description: one sentence, without the unit.
         read_only: fixed when the node starts.
     """
@@ -66,10 +66,9 @@ class Parameter:
         """The allowed values as text: `0.0 to 1.0`, `auto, on, off`, or empty."""
         if self.choices:
             return ", ".join(shown(choice) for choice in self.choices)
-        if self.auto is not None:
-            return f"auto ({self.auto:g}), or up to {self.high:g}"
         if self.low is not None and self.high is not None:
-            return f"{self.low:g} to {self.high:g}"
+            word = "" if self.auto is None else f"auto ({self.auto:g}), or "
+            return f"{word}{self.low:g} to {self.high:g}"
         if self.low is not None:
             return f"{self.low:g} or more"
         return "" if self.high is None else f"{self.high:g} or less"

@@ -94,7 +94,8 @@ def test_every_parameter_is_described(peer: Peer) -> None:
         assert all(str(choice) in found.additional_constraints for choice in row.choices)
         if row.kind == "double":
             (limits,) = found.floating_point_range
-            assert (limits.from_value, limits.to_value) == (row.low, row.high)
+            low = row.low if row.auto is None else row.auto
+            assert (limits.from_value, limits.to_value) == (low, row.high)
         if row.kind == "integer":
             (limits,) = found.integer_range
             assert (limits.from_value, limits.to_value) == (row.low, row.high)

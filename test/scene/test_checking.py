@@ -29,6 +29,7 @@ def refusal(values: dict) -> str:
         ("cable.length", 0.0, "0.0 is out of range; give 0.0001 to 10000 m"),
         ("cable.length", -1, "-1 is out of range"),
         ("cable.length", 10**400, "is out of range"),
+        ("inputs.latency", -0.5, "-0.5 is out of range; give auto (-1), or 0 to 10 s"),
         ("cable.length", "2 m", "'2 m' is not a number; give a number in m"),
         ("cable.length", True, "true is not a number"),
         ("cable.length", None, "no value given; give a number in m"),
