@@ -164,7 +164,8 @@ class TimeBase:
     | message | case | decision |
     |---|---|---|
     | stamp 0, or mode `arrival` | after last | used at its arrival |
-    | | at the same instant | `out_of_order` |
+    | | at the same instant, the same message again | `copy` |
+    | | at the same instant or before, else | `out_of_order` |
     | first stamped one of all, mode `auto` | -0.5 s <= d <= 1 s: the clock's epoch | o = 0 |
     | | else: another epoch (an old recording), delayed, or wrong | o = d |
     | after last | -0.5 s <= d - o <= 1 s: it fits | used; if o was not 0, o = min(o, d) |
@@ -267,9 +268,8 @@ class TimeBase:
             stamp_ns, refusal = self.from_clock(arrival_ns), None
             message = message._replace(stamp_ns=stamp_ns)
             if source.last_ns is not None and stamp_ns <= source.last_ns:
-                refusal = _out_of_order(source.last_ns - stamp_ns)
-                if stamp_ns in source.seen:
-                    refusal = _of_one_stamp(message, source.seen[stamp_ns])
+                same = stamp_ns in source.seen and message == source.seen[stamp_ns]
+                refusal = _copy() if same else _at_one_instant()
             yield Decision(message, refusal=refusal)
             return
         try:
@@ -446,10 +446,20 @@ def _too_old(behind_ns: int, what: str = "the last one used") -> Refused:
     return Refused("too_old", f"stamp is {behind_ns * 1e-9:.3f} s behind {what}; {_CURE}")
 
 
+def _copy() -> Refused:
+    return Refused("copy", "the same message again")
+
+
 def _of_one_stamp(message: Stamped, other: Stamped) -> Refused:
-    if message == other:
-        return Refused("copy", "the same message again")
-    return _out_of_order(0)
+    return _copy() if message == other else _out_of_order(0)
+
+
+def _at_one_instant() -> Refused:
+    return Refused(
+        "out_of_order",
+        "is dated by its arrival, which is not after that of the last one; stamp the messages, "
+        "each differently, with inputs.time: auto",
+    )
 
 
 def _out_of_order(back_ns: int) -> Refused:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from session_bench import FREE, LOADED
+from session_bench import FREE, LOADED, Bench
 
 from dlo_sim.session import cdr
 from dlo_sim.session.diagnostics import REASONS
@@ -131,6 +131,17 @@ def test_what_a_message_says_is_quoted_on_one_short_line(loaded, frame):
     loaded.wrench(T0, (1, 0, 0), frame=frame)
     said = loaded.session.journal.topics["/wrench"].last_refusal
     assert said.startswith("unknown_frame: frame_id") and said.isprintable() and len(said) < 2000
+
+
+@pytest.mark.parametrize("back", [0, 200 * MS])
+def test_the_cure_of_a_message_dated_by_its_arrival_is_another_mode(back):
+    bench = Bench(LOADED, **{"inputs.time": "arrival"})
+    bench.wrench(T0, (1, 0, 0), arrival=T0)
+    bench.wrench(T0 + MS, (2, 0, 0), arrival=T0 - back)
+    record = bench.session.journal.topics["/wrench"]
+    assert record.refused == {"out_of_order": 1}
+    assert "inputs.time: auto" in record.last_refusal
+    assert "inputs.time: arrival" not in record.last_refusal
 
 
 def test_a_name_that_is_endless_is_refused_at_once(loaded):
