@@ -77,16 +77,18 @@ def decode_marker_array(raw: Bytes) -> Cloud:
         reader.numbers("B")  # frame_locked
         own = reader.table(3, f"points beside {len(points)} others", MOST_POINTS - len(points))
         points += own.tolist() or [pose[:3]]
+        if len(points) > MOST_POINTS:
+            raise TooMany(f"{len(points)} points, {MOST_POINTS} at most are used")
         reader.skip(16 * reader.whole(), 4)  # colours
         reader.data()  # texture_resource
         reader.header()  # texture
-        reader.data()
-        reader.data()
+        reader.data()  # its format
+        reader.view()  # its data, which may be long
         reader.skip(8 * reader.whole(), 4)  # of the texture
         reader.data()  # text
         reader.data()  # mesh_resource
-        reader.data()  # mesh_file
-        reader.data()
+        reader.data()  # name of mesh_file
+        reader.view()  # its data, which may be long
         reader.numbers("B")  # mesh_use_embedded_materials
     if head is None:
         raise DecodeError("the array holds no markers")

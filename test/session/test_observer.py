@@ -245,11 +245,21 @@ def test_an_organised_cloud_of_which_little_is_the_cable_is_used():
     assert np.reshape(there, (-1, 3)).tolist() == pixels[304_200:].astype(np.float32).tolist()
 
 
-def markers(count, points):
+def markers(count, points, data=0):
+    """Markers with so many points each, and so many bytes of a mesh and of a texture."""
     types = STORE.types
-    line = LineEncoder("world", "", points, 0.1, (1.0,) * 4, 0)
+    line = LineEncoder("world", "", max(points, 1), 0.1, (1.0,) * 4, 0)
     marker = STORE.deserialize_cdr(line.encode(T0), cdr.MARKER)
+    if not points:
+        marker.points, marker.colors = [], []
+    marker.mesh_file.data = marker.texture.data = np.zeros(data, np.uint8)
     return bytes(STORE.serialize_cdr(types[cdr.MARKER_ARRAY]([marker] * count), cdr.MARKER_ARRAY))
+
+
+def _joined(*arrays):
+    found = [STORE.deserialize_cdr(raw, cdr.MARKER_ARRAY).markers for raw in arrays]
+    joined = STORE.types[cdr.MARKER_ARRAY](sum(found, []))
+    return bytes(STORE.serialize_cdr(joined, cdr.MARKER_ARRAY))
 
 
 def test_marker_arrays_have_the_same_bound():
@@ -258,6 +268,12 @@ def test_marker_arrays_have_the_same_bound():
         decode_marker_array(markers(501, 1))
     with pytest.raises(cdr.TooMany, match="11 points beside 4994 others, 6 at most are used"):
         decode_marker_array(markers(499, 11))
+    with pytest.raises(cdr.TooMany, match="5001 points, 5000 at most are used"):
+        decode_marker_array(_joined(markers(1, 5000), markers(1, 0)))
+
+
+def test_markers_with_long_meshes_and_textures_are_read():
+    assert len(decode_marker_array(markers(2, 3, data=200_001)).points) == 6
 
 
 def test_the_nearest_places_are_those_of_the_distances():
