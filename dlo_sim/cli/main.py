@@ -32,14 +32,15 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.refusal import one_line
 
 REFUSED, FAILED = 2, 3
-# What the system says of a name that it cannot take, and of a disk that takes no more, with cures.
+# Cures for names that the system refuses, and for what else keeps a file from being written.
 _NAMES = dict.fromkeys(
     (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ), "give a name that the system can have"
 )
 _DISKS = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free space"),
     **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "choose another folder"),
-    **dict.fromkeys((errno.EIO, errno.EMFILE, errno.ENFILE), "repair the system"),
+    **dict.fromkeys((errno.EMFILE, errno.ENFILE), "raise the limit of open files (ulimit -n)"),
+    errno.EIO: "check the disk",
 }
 
 _LOOP = "Symlink loop"  # begins what Path.resolve says of one, until Python 3.12

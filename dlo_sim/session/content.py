@@ -125,11 +125,11 @@ def _check_points(values: tuple[float, ...], spacing: float) -> None:
     if apart < LEAST_APART:
         raise Refused("bad_points", f"{apart:.3g} m apart: they give no direction; publish two")
     if spacing and abs(apart - spacing) > SPACING_TOLERANCE * spacing:
-        in_millimetres = abs(1e-3 * apart - spacing) <= SPACING_TOLERANCE * spacing
+        fits_in_millimetres = abs(1e-3 * apart - spacing) <= SPACING_TOLERANCE * spacing
         raise Refused(
             "bad_points",
             f"{apart:.6g} m apart, pose_spacing is {spacing:g} m; "
-            f"{MILLIMETRES + ', ' if in_millimetres else ''}"
+            f"{MILLIMETRES + ', ' if fits_in_millimetres else ''}"
             "correct it, or the markers",
         )
 

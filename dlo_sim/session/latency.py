@@ -1,11 +1,12 @@
 """The lag of the prediction behind the clock: as given, or (auto) as much as the poses need.
 
 The path of an end effector turns half-way between two poses towards the one that follows them, so
-with intervals dt and a delay D of the messages the simulation needs to run 1.5 dt + D behind. That
-is measured here from the stamps; what is needed says a warning at once, and `auto` does it.
+with intervals dt and a delay D of the messages the simulation needs to run 1.5 dt + D behind. Both
+are measured here. With `auto` the lag follows this need; a given lag that is shorter is reported at
+once, with the lag that would do.
 
-The lag decides only which states are published and when, not what they are: steps, paths and stamps
-do not depend on it.
+The lag decides which states are published and when, and how late a message may be. It does not
+change the states otherwise: steps, paths and stamps do not depend on it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _CALM = 5 * SECOND
 # once, after a hold-up, counting as one. The delay of an end is the smallest of the largest of so
 # many windows, so that no hold-up is a delay.
 _AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
-# What is said of a need is said again when it has grown by this factor.
+# A need is reported again when it has grown by this factor.
 _GROWN = 1.2
 _QUANTUM = 10_000_000  # steps of the lag [ns], at least
 
