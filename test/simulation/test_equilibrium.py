@@ -93,6 +93,14 @@ CASES = {
         1e-3,
     ),
     "hose": ({"cable.youngs_modulus": 1e7, "cable.diameter": 0.02}, 1e-3),
+    "100 m": (
+        {
+            **{"cable.length": 100.0, "cable.diameter": 0.02, "cable.youngs_modulus": 1.2e11},
+            **{"cable.density": 7000.0, "start.position": [0.0] * 3, "end.position": [95.0, 0, 0]},
+            "discretization.control_points": 101,
+        },
+        1e-3,
+    ),
     "close wire": (
         {
             **{"cable.youngs_modulus": 2e11, "cable.diameter": 0.003, "cable.density": 7800.0},
