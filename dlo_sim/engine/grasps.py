@@ -90,11 +90,12 @@ def place(m, at, t):
     twist = m[at + 33]
     if angle > 0.0:
         along = (w0 * u0 + w1 * u1 + w2 * u2) / angle
-        # The arctangent is unique within one turn of the half angle; whole turns are added.
-        turns = np.floor(angle / (4.0 * np.pi) + 0.5)
-        half = 0.5 * angle - 2.0 * np.pi * turns
+        # Whole turns are added. The rest of the half angle is at most a quarter turn, far from
+        # where the arctangent jumps: at half a turn, round-off would decide its sign.
+        turns = np.floor(angle / (2.0 * np.pi) + 0.5)
+        half = 0.5 * angle - np.pi * turns
         twist += 2.0 * np.arctan2(np.sin(half) * along, np.cos(half))
-        twist += np.copysign(4.0 * np.pi * turns, along)
+        twist += np.copysign(2.0 * np.pi * turns, along)
     return (
         m[at + 3] + s * (m[at + 6] + s * m[at + 9]) + a0,
         m[at + 4] + s * (m[at + 7] + s * m[at + 10]) + a1,

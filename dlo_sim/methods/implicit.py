@@ -63,6 +63,7 @@ from dlo_sim.methods.newton import (
     correct,
     dot,
     largest,
+    moving,
     shortened,
     turned_over,
 )
@@ -262,8 +263,9 @@ def implicit_step(
             # Corrections are round-off: the energy account cannot be more accurate than this.
             floor = RESOLUTION * defect
         # The work of moving grasps needs the forces, and the twist the shape, after the last
-        # correction: one more evaluation.
-        if converged and not (moves or coupled):
+        # correction: one more evaluation, unless all is at rest.
+        again = moves or coupled
+        if converged and not (again and moving(shape, change, ROUND_OFF * reach)):
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy

@@ -177,6 +177,15 @@ def turned_over(shape, x, start, change):
 
 
 @part
+def moving(shape, change, least):
+    """Whether any coordinate changed by more than `least`."""
+    for at in range(shape[layout.SIZE]):
+        if abs(change[at]) > least:
+            return True
+    return False
+
+
+@part
 def dot(a, b, size):
     """a . b, as four independent sums."""
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0

@@ -25,6 +25,7 @@ from dlo_sim.simulation.stepper import Stepper
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array, Array]
+NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
 MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
@@ -85,7 +86,9 @@ class CableView:
         """What is missing because of terms that the scene needs but are switched off, and what the
         model cannot show in its present state, one line each.
         """
-        tolerance, error = self.scene.integrator.tolerance, self.energy_error
+        tolerance, entry = self.scene.integrator.tolerance, self.cable.entry
+        notable = entry(layout.EXCHANGED) > NOTABLE * entry(layout.FLOOR)
+        error = self.energy_error if notable else 0.0
         lines = (
             coiling_warning(self.scene, self.cable),
             balance_warning(self.choice.method, tolerance, error),

@@ -65,7 +65,9 @@ def discrete_gradient(n, before, angle0, angle1, t0, t1, b):
     exact, by the product rule with symmetric means. Returns n0, n1, G, g.
     """
     s0, s1 = root(dot(t0, t0)), root(dot(t1, t1))
-    u0, u1 = combined(1.0 / s0, t0, 0.0, t0), combined(1.0 / s1, t1, 0.0, t1)
+    both = 1.0 / (s0 * s1)  # divisions take most of the time
+    r0, r1 = both * s1, both * s0
+    u0, u1 = combined(r0, t0, 0.0, t0), combined(r1, t1, 0.0, t1)
     half = 0.5 * (angle1 - angle0)
     z = half * half
     middle = turned(n, before, 0.5 * (angle0 + angle1))
@@ -73,22 +75,24 @@ def discrete_gradient(n, before, angle0, angle1, t0, t1, b):
     a = combined(cosine(z), middle, 0.0, middle)
     a0 = combined(1.0, a, -half * share, aside)
     a1 = combined(1.0, a, half * share, aside)
-    i0, i1 = 1.0 / (1.0 + dot(before, u0)), 1.0 / (1.0 + dot(before, u1))
+    d0, d1 = 1.0 + dot(before, u0), 1.0 + dot(before, u1)
+    inverse = 1.0 / (d0 * d1)
+    i0, i1 = inverse * d1, inverse * d0
     h0 = combined(i0, before, i0, u0)
     h1 = combined(i1, before, i1, u1)
     along0, along1 = dot(u0, a0), dot(u1, a1)
-    along, both = 0.5 * (along0 + along1), 0.5 * (dot(h0, b) + dot(h1, b))
+    along, mean = 0.5 * (along0 + along1), 0.5 * (dot(h0, b) + dot(h1, b))
     u = combined(0.5, u0, 0.5, u1)
     # with respect to T1 - T0, T = t / |t|
-    f = along * (dot(before, b) + dot(u, b)) * i0 * i1
-    g = combined(-both, a, f, before)
+    f = along * (dot(before, b) + dot(u, b)) * inverse
+    g = combined(-mean, a, f, before)
     g = combined(1.0, g, -0.5 * along * (i0 + i1), b)
     # with respect to t1 - t0
     t = combined(0.5, t0, 0.5, t1)
-    f = -2.0 * dot(t, g) / (s0 * s1 * (s0 + s1))
+    f = -2.0 * both * dot(t, g) * (1.0 / (s0 + s1))
     return (
         combined(1.0, a0, -along0, h0),
         combined(1.0, a1, -along1, h1),
-        combined(0.5 * (1.0 / s0 + 1.0 / s1), g, f, t),
-        share * (dot(aside, b) - both * dot(u, aside)),
+        combined(0.5 * (r0 + r1), g, f, t),
+        share * (dot(aside, b) - mean * dot(u, aside)),
     )

@@ -33,11 +33,11 @@ def energy(n, t, k, c):
 def mean_gradient(c0, c1, e0, e1):
     """Divided differences in c and e."""
     s0, s1 = root(c0), root(c1)
-    numerator = c0 + s0 * s1 + c1
-    denominator = c0 * s0 * c1 * s1 * (s0 + s1)
+    both = 1.0 / (s0 * s1)
+    cube = both * both * both
     return (
-        0.5 * (e0 + e1) * numerator / denominator,
-        -0.5 * (1.0 / (c0 * s0) + 1.0 / (c1 * s1)),
+        0.5 * (e0 + e1) * (c0 + s0 * s1 + c1) * cube * (1.0 / (s0 + s1)),
+        -0.5 * (c0 * s0 + c1 * s1) * cube,
     )
 
 
