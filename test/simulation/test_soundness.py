@@ -189,3 +189,39 @@ def two_grasps(apart, clamped):
         values[f"grasps.{name}.position"] = [share, 0.0, 0.0]
         values[f"grasps.{name}.clamped"] = clamped
     return HANGING | values
+
+
+def test_ends_that_go_past_each_other_leave_a_cable():
+    sim = Simulator(GRIPPERS.with_values({"discretization.control_points": 13}))
+    way = {"position": [0.8, 0.0, 0.5], "velocity": [-1.6, 0.0, 0.0]}
+    orientation = [0.0, 0.0, 0.0, 1.0]
+    sim.set_motion("end", EndMotion(start=0.0, duration=1.0, orientation=orientation, **way))
+    assert sim.advance(1.0).status.advanced
+    assert sim.advance(3.0).status.ok
+    assert np.abs(local_stretch(sim) - 1.0).max() < 0.35
+    assert sim.energy_error < 1e-5
+
+
+@pytest.mark.parametrize("turns", [5.0, 20.0])
+def test_a_clamp_spun_across_the_axis_lets_the_cable_come_back(turns):
+    """For a second; afterwards it swings, stretched by a multiple of its weight at most."""
+    sim = simulator(HANGING)
+    spin = {"position": [0.0, 0.0, 0.0], "angular_velocity": [0.0, 2.0 * np.pi * turns, 0.0]}
+    orientation = [0.0, 0.0, 0.0, 1.0]
+    sim.set_motion("start", EndMotion(start=0.0, duration=1.0, orientation=orientation, **spin))
+    assert sim.advance(1.0).status.advanced
+    assert not folded(sim)
+    assert sim.advance(8.0).status.ok
+    assert np.abs(local_stretch(sim) - 1.0).max() < 0.015
+    assert sim.energy_error < 1e-5
+
+
+def test_a_jump_of_ten_metres_leaves_the_reaction_of_the_last_good_state():
+    sim = Simulator(GRIPPERS.with_values({"discretization.control_points": 13}))
+    before, orientation = sim.reaction("end")[0], [0.0, 0.0, 0.0, 1.0]
+    sim.set_end("end", [10.8, 0.0, 0.5], orientation)
+    assert not sim.advance(0.01).status.ok
+    assert np.abs(sim.reaction("end")[0] - before).max() < 0.1
+    sim.set_end("end", [0.8, 0.0, 0.5], orientation)
+    assert sim.advance(2.0).status.ok
+    assert np.abs(sim.reaction("end")[0] - before).max() < 1e-3
