@@ -29,6 +29,7 @@ class FakeSimulator:
         self.left_out = {"twist": "fake"}
         self.warnings = ()
         self.fail_at: int | None = None
+        self.folds_at: int | None = None  # step after which the shape is reported as a fold
         self.note = ""
         self.calls: list[tuple] = []
         self.end_poses = dict(end_poses or {})
@@ -108,8 +109,12 @@ class FakeSimulator:
             self.tip = self.tip + self.step * self.speed
             self.steps += 1
             done += 1
+        folded = self.folds_at is not None and self.steps - done < self.folds_at <= self.steps
         return SimpleNamespace(
-            status=SimpleNamespace(ok=True, advanced=True), message="", steps=done, note=self.note
+            status=SimpleNamespace(ok=not folded, advanced=True),
+            message="folded: fake" if folded else "",
+            steps=done,
+            note=self.note,
         )
 
     def reset(self):

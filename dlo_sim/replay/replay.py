@@ -217,9 +217,15 @@ class _Replay:
                 f"be read, {(last - first) * 1e-9:.3f} s"
             )
         self._report_refusals()
-        if self._unresolved and summary.status == "done":
-            summary.status, summary.message = "unresolved", self._unresolved
+        if self._unresolved:
+            self._add("unresolved", self._unresolved)
         self._compare()
+
+    def _add(self, status: str, why: str) -> None:
+        """Add why the prediction is not what was asked for; the first reason is the status."""
+        summary = self.summary
+        summary.status = status if summary.status == "done" else summary.status
+        summary.message = "; ".join(filter(None, [summary.message, why]))
 
     def _report_refusals(self) -> None:
         """A prediction that lacks more than a few messages of a topic is not what was asked for."""
@@ -235,8 +241,7 @@ class _Replay:
             if r.refusals > MOST_REFUSED * (r.refusals + r.accepted)
         ]
         if lacking:
-            summary.status = "refused" if summary.status == "done" else summary.status
-            summary.message = "; ".join(filter(None, [summary.message, *lacking]))
+            self._add("refused", "; ".join(lacking))
 
     def _run(self, messages: Iterator[Record]) -> None:
         """Hand over what has arrived, tick, write; until the bag is exhausted and its last stamp

@@ -60,7 +60,8 @@ class Drive:
         scene: what is simulated now.
         simulator: the simulator; placed by `begin`.
         estimate: runs its companions; None if it has none.
-        unresolved: one line if the shape is none of a cable (`simulation.soundness`), else "".
+        unresolved: one line if a shape of the last advance was none of a cable
+            (`simulation.soundness`), else "".
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.
     """
@@ -192,6 +193,8 @@ class Drive:
         begin = self.simulator.steps
         target = min(grid.last_at_or_before(wanted_ns), begin + most_steps)
         slow = ""
+        if self.simulator.steps < target:
+            self.unresolved = ""
         while self.simulator.steps < target:
             waiting = self._renew_motions(grid, silence_ns)
             if waiting:
@@ -201,7 +204,7 @@ class Drive:
             slow = report.note or slow
             if not report.status.advanced:
                 return Advance(self.simulator.steps - begin, failure=report.message, slow=slow)
-            self.unresolved = "" if report.status.ok else report.message
+            self.unresolved = self.unresolved or report.message
         # A state between two motions belongs to the later one (velocities agree, accelerations do
         # not), so outputs of this state need that motion if it is known.
         self._renew_motions(grid, silence_ns)

@@ -201,6 +201,37 @@ def test_a_topic_that_lacks_more_than_a_few_messages(
     assert contents(tmp_path / "out")["/dlo_sim/control_points"]  # kept
 
 
+class Folding(FakeSimulator):
+    """Reports a fold after one step, and a sound shape after all others."""
+
+    step_of_fold = 0
+
+    def __init__(self, *given, **named):
+        super().__init__(*given, **named)
+        self.folds_at = self.step_of_fold
+
+
+@pytest.mark.parametrize("step", range(1000, 1012))
+def test_a_fold_at_any_step_is_reported_beside_what_else_is_wrong(
+    make_bag, recorded, scene, tmp_path, monkeypatch, step
+):
+    """Also where a message or a motion of the gripper divides the steps of a tick."""
+    monkeypatch.setattr(Folding, "step_of_fold", step)
+    scene = scene.with_values({"integrator.step": 1e-3, "rate": 40.0})  # 25 steps in a tick
+    summary = replay_bag(make_bag(), scene, tmp_path / "out", simulator_factory=Folding)
+    assert (summary.status, summary.message) == ("unresolved", "folded: fake")
+    assert summary.events == {"unresolved": 1}
+    bad = cdr.StampedEncoder(cdr.WRENCH_STAMPED, "camera")
+    lacking = [
+        (topic, t, bad.encode(t, (0,) * 6) if topic == "/wrench" else data)
+        for topic, t, data in recorded
+    ]
+    bag = make_bag(lacking, name="lacking")
+    summary = replay_bag(bag, scene, tmp_path / "other", simulator_factory=Folding)
+    assert summary.status == "refused"
+    assert summary.message.startswith("/wrench: ") and summary.message.endswith("; folded: fake")
+
+
 def test_what_still_waits_at_the_end_is_refused(make_bag, recorded, scene, tmp_path):
     pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
     stamp = recorded[-1][1] + 5000 * SECOND
