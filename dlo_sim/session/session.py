@@ -362,8 +362,8 @@ class Session:
                     ahead = (stamp_ns - now_ns) * 1e-9
                     self.journal.event(
                         "clock_ahead",
-                        f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act as "
-                        "much too late; synchronise the clocks or set inputs.time: arrival",
+                        f"{entry.topic}: stamps are {ahead:.3f} s ahead of the clock, and act "
+                        "late by as much; synchronise the clocks or set inputs.time: arrival",
                     )
 
     def _begin(self, wanted_ns: int) -> bool:
