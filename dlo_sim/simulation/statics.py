@@ -45,6 +45,7 @@ from dlo_sim.simulation.dynamic_relaxation import relative_movement, relax_in_ti
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
+from dlo_sim.simulation.soundness import unexplained_stretch
 from dlo_sim.simulation.stepper import loop_of
 from dlo_sim.terms import span_guard
 
@@ -66,7 +67,6 @@ FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
-CUSP = 0.4  # local strain beyond that of the tension from which a shape is none of a cable
 
 SHARE_OF_TIME = 0.01  # step of the relaxation in time, relative to `_time_scale`
 LONGEST = 1.0  # [s], time scale of a cable without weight or stiffness
@@ -257,13 +257,13 @@ class _Way:
 
     def _rests(self, share: float) -> bool:
         """Whether an equilibrium was found for the twist as it is, with plastic flow up to it
-        (`relax_with_flow`) at the end of the way.
+        (`_relax_with_flow`) at the end of the way, whose local stretch its tension explains.
         """
         if share < 1.0:
             found = relax(self._cable, rest=ROUGH)
         else:
             found = _relax_with_flow(self._cable, self._lay)
-        return found and _Search(self._cable).local_strain() < CUSP
+        return found and not unexplained_stretch(self._cable.model, self._cable.points, self._ends)
 
 
 def cause(scene: Scene, cable: Cable) -> str:
@@ -514,12 +514,6 @@ class _Search:
                 return iteration, float(moved / self._length)
         x[:] = before
         return 0, 0.0
-
-    def local_strain(self) -> float:
-        """Largest local strain beyond the one that counts, the cause of the tension."""
-        tangents = self._place()[0]
-        strain = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents)) - 1.0
-        return float(np.abs(strain - self._counted(strain)).max())
 
     def nudge(self) -> None:
         """Move the spatial lines by a little that has no symmetry."""
