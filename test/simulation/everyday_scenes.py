@@ -68,6 +68,7 @@ def draw_scene(seed: int) -> tuple[str, Values]:
         "cable.shear_modulus": shear,
         "start.clamped": bool(rng.uniform() < 0.9),
         "initial.shape": "equilibrium",
+        "discretization.control_points": 13,
     }
     if share < 1.0:
         values["cable.bending_stiffness"] = share * modulus * np.pi * diameter**4 / 64.0
