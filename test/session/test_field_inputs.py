@@ -62,6 +62,7 @@ class TestLoadsWithoutFrame:
     def test_forces_too(self):
         values = {k: v for k, v in LOADED.items() if not k.startswith("loads")}
         values |= {"loads.names": ["tip"], "loads.tip.type": "force", "loads.tip.frame": "tool"}
+        values["accuracy.estimate"] = "off"  # the fake simulator has no companions
         session = Session(scene_from_values(values), FakeSimulator)
         pose = cdr.StampedEncoder(cdr.POSE_STAMPED, "world")
         force = cdr.StampedEncoder(cdr.VECTOR3_STAMPED, "")
