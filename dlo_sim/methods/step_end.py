@@ -115,8 +115,10 @@ def finish_step(
         project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
         if dissipates:
             project(shape, model, state, scratch, acceleration, scratch, shape[layout.SYSTEM])
-    steps = state[shape[layout.LEDGER] + layout.KNOWN * LANES]
-    if not dissipates and is_viscous(shape, model) and steps % ALTERNATIONS == 0.0:
+    ledger = shape[layout.LEDGER]
+    settles = state[ledger + layout.KNOWN * LANES] % ALTERNATIONS == ALTERNATIONS - 1.0
+    settles = settles and state[ledger + layout.LENGTH_BEFORE * LANES] == tau
+    if settles and not dissipates and is_viscous(shape, model):
         lost += damp_alternation(shape, model, state, scratch, moves, tau)
     if not dissipates:
         add_to_ledger(shape, state, layout.DISSIPATED, lost)
@@ -142,21 +144,25 @@ def damp_alternation(shape, model, state, scratch, moves, tau):
     per mass, steps of the midpoint family multiply the velocity of an overdamped mode, z >> 1, by
     -(1 - 2 / z): it alternates for thousands of steps, while the mode itself is at rest, and so do
     its kinetic energy and the reactions. The velocity at the end of the step is the mean one,
-    (q1 - q0) / tau, plus d = (w1 - w0) / 2, which is tau / 2 times the acceleration in a smooth
-    motion. Of d, the share (z / (1 + z))^3 is removed: all of an overdamped mode, nothing of a slow
-    one (its frequency changes by z^3 / 4, below the error of the step). z / (1 + z) comes from the
-    Newton matrix of the step, 2 / tau^2 M (1 + z). What alternates does not decay by itself, so
-    this is done in every `ALTERNATIONS`th step, at a fraction of the cost.
+    (q1 - q0) / tau, plus d = (w1 - w0) / 2. In a smooth motion d is half the difference of the last
+    two mean velocities, to second order in tau (it has the centripetal acceleration, too, which
+    acts along stiff directions). Of what d has beyond that, the share (z / (1 + z))^3 is removed:
+    all of an overdamped mode, nothing of a slow one. z / (1 + z) comes from the Newton matrix of
+    the step, 2 / tau^2 M (1 + z). What alternates does not decay by itself, so this is done in
+    every `ALTERNATIONS`th step, at a fraction of the cost.
     """
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
     w = shifted(state, shape[layout.W])
     kept, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
     step, solved = shifted(scratch, shape[STEP]), residual_of(shape, scratch)
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
+    start = shifted(scratch, shape[START])
+    before = shifted(state, shape[layout.HISTORY] + shape[layout.SIZE])
     count = dim * width
     clear(shape, kept)
     for at in range(count):
-        kept[at] = change[at] / tau - speed[at]
+        smooth = 0.5 * (change[at] - (start[at] - before[at]))
+        kept[at] = (change[at] - smooth) / tau - speed[at]
     if moves:
         project(shape, model, state, scratch, kept, scratch, shape[layout.SYSTEM])
     for _ in range(3):
