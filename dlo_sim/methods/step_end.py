@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, first, load, shifted, store
+from dlo_sim.compiling.lanes import LANES, first, load, shifted, store, total, zero
 from dlo_sim.compiling.pieces import (
     NO,
     NOTHING,
@@ -52,8 +52,6 @@ from dlo_sim.methods.implicit_layout import (
 )
 from dlo_sim.methods.step_equations import is_viscous
 from dlo_sim.methods.twist_step import end_twist
-
-ALTERNATIONS = 4  # steps after which overdamped modes are settled
 
 
 @piece(
@@ -116,10 +114,10 @@ def finish_step(
         if dissipates:
             project(shape, model, state, scratch, acceleration, scratch, shape[layout.SYSTEM])
     ledger = shape[layout.LEDGER]
-    settles = state[ledger + layout.KNOWN * LANES] % ALTERNATIONS == ALTERNATIONS - 1.0
-    settles = settles and state[ledger + layout.LENGTH_BEFORE * LANES] == tau
-    if settles and not dissipates and is_viscous(shape, model):
-        lost += damp_alternation(shape, model, state, scratch, moves, tau)
+    known = state[ledger + layout.KNOWN * LANES] > 0.0
+    if not dissipates and known and state[ledger + layout.LENGTH_BEFORE * LANES] == tau:
+        if is_viscous(shape, model):
+            lost += settle_overdamped(shape, model, state, scratch, moves, tau)
     if not dissipates:
         add_to_ledger(shape, state, layout.DISSIPATED, lost)
     loads, start = shifted(scratch, shape[layout.NEW_LOAD]), shifted(scratch, shape[START])
@@ -137,38 +135,46 @@ def finish_step(
 
 
 @part
-def damp_alternation(shape, model, state, scratch, moves, tau):
-    """Damp the part of the velocity that alternates from step to step; returns its energy [J].
+def settle_overdamped(shape, model, state, scratch, moves, tau):
+    """Remove the part of the velocity that alternates from step to step, where it exceeds the mean
+    velocity; returns its energy [J].
 
     With z = tau c / 2 + (tau omega)^2 / 4 of a mode of frequency omega and damping c = beta omega^2
     per mass, steps of the midpoint family multiply the velocity of an overdamped mode, z >> 1, by
-    -(1 - 2 / z): it alternates for thousands of steps, while the mode itself is at rest, and so do
-    its kinetic energy and the reactions. The velocity at the end of the step is the mean one,
-    (q1 - q0) / tau, plus d = (w1 - w0) / 2. In a smooth motion d is half the difference of the last
-    two mean velocities, to second order in tau (it has the centripetal acceleration, too, which
-    acts along stiff directions). Of what d has beyond that, the share (z / (1 + z))^3 is removed:
-    all of an overdamped mode, nothing of a slow one. z / (1 + z) comes from the Newton matrix of
-    the step, 2 / tau^2 M (1 + z). What alternates does not decay by itself, so this is done in
-    every `ALTERNATIONS`th step, at a fraction of the cost.
+    -(1 - 2 / z). After a jump of a gripper it alternates for thousands of steps, while the mode
+    itself is at rest, and so do its kinetic energy and the reactions.
+
+    The velocity at the end of the step is the mean one, v = (q1 - q0) / tau, plus half the
+    difference d = (w1 - w0) / 2. In a smooth motion d is half the difference of the last two mean
+    velocities, to second order in tau (it has the centripetal acceleration, too, which acts along
+    stiff directions). What d has beyond that alternates. Where its square sum exceeds that of v,
+    the share (z / (1 + z))^3 of it is removed, all of an overdamped mode, nothing of a slow one,
+    unless that would add energy.
+    z / (1 + z) comes from the Newton matrix of the step, 2 / tau^2 M (1 + z).
     """
     dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
-    w = shifted(state, shape[layout.W])
-    kept, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
-    step, solved = shifted(scratch, shape[STEP]), residual_of(shape, scratch)
+    w, start = shifted(state, shape[layout.W]), shifted(scratch, shape[START])
     change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    start = shifted(scratch, shape[START])
     before = shifted(state, shape[layout.HISTORY] + shape[layout.SIZE])
-    count = dim * width
-    clear(shape, kept)
-    for at in range(count):
-        smooth = 0.5 * (change[at] - (start[at] - before[at]))
-        kept[at] = (change[at] - smooth) / tau - speed[at]
+    apart, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
+    step, solved = shifted(scratch, shape[STEP]), residual_of(shape, scratch)
+    clear(shape, apart)
+    alternating, mean = zero(), zero()
+    for at in range(0, dim * width, LANES):
+        moved = load(change, at)
+        smooth = 0.5 * (moved - (load(start, at) - load(before, at)))
+        row = (moved - smooth) * (1.0 / tau) - load(speed, at)
+        store(apart, at, row)
+        alternating += row * row
+        mean += moved * moved
+    if total(alternating) * tau * tau <= total(mean):
+        return 0.0
     if moves:
-        project(shape, model, state, scratch, kept, scratch, shape[layout.SYSTEM])
+        project(shape, model, state, scratch, apart, scratch, shape[layout.SYSTEM])
     for _ in range(3):
         clear(shape, push)
         for d in range(dim):
-            add_product(shape, model, shape[layout.MASS], d, 2.0 / (tau * tau), kept, push)
+            add_product(shape, model, shape[layout.MASS], d, 2.0 / (tau * tau), apart, push)
             for i in range(n):
                 solved[i * dim + d] = push[d * width + layout.MARGIN + i]
         turn_vector(shape, shifted(scratch, shape[MIDDLE_DIRECTION]), YES, solved)
@@ -180,16 +186,19 @@ def damp_alternation(shape, model, state, scratch, moves, tau):
         turn_vector(shape, shifted(state, shape[layout.DIRECTION]), NO, step)
         for d in range(dim):
             for i in range(n):
-                kept[d * width + layout.MARGIN + i] -= step[i * dim + d]
+                apart[d * width + layout.MARGIN + i] -= step[i * dim + d]
     if moves:
-        project(shape, model, state, scratch, kept, scratch, shape[layout.SYSTEM])
+        project(shape, model, state, scratch, apart, scratch, shape[layout.SYSTEM])
     clear(shape, push)
     for d in range(dim):
-        add_product(shape, model, shape[layout.MASS], d, 1.0, kept, push)
+        add_product(shape, model, shape[layout.MASS], d, 1.0, apart, push)
     loss = 0.0
-    for at in range(count):
-        loss += push[at] * (w[at] - 0.5 * kept[at])
-        w[at] -= kept[at]
+    for at in range(dim * width):
+        loss += push[at] * (w[at] - 0.5 * apart[at])
+    if loss <= 0.0:
+        return 0.0
+    for at in range(dim * width):
+        w[at] -= apart[at]
     return loss
 
 
