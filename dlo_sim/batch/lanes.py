@@ -144,6 +144,7 @@ def _stacked(lanes: Sequence[Lane]) -> Cable:
     one = lanes[0].model
     counts = replace(one.counts, stride=LANES)
     shape, sizes = new_shape(counts, one.axes, {})
+    shape[layout.TERMS] = one.shape[layout.TERMS]
     tables = slice(layout.POINT_TABLE, layout.LOAD_TABLE + 1)
     shape[tables] = one.shape[tables]
     shape = np.concatenate((shape, one.shape[layout.TABLES_START :]))

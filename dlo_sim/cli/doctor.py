@@ -82,7 +82,7 @@ def _findings(scene: "Scene | None", seconds: float) -> Iterator["Finding"]:
         with compiling_told_to(tell):
             try:
                 yield from of_scene.findings(Simulator(scene))
-                session = Session(scene, live=True)
+                session = Session(scene.with_values({"accuracy.estimate": "off"}), live=True)
             except SceneError as refusal:
                 yield problem("the scene cannot be simulated", str(refusal))
     yield from _of_ros(session, seconds)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
+from dlo_sim.engine import layout
 from dlo_sim.engine.account import DIVERGED_SHARE
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
@@ -46,6 +47,8 @@ class GuardedLoop:
 
     def __init__(self, cable: Cable, stepper: Stepper) -> None:
         self.cable, self.stepper = cable, stepper
+        if stepper.family != IMPLICIT:  # chosen near the limit where the model was made for another
+            cable.model.shape[layout.TERMS] &= ~layout.GUARDED
         self._kept = np.empty_like(cable.state)  # allocated once, not in every advance
         self._unrecorded = Recorder(cable.model, np.zeros(0))
 

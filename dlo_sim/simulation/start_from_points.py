@@ -1,13 +1,15 @@
 """A smooth cable of the right length through measured points.
 
 The control points q minimise
-    mean |r(u_m) - p_m|^2 + BEND L^3 int |r''|^2 du + LENGTH L^2 mean ((|r'|^2 - 1) / 2)^2
+    mean |r(u_m) - p_m|^2 + BEND L^3 int |r''|^2 du + LENGTH L^2 mean (e^2 + excess^2)
 subject to the constraints of ends and grasps, by Gauss-Newton steps from the solution without the
-last term. Its parenthesis is averaged over each knot span: a spline that kept its length at every
-point could hardly bend. The velocities v minimise the same sum with r'.v' in place of the
-parenthesis, without constraints. A point far from the prediction of the others is a spike and is
-rejected. BEND only selects among the curves that fit (with n_u = 17, predictions from 12 markers
-are the same for 1e-9 to 1e-5). LENGTH keeps a stiff cable from starting under tension.
+last term. There e is the mean of (|r'|^2 - 1) / 2 over each knot span: a spline that kept its
+length at every point could hardly bend. excess is how far that of a quadrature point differs from
+e beyond EVEN: where the span guard would act (`terms.span_guard`), which holds a hundred times the
+energy of the cable. The velocities v minimise the same sum with r'.v' in place of e, without excess
+and without constraints. A point far from the prediction of the others is a spike and is rejected.
+BEND only selects among the curves that fit (with n_u = 17, predictions from 12 markers are the same
+for 1e-9 to 1e-5). LENGTH keeps a stiff cable from starting under tension.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from dlo_sim.simulation.model import Model
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BEND, LENGTH = 1e-7, 1e2
+EVEN = 0.07  # local strain beyond that of the span: half of where the span guard acts
 SAMPLES = 3  # quadrature points of a knot span
 STEPS, HALVINGS = 25, 6  # most Gauss-Newton steps, and halvings of one
 ROUNDING = 1e-6  # of the length: change at which the iteration ends
@@ -71,12 +74,35 @@ class _Spline:
 
     def stretch(self, points: Array) -> tuple[Array, Array]:
         """Weighted mean of (|r'|^2 - 1) / 2 over every span, and its derivative."""
+        strain, rows, shares = self._strains(points)
+        factor = self.length * np.sqrt(LENGTH / len(shares))
+        return factor * np.sum(shares * strain, axis=1), factor * np.einsum(
+            "sk,skj->sj", shares, rows
+        )
+
+    def unevenness(self, points: Array) -> tuple[Array, Array]:
+        """Weighted excess of the strain at every quadrature point, and its derivative."""
+        strain, rows, shares = self._strains(points)
+        apart = strain - np.sum(shares * strain, axis=1, keepdims=True)
+        excess = apart - np.clip(apart, -EVEN, EVEN)
+        rows = (rows - np.einsum("sk,skj->sj", shares, rows)[:, None]) * (excess != 0.0)[..., None]
+        factor = self.length * np.sqrt(LENGTH / excess.size)
+        return factor * excess.ravel(), factor * rows.reshape(excess.size, -1)
+
+    def _strains(self, points: Array) -> tuple[Array, Array, Array]:
+        """(|r'|^2 - 1) / 2 at the quadrature points of every span, shape (spans, points), its
+        derivative, and the shares of the points in a mean.
+        """
         slope = self._slopes @ points
         shares = self._weights.reshape(-1, SAMPLES)
-        shares = self.length * np.sqrt(LENGTH / len(shares)) * shares / shares.sum(1, keepdims=True)
         rows = (self._slopes[:, :, None] * slope[:, None, :]).reshape(*shares.shape, -1)
         strain = 0.5 * (np.sum(slope**2, axis=1) - 1.0).reshape(shares.shape)
-        return np.sum(shares * strain, axis=1), np.einsum("sk,skj->sj", shares, rows)
+        return strain, rows, shares / shares.sum(1, keepdims=True)
+
+    def _length_errors(self, points: Array) -> tuple[Array, Array]:
+        """`stretch` and `unevenness` together."""
+        (mean, of_mean), (uneven, of_uneven) = self.stretch(points), self.unevenness(points)
+        return np.append(mean, uneven), np.vstack([of_mean, of_uneven])
 
     def solved(self, rows: Array, values: Array, held: Array) -> Array:
         """Control points that fit rows (m, 3 n) to values (m,) and keep the constraints."""
@@ -88,7 +114,7 @@ class _Spline:
         rows, values = self.fitting(u, points)
         curve = self.solved(rows, values, self.held)
         for _ in range(STEPS):
-            error, derivative = self.stretch(curve)
+            error, derivative = self._length_errors(curve)
             apart = values - rows @ curve.ravel()
             present = apart @ apart + error @ error
             change = self.solved(
@@ -96,7 +122,7 @@ class _Spline:
             )
             for _ in range(HALVINGS):
                 trial = curve + change
-                error, apart = self.stretch(trial)[0], values - rows @ trial.ravel()
+                error, apart = self._length_errors(trial)[0], values - rows @ trial.ravel()
                 if apart @ apart + error @ error < present:
                     break
                 change = 0.5 * change

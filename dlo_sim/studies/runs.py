@@ -120,7 +120,7 @@ def advance(simulator: Simulator, steps: int) -> float:
         RuntimeError: one failed.
     """
     took, report = timed(simulator, steps)
-    if not report.status.ok:
+    if not report.status.advanced:
         raise RuntimeError(f"timing a run that failed: {report.message}")
     return took
 

@@ -10,6 +10,7 @@ from dlo_sim.engine import layout
 
 BETA = 3e-3
 STIFF = FULL | {"damping.mass": 1e-300, "damping.stiffness": BETA}
+EVEN = 0.015  # [m] short of the span guard, whose forces would have larger round-off
 PLAIN = FLAT | {"end.spring": [1e-12, 0.0, 0.0], "cable.rest_curvature": [1e-12]}
 
 
@@ -38,7 +39,7 @@ def rigid(points, spin, drift):
 
 
 def test_a_bent_cable_that_moves_on_is_not_damped(bench):
-    points = wild(bench)
+    points = wild(bench, size=EVEN)
     scale = np.abs(viscous(bench, points, some_rates(0))).max()
     assert scale > 1e-2
     assert np.abs(viscous(bench, points, rigid(points, np.zeros(3), [1, -2, 3]))).max() < 1e-12
@@ -54,7 +55,7 @@ def test_a_plane_curve_that_turns_in_its_plane_is_not_damped(bench):
 @pytest.mark.parametrize("spin", [[0.4, -1.3, 0.8], [0.0, 2.0, 0.0], [-3.0, 0.1, 0.2]])
 def test_a_rigid_motion_is_damped_by_its_spin_about_the_tangent_alone(bench, spin):
     """Loss = beta integral EI kappa^2 w_t^2 du: the rate of the curvature does not follow w_t."""
-    points, cable = wild(bench), bench.scene.cable
+    points, cable = wild(bench, size=EVEN), bench.scene.cable
     u, weights = samples(bench.model.rule, bench.model.knots)
     first, second = (bspline.evaluate(points[:, :3], bench.model.knots, u, d) for d in (1, 2))
     speed = np.linalg.norm(first, axis=1)

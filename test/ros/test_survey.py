@@ -27,6 +27,7 @@ from dlo_sim.session.session import Session
 
 VALUES = {
     "gravity": [0.0, 0.0, 0.0],
+    "accuracy.estimate": "off",  # the simulator is a fake
     "integrator.step": 1e-3,
     "discretization.control_points": 5,
     "start.pose_topic": "/pose",

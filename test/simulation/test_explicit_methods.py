@@ -206,4 +206,5 @@ def test_force_evaluations_per_step() -> None:
         simulator = Simulator(scene(integrator__method=method))
         report = simulator.advance_steps(1000)
         per_step = METHODS[method].force_evaluations
-        assert per_step * 1000 <= report.force_evaluations <= per_step * 1000 + 1
+        # One more for each of the parts in which a straight cable is looked at until it is bent.
+        assert per_step * 1000 <= report.force_evaluations <= per_step * 1000 + 4

@@ -93,12 +93,14 @@ def test_the_reason_names_what_is_stiff(scene, name):
 
 @pytest.mark.parametrize("modulus", [1e4, 1e5, 1e6, 1e7])
 def test_a_soft_cable_gets_a_step_that_it_bears(modulus):
-    """Let go at one end, it falls far: its own waves would allow a longer step than that does."""
+    """Let go at one end, it falls far: its own waves would allow a longer step than that does. The
+    softest ones fold at the clamp, which is said, but they do not diverge.
+    """
     hanging = {"cable.youngs_modulus": modulus, "end.fixed": [False] * 3, "start.clamped": True}
     sim = chosen(hanging)
     assert sim.method == "velocity_verlet"
     assert sim.step < sim.choice.limit
-    assert sim.advance(5.0).status.ok
+    assert sim.advance(5.0).status.advanced
     assert sim.energy_error < 0.05
 
 

@@ -74,7 +74,7 @@ def _observed(number: int, method: str, predicted: float, steps: int) -> float:
 
     def fine(step: float) -> bool:
         simulator = Simulator(at_method(scene, method, step), unchecked_step=True)
-        return simulator.advance(steps * predicted).status.ok
+        return simulator.advance(steps * predicted).status.advanced
 
     return bisected(fine, 0.63 * predicted, 1.41 * predicted, TOLERANCE)
 
@@ -86,7 +86,7 @@ def stopped_at(scene: Scene, method: str) -> int:
     fall = scene.cable.mu * scene.cable.length**2 * float(np.linalg.norm(scene.gravity))
 
     def fine(steps: int) -> bool:
-        return simulator.advance_steps(steps).status.ok and simulator.energy().kinetic < fall
+        return simulator.advance_steps(steps).status.advanced and simulator.energy().kinetic < fall
 
     if all(fine(PIECE) for _ in range(round(STEPS / PIECE))):
         return 0

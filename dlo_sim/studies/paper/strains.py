@@ -93,7 +93,7 @@ def _surviving(floor: float, duration: float) -> tuple[float, float, float, floa
     share = 1.0
     while True:
         simulator = Simulator(at_method(scene, "velocity_verlet", share * first))
-        fine, torsion = simulator.advance(duration).status.ok, simulator.undefined_torsion
+        fine, torsion = simulator.advance(duration).status.advanced, simulator.undefined_torsion
         if fine or share <= SMALLEST_SHARE:
             empty = torsion.mean / torsion.samples
             return floor, first, share * fine, simulator.energy_error, empty

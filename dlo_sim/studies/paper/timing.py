@@ -287,7 +287,7 @@ def _paper_step_table(paper: Paper) -> None:
             change = f"**EA and springs / {factor:.0f}**"
             soft = at_method(wires.softened(scene, factor), SIZED, published.SWEEP_STEP)
             simulator = Simulator(soft, unchecked_step=True)
-            fine = simulator.advance(published.DURATION).status.ok
+            fine = simulator.advance(published.DURATION).status.advanced
             outcome = f"{SWEEP_STEPS * step_cost(simulator).best:.3g} s" if fine else "stopped"
         bending = wires.step_limit(wires.bending_alone(scene))
         rows.append([n, limit, published.SWEEP_STEP / limit, bending, change, outcome])

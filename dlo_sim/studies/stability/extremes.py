@@ -128,8 +128,8 @@ def _advance_to(run: Run, until: float) -> bool:
         run.steps += report.steps
         run.iterations += report.force_evaluations
         run.energy_error = max(run.energy_error, simulator.energy_error)
-        run.message = report.message
-        if report.status.ok and run.wall > BUDGET and simulator.steps < target:
+        run.message = "" if report.status.advanced else report.message
+        if not run.message and run.wall > BUDGET and simulator.steps < target:
             run.message = f"its budget of {BUDGET:g} s was used up at {simulator.time:.6g} s"
         if run.message:
             return False

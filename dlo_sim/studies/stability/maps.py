@@ -150,7 +150,7 @@ def _energy_run(point: Point, step: float) -> tuple[str, float]:
     piece = max(steps // 100, 1)
     until = time.perf_counter() + BUDGET[point.quick]
     while simulator.steps < steps:
-        if not simulator.advance_steps(min(piece, steps - simulator.steps)).status.ok:
+        if not simulator.advance_steps(min(piece, steps - simulator.steps)).status.advanced:
             return STOPPED, np.nan
         if time.perf_counter() > until:
             return SLOW, np.nan
@@ -192,7 +192,7 @@ def _observed(point: Point, predicted: float) -> tuple[float, float]:
 def _survives(point: Point, step: float) -> bool:
     steps = max(round(TRIAL[point.quick] / step), LEAST_TRIAL[point.quick])
     simulator = Simulator(scene_of(point, step), unchecked_step=True)
-    return simulator.advance_steps(steps).status.ok
+    return simulator.advance_steps(steps).status.advanced
 
 
 def add(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:

@@ -111,7 +111,7 @@ def corrected(item: tuple[Scene, Recording]) -> Array:
         along = {end: path[part] for end, path in recording.poses.items()}
         report, shapes = simulator.follow(times[part], along, times[last + 1 : frame + 1])
         found += list(basis @ shapes[:, :, :3])
-        if not report.status.ok:
+        if not report.status.advanced:
             break
         seen = recording.markers[frame, rng.random(len(u)) < SEEN]
         seen = seen[np.isfinite(seen).all(axis=1)]
