@@ -88,6 +88,8 @@ class Bench:
             self.scene = self.scene.with_values(closer)
         geometries, needs = geometries_of(self.scene), needs_of(self.scene)
         self.model = build_model(self.scene, needs, geometries)
+        if self.model.has(layout.ANY_STRETCH):  # as with implicit methods
+            self.model.shape[layout.TERMS] |= layout.GUARDED
         self.cable = Cable.new(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)

@@ -157,7 +157,7 @@ BISHOP = 512  # twist against the Bishop frame
 CONTACT = 1024
 DRAG = 4096  # anisotropic air drag
 THINNED = 16384  # rate-thinning viscosity of bending
-GUARDED = 32768  # span guard (`terms.span_guard`)
+GUARDED = 32768  # spans are kept from turning over (`terms.span_guard`)
 STATIC_TWIST = 8192  # twist without inertia, in equilibrium at the end of each step
 MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
 

@@ -13,16 +13,15 @@ from dlo_sim.terms import contact, span_guard
 
 @part
 def guard_stiffness(shape, model, block):
-    """h EA k and h EA k_c of every span of a block; 0 on lanes beyond the last and without
-    the guard.
+    """h EA k and h EA k_c of every span of a block; 0 on lanes beyond the last and where
+    the term is not active.
     """
     terms = shape[layout.TERMS]
     padding = load(model, block + layout.PADDING * LANES)
     length = (1.0 - padding) / (load(model, block + layout.SHARE * LANES) + padding)
     axial = length * load(model, block + layout.AXIAL * LANES)
-    guarded = terms & layout.GUARDED != 0
-    uneven = span_guard.STRENGTH if guarded and terms & layout.SPAN_STRETCH else 0.0
-    short = span_guard.LENGTH_STRENGTH if guarded else 0.0
+    uneven = span_guard.STRENGTH if terms & layout.SPAN_STRETCH else 0.0
+    short = span_guard.LENGTH_STRENGTH if terms & layout.GUARDED else 0.0
     return uneven * axial, short * axial
 
 

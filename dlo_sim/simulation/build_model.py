@@ -25,7 +25,6 @@ from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import Holding, holding_of
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.resolution import knot_grading
-from dlo_sim.simulation.selection import is_implicit
 
 Array = NDArray[np.float64]
 
@@ -84,9 +83,7 @@ def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
     present = {
         layout.STRETCH: needs.stretch and not by_span,
         layout.SPAN_STRETCH: needs.stretch and by_span,
-        # Up to a hundred times as stiff as the cable, more than explicit steps bear: `soundness`
-        # tells of folds there.
-        layout.GUARDED: needs.stretch and is_implicit(scene),
+        layout.GUARDED: needs.stretch,
         layout.BEND: needs.bend,
         layout.CURVED: curved,
         layout.TWISTED: needs.twist,

@@ -47,7 +47,9 @@ class GuardedLoop:
 
     def __init__(self, cable: Cable, stepper: Stepper) -> None:
         self.cable, self.stepper = cable, stepper
-        if stepper.family != IMPLICIT:  # chosen near the limit where the model was made for another
+        if stepper.family != IMPLICIT:
+            # What keeps spans from turning over is a hundred times as stiff as the cable, more than
+            # explicit steps bear; `soundness` tells of folds instead.
             cable.model.shape[layout.TERMS] &= ~layout.GUARDED
         self._kept = np.empty_like(cable.state)  # allocated once, not in every advance
         self._unrecorded = Recorder(cable.model, np.zeros(0))

@@ -89,12 +89,14 @@ def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:
 
 
 def wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
-    """Whether the first shape is the one at rest: as the scene says, or for a slack held cable."""
+    """Whether the first shape is the one at rest: as the scene says, or for a cable that is held at
+    places which are nearer together or farther apart than it is long.
+    """
     if scene.initial.shape != "auto":
         return scene.initial.shape == "equilibrium"
     for (begin, one), (end, other) in pairwise(held_places(scene, geometries)):
         gap = float(np.linalg.norm(other.attachment - one.attachment))
-        if gap < (end - begin) * (1.0 - 1e-6):
+        if abs(gap - (end - begin)) > 1e-6 * (end - begin):
             return True
     return False
 

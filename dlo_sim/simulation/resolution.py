@@ -7,7 +7,8 @@ that of the pull. Elsewhere it is the radius l of the sharpest curvature, 1 / l 
 with the natural curvature kappa and r the smaller of
 
 - (EI / w)^(1/3), the radius to which a cable of weight w per length closes between two grippers,
-- a sixth of the length, the radius of a ring.
+- a sixth of the length, the radius of a ring; a twelfth with both ends held, that of the S or the
+  loop that grippers force a stiff cable into.
 
 Errors of the position [m] found with knot spans of length h:
 
@@ -32,8 +33,10 @@ from dlo_sim.simulation.selection import is_implicit
 
 CLAMP, MIDDLE = 0.05, 0.05  # of the errors above
 TURN = 0.5 * np.pi  # [rad] between a clamp and the pull
-FINEST_NEEDED = 1.5  # spans per length are not longer than this, whatever the target
-RING = 6.0  # lengths of a cable per radius of the ring that it closes to
+LONGEST = 1.5  # spans per length are not longer than this, whatever the target
+# Lengths of a cable per radius of its sharpest bend: that of a ring, and that of the S or the loop
+# that two grippers force it into; whether both ends are held.
+RADIUS = {False: 6.0, True: 12.0}
 REACH = 2.8  # lambda over which the density of knots decays; by the errors of ten cables
 FEWEST, MOST = 9, 250  # control points that are chosen; with 250, steps still keep up
 
@@ -115,7 +118,7 @@ def _wanted_spans(scene: Scene) -> _Spans:
     weight = cable.mu * gravity
     pulled = sum(float(np.linalg.norm(load.force)) for load in scene.loads)
     tension = (weight * cable.length + bodies * gravity + pulled) / max(sum(held), 1)
-    radius = cable.length / RING
+    radius = cable.length / RADIUS[all(held)]
     if weight and bending:
         radius = min(radius, (bending / weight) ** (1.0 / 3.0))
     natural = max(map(abs, (*cable.rest_curvature, *cable.rest_curvature_2)))
@@ -130,7 +133,7 @@ def _wanted_spans(scene: Scene) -> _Spans:
 
 def _span(length: float, factor: float, order: int, target: float) -> float:
     """The longest span h [m] with factor length (h / length)^order <= target."""
-    return length * min((target / (factor * length)) ** (1.0 / order), FINEST_NEEDED)
+    return length * min((target / (factor * length)) ** (1.0 / order), LONGEST)
 
 
 def _grading(scene: Scene, spans: _Spans) -> bspline.Grading:

@@ -34,12 +34,13 @@ def grading(scene):
     return knot_grading(resolved(scene)[0])
 
 
-def excess(bend):
+def excess(bend, held):
     """Of the density of knots at a clamp, by the errors in the docstring of `resolution`.
 
-    This cable closes to a radius of (EI / w)^(1/3), and a bend may turn by pi / 2.
+    This cable closes to a radius of (EI / w)^(1/3), or between two grippers to a twelfth of its
+    length; a bend at a clamp may turn by pi / 2.
     """
-    ring = (1e-3 / (0.06 * 9.81)) ** (1.0 / 3.0)
+    ring = min((1e-3 / (0.06 * 9.81)) ** (1.0 / 3.0), 1.0 / 12.0 if held else 1.0 / 6.0)
     middle = ring * (1e-3 / (0.05 * ring)) ** 0.25
     return middle / (bend * (1e-3 / (0.05 * np.pi / 2.0 * bend)) ** 0.2) - 1.0
 
@@ -55,7 +56,7 @@ def excess(bend):
 )
 def test_where_a_cable_is_clamped(values, start, end, bend):
     found = grading(scene_of(HANGING, values, n=13))
-    closer = excess(bend)
+    closer = excess(bend, held="end.fixed" in values)
     expected = start * closer, end * closer, 2.8 * bend
     assert found == pytest.approx(expected, rel=1e-3)
 
@@ -87,9 +88,14 @@ def test_equal_spans_where_others_gain_nothing(values):
     assert np.ptp(np.diff(bspline.breaks(sim.model.knots))) < 1e-12
 
 
-@pytest.mark.parametrize(("values", "share"), [({}, 0.06), ({"end.mass": 0.06}, 0.05), (HELD, 0.3)])
-def test_a_cable_at_rest_is_much_closer_to_the_converged_one(values, share):
-    """Than on equal spans, with the number of control points that is chosen."""
+@pytest.mark.parametrize(
+    ("values", "share", "most"),
+    [({}, 0.06, 3e-4), ({"end.mass": 0.06}, 0.05, 3e-4), (HELD, 0.4, 4e-5)],
+)
+def test_a_cable_at_rest_is_much_closer_to_the_converged_one(values, share, most):
+    """Than on equal spans, with the number of control points that is chosen. Between two grippers
+    spans are short everywhere: the error [m] is smaller, and so is the gain.
+    """
     at_rest = HANGING | {"initial.shape": "equilibrium"} | values
     u = np.linspace(0.0, 1.0, 41)
     converged = Simulator(scene_of(at_rest, n=121)).centerline(u)
@@ -99,7 +105,7 @@ def test_a_cable_at_rest_is_much_closer_to_the_converged_one(values, share):
         np.abs(sim.centerline(u) - converged).max() for sim in (chosen, Simulator(equal))
     )
     assert graded < share * equal
-    assert graded < 0.3e-3  # m, of the millimetre that accuracy.target allows
+    assert graded < most  # m, of the millimetre that accuracy.target allows
 
 
 def test_a_cable_clamped_at_its_end_alone_begins_unstretched():
