@@ -76,6 +76,7 @@ MAX_ALTERNATIONS = 80
 CONTRACTION = 0.7  # of the movement by one alternation, or the next ones turn half as far
 DAMPED = 0.98  # of the movement by one of those, or the next ones turn half as far again
 LEAST_SHARE = 0.03  # of the twist that the present shape asks for
+TWIST_NUDGE = 1e-3  # [rad]
 SETTLED = 1e-9  # movement by an alternation, relative to the length or 1 rad
 
 
@@ -368,15 +369,17 @@ def relax_twist(cable: Cable) -> bool:
 
 
 def _with_twist(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
-    """Whether shape and twist that acts on the shape are in
-    equilibrium together: found by solving for them in turn, or else by steps in time. Where both
-    fail, the cable has the shape of the last search that succeeded.
+    """Whether shape and twist that acts on the shape are in stable equilibrium together: found by
+    solving for them in turn, or else by steps in time. Where both fail, the cable has the shape of
+    the last search that succeeded.
     """
     before = cable.state.copy()
     if _in_turn(ends, cable, lay):
         return True
     alternated = cable.state.copy()
     cable.state[:] = before
+    _nudge_twist(cable)
+    _put(ends, cable, lay)
     loop = loop_of(METHODS["energy_momentum"], scene)
     step = SHARE_OF_TIME * _time_scale(scene)
     if relax_in_time(cable, loop, step, lambda: _stop(scene, ends, cable, lay), *EXTENSIBLE):
@@ -388,8 +391,13 @@ def _with_twist(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> 
 def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
     """Solve in turn for the twist and for the shape; whether that converged. The state is that of
     the last search that succeeded.
+
+    A cable whose natural shape turns it about its own axis may be at the top of a ridge, which is
+    not seen in the stiffness at fixed twist: it is nudged once, and must come back or find another
+    shape.
     """
     last, found, share = np.inf, cable.state.copy(), 1.0
+    nudged = not cable.model.has(layout.MATERIAL)
     for _ in range(MAX_ALTERNATIONS):
         before = cable.x.copy()
         if not relax_twist(cable):
@@ -401,8 +409,13 @@ def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
         if not relax(cable, _flow(cable, lay)):
             break
         moved = relative_movement(cable, before) / share
-        if moved < SETTLED:
+        if moved < SETTLED and nudged:
             return True
+        if moved < SETTLED:
+            nudged, last, found = True, np.inf, cable.state.copy()
+            _nudge_twist(cable)
+            _put(ends, cable, lay)
+            continue
         if moved > (CONTRACTION if share == 1.0 else DAMPED) * last:
             share *= 0.5
             if share < LEAST_SHARE:
@@ -410,6 +423,17 @@ def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
         last, found = moved, cable.state.copy()
     cable.state[:] = found
     return False
+
+
+def _nudge_twist(cable: Cable) -> None:
+    """Turn a cable whose natural shape is in the material frame by up to TWIST_NUDGE about its own
+    axis, by a different angle everywhere.
+    """
+    if not cable.model.has(layout.MATERIAL):
+        return
+    free = ~cable.model.held_mask()[-1]
+    along = np.linspace(0.0, 1.0, len(free))
+    cable.x[-1][free] += TWIST_NUDGE * np.sin(2.0 * along + 0.5)[free]
 
 
 def _flow(cable: Cable, lay: Lay | None) -> Lay | None:

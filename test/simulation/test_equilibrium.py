@@ -314,3 +314,36 @@ def test_grippers_that_move_together_from_the_straight_cable_end_in_the_same_sha
     for _ in range(40):
         assert sim.advance(0.5).status.ok
     assert np.abs(sim.control_points - goal.control_points)[:, :3].max() < 1e-4
+
+
+def test_a_natural_curvature_against_the_sag_rests_beside_the_plane():
+    """It would have to bend the wrong way in the plane of its ends: that is an equilibrium, too,
+    but the cable turns about its own axis as soon as something pushes it.
+    """
+    values = {
+        "cable.length": 1.0,
+        "cable.diameter": 0.006,
+        "cable.density": 1100.0,
+        "cable.youngs_modulus": 1.0e7,
+        "cable.rest_curvature": [4.0],
+        "cable.rest_curvature_axis": [0.0, 1.0, 0.0],
+        "start.clamped": True,
+        "start.tangent": [1.0, 0.0, 0.0],
+        "end.position": [0.8, 0.0, 0.0],
+        "end.fixed": [True] * 3,
+        "end.clamped": True,
+        "end.tangent": [1.0, 0.0, 0.0],
+        "end.pose_topic": "/right/pose",
+        "damping.mass": 1.0,
+        "damping.stiffness": 0.01,
+        "discretization.control_points": 21,
+    }
+    sim = Simulator(load_scene(values))
+    u = np.linspace(0.0, 1.0, 51)
+    begun = sim.centerline(u)
+    assert np.abs(begun[:, 1]).max() > 0.01  # m beside the plane
+    points = sim.control_points
+    points[3:-3, 1] += 1e-3
+    sim.start_from(points)
+    assert sim.advance(30.0).status.ok
+    assert np.abs(sim.centerline(u) - begun).max() < 1e-4
