@@ -41,16 +41,16 @@ class Accuracy:
     def __init__(self, scene: Scene, note: Callable[[str, str], None]) -> None:
         self._note = note
         self._target = scene.accuracy.target
-        self._estimate: ErrorEstimate | None = None
+        self._estimate: ErrorEstimate | None = None  # of the present
+        self._last: ErrorEstimate | None = None  # also once there is no time for it any more
         self._exceeded = False
-        self.warning = self.advice = ""
         self.largest: DiscretizationError | None = None
 
     def look(self, estimate: ErrorEstimate | None) -> None:
         """Compare the largest error of the last second with the target; None: no estimate."""
         self._estimate = estimate
         if estimate is None:
-            self._exceeded, self.warning = False, ""
+            self._exceeded = False
             return
         error = estimate.recent
         exceeds = error.total > self._target
@@ -60,7 +60,21 @@ class Accuracy:
             self._note("inaccurate", estimate.advice(error))
         elif error.total < AGAIN * self._target:
             self._exceeded = False
-        self.warning = estimate.advice(error) if exceeds else ""
+
+    @property
+    def warning(self) -> str:
+        """The present error and what helps, if it exceeds the target; made when it is asked for."""
+        estimate = self._estimate
+        if estimate is None or estimate.recent.total <= self._target:
+            return ""
+        return estimate.advice(estimate.recent)
+
+    @property
+    def advice(self) -> str:
+        """The same for the largest error so far."""
+        if self._last is None or self.largest is None:
+            return ""
+        return self._last.advice(self.largest)
 
     def values(self) -> list[tuple[str, str]]:
         """Keys and values for the diagnostics."""
@@ -81,8 +95,7 @@ class Accuracy:
         elif error.time > before.time or error.space > before.space:
             parts = max(error.time, before.time), max(error.space, before.space)
             self.largest = DiscretizationError(*parts, error.unknown or before.unknown)
-        if self.largest is not before and self.largest is not None:
-            self.advice = estimate.advice(self.largest)
+        self._last = estimate
 
 
 def _shown(error: float) -> str:

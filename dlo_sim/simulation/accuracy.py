@@ -42,6 +42,8 @@ def advice(scene: Scene, method: str, step: float, order: int, error: Discretiza
         return f"the position error is unknown: {error.unknown}"
     if error.total <= target:
         return ""
+    if not math.isfinite(error.total):
+        return "the position error is too large to be estimated; shorten integrator.step"
     smaller = min(error.time, error.space)
     allowed = (target - smaller if smaller < SMALL * target else 0.5 * target) / _SPARE
     cures = []
@@ -65,7 +67,12 @@ def _finer_in_space(scene: Scene, method: str, finer: float) -> str:
     """The change of the scene by which spans are so many times shorter."""
     choice = scene.discretization
     spans = (choice.control_points - bspline.DEGREE) * finer
-    number = min(math.ceil(spans) + bspline.DEGREE, MOST_CONTROL_POINTS)
+    number = math.ceil(spans) + bspline.DEGREE
+    if number > MOST_CONTROL_POINTS:
+        return (
+            f"raise accuracy.target, since {number} control points would be needed and "
+            f"{MOST_CONTROL_POINTS} are the most"
+        )
     cure = f"raise discretization.control_points to {number}"
     samples = 2 * (number - bspline.DEGREE)
     if choice.quadrature == "uniform" and choice.samples < samples:

@@ -18,9 +18,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
+from dlo_sim.compiling.pieces import REAL, TRUTH, piece
 from dlo_sim.core import bspline
+from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.engine import layout
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import Model
@@ -30,6 +33,7 @@ from dlo_sim.simulation.report import Report, Status
 Array = NDArray[np.float64]
 BOUND = 0.5  # of the rest length
 _GAUSS_POINTS = 5  # of a span, for its mean strain; both ends are places, too
+REALS_3D = types.Array(types.float64, 3, "C")
 _INSIDE = 1.0 - 1e-12  # keeps the ends of a span inside it
 
 
@@ -45,22 +49,59 @@ def unexplained_stretch(
     if not model.has(layout.ANY_STRETCH):
         return ""
     places = _places(model.knots.tobytes())
-    lengths, explained = places.stretch(points[..., :3])
-    if not model.has(layout.SPAN_STRETCH):
-        explained = lengths
-    off = np.abs(lengths - explained)
-    worst = np.unravel_index(int(np.argmax(off)), off.shape)
-    if off[worst] > BOUND:
-        return _line(model, places.u[worst[-2:]], lengths[worst], explained[worst])
+    shapes = np.ascontiguousarray(points[..., :3]).reshape(-1, model.n, 3)
+    by_span = model.has(layout.SPAN_STRETCH)
+    span, place, length, explained = worst_stretch(
+        shapes, places.slopes, places.projection, by_span
+    )
+    if abs(length - explained) > BOUND:
+        what = (
+            f"the cable has {length:.2f} of its rest length where its tension explains "
+            f"{explained:.2f}: a fold or cusp"
+        )
+        return _line(model, places.u[int(span), int(place)], what)
     if ends is None:
         return ""
     for name in ends.clamped:
-        at, edge = (0, points[1] - points[0]) if name == "start" else (-1, points[-1] - points[-2])
-        along = float(edge[:3] @ ends.tangent(name, time))
-        if along <= 0.0:
-            k = 0 if name == "start" else -1
-            return _line(model, places.u[at, k], -lengths[at, k], explained[at, k])
+        edge = points[1] - points[0] if name == "start" else points[-1] - points[-2]
+        if edge[:3] @ ends.tangent(name, time) <= 0.0:
+            u = 0.0 if name == "start" else model.knots[-1]
+            return _line(model, u, "the cable leaves its clamp backwards: a fold")
     return ""
+
+
+@piece((REAL, REAL, REAL, REAL), REALS_3D, REALS_3D, REALS_3D, TRUTH)
+def worst_stretch(
+    shapes: Array, slopes: Array, projection: Array, by_span: bool
+) -> tuple[float, float, float, float]:
+    """Span, place in it, |r'| and what the tension explains of it where these differ most.
+
+    Without `by_span` any |r'| has its tension, unless it is no number.
+    """
+    spans, places = slopes.shape[0], slopes.shape[1]
+    lengths = np.empty(places)
+    worst, found = -1.0, (0.0, 0.0, 1.0, 1.0)
+    for shape in shapes:
+        for span in range(spans):
+            for place in range(places):
+                square = 0.0
+                for axis in range(3):
+                    slope = 0.0
+                    for k in range(ACTIVE):
+                        slope += slopes[span, place, k] * shape[span + k, axis]
+                    square += slope * slope
+                lengths[place] = np.sqrt(square)
+            at_end = 1 if span in (0, spans - 1) else 0
+            for place in range(places):
+                explained = lengths[place]
+                if by_span:
+                    explained = 0.0
+                    for k in range(places):
+                        explained += projection[at_end, place, k] * lengths[k]
+                off = abs(lengths[place] - explained)
+                if off > worst:
+                    worst, found = off, (float(span), float(place), lengths[place], explained)
+    return found
 
 
 def judged(report: Report, recorder: Recorder) -> Report:
@@ -71,11 +112,10 @@ def judged(report: Report, recorder: Recorder) -> Report:
     return report._replace(status=Status.UNRESOLVED, message=wrong) if wrong else report
 
 
-def _line(model: Model, u: float, length: float, explained: float) -> str:
+def _line(model: Model, u: float, what: str) -> str:
     finer = 2 * (model.n - bspline.DEGREE) + bspline.DEGREE
     return (
-        f"at u = {u:.3g} m the cable has {length:.2f} of its rest length where its tension "
-        f"explains {explained:.2f}: a fold or cusp that knot spans of "
+        f"at u = {u:.3g} m {what} that knot spans of "
         f"{model.knots[-1] / (model.n - bspline.DEGREE):.2g} m cannot resolve; "
         f"raise discretization.control_points from {model.n} to {finer}, or check that what moves "
         "the cable leaves it its length"
@@ -87,7 +127,7 @@ class _Places(NamedTuple):
 
     Attributes:
         u: material coordinates [m], shape (spans, places).
-        slopes: matrix from control points to r', shape (spans places, n).
+        slopes: from the control points of a span to r', shape (spans, places, 4).
         projection: from |r'| of a span to its projected strain plus 1, shape (2, places, places);
             that of the first and the last span second.
     """
@@ -95,14 +135,6 @@ class _Places(NamedTuple):
     u: Array
     slopes: Array
     projection: Array
-
-    def stretch(self, points: Array) -> tuple[Array, Array]:
-        """|r'|, and what the tension explains of it, shape (..., spans, places) each."""
-        t = self.slopes @ points
-        lengths = np.sqrt((t * t).sum(axis=-1)).reshape(*points.shape[:-2], *self.u.shape)
-        explained = lengths @ self.projection[0].T
-        explained[..., [0, -1], :] = lengths[..., [0, -1], :] @ self.projection[1].T
-        return lengths, explained
 
 
 @lru_cache(16)
@@ -112,7 +144,9 @@ def _places(knots: bytes) -> _Places:
     xi, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
     xi, weights = np.array([-_INSIDE, *xi, _INSIDE]), np.array([0.0, *weights, 0.0])
     u = 0.5 * (ends[1:] + ends[:-1])[:, None] + 0.5 * np.diff(ends)[:, None] * xi
-    slopes = bspline.evaluate(np.eye(len(known) - bspline.ACTIVE), known, u.ravel(), 1)
+    n = len(known) - bspline.ACTIVE
+    slopes = bspline.evaluate(np.eye(n), known, u.ravel(), 1).reshape(*u.shape, n)
+    local = [slopes[span, :, span : span + bspline.ACTIVE] for span in range(len(u))]
     mean = np.broadcast_to(0.5 * weights, (len(xi), len(xi)))
     linear = 1.5 * np.outer(xi, weights * xi)
-    return _Places(u, slopes, np.stack((mean, mean + linear)))
+    return _Places(u, np.array(local), np.stack((mean, mean + linear)))

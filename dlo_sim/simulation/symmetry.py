@@ -46,6 +46,8 @@ def is_bent(cable: Cable) -> bool:
 
 def release_from_line(cable: Cable, scene: Scene) -> bool:
     """Push a straight cable that does not bear its compression off its line; whether it did."""
+    if is_bent(cable):
+        return False
     model = cable.model
     dim = len(model.axes)
     x = cable.x[:dim]
