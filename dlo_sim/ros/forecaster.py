@@ -41,6 +41,11 @@ class _Worker(threading.Thread):
     Args:
         example: a pickled simulator, to load machine code with.
         plans: pickled plans. answers: what comes of them.
+
+    Attributes:
+        process: the present process; None before the first one.
+        trouble: why no process can be started, one line; empty while there is one.
+        failed_starts: how often none could be started.
     """
 
     def __init__(self, example: bytes, plans: Queue[bytes], answers: SimpleQueue[Answer]) -> None:
@@ -49,9 +54,10 @@ class _Worker(threading.Thread):
         self._closing = threading.Event()
         self._since: float | None = None
         self.process: BaseProcess | None = None
+        self.trouble, self.failed_starts = "", 0
 
     @property
-    def busy(self) -> float:
+    def working_for(self) -> float:
         """Time for which it has worked on a plan [s]."""
         since = self._since
         return 0.0 if since is None else time.monotonic() - since
@@ -62,10 +68,11 @@ class _Worker(threading.Thread):
             try:
                 process, connection = self._begun()
             except OSError as error:  # no memory, or too many processes or open files
-                self._answers.put(Answer(problem=f"no process can be started ({error.strerror})"))
+                self.trouble = f"no process can be started ({error.strerror}); it is tried again"
+                self.failed_starts += 1
                 self._closing.wait(_PAUSE)
                 continue
-            self.process = process
+            self.process, self.trouble = process, ""
             # `close` sets `_closing` before it looks for a process to end: one of the two sees it.
             with connection:
                 answered = not self._closing.is_set() and self._serve(connection)
@@ -177,16 +184,20 @@ class Forecaster:
             ("plans forecast", str(self._answered)),
             ("plans that failed", str(self._failed)),
             ("plans waiting", str(self._waiting.qsize())),
+            ("failed starts of processes", str(sum(one.failed_starts for one in self._workers))),
             *self._last.values,
         )
         level, message = OK, "forecasting"
-        slow = max(self._workers, key=lambda worker: worker.busy)
-        if slow.busy > _LONG and slow.process is not None:
+        slow = max(self._workers, key=lambda worker: worker.working_for)
+        if slow.working_for > _LONG and slow.process is not None:
             level = WARN
             message = (
-                f"process {slow.process.pid} has not answered for {slow.busy:.0f} s; plan shorter "
-                "motions, or end it, and another begins"
+                f"process {slow.process.pid} has not answered for {slow.working_for:.0f} s; plan "
+                "shorter motions, or end it, and another begins"
             )
+        trouble = max(worker.trouble for worker in self._workers)
+        if trouble:
+            level, message = WARN, trouble
         if fresh:
             level, message = WARN, f"{fresh} plans failed, last: {self._last.problem}"
         status = DiagnosticStatus(level, "forecast", message, values)

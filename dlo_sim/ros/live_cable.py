@@ -31,7 +31,6 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.session import Session, SessionStatus
-from dlo_sim.session.time_base import MOST_BEHIND
 from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
 from dlo_sim.session.transforms import Transforms
 from dlo_sim.simulation.simulator import Snapshot
@@ -64,6 +63,8 @@ class LiveCable:
         self._times = TickTimes()
         self._reports = Reports(self._log)
         self._early: dict[str, bytes] = {}
+        self._restarts = 0  # of the session that viewers know of
+        self._back_ns = 0  # longest step back of the clock since the last tick
         self._timers: list[Timer] = []  # none while it is not active
         with ExitStack() as opened:
             self._open(opened, read_only)
@@ -229,6 +230,7 @@ class LiveCable:
         for topic in list(self._early):
             self._session.receive(topic, self._early.pop(topic), now)
         report = self._session.tick(now)
+        self._note_restart()
         stepped = time.perf_counter_ns()
         self._outputs.publish(self._session.messages(*self._outputs.readers()))
         if self._forecaster is not None:
@@ -246,8 +248,8 @@ class LiveCable:
                 self._log.info(text)
 
     def _on_jump(self, jump: TimeJump) -> None:
-        """Start over when the clock was exchanged. What its steps mean is decided by the session at
-        the next tick: a step back by more than 1 s is a reset, for a shorter one the cable waits.
+        """Start over when the clock was exchanged. What its steps back mean is decided by the
+        session at the next tick.
         """
         self._times.interrupt()
         exchanged = jump.clock_change in (
@@ -262,19 +264,25 @@ class LiveCable:
             line = "the clock was exchanged; simulation reset"
             self._log.warning(line)
             self._start_over(line)
-        elif back_ns > MOST_BEHIND:
-            self._clear_view()
         else:
-            line = f"the clock went back by {back_ns * 1e-9:.3f} s; the cable waits until then"
-            self._log.warning(line, throttle_duration_sec=LOG_PAUSE)
+            self._back_ns = max(self._back_ns, back_ns)
 
     def _start_over(self, jump: str = "") -> None:
-        self._session.reset(jump)
-        self._clear_view()
-
-    def _clear_view(self) -> None:
         self._early.clear()
-        self._outputs.delete_markers(self._now())
+        self._session.reset(jump)
+        self._note_restart()
+
+    def _note_restart(self) -> None:
+        """Remove what viewers show of before if the session has started over, which it reports; say
+        that the cable waits if it has not although the clock went back.
+        """
+        back_ns, self._back_ns = self._back_ns, 0
+        if self._session.restarts != self._restarts:
+            self._restarts = self._session.restarts
+            self._outputs.delete_markers(self._now())
+        elif back_ns:
+            line = f"the clock went back by {back_ns * 1e-9:.3f} s; the cable waits until then"
+            self._log.warning(line, throttle_duration_sec=LOG_PAUSE)
 
     # -- parameters -----------------------------------------------------------------------------
 

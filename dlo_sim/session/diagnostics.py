@@ -144,9 +144,7 @@ class TopicRecord:
 
     def refuse(self, reason: str, detail: str) -> None:
         """Count a refused message; `detail` names the value and the cure."""
-        if reason == "copy":
-            self.copies += 1
-            return
+        assert reason in REASONS, reason
         self.refused[reason] += 1
         self.last_refusal = one_line(f"{reason}: {detail}")
 

@@ -24,9 +24,10 @@ from dlo_sim.session.cdr import Stamped
 from dlo_sim.session.cdr_points import decode_input
 from dlo_sim.session.content import MILLIMETRES, ContentCheck, Refused, in_millimetres
 from dlo_sim.session.diagnostics import Journal, TopicRecord
+from dlo_sim.session.latency import Latency
 from dlo_sim.session.observer import Points
 from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Decision, Source, TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
 from dlo_sim.session.transforms import Transforms, in_world
 from dlo_sim.session.waiting import LoadMessage, TakeMessage
@@ -128,11 +129,9 @@ class Intake:
         inputs: the input topics, by their resolved names, and frames of tf2.
         time_base: decides from the stamps which messages are used and at which time.
         journal: counts the messages.
+        latency: the lag of the prediction, for which a message waits for its transform.
         transforms: looks up frames that the scene does not name; None: such frames are refused.
         passed: stamp up to which the simulation has used an input [ns], None = nothing used.
-
-    Attributes:
-        patience_ns: time for which a message waits for its transform [ns].
     """
 
     def __init__(
@@ -141,11 +140,12 @@ class Intake:
         inputs: Sequence[InputTopic],
         time_base: TimeBase,
         journal: Journal,
+        latency: Latency,
         transforms: Transforms | None = None,
         passed: Callable[[InputTopic], int | None] = lambda entry: None,
     ) -> None:
         self._passed, self._note = passed, journal.event
-        self.patience_ns = round(scene.inputs.least_latency * SECOND)
+        self._latency = latency
         self.time_base = time_base
         self._transforms = transforms
         # Frame -> stamp of its last pose [ns].
@@ -235,7 +235,7 @@ class Intake:
                 message = self._in_world(message, arrival_ns, topic.kind)
                 message = self._content.check(message, topic.kind, topic.spacing)
             except Refused as refused:
-                young = abs(clock_ns - arrival_ns) <= self.patience_ns
+                young = abs(clock_ns - arrival_ns) <= self._latency.ns
                 few = len(topic.waiting) <= _MOST_WAITING
                 if refused.reason == "no_transform" and young and few:
                     break
@@ -287,6 +287,8 @@ class Intake:
         for decision in decisions:
             try:
                 found.append(self._use(topic, decision))
+            except Copy:
+                topic.record.copies += 1
             except Refused as refused:
                 topic.record.refuse(refused.reason, refused.detail)
                 if decision.verdict is Verdict.DECIDE:  # its stamp is valid all the same
@@ -297,7 +299,8 @@ class Intake:
         """Convert and count a message that the time base accepts.
 
         Raises:
-            Refused: the time base refuses it, or its pose is too far from the last one.
+            Copy: it is the same message again.
+            Refused: the time base refuses it, or its pose is too far from those around it.
         """
         if decision.refusal is not None:
             raise decision.refusal

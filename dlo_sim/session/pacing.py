@@ -50,7 +50,7 @@ class Pacing:
         """Use the limits of this scene and the step [s] of its simulator."""
         inputs = scene.inputs
         timeouts = [end.pose_timeout for end in scene.holders.values() if end.driven]
-        self.grid = OutputGrid(scene.rate, round(inputs.least_latency * SECOND))
+        self.grid = OutputGrid(scene.rate)
         self.most_steps = max(1, round(max(inputs.catch_up, 1.0 / scene.rate) / step))
         if self._live:
             self.most_steps = min(self.most_steps, _MOST_LIVE_STEPS)

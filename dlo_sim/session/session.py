@@ -55,6 +55,7 @@ class Session:
     Attributes:
         inputs: the input topics, by their resolved names.
         journal: counts everything accepted, refused, held, skipped.
+        restarts: how often it has started over, for whatever reason.
 
     Raises:
         ValueError: the simulator refuses the scene, or two topics of different types have one name.
@@ -82,15 +83,22 @@ class Session:
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
         self._drive = Drive(scene, simulator_factory, self.journal.event)
-        self._intake = Intake(
-            scene, sources, self._time, self.journal, transforms, self._drive.passed_ns
-        )
         timings = {name: path.timing for name, path in self._drive.paths.items()}
         self._latency = Latency(scene, timings, self.journal.event)
+        self._intake = Intake(
+            scene,
+            sources,
+            self._time,
+            self.journal,
+            self._latency,
+            transforms,
+            self._drive.passed_ns,
+        )
         self._accuracy = Accuracy(scene, self.journal.event)
         self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
         self._pacing = Pacing(scene, self._drive.simulator.step, self.journal, live)
+        self.restarts = 0
         self._resume = resume
         self._paused = False
         self._resuming = False
@@ -172,8 +180,7 @@ class Session:
         """Time [ns] from this clock time to when a regular tick should come, just after a state has
         become due; less than a timer period.
         """
-        self._pacing.grid.latency_ns = self._latency.ns
-        return self._pacing.grid.until_tick(self._time.from_clock(now_ns))
+        return self._pacing.grid.until_tick(self._due_ns(now_ns))
 
     def tick(self, now_ns: int) -> TickReport:
         """Advance the simulation to `now_ns` (clock) minus the latency, down to a multiple of the
@@ -181,14 +188,12 @@ class Session:
         """
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
-        self._intake.patience_ns = self._latency.ns
         self._use(self._intake.sample(now_ns) + self._intake.due(now_ns), before, now_ns)
         self._latency.update()
-        self._pacing.grid.latency_ns = self._latency.ns
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
         due = count != self._marker_count and not self._pacing.without_markers
         self._markers_due, self._marker_count = due, count
-        wanted_ns = self._pacing.grid.aim(self._time.from_clock(now_ns))
+        wanted_ns = self._pacing.grid.aim(self._due_ns(now_ns))
         if self._paused or self._failure or not (self.started or self._begin(wanted_ns)):
             return self._report(0)
         if self._resuming:
@@ -325,6 +330,10 @@ class Session:
             self._time.set_mode(scene.inputs.time)
             self.reset("inputs.time was changed; simulation reset")
 
+    def _due_ns(self, now_ns: int) -> int:
+        """Time base [ns] up to which states are due at this clock time [ns]."""
+        return self._time.from_clock(now_ns) - self._latency.ns
+
     def _watch_clock(self, clock_ns: int, tick: bool) -> None:
         back_ns = self._time.watch(clock_ns, tick)
         if back_ns:
@@ -402,6 +411,7 @@ class Session:
         self.journal.event("failed", message)
 
     def _restart(self, event: str, detail: str) -> None:
+        self.restarts += 1
         self._drive.clear()
         self._accuracy.look(None)
         if self._transforms is not None:

@@ -54,29 +54,26 @@ class OutputGrid:
 
     Args:
         rate: of the timer [Hz].
-        latency_ns: time by which the states are behind the ticks [ns]; may be changed.
     """
 
-    def __init__(self, rate: float, latency_ns: int = 0) -> None:
-        self.latency_ns = latency_ns
+    def __init__(self, rate: float) -> None:
         self._period_ns = round(1e9 / rate)
         self._jitter_ns = min(self._period_ns // 4, _JITTER)
         self._last: int | None = None
 
     def until_tick(self, base_ns: int) -> int:
-        """Time [ns] from `base_ns` to when a regular tick should come, less than a period: after a
-        state has become due, by slightly more than the jitter of ticks.
+        """Time [ns] from when a state of `base_ns` would be due to when a regular tick should come,
+        less than a period: after a state has become due, by slightly more than the jitter of ticks.
         """
-        due_ns = 5 * self._jitter_ns // 4 + self.latency_ns
-        return (due_ns - base_ns) % self._period_ns
+        return (5 * self._jitter_ns // 4 - base_ns) % self._period_ns
 
     def aim(self, base_ns: int) -> int:
-        """The time [ns] to which a tick at `base_ns` should advance.
+        """The time [ns] to which a tick should advance at which states up to `base_ns` are due.
 
         It is the newest multiple; but the successor of the last tick's multiple is used until the
         next one is older than the jitter, so that ticks which jitter about a multiple skip none.
         """
-        base_ns, period = base_ns - self.latency_ns, self._period_ns
+        period = self._period_ns
         index = base_ns // period
         if self._last is not None:
             following = self._last + 1

@@ -36,8 +36,9 @@ _LONGEST_WAIT = SECOND // 10
 # is the lag of a queue that empties.
 _SHRUNK = SECOND // 20
 
-# A topic none of whose messages is used may show that the offset is another topic's fault: by
-# stamps that keep the same distance from the clock, within _SHRUNK, for so long.
+# A topic may show that the offset is wrong, by stamps that keep the same distance from the clock,
+# within _SHRUNK, for so long: any topic if they fit the clock itself, else one none of whose
+# messages is used, as the offset is then another topic's fault.
 _STEADY = SECOND // 10
 
 # While the clock stands still no patience is spent; at most this many messages of a topic wait.
@@ -54,18 +55,22 @@ class Verdict(Enum):
     START_OVER = "it is forgotten: the stamps or clocks have jumped"
 
 
+class Copy(Exception):
+    """The same message again, as from a second recorder: it is neither used nor refused."""
+
+
 class Decision(NamedTuple):
-    """Whether a message is used or refused.
+    """Whether a message is used, ignored as a copy, or refused.
 
     Attributes:
         message: the message, with its stamp in the time base.
         verdict: its effect on everything before it.
-        refusal: reason and detail; None if it is used.
+        refusal: why it is not used; None if it is.
     """
 
     message: Stamped
     verdict: Verdict = Verdict.USE
-    refusal: Refused | None = None
+    refusal: Refused | Copy | None = None
 
 
 class _Pending(NamedTuple):
@@ -136,7 +141,8 @@ class Source:
         """Check that a message that is not the newest can still be put in its place.
 
         Raises:
-            Refused: it is a copy, or another one has its stamp, or it comes too late.
+            Copy: it is the same message again.
+            Refused: another one has its stamp, or it comes too late.
         """
         stamp_ns = message.stamp_ns
         if stamp_ns in self.seen:
@@ -265,16 +271,17 @@ class TimeBase:
         """
         yield from self.due(source, arrival_ns)
         if message.stamp_ns == 0 or self.mode == "arrival":
-            stamp_ns, refusal = self.from_clock(arrival_ns), None
+            stamp_ns = self.from_clock(arrival_ns)
+            refusal: Refused | Copy | None = None
             message = message._replace(stamp_ns=stamp_ns)
             if source.last_ns is not None and stamp_ns <= source.last_ns:
                 same = stamp_ns in source.seen and message == source.seen[stamp_ns]
-                refusal = _copy() if same else _at_one_instant()
+                refusal = Copy() if same else _at_one_instant()
             yield Decision(message, refusal=refusal)
             return
         try:
             verdict = self._place(source, message, arrival_ns)
-        except Refused as refused:
+        except (Copy, Refused) as refused:
             yield Decision(message, refusal=refused)
             return
         if verdict is None:
@@ -309,7 +316,8 @@ class TimeBase:
         """Decide about the messages of a topic that have waited long enough; as `sort`."""
         while source.pending:
             first = source.pending[0]
-            verdict, refusal = Verdict.USE, None
+            verdict = Verdict.USE
+            refusal: Refused | Copy | None = None
             ahead = first.message.stamp_ns - self.from_clock(clock_ns)
             if ahead > MOST_AHEAD:
                 if self._spent_ns - first.since_ns < PATIENCE:
@@ -325,7 +333,7 @@ class TimeBase:
             if refusal is None and verdict is Verdict.USE:
                 try:
                     source.check_free(first.message)
-                except Refused as refused:
+                except (Copy, Refused) as refused:
                     refusal = refused
             self._uses += refusal is None
             yield Decision(first.message, verdict, refusal)
@@ -338,7 +346,7 @@ class TimeBase:
         """Apply the table to a stamped message that arrives now; None: it waits.
 
         Raises:
-            Refused: it is not used.
+            Copy, Refused: it is not used.
         """
         stamp_ns = message.stamp_ns
         steady = source.steady(clock_ns, clock_ns - stamp_ns)
@@ -446,12 +454,8 @@ def _too_old(behind_ns: int, what: str = "the last one used") -> Refused:
     return Refused("too_old", f"stamp is {behind_ns * 1e-9:.3f} s behind {what}; {_CURE}")
 
 
-def _copy() -> Refused:
-    return Refused("copy", "the same message again")
-
-
-def _of_one_stamp(message: Stamped, other: Stamped) -> Refused:
-    return _copy() if message == other else _out_of_order(0)
+def _of_one_stamp(message: Stamped, other: Stamped) -> Refused | Copy:
+    return Copy() if message == other else _out_of_order(0)
 
 
 def _at_one_instant() -> Refused:

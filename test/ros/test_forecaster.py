@@ -93,25 +93,31 @@ def test_a_process_that_does_not_read_holds_up_nobody(
 def test_a_process_that_cannot_be_started_is_tried_again(
     forecaster: Forecaster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without memory, or without an open file left for its pipe."""
+    """Without memory, or without an open file left for its pipe. No plan has failed by that."""
     first = running(forecaster)
-    real, failures = room.children, [OSError(errno.ENOMEM, "no memory"), OSError(24, "no files")]
+    real, refused = room.children, [OSError(errno.ENOMEM, "no memory")]
 
     def children() -> Any:
-        if failures:
-            raise failures.pop()
+        if refused:
+            raise refused[0]
         return real()
 
     monkeypatch.setattr(room, "_PAUSE", 0.01)
     monkeypatch.setattr(room, "children", children)
     first.kill()
+    until(lambda: forecaster.statuses(0)[0].level == 1)
+    until(lambda: int(values(forecaster)["failed starts of processes"]) > 1)
+    problem = "no process can be started (no memory); it is tried again"
+    assert forecaster.statuses(0)[0].message == problem
+    assert list(forecaster.answers()) == []
+    refused.clear()
     until(lambda: running(forecaster) is not first)
-    list(forecaster.answers())
-    assert forecaster.statuses(0)[0].message == (
-        "2 plans failed, last: no process can be started (no memory)"
-    )
+    until(lambda: forecaster.statuses(0)[0].level == 0)
+    assert forecaster.statuses(0)[0].message == "forecasting"
     forecaster.accept(b"", 0)
     until(lambda: list(forecaster.answers()))
+    assert values(forecaster)["plans forecast"] == "1"
+    assert values(forecaster)["plans that failed"] == "0"
 
 
 def test_a_process_that_was_stopped_does_not_hold_up_the_end(forecaster: Forecaster) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import pytest
@@ -13,6 +14,7 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from node_harness import CABLE, HELD, NodeProcess, Peer
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
 
 
 class PlayedClock:
@@ -111,6 +113,31 @@ def test_a_small_jump_back_is_counted_and_waited_for(
         peer.status("/dlo_sim: node", lambda v, s, n=jumps: v["clock jumps"] == str(n), "a count")
     values = peer.status("/dlo_sim: session", lambda v, s: True, "the session")
     assert "event reset" not in values and "event time_jump" not in values
+    clock.close()
+
+
+def test_a_jump_back_that_the_session_waits_for_clears_no_view(
+    started: Callable[..., NodeProcess], peer: Peer
+) -> None:
+    """By more than 1 s, but the last tick, which the session measures from, was 0.8 s later than
+    that: no reset, and the viewers keep what they show.
+    """
+    node = started({**CABLE, "use_sim_time": True, "rate": 1.0, "inputs.catch_up": 1.0})
+    received = peer.collect(PoseArray, "/dlo_sim/control_points")
+    markers = peer.collect(Marker, "/dlo_sim/centerline")
+    clock = PlayedClock(peer, 50)
+    clock.run_until(lambda: len(received) > 3 and markers, "control points")
+    last_ns = clock.now_ns
+    clock.run_until(lambda: clock.now_ns > last_ns + 400_000_000, "the time between two ticks")
+    clock.tick(-1200)
+    line = re.compile(r"the clock went back by (.*) s; the cable waits until then")
+    clock.run_until(lambda: line.search(node.output), "a line in the log")
+    (back,) = line.findall(node.output)
+    assert 1.0 < float(back) <= 1.2
+    peer.status("/dlo_sim: node", lambda v, s: v["clock jumps"] == "1", "a count")
+    values = peer.status("/dlo_sim: session", lambda v, s: True, "the session")
+    assert "event time_jump" not in values
+    assert all(marker.action == Marker.ADD for marker in markers)
     clock.close()
 
 

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from dlo_sim.session.cdr import Stamped
-from dlo_sim.session.time_base import MOST_PENDING, SECOND, TimeBase, Verdict
+from dlo_sim.session.time_base import MOST_PENDING, SECOND, Copy, TimeBase, Verdict
 
 MS = SECOND // 1000
 T0 = 1000 * SECOND
@@ -30,8 +30,9 @@ class Stream:
                 self.used.append(decision.message.stamp_ns)
                 outcomes.append(decision.verdict)
             else:
-                self.refused[decision.refusal.reason] += 1
-                outcomes.append(decision.refusal.reason)
+                copy = isinstance(decision.refusal, Copy)
+                outcomes.append("copy" if copy else decision.refusal.reason)
+                self.refused[outcomes[-1]] += 1
         return outcomes
 
     def send(self, stamp_ns, clock_ns, source=0, values=()):
