@@ -61,22 +61,19 @@ def resolved(scene: Scene) -> tuple[Scene, str]:
     """
     asked, spans = scene.discretization, _wanted_spans(scene)
     grading = _grading(scene, spans)
-    if number := asked.control_points:
-        if asked.knots == "auto" and grading != bspline.EQUAL:  # a narrower bend has knots, too
-            span = scene.cable.length / (number - bspline.DEGREE)
-            grading = grading._replace(reach=max(grading.reach, 0.5 * span))
+    number, limited = _number(scene, spans, grading)
+    span = scene.cable.length / (number - bspline.DEGREE)
+    if asked.knots == "auto" and grading != bspline.EQUAL and (asked.control_points or limited):
+        # Fewer than wanted, perhaps: a bend that is narrower than a span has knots, too.
+        grading = grading._replace(reach=max(grading.reach, 0.5 * span))
+    if asked.control_points:
         closer = "" if grading == bspline.EQUAL else ", closer knots at clamps"
         return _with(scene, number, grading), f"{number} control points as the scene asks{closer}"
-    wanted, most, limit = _number(scene, spans, grading), MOST, "are chosen"
-    if asked.quadrature == "uniform" and asked.samples // 2 + bspline.DEGREE < most:
-        most, limit = asked.samples // 2 + bspline.DEGREE, "discretization.samples allow"
-    number, target = min(max(wanted, FEWEST), most), f"accuracy.target {scene.accuracy.target:g} m"
-    reason = f"spans of {_length(scene.cable.length / (number - bspline.DEGREE))} for {target}"
-    if wanted > most:
-        reason = f"the most that {limit}, {target} wants {wanted}"
-    elif grading != bspline.EQUAL:
-        span = min(spans.bend, spans.middle)
-        reason = f"spans from {_length(span)} at clamps to {_length(spans.middle)} for {target}"
+    lengths = f"of {_length(span)}"
+    if grading != bspline.EQUAL:
+        shortest = min(spans.bend, spans.middle)
+        lengths = f"from {_length(shortest)} at clamps to {_length(spans.middle)}"
+    reason = limited or f"spans {lengths} for accuracy.target {scene.accuracy.target:g} m"
     return _with(scene, number, grading), f"{number} control points: {reason}"
 
 
@@ -151,7 +148,7 @@ def _grading(scene: Scene, spans: _Spans) -> bspline.Grading:
     grading = bspline.Grading(ends[0], ends[1], spans.reach)
     if not (any(ends) and plain):
         return bspline.EQUAL
-    number = choice.control_points or _number(scene, spans, grading)
+    number, _ = _number(scene, spans, grading)
     return grading if is_implicit(_with(scene, number, grading)) else bspline.EQUAL
 
 
@@ -160,7 +157,25 @@ def _bent_between(scene: Scene) -> bool:
     return bool(scene.grasps) or any(0.0 < load.position < 1.0 for load in scene.loads)
 
 
-def _number(scene: Scene, spans: _Spans, grading: bspline.Grading) -> int:
+def _number(scene: Scene, spans: _Spans, grading: bspline.Grading) -> tuple[int, str]:
+    """The number of control points: what the scene asks for, else what is wanted within limits; and
+    if the limit is below what is wanted, a line that says so.
+    """
+    asked = scene.discretization
+    if asked.control_points:
+        return asked.control_points, ""
+    wanted, most, limit = _wanted(scene, spans, grading), MOST, "are chosen"
+    if asked.quadrature == "uniform" and asked.samples // 2 + bspline.DEGREE < most:
+        most, limit = asked.samples // 2 + bspline.DEGREE, "discretization.samples allow"
+    if wanted <= most:
+        return max(wanted, FEWEST), ""
+    return (
+        most,
+        f"the most that {limit}, accuracy.target {scene.accuracy.target:g} m wants {wanted}",
+    )
+
+
+def _wanted(scene: Scene, spans: _Spans, grading: bspline.Grading) -> int:
     """Control points with which no span is longer than wanted."""
     (start, end, reach), length = grading, scene.cable.length
     span = min(spans.middle, spans.bend * (1.0 + max(start, end)))  # where the density is 1

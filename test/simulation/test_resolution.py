@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from cables import scene_of
 from everyday_motions import EVERYDAY, Everyday, checked
+from everyday_scenes import draw_scene
 
 from dlo_sim.batch.batch import simulate_batch
 from dlo_sim.core import bspline
 from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
+from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.resolution import FEWEST, MOST, resolved
 from dlo_sim.simulation.simulator import Simulator
 
@@ -108,6 +110,25 @@ def test_bounds():
     scene, why = resolved(scene_of(ROPE, OPEN, {"accuracy.target": 1e-9}))
     assert scene.discretization.control_points == MOST
     assert "250 control points: the most that are chosen, accuracy.target 1e-09 m wants " in why
+
+
+@pytest.mark.parametrize("seed", [60, 471, 555, 570])
+def test_a_scene_that_wants_more_than_can_be_given_gets_the_most(seed):
+    """100 m of thin soft cable or hose between two grippers: thousands would be needed."""
+    _, values = draw_scene(seed)
+    scene, why = resolved(scene_of(values, OPEN))
+    assert scene.discretization.control_points == MOST
+    assert "250 control points: the most that are chosen, accuracy.target 0.001 m wants" in why
+    assert int(why.split()[-1]) > 2000
+
+
+def test_what_the_most_control_points_miss_is_told():
+    scene = scene_of(draw_scene(555)[1], OPEN)
+    done = record(scene, 0.02, 0.02)
+    assert done.ok and np.isfinite(done.control_points).all()
+    assert done.error_estimate["total"] > 5.0 * scene.accuracy.target
+    assert "exceeds accuracy.target 0.001 m, mostly of space" in done.advice
+    assert "raise discretization.control_points to " in done.advice
 
 
 def test_samples_of_a_uniform_quadrature_bound_the_number():
