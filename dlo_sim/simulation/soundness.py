@@ -115,7 +115,7 @@ def judged(report: Report, recorder: Recorder) -> Report:
 def _line(model: Model, u: float, what: str) -> str:
     finer = 2 * (model.n - bspline.DEGREE) + bspline.DEGREE
     return (
-        f"at u = {u:.3g} m {what} that knot spans of "
+        f"at u = {round(u, 9):.3g} m {what} that knot spans of "
         f"{model.knots[-1] / (model.n - bspline.DEGREE):.2g} m cannot resolve; "
         f"raise discretization.control_points from {model.n} to {finer}, or check that what moves "
         "the cable leaves it its length"

@@ -322,3 +322,32 @@ def test_real_simulator_refuses_in_one_line(capsys, tmp_path):
         message = refused(capsys, *arguments, "--set", setting)
         assert setting.split("=")[0] in message
     assert not path.exists()
+
+
+COLUMN = """
+/**:
+  ros__parameters:
+    cable: {length: 0.5, diameter: 0.006, density: 1150.0, youngs_modulus: 2.0e+6}
+    start: {clamped: true, tangent: [0.0, 0.0, 1.0]}
+    damping: {stiffness: 0.01, air_drag: 0.005}
+    discretization: {control_points: 13, stretch: span}
+    initial: {shape: straight}
+    accuracy: {estimate: "off"}
+"""
+
+
+def test_a_column_that_folds_ends_with_status_3_and_a_cure(tmp_path, capsys):
+    """1e4 m/s^2 along a clamped cable, towards its clamp: it is simulated to the end, and folds."""
+    path = tmp_path / "column.yaml"
+    path.write_text(COLUMN, encoding="utf-8")
+    command = ["simulate", str(path), "--duration", "0.02", "--json"]
+    assert main([*command, "--set", "gravity=[0, 0, -1e4]"]) == 3
+    values = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert values["status"] == "unresolved"
+    assert values["simulated_s"] == pytest.approx(0.02, rel=0.05)
+    assert values["message"].startswith("at u = 0 m the cable has ")
+    assert "a fold or cusp" in values["message"]
+    assert "raise discretization.control_points from 13 to 23" in values["message"]
+    assert main([*command[:-1], "--set", "gravity=[0, 0, -1e4]"]) == 3
+    assert capsys.readouterr().out.splitlines()[1].strip() == values["message"]
+    assert main([*command, "--set", "gravity=[0, 0, -9.81]"]) == 0
