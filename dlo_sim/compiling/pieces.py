@@ -31,6 +31,7 @@ _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "n
 REALS = types.Array(types.float64, 1, "C")
 WHOLES = types.Array(types.int64, 1, "C")
 MATRIX = types.Array(types.float64, 2, "C")
+MATRICES = types.Array(types.float64, 3, "C")
 STRIDED = types.Array(types.float64, 2, "A")
 STRIDED_WHOLES = types.Array(types.int64, 2, "A")
 NUMBERS = types.CPointer(types.float64)

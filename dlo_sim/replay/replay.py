@@ -167,7 +167,7 @@ class _Replay:
         factory: Callable[..., Simulator] | None,
     ) -> None:
         self.summary = ReplaySummary()
-        self._unresolved = ""  # the first line about a shape that is none of a cable
+        self._unresolved = ""  # the first line about a shape that is no cable's
         self._bag, self._scene, self._writer = bag, scene, writer
         self._progress = progress
         begin = time.perf_counter()

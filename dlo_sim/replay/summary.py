@@ -19,7 +19,7 @@ class ReplayFigures:
     Attributes:
         status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
             the simulator gave up; `refused`: more than 5 % of the messages of a topic could not be
-            used; `unresolved`: at some time the shape was none of a cable; `output_incomplete`: the
+            used; `unresolved`: at some time the shape was no cable's; `output_incomplete`: the
             disk was full, the output holds what was written until then.
         message: one line that explains any status but `done`, else "".
         messages_used, messages_written: input and output messages.

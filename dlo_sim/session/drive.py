@@ -60,7 +60,7 @@ class Drive:
         scene: what is simulated now.
         simulator: the simulator; placed by `begin`.
         estimate: runs its companions; None if it has none.
-        unresolved: one line if a shape of the last advance was none of a cable
+        unresolved: one line if a shape of the last advance was no cable's
             (`simulation.soundness`), else "".
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.

@@ -206,7 +206,7 @@ class Session:
 
     @property
     def unresolved(self) -> str:
-        """One line if the present shape is none of a cable (`simulation.soundness`), else ""."""
+        """One line if the present shape is no cable's (`simulation.soundness`), else ""."""
         return self._drive.unresolved
 
     def messages(

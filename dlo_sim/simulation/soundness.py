@@ -3,7 +3,7 @@
 A span stretches by what its tension causes, evenly or, at the ends of the cable, linearly: that is
 the projected strain of `engine.elastic`. Where |r'| differs from it by more than BOUND somewhere,
 the span is folded, or has a cusp, or is held at places between which it cannot reach: such a shape
-is none of a cable, and its forces are meaningless. A clamped end whose first span points backwards
+is no cable's, and its forces are meaningless. A clamped end whose first span points backwards
 is folded, too. (With `discretization.stretch: sample` any local stretch has its tension.)
 
 The bound is no measure of accuracy, which the error estimate is for. Coarse but sensible shapes
@@ -18,10 +18,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import REAL, TRUTH, piece
+from dlo_sim.compiling.pieces import MATRICES, REAL, TRUTH, piece
 from dlo_sim.core import bspline
 from dlo_sim.core.bspline import ACTIVE
 from dlo_sim.engine import layout
@@ -33,7 +32,6 @@ from dlo_sim.simulation.report import Report, Status
 Array = NDArray[np.float64]
 BOUND = 0.5  # of the rest length
 _GAUSS_POINTS = 5  # of a span, for its mean strain; both ends are places, too
-REALS_3D = types.Array(types.float64, 3, "C")
 _INSIDE = 1.0 - 1e-12  # keeps the ends of a span inside it
 
 
@@ -70,7 +68,7 @@ def unexplained_stretch(
     return ""
 
 
-@piece((REAL, REAL, REAL, REAL), REALS_3D, REALS_3D, REALS_3D, TRUTH)
+@piece((REAL, REAL, REAL, REAL), MATRICES, MATRICES, MATRICES, TRUTH)
 def worst_stretch(
     shapes: Array, slopes: Array, projection: Array, by_span: bool
 ) -> tuple[float, float, float, float]:
@@ -105,7 +103,7 @@ def worst_stretch(
 
 
 def judged(report: Report, recorder: Recorder) -> Report:
-    """The report of a run, with the status UNRESOLVED if a recorded shape is none of a cable."""
+    """The report of a run, with the status UNRESOLVED if a recorded shape is no cable's."""
     if not report.status.advanced or not recorder.count:
         return report
     wrong = unexplained_stretch(recorder.model, recorder.points)
