@@ -43,14 +43,16 @@ def _of_markers(found: Identified) -> Any:
         seen = k < len(found.recordings) - found.left_out
         look: dict[str, Any] = {
             "linestyle": "-" if seen else "--",
-            "label": piece.name.replace("$", r"\$"),  # no formula
+            "label": piece.name,
             "linewidth": 1.1,
         }
         by_marker.plot(piece.shares, np.nanmean(distance, axis=0), marker="o", ms=3, **look)
         by_time.plot(piece.times, np.nanmean(distance, axis=1), **look)
     by_marker.set(xlabel="material coordinate [lengths]", ylabel="mean distance [mm]")
     by_time.set(xlabel="time [s]", ylabel="mean distance of the markers [mm]")
-    by_time.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.01, 0.5))
+    legend = by_time.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.01, 0.5))
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # names of files are no formulas
     for axes in (by_marker, by_time):
         axes.set_ylim(bottom=0.0)
         axes.grid(alpha=0.3)

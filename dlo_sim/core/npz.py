@@ -34,6 +34,18 @@ class NpzRefused(Exception):
     """A file that is not used: one line that says why, without the file's name and the cure."""
 
 
+class NpzUnreadable(NpzRefused):
+    """The operating system does not let it be read.
+
+    Attributes:
+        missing: whether there is no such file.
+    """
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(f"cannot be read ({error.strerror or error})")
+        self.missing = isinstance(error, FileNotFoundError)
+
+
 def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
     """Arrays of numbers, or of text, in an npz file.
 
@@ -44,10 +56,17 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
         Name -> array, for those that are there.
 
     Raises:
-        OSError: there is no such file, or it may not be read.
+        NpzUnreadable: there is no such file, or it may not be read.
         NpzRefused: the file is not an npz, damaged, encrypted, larger than `MOST_BYTES` or not of
             numbers.
     """
+    try:
+        return _in_file(path, names)
+    except OSError as error:
+        raise NpzUnreadable(error) from None
+
+
+def _in_file(path: Path, names: Collection[str] | None) -> dict[str, NDArray[Any]]:
     # Non-blocking, and asked once it is open: opening a pipe would wait for its other end.
     with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         status = os.fstat(file.fileno())

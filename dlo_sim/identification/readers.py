@@ -102,11 +102,8 @@ def _arrays(path: Path) -> dict[str, Any]:
     """What stands under `NPZ_KEYS`."""
     try:
         given = read_npz(path, NPZ_KEYS)
-    except (OSError, NpzRefused) as trouble:
-        problem = (
-            f"cannot be read ({trouble.strerror})" if isinstance(trouble, OSError) else trouble
-        )
-        raise MeasurementError(f"{path}: {problem}; give a .npz file") from None
+    except NpzRefused as refused:
+        raise MeasurementError(f"{path}: {refused}; give a .npz file") from None
     missing = [key for key in NPZ_KEYS if key not in given]
     if missing:
         raise MeasurementError(f"{path}: has no {missing[0]}; it needs {', '.join(NPZ_KEYS)}")

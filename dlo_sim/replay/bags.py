@@ -11,7 +11,6 @@ from __future__ import annotations
 import heapq
 import os
 import sqlite3
-import struct
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -29,6 +28,7 @@ from dlo_sim.replay import storage
 from dlo_sim.replay.metadata import read_metadata
 from dlo_sim.replay.storage import DamagedFile, Record
 from dlo_sim.scene.refusal import one_line
+from dlo_sim.session.cdr import BOOL, MARKER_ARRAY, TF_MESSAGE, DecodeError, Reader
 
 Storage = Literal["mcap", "sqlite3"]
 
@@ -44,7 +44,6 @@ _DISK_ERRORS = (OSError, sqlite3.Error)
 # write what comes from several threads, and keep what they sort.
 _MOST_LATE = 10_000_000_000
 _PROGRESS_MESSAGES = 1000
-_HEADER = 16  # bytes of a message that begins with a header, at least
 # If a recording begins before this, zero may be its first time; if later, zero is no time.
 _LEAST_TIME = 1_000_000_000
 
@@ -155,7 +154,7 @@ class Bag:
         latest, dated = self._first_written, False
         for number, record in enumerate(self._records(wanted.items())):
             if self.undated and record.time_ns == 0:
-                stamp_ns = _stamp(record.data)
+                stamp_ns = _stamp(record)
                 if stamp_ns == 0 and not dated:
                     continue
                 all_undated = self.undated == self.count
@@ -313,12 +312,17 @@ class BagWriter:
         )
 
 
-def _stamp(data: bytes) -> int | None:
-    """Stamp of the header [ns] with which a serialised message begins; None = it has none."""
-    if len(data) < _HEADER:
+def _stamp(record: Record) -> int | None:
+    """Stamp of a message [ns], of the first one in a list of them; None = it has none."""
+    if record.type == BOOL:
         return None
-    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    stamp_ns: int = seconds * 1_000_000_000 + nanoseconds
+    try:
+        reader = Reader(record.data)
+        if record.type in (TF_MESSAGE, MARKER_ARRAY) and reader.whole() == 0:
+            return None
+        stamp_ns, _ = reader.header()
+    except DecodeError:
+        return None
     return stamp_ns if 0 <= stamp_ns < _END_OF_TIME else 0
 
 

@@ -77,8 +77,6 @@ def _in_file(path: Path) -> Trajectory:
         rows = [arguments.numbers(f"poses of {name}", one, shape) for name, one in given.items()]
     except FileRefused as refusal:
         raise PlanError(f"{path}: {refusal.problem}; {_FILE}") from None
-    except OSError as error:
-        raise PlanError(f"{path}: cannot be read ({error.strerror}); {_FILE}") from None
     except (NpzRefused, TypeError, ValueError) as refusal:
         raise PlanError(f"{path}: {refusal}; {_FILE}") from None
     poses = np.moveaxis(np.reshape(rows, (len(rows), *shape)), 0, 1)

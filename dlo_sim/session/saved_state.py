@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dlo_sim import __version__
 from dlo_sim.core.arguments import count, number, numbers
-from dlo_sim.core.npz import read_npz
+from dlo_sim.core.npz import NpzUnreadable, read_npz
 from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.scene.description import Scene, scene_from_values, scene_values
 from dlo_sim.scene.needs import Needs
@@ -39,9 +39,18 @@ _TAKEN = re.compile(r"grasps\..*\.taken")  # may differ, as it is part of the st
 def save_state(path: Path, state: Snapshot) -> None:
     """Write the state, replacing an existing file.
 
+    Motions that wait for their start (`Snapshot.waiting`) are not among what is written: a session
+    gives each motion when it begins.
+
     Raises:
+        ValueError: a motion waits.
         OSError: the file cannot be written; an existing one is kept.
     """
+    if state.waiting:
+        waiting = ", ".join(state.waiting)
+        raise ValueError(
+            f"state: motions of {waiting} wait for their start; save it once they began"
+        )
     head = {
         "version": __version__,
         "saved_at": time.time(),
@@ -87,12 +96,10 @@ def load_state(path: Path, scene: Scene) -> tuple[Snapshot, float] | None:
             unfit = _of_another(head, scene)
         if not unfit:
             return _snapshot(head, scene, state, inputs), time.time() - head["saved_at"]
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise SceneError(
-            f"state.save_to: {path} cannot be read ({error.strerror or error}); {cure}"
-        ) from None
+    except NpzUnreadable as refused:
+        if refused.missing:
+            return None
+        raise SceneError(f"state.save_to: {path} {refused}; {cure}") from None
     except Exception:  # a damaged file makes json and what follows raise almost anything
         raise SceneError(
             f"state.save_to: {path} is no saved state, or a damaged one; {cure}"

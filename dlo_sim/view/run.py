@@ -102,10 +102,9 @@ def read_recording(path: Path) -> Run:
     """
     try:
         found = read_npz(path, (*_NEEDED, *_FURTHER))
-    except (OSError, NpzRefused) as error:
-        problem = f"cannot be read ({error.strerror})" if isinstance(error, OSError) else error
+    except NpzRefused as refused:
         raise RunError(
-            f"{path}: {problem}; give an npz of dlo_sim simulate, or a bag's folder"
+            f"{path}: {refused}; give an npz of dlo_sim simulate, or a bag's folder"
         ) from None
     for name in _NEEDED:
         if name not in found or not found[name].size:

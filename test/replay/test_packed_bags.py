@@ -1,6 +1,7 @@
 """Bags as recorders pack them, bags of ROS 1, and recordings without a time or with long pauses."""
 
 import shlex
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -166,6 +167,26 @@ def test_a_bag_without_any_time_of_recording(make_bag, recorded, scene, tmp_path
     assert summary.warnings[0].endswith("at time 0; they count as recorded at their stamps")
     replayed(make_bag(name="dated"), scene, tmp_path / "whole")
     assert stamps(tmp_path / "out") == stamps(tmp_path / "whole")
+
+
+def at_zero(kind, stamp_ns):
+    """A message of a type with this stamp, as far as its header."""
+    seconds, rest = divmod(stamp_ns, SECOND)
+    header = b"world\0"
+    if kind == "big-endian":
+        return b"\0\0\0\0" + struct.pack(">iII", seconds, rest, len(header)) + header
+    begin = struct.pack("<I", 1) if kind in (cdr.TF_MESSAGE, cdr.MARKER_ARRAY) else b""
+    return b"\0\1\0\0" + begin + struct.pack("<iII", seconds, rest, len(header)) + header
+
+
+@pytest.mark.parametrize("kind", [cdr.POSE_STAMPED, cdr.TF_MESSAGE, cdr.MARKER_ARRAY, "big-endian"])
+def test_stamps_are_read_as_their_types_say(make_bag, kind):
+    name = cdr.POSE_STAMPED if kind == "big-endian" else kind
+    data = [at_zero(kind, T0 + k * 20_000_000) for k in range(5)]
+    bag = Bag(make_bag([("/said", 0, one) for one in data], topics={"/said": name}))
+    assert bag.undated == bag.count == 5
+    times = [message.time_ns for message in bag.messages({"/said": name})]
+    assert times == [T0 + k * 20_000_000 for k in range(5)]
 
 
 def test_simulated_time_that_begins_at_zero_is_a_time(make_bag, recorded, scene, tmp_path):

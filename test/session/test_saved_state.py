@@ -1,5 +1,6 @@
 """A session that goes on from a file, with the real simulator."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -172,6 +173,13 @@ def test_state_of_another_scene_is_refused(path, changes, difference):
 def test_inputs_and_outputs_may_differ(path):
     changes = {"inputs.latency": 0.1, "outputs.color_by": "tension", "state.save_to": "here"}
     assert load_state(path, SCENE.with_values(changes)) is not None
+
+
+def test_a_motion_that_waits_is_not_lost_unsaid(ran, tmp_path):
+    waiting = {"start": (object(),)}
+    with pytest.raises(ValueError, match="motions of start wait for their start; save it once"):
+        save_state(tmp_path / "state", dataclasses.replace(ran.saved, waiting=waiting))
+    assert not (tmp_path / "state").exists()
 
 
 def test_no_file_is_no_state(tmp_path):
