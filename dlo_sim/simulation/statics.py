@@ -66,6 +66,7 @@ ROUND_OFF = 1e-6  # the same where steps do not shrink any more
 FAST, SLOW = 0.5, 0.9  # movement that counts as progress, relative to the least so far
 PATIENCE = 6  # steps without progress after which they do not
 NUDGE = 1e-6  # of the length
+STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `_Search.patient`
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
 
 SHARE_OF_TIME = 0.01  # step of the relaxation in time, relative to `_time_scale`
@@ -323,33 +324,29 @@ def relax(
     search = _Search(cable)
     cable.w[:] = 0.0
     pseudo = search.first_step()
-    least, stuck, ceiling, smooth = np.inf, 0, np.inf, 0
-    last_move, nudged = np.inf, False
+    search.nudge()
+    least, stuck, ceiling, smooth, rests = np.inf, 0, np.inf, 0, False
     progress = SLOW if after_step else FAST
     for _ in range(MAX_STEPS):
         iterations, moved = search.step(pseudo)
-        if iterations == 0 and last_move < rest and not nudged:
-            # At rest, yet not stable: a symmetric shape may be the top of a ridge.
-            search.nudge()
-            nudged, ceiling, smooth = True, np.inf, 0
-            continue
-        last_move = moved if iterations else last_move
         if iterations == 0:
             ceiling, smooth = 0.5 * pseudo, 0
             pseudo *= 0.25
             continue
         if after_step:
             after_step()
+        rests = False
         if pseudo >= search.patient:
             stuck = 0 if moved < progress * least else stuck + 1
             least = min(least, moved)
-            if moved < rest or (moved < ROUND_OFF and stuck >= PATIENCE):
+            rests = moved < rest or (moved < ROUND_OFF and stuck >= PATIENCE)
+            if rests and search.stable():
                 return True
         pseudo *= 10.0 if iterations <= 4 else 2.0 if iterations <= 7 else 0.7
         smooth += 1
         ceiling *= 1.2**smooth
         pseudo = min(pseudo, ceiling, 1e12 * search.patient)
-    return False
+    return rests
 
 
 def relax_twist(cable: Cable) -> bool:
@@ -432,7 +429,7 @@ def _nudge_twist(cable: Cable) -> None:
     if not cable.model.has(layout.MATERIAL):
         return
     free = ~cable.model.held_mask()[-1]
-    along = np.linspace(0.0, 1.0, len(free))
+    along = bspline.greville(cable.model.knots) / cable.model.knots[-1]
     cable.x[-1][free] += TWIST_NUDGE * np.sin(2.0 * along + 0.5)[free]
 
 
@@ -515,7 +512,7 @@ class _Search:
         The move is a share of the length.
         """
         dim = self._dim
-        x = self._cable.x
+        x, state = self._cable.x, self._cable.state.copy()
         before = x.copy()
         place = self._place()
         stress = self._stress(*place)
@@ -536,16 +533,27 @@ class _Search:
             stress = self._stress(*place)
             if largest <= CONVERGED * moved or largest < 1e-12 * self._length:
                 return iteration, float(moved / self._length)
-        x[:] = before
+        # The frames, too, which may hold no numbers where the correction was far too large.
+        self._cable.state[:] = state
         return 0, 0.0
 
     def nudge(self) -> None:
-        """Move the spatial lines by a little that has no symmetry."""
+        """Move the spatial lines by a little that has no symmetry, and is the same for any knots:
+        a cable that may buckle to either side goes to the same one whatever the resolution.
+        """
         cable = self._cable
-        push = np.random.default_rng(0).standard_normal(cable.x.shape)
-        push[self._dim :] = 0.0
+        share = bspline.greville(cable.model.knots) / self._length
+        push = np.zeros_like(cable.x)
+        for axis in range(self._dim):
+            side = np.sin((2.0 + axis) * share + 0.7 * axis + 0.4)
+            push[axis] = mass.multiply(cable.model.band(layout.MASS, 0), side)
         way = cable.free_acceleration(push)
-        cable.x[:] += NUDGE * self._length / np.abs(way).max() * way
+        cable.x[:] += NUDGE * self._length / max(np.abs(way).max(), 1e-300) * way
+
+    def stable(self) -> bool:
+        """Whether the stiffness of the present shape is positive, up to round-off."""
+        nothing = np.zeros((len(self._ends) - 1, self._dyads.shape[1]))
+        return self._correction(self._cable.x, STEADY * self.patient, nothing) is not None
 
     def _place(self) -> tuple[Array, Array]:
         """r' at the samples of every span, shape (spans, samples, dim), and its coefficients A, B,
