@@ -20,6 +20,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.soundness import leaves_clamp_backwards
 
 Array = NDArray[np.float64]
 PLACES = 101  # of the cable that are looked at
@@ -32,7 +33,9 @@ def place(
     cable: Cable,
     lay: Callable[[], None] | None = None,
 ) -> None:
-    """Put a cable into the scene's first shape, at rest. `lay` aligns the natural shape with the
+    """Put a cable into the scene's first shape, at rest. Without equilibrium it is straight, or an
+    arc where its ends are nearer than its length; or where the arc would leave a clamp backwards,
+    the shape of grippers that moved together. `lay` aligns the natural shape with the
     material frames of the present shape and lets plastic flow follow; None if there is neither.
     Where the twist that a natural shape causes is not found, the cable is only placed close to
     rest, with a UserWarning.
@@ -43,6 +46,7 @@ def place(
     """
     points = np.zeros((cable.model.n, 4))
     points[:, :3] = first_shape(scene, geometries, cable.model.knots)
+    backwards = leaves_clamp_backwards(points, ends)
     ends.put(points, 0.0, anew=True)
     cable.put(points, np.zeros_like(points), 0.0)
     if lay:
@@ -56,6 +60,10 @@ def place(
         _relax_elastic(scene, geometries, cable)
     elif resting:
         statics.find(scene, geometries, ends, cable, lay)
+    elif backwards and not constrained and not frenet_wanted(scene):
+        # An arc that is folded at a clamp would stay so.
+        if not statics.follow(scene, geometries, ends, cable, lay):
+            cable.put(points, np.zeros_like(points), 0.0)
     if constrained and not rattle.to_rest_length(cable.arrays):
         apart = float(np.linalg.norm(cable.points[-1, :3] - cable.points[0, :3]))
         raise SceneError(

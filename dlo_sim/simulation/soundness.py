@@ -58,13 +58,19 @@ def unexplained_stretch(
             f"{explained:.2f}: a fold or cusp"
         )
         return _line(model, places.u[int(span), int(place)], what)
-    if ends is None:
-        return ""
+    name = leaves_clamp_backwards(points, ends, time) if ends else ""
+    if name:
+        u = 0.0 if name == "start" else model.knots[-1]
+        return _line(model, u, "the cable leaves its clamp backwards: a fold")
+    return ""
+
+
+def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> str:
+    """Name of a clamped end whose first edge points against its clamp at a time [s]; "" if none."""
     for name in ends.clamped:
         edge = points[1] - points[0] if name == "start" else points[-1] - points[-2]
         if edge[:3] @ ends.tangent(name, time) <= 0.0:
-            u = 0.0 if name == "start" else model.knots[-1]
-            return _line(model, u, "the cable leaves its clamp backwards: a fold")
+            return str(name)
     return ""
 
 

@@ -92,8 +92,7 @@ def find(
     Raises:
         SceneError: none was found.
     """
-    way = _Way(scene, geometries, ends, cable, lay)
-    if not any(way.follow(begin) for begin in way.beginnings()):
+    if not follow(scene, geometries, ends, cable, lay):
         raise SceneError(cause(scene, cable))
     if not cable.model.has(layout.BISHOP):
         relax_twist(cable)
@@ -104,6 +103,16 @@ def find(
             "moves after the start: let it come to rest, or check cable.shear_modulus",
             stacklevel=2,
         )
+
+
+def follow(
+    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
+) -> bool:
+    """Whether an extensible cable came into equilibrium for the twist as it is, in the shape that
+    grippers reach that move together from the straight cable.
+    """
+    way = _Way(scene, geometries, ends, cable, lay)
+    return any(way.follow(begin) for begin in way.beginnings())
 
 
 def find_inextensible(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:

@@ -62,6 +62,27 @@ def test_close_grippers_hold_the_right_shape():
     assert sim.advance(0.1).status.ok
 
 
+@pytest.mark.parametrize("count", [0, 41, 79])
+@pytest.mark.parametrize("apart", [0.2, 0.05, 0.02])
+def test_close_grippers_come_to_rest_in_the_right_shape_from_any_start(apart, count):
+    """An arc of the length would leave the clamps backwards: with 41 control points and more it
+    stayed folded there for ever, with a moment of the wrong sign.
+    """
+    values = {"end.position": [apart, 0.0, 0.5], "discretization.control_points": count}
+    sims = [
+        Simulator(GRIPPERS.with_values(values | {"initial.shape": shape}))
+        for shape in ("straight", "equilibrium")
+    ]
+    assert not folded(sims[0])
+    for sim in sims:
+        for _ in range(100):
+            assert sim.advance(0.1).status.ok
+    begun, right = (sim.reaction("start") for sim in sims)
+    assert begun[0] == pytest.approx(right[0], abs=1e-4)
+    assert begun[1] == pytest.approx(right[1], abs=2e-5)
+    assert right[1][1] < -0.0055  # N m; a shooting solution at 0.2 m gives -0.0064
+
+
 @pytest.mark.parametrize("apart", [0.2, 0.05, 0.02])
 @pytest.mark.parametrize("shape", ["equilibrium", "straight"])
 def test_few_control_points_make_no_cusp(apart, shape):
