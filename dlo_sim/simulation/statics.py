@@ -270,6 +270,7 @@ class _Way:
         """Whether an equilibrium was found for the twist as it is, with plastic flow up to it
         (`_relax_with_flow`) at the end of the way, whose local stretch its tension explains.
         """
+        _nudge(self._cable)
         if share < 1.0:
             found = relax(self._cable, rest=ROUGH)
         else:
@@ -333,8 +334,7 @@ def relax(
     search = _Search(cable)
     cable.w[:] = 0.0
     pseudo = search.first_step()
-    search.nudge()
-    least, stuck, ceiling, smooth, rests = np.inf, 0, np.inf, 0, False
+    least, stuck, ceiling, smooth, rests, nudged = np.inf, 0, np.inf, 0, False, False
     progress = SLOW if after_step else FAST
     for _ in range(MAX_STEPS):
         iterations, moved = search.step(pseudo)
@@ -351,6 +351,9 @@ def relax(
             rests = moved < rest or (moved < ROUND_OFF and stuck >= PATIENCE)
             if rests and search.stable():
                 return True
+            if rests and not nudged:  # a symmetric shape may be the top of a ridge
+                _nudge(cable)
+                nudged = True
         pseudo *= 10.0 if iterations <= 4 else 2.0 if iterations <= 7 else 0.7
         smooth += 1
         ceiling *= 1.2**smooth
@@ -429,6 +432,20 @@ def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
         last, found = moved, cable.state.copy()
     cable.state[:] = found
     return False
+
+
+def _nudge(cable: Cable) -> None:
+    """Move the spatial lines by a little that has no symmetry, and is the same for any knots: a
+    cable that may buckle to either side goes to the same one whatever the resolution.
+    """
+    length = float(cable.model.knots[-1])
+    share = bspline.greville(cable.model.knots) / length
+    push = np.zeros_like(cable.x)
+    for axis in range(len(cable.model.axes)):
+        side = np.sin((2.0 + axis) * share + 0.7 * axis + 0.4)
+        push[axis] = mass.multiply(cable.model.band(layout.MASS, 0), side)
+    way = cable.free_acceleration(push)
+    cable.x[:] += NUDGE * length / max(np.abs(way).max(), 1e-300) * way
 
 
 def _nudge_twist(cable: Cable) -> None:
@@ -546,21 +563,12 @@ class _Search:
         self._cable.state[:] = state
         return 0, 0.0
 
-    def nudge(self) -> None:
-        """Move the spatial lines by a little that has no symmetry, and is the same for any knots:
-        a cable that may buckle to either side goes to the same one whatever the resolution.
-        """
-        cable = self._cable
-        share = bspline.greville(cable.model.knots) / self._length
-        push = np.zeros_like(cable.x)
-        for axis in range(self._dim):
-            side = np.sin((2.0 + axis) * share + 0.7 * axis + 0.4)
-            push[axis] = mass.multiply(cable.model.band(layout.MASS, 0), side)
-        way = cable.free_acceleration(push)
-        cable.x[:] += NUDGE * self._length / max(np.abs(way).max(), 1e-300) * way
-
     def stable(self) -> bool:
-        """Whether the stiffness of the present shape is positive, up to round-off."""
+        """Whether the stiffness of the present shape is positive, up to round-off. That of a cable
+        with a natural shape at fixed twist says little: `_in_turn` tries it.
+        """
+        if self._cable.model.has(layout.MATERIAL):
+            return True
         nothing = np.zeros((len(self._ends) - 1, self._dyads.shape[1]))
         return self._correction(self._cable.x, STEADY * self.patient, nothing) is not None
 
