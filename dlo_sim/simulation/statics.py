@@ -45,6 +45,7 @@ from dlo_sim.simulation.dynamic_relaxation import relative_movement, relax_in_ti
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
+from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.soundness import unexplained_stretch
 from dlo_sim.simulation.stepper import loop_of
 from dlo_sim.terms import span_guard
@@ -297,6 +298,13 @@ def cause(scene: Scene, cable: Cable) -> str:
         return (
             f"{begin}, since nothing resists stretching; set terms.stretch to auto and give "
             "cable.axial_stiffness or cable.youngs_modulus"
+        )
+    wanted = resolved(scene.with_values({"discretization.control_points": 0}))[0]
+    number = wanted.discretization.control_points
+    if number > model.n:
+        return (
+            f"{begin} with {model.n} control points, too few for its bends; set "
+            f"discretization.control_points to 0, which chooses {number}"
         )
     return f"{begin}; use straight, and let the cable come to rest"
 
