@@ -9,10 +9,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_bvp
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import SceneError, load_scene, shipped_scene
+from dlo_sim.scene.loading import SceneError, load_scene, scene_from_values, shipped_scene
 from dlo_sim.simulation.error_estimate import LOOK, ErrorEstimate
 from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.simulator import Simulator
@@ -197,6 +198,71 @@ def test_companions_that_come_in_the_middle_of_a_motion_end_where_it_ends():
         ):
             np.testing.assert_allclose(own, of_original, atol=1e-12)
     assert 0.0 < estimate.recent.total < 0.1  # today 0.04: few control points
+
+
+# A cable of 1.2 m hangs from a clamp; in its middle a gripper holds it clamped and turned upwards.
+HELD = {
+    "cable.length": 1.2,
+    "cable.linear_density": 0.09,
+    "cable.bending_stiffness": 6e-3,
+    "cable.axial_stiffness": 1060.0,
+    "damping.stiffness": 0.02,
+    "discretization.knots": "uniform",
+    "start.position": [0.0, 0.0, 2.0],
+    "start.clamped": True,
+    "start.tangent": [0.0, 0.0, -1.0],
+    "end.position": [0.0, 0.0, 0.8],
+    "initial.shape": "equilibrium",
+    "grasps.names": ["hand"],
+    "grasps.hand.position": [0.1, 0.0, 1.5],
+    "grasps.hand.clamped": True,
+    "grasps.hand.tangent": [0.8, 0.0, -0.6],
+}
+
+
+def tip_below_the_hand(scene: Scene) -> np.ndarray:
+    """Tip of the free half at rest: a rod clamped in the hand, by its boundary value problem."""
+    half, weight = 0.5 * scene.cable.length, 9.81 * scene.cable.mu
+    hand = scene.grasps[0]
+
+    def slopes(s, y):
+        across, along = np.cos(y[2]), np.sin(y[2])
+        below = -weight * (half - s)  # [N], z component of the force by the part beyond s
+        stretched = 1.0 + below * along / scene.cable.EA
+        return np.vstack(
+            [
+                stretched * across,
+                stretched * along,
+                y[3] / scene.cable.EI,
+                -stretched * across * below,
+            ]
+        )
+
+    def held(a, b):
+        x, _, z = hand.position
+        return np.array([a[0] - x, a[1] - z, a[2] - math.atan2(-0.6, 0.8), b[3]])
+
+    s = np.linspace(0.0, half, 400)
+    guess = np.vstack([0.1 + 0.0 * s, 1.5 - s, np.full_like(s, -1.3), 0.0 * s])
+    found = solve_bvp(slopes, held, s, guess, tol=1e-8, max_nodes=50_000)
+    assert found.success
+    return np.array([found.y[0, -1], 0.0, found.y[1, -1]])
+
+
+@pytest.mark.parametrize("points", [24, 33, 36, 48])
+def test_error_beside_a_gripper_that_holds_a_direction(points):
+    """The curvature jumps at the hand, amid a knot span with an even number of points."""
+    scene = scene_from_values(HELD | {"discretization.control_points": points})
+    simulator, tip = Simulator(scene), tip_below_the_hand(scene)
+    estimate = ErrorEstimate(simulator)
+    true = distance(simulator.centerline([1.2])[0], tip)
+    print(f"{points}: true {true:.3e} m, estimated {estimate.largest}")
+    assert true > scene.accuracy.target
+    assert 0.8 * true < estimate.largest.space < 2.5 * true
+    advice = estimate.advice(estimate.largest)
+    advised = int(advice.split("discretization.control_points to ")[1].split()[0])
+    finer = Simulator(scene.with_values({"discretization.control_points": advised}))
+    assert distance(finer.centerline([1.2])[0], tip) < scene.accuracy.target
 
 
 def test_run_without_a_finer_one_is_of_unknown_error():
