@@ -27,9 +27,10 @@ _FORESEEN = 3
 _SILENCES = 3
 # A need that has become less lowers the lag after one to two times this time [ns].
 _CALM = 5 * SECOND
-# Delays are looked at in windows of at least so long [ns] and so many messages, those that come at
-# once, after a hold-up, counting as one. The delay of an end is the smallest of the largest of so
-# many windows, so that no hold-up is a delay.
+# Delays are looked at in windows of at least so long [ns] and so many messages. Those that come at
+# once count as one, with the largest of their delays: before them, the path was known no further.
+# The delay of an end is the smallest of the largest of so many windows, so that no hold-up is a
+# delay, but poses that always come in bursts are.
 _AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
 # A need is reported again when it has grown by this factor.
 _GROWN = 1.2
@@ -55,7 +56,7 @@ class PoseTiming:
         """Forget the last poses, since stamps or clock have jumped; the rate stays."""
         self._newest_ns: int | None = None
         self._delays: list[int] = []
-        self._slot_ns = self._since_ns = 0
+        self._slot_ns = self._since_ns = self._least_ns = 0
         self._largest: deque[int] = deque(maxlen=_WINDOWS)
 
     def accept(self, stamp_ns: int, now_ns: int) -> None:
@@ -86,8 +87,10 @@ class PoseTiming:
         return interval_ns + interval_ns // 2 + smoothing
 
     def _note_delay(self, delay_ns: int, now_ns: int) -> None:
+        begun = bool(self._delays or self._largest)
+        self._least_ns = min(delay_ns, self._least_ns) if begun else delay_ns
         if self._delays and abs(now_ns - self._slot_ns) < _AT_ONCE:
-            self._delays[-1] = min(delay_ns, self._delays[-1])
+            self._delays[-1] = max(delay_ns, self._delays[-1])
             return
         if len(self._delays) >= _PER_WINDOW and now_ns - self._since_ns >= _WINDOW:
             self._largest.append(max(self._delays))
@@ -105,7 +108,8 @@ class PoseTiming:
     @property
     def delay_ns(self) -> int:
         """The usual delay of the messages [ns]."""
-        return max(0, min(self._largest, default=min(self._delays, default=0)))
+        # A hold-up at the beginning may be the largest of the first window.
+        return max(0, min(self._largest) if len(self._largest) > 1 else self._least_ns)
 
     @property
     def need_ns(self) -> int:

@@ -16,13 +16,20 @@ TICK = 5 * MS
 TWO = {**GRIPPER, "end.pose_topic": "/end_pose", "end.fixed": [True] * 3}
 
 
-def play(stamps, delay=2 * MS, values=GRIPPER, other=None, jitter=0.0, **changes):
-    """Poses with these stamps [s], each so late; returns bench and the stamps published [ns]."""
+def play(stamps, delay=2 * MS, values=GRIPPER, other=None, jitter=0.0, every_ns=1, **changes):
+    """Poses with these stamps [s], each so late and only at multiples of a time; returns bench and
+    the stamps published [ns].
+    """
     bench = Bench(values, **changes)
     rng = np.random.default_rng(1)
     topics = {"/gripper_pose": stamps} | ({"/end_pose": other} if other is not None else {})
     arrivals = sorted(
-        (T0 + round(t * SECOND) + delay + int(rng.uniform(0, jitter) * SECOND), topic, t)
+        (
+            -(-(T0 + round(t * SECOND) + delay + int(rng.uniform(0, jitter) * SECOND)) // every_ns)
+            * every_ns,
+            topic,
+            t,
+        )
         for topic, times in topics.items()
         for t in times
     )
@@ -84,6 +91,16 @@ def test_poses_that_are_always_late(rate, delay):
     assert share(published, begin=3.0) > 0.99
     need = delay + 1.5 / rate
     assert need <= bench.session.latency_ns / SECOND <= need + 0.05
+
+
+@pytest.mark.parametrize("burst", [0.1, 0.2, 0.5])
+def test_poses_that_always_come_in_bursts(burst):
+    """A network that collects messages: the newest of each burst is hardly late."""
+    bench, published = play(every(0.01, 20.0), every_ns=round(burst * SECOND))
+    assert share(published, begin=10 * burst + 1.0) > 0.99
+    assert burst <= bench.session.latency_ns / SECOND <= burst + 0.05
+    assert bench.events == {"slow_poses": 1}
+    assert "s late; to move between them" in bench.session.journal.last_event
 
 
 def test_a_hold_up_is_no_delay():
