@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 
 from dlo_sim.core import bspline, mass, rotations, spectrum
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import CURVED, ENERGIES
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.scene.needs import needs_of
 from dlo_sim.simulation.build_model import build_model
@@ -88,30 +88,28 @@ class Bench:
             self.scene = self.scene.with_values(closer)
         geometries, needs = geometries_of(self.scene), needs_of(self.scene)
         self.model = build_model(self.scene, needs, geometries)
-        if self.model.has(layout.ANY_STRETCH):  # as with implicit methods
-            self.model.shape[layout.TERMS] |= layout.GUARDED
-        self.cable = Cable.new(self.model)
+        self.cable = Cable(self.model)
         self.n, self.axes = self.model.n, self.model.axes
         self.greville = bspline.greville(self.model.knots)
         self.drive = EndDrive(self.scene, geometries, self.model.knots)
         self.drive.live_in(self.cable.motion)
         for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
             if load.signal != "none":
-                row[:6] = np.array([*load.force, *load.torque])[:, None]
+                row[:6] = [*load.force, *load.torque]
             row[6] = load.frequency if load.signal == "sine" else 0.0
         self.pull_to(0.0)
         self.cable.point_grasps(0.0)
-        if self.model.has(layout.CURVED) and any(self.scene.cable.rest_curvature):
+        if self.model.has(CURVED) and any(self.scene.cable.rest_curvature):
             natural = natural_rows(self.scene, self.model, np.array([1.0, 0.0, 0.0]))
             rows = weighted(self.model, natural)
             rows = turned_rows(rows, local_turn(np.eye(3), self.model.axes))
-            self.model.put_samples(self.cable.state, layout.NATURAL, rows)
+            self.cable.natural = rows
 
     def pull_to(self, t):
         """Put the anchors of the springs where they are at time t."""
-        for anchor, spring in zip(self.cable.anchors, self.model.holding.springs, strict=True):
+        for k, spring in enumerate(self.model.holding.springs):
             place = self.drive.place_at(list(self.scene.holders)[spring.grasp], t)
-            anchor[:] = place[self.axes[spring.line]]
+            self.cable.anchors[k] = place[self.axes[spring.line]]
 
     def put(self, points):
         """Make a configuration the present one."""
@@ -120,7 +118,7 @@ class Bench:
     def potentials(self, points):
         """Energies [J] by term."""
         self.put(points)
-        return dict(zip(layout.ENERGIES, self.cable.potentials(), strict=True))
+        return dict(zip(ENERGIES, self.cable.potentials(), strict=True))
 
     def potential(self, points):
         """Total potential energy [J]."""
@@ -146,7 +144,7 @@ class Bench:
         lines = self.model.lines
         full = np.zeros((self.n, lines, self.n, lines))
         for line in range(lines):
-            full[:, line, :, line] = mass.dense(self.model.band(layout.MASS, line))
+            full[:, line, :, line] = mass.dense(self.model.mass(line))
         return full.reshape(self.n * lines, -1)
 
     def held(self, t):

@@ -41,19 +41,16 @@ def checkout() -> Path:
 @pytest.fixture
 def incomplete_machine_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A directory of machine code for this test and its child processes: what has been compiled so
-    far, but for a piece that every scene needs and one of scenes without twist.
+    far, but for a piece that every scene needs.
     """
     from dlo_sim.compiling import directory
     from dlo_sim.methods.between_steps import kinetic_energy
-    from dlo_sim.methods.twist_step import no_end_twist
 
-    functions = [piece.function for piece in (kinetic_energy, no_end_twist)]
-    missing = {f"{function.__module__}.{function.__name__}" for function in functions}
     kept = directory.base_directory() / directory.digest()
     own = tmp_path / "machine_code" / "dlo_sim" / kept.name
     own.mkdir(parents=True)
     for path in kept.glob("dlo_sim.*"):
-        if path.name not in missing:
+        if path.name != kinetic_energy.name:
             shutil.copy(path, own)
     monkeypatch.setenv("DLO_SIM_CACHE", str(own.parents[1]))
 

@@ -60,7 +60,8 @@ def digest() -> str:
     found = hashlib.sha256()
     root = Path(__file__).parents[1]
     versions = numba.__version__, llvmlite.__version__, platform.python_version()
-    for part in (*versions, platform.machine(), get_host_cpu_name(), config.OPT, root):
+    checked = os.environ.get("DLO_SIM_CHECK", "")
+    for part in (*versions, platform.machine(), get_host_cpu_name(), config.OPT, checked, root):
         found.update(f"{part}\n".encode())
     for source in sorted(path for room in COMPILED_ROOMS for path in (root / room).glob("*.py")):
         found.update(f"{source.parent.name}/{source.name}\n".encode())

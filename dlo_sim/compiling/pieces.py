@@ -1,9 +1,9 @@
 """Compilation to machine code, once per installation and independent of the scene.
 
-A `part` is compiled into the functions that call it. A `Piece` has a fixed signature, is compiled
-at its first use and cached on disk; loops take pieces as arguments, so that the code of a piece is
-not compiled again into each loop. Basic terms that a scene lacks are skipped at run time by the
-bits `engine.layout.TERMS` or are factors of zero; for optional ones empty functions stand in.
+A `part` is compiled into the functions that call it. A `Piece` is a function of a fixed signature
+with machine code of its own, compiled at its first use and cached on disk; other compiled functions
+call it by its address, so that its code is not compiled again into each of them. A piece of a term
+is loaded only for scenes with that term.
 
 Settings: error_model numpy (a division by zero gives inf, which the divergence checks detect, not
 an exception); fastmath {contract} (fused multiply-add only; NaN and the order of sums are kept).
@@ -11,156 +11,173 @@ an exception); fastmath {contract} (fused multiply-add only; NaN and the order o
 
 from __future__ import annotations
 
-import functools
 import importlib
-import warnings
-from collections.abc import Callable
-from types import SimpleNamespace
+import inspect
+from collections.abc import Callable, Iterator
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import NumbaExperimentalFeatureWarning, config, njit, types
-from numba.experimental import structref
+from numba import cfunc, config, njit, types
+from numba.core.registry import CPUDispatcher
 
 from dlo_sim.compiling.directory import kept, say_not_kept
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
 
-REALS = types.Array(types.float64, 1, "C")
-WHOLES = types.Array(types.int64, 1, "C")
-MATRIX = types.Array(types.float64, 2, "C")
-MATRICES = types.Array(types.float64, 3, "C")
+ARRAY = types.Array(types.float64, 1, "C")  # a numpy array that Python passes
+ARRAY_2D = types.Array(types.float64, 2, "C")
+ARRAY_3D = types.Array(types.float64, 3, "C")
 STRIDED = types.Array(types.float64, 2, "A")
 STRIDED_WHOLES = types.Array(types.int64, 2, "A")
-NUMBERS = types.CPointer(types.float64)
-TABLE = types.CPointer(types.int64)
-REAL = types.float64
-WHOLE = types.int64
-NOTHING = types.void
-TRUTH = types.boolean
 COUNTS = types.UniTuple(types.int64, 3)
 YES, NO = np.bool_(True), np.bool_(False)  # literal True makes numba compile another specialisation
 
-# Issued wherever functions of a fixed signature are arguments, at run time too; in colour where
-# colorama is installed.
-warnings.filterwarnings("ignore", ".*First-class function", NumbaExperimentalFeatureWarning)
-
-part: Callable[[F], F] = njit(**_OPTIONS)
+# Without wrappers for Python, which nobody calls, a scene compiles in four fifths of the time.
+part: Callable[[F], F] = njit(**_OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 class Piece:
-    """A compiled function of a fixed signature.
+    """A compiled function of a fixed signature, to be called from Python and from compiled code.
 
     Attributes:
-        kind: its type, for signatures of functions that take it as an argument.
+        terms: bits of the terms that need it; 0: every scene may.
     """
 
-    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+    def __init__(self, function: Callable[..., Any], signature: Any, terms: int) -> None:
         self.__doc__ = function.__doc__
-        self.function = function
-        self.kind = types.FunctionType(signature)
+        self.function, self.terms = function, terms
         self._signature = signature
         self._code: Callable[..., Any] | None = None
+        self._native: Any = None  # keeps the machine code that `_address` points to
+        self._address = np.zeros(1, dtype=np.int64)
+        self._ready: set[int] = set()
+        if not config.DISABLE_JIT:
+            _make_callable(self, signature, self._address.ctypes.data)
+
+    @property
+    def name(self) -> str:
+        """Its name, with that of its module."""
+        return f"{self.function.__module__}.{self.function.__qualname__}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by name: a copy in another process is the piece of that name there."""
         return _named, (self.function.__module__, self.function.__qualname__)
 
-    @property
-    def code(self) -> Callable[..., Any]:
-        """The machine code, compiled or read from disk at its first use."""
+    def code(self, terms: int = 0) -> Callable[..., Any]:
+        """The function for Python; it and what it calls for these terms are compiled or read from
+        disk at the first use.
+        """
+        if config.DISABLE_JIT:
+            return self.function
+        if terms not in self._ready:
+            self.load(terms)
+            self._ready.add(terms)
         if self._code is None:
-            if config.DISABLE_JIT:
-                self._code = self.function
-            else:
-                self._code = self._compiled()
+            self._code = self._compiled(njit, nogil=True)
         return self._code
 
-    def _compiled(self) -> Callable[..., Any]:
-        function = self.function
+    def load(self, terms: int = 0) -> None:
+        """Load whatever it calls for these terms, directly or through others."""
+        wanted, known = [self], {self.name}
+        while wanted:
+            for callee in wanted.pop().calls():
+                if callee.name not in known and (not callee.terms or callee.terms & terms):
+                    known.add(callee.name)
+                    wanted.append(callee)
+                    callee._load_native()
+
+    def calls(self) -> Iterator[Piece]:
+        """Pieces that its code calls, itself or through parts."""
+        seen: set[int] = set()
+        waiting: list[Any] = [self.function]
+        while waiting:
+            function = waiting.pop()
+            for found in _globals_of(function):
+                if id(found) in seen:
+                    continue
+                seen.add(id(found))
+                if isinstance(found, Piece):
+                    yield found
+                elif isinstance(found, CPUDispatcher):
+                    waiting.append(found.py_func)
+
+    def _load_native(self) -> None:
+        if self._native is None:
+            self._native = self._compiled(cfunc)
+            self._address[0] = self._native.address
+
+    def _compiled(self, compiler: Callable[..., Any], **more: Any) -> Any:
         try:
-            with kept(f"{function.__module__}.{function.__qualname__}"):
-                return njit(self._signature, cache=True, **_OPTIONS)(function)
+            with kept(self.name):
+                return compiler(self._signature, cache=True, **_OPTIONS, **more)(self.function)
         except OSError as error:
             where = "" if error.filename is None else f"{error.filename} cannot be written: "
             say_not_kept(f"{where}{error.strerror or error}")
-            return njit(self._signature, **_OPTIONS)(function)
-
-    def load(self) -> None:
-        """Compile it or read it from disk now, not at its first use."""
-        _ = self.code
+            return compiler(self._signature, **_OPTIONS, **more)(self.function)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the machine code."""
-        return self.code(*arguments)
+        """Call it from Python; `code` for other terms than those of every scene."""
+        return self.code()(*arguments)
+
+
+def piece(result: Any, *arguments: Any, terms: int = 0) -> Callable[[Callable[..., Any]], Piece]:
+    """Decorator: make a function a piece of this signature, which scenes with `terms` need."""
+    found = types.Tuple(result) if isinstance(result, tuple) else result
+    return lambda function: Piece(function, found(*arguments), terms)
 
 
 def _named(module: str, name: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-def piece(result: Any, *arguments: Any) -> Callable[[Callable[..., Any]], Piece]:
-    """Decorator: make a function a piece of this signature; pieces stand for their own types."""
-    found = types.Tuple(result) if isinstance(result, tuple) else result
-    return lambda function: Piece(function, found(*[_kind(given) for given in arguments]))
+def _globals_of(function: Callable[..., Any]) -> Iterator[Any]:
+    """What the names in the code of a function stand for, attributes of modules included."""
+    assert isinstance(function, FunctionType)
+    names = function.__code__.co_names
+    for name in names:
+        found = function.__globals__.get(name)
+        yield found
+        if isinstance(found, ModuleType):
+            yield from (getattr(found, one) for one in names if hasattr(found, one))
 
 
-def bundle(*kinds: Any) -> Any:
-    """Type of a tuple of arrays that are passed together."""
-    return types.Tuple(kinds)
+if config.DISABLE_JIT:
 
+    def _make_callable(called: Piece, signature: Any, cell: int) -> None:
+        """Pieces are called as Python functions."""
 
-def _kind(given: Any) -> Any:
-    if isinstance(given, tuple):
-        # numba 0.58 would type a tuple that starts with a function as homogeneous.
-        return types.Tuple([types.int64, *[_kind(one) for one in given]])
-    return given.kind if isinstance(given, (Piece, Engine)) else given
+else:
+    from llvmlite import binding, ir
+    from numba.extending import lower_builtin, type_callable
 
+    def _make_callable(called: Piece, signature: Any, cell: int) -> None:
+        """Let compiled code call a piece: at the address that the memory at `cell` contains.
 
-def code_of(given: Any) -> Any:
-    """Machine code of a piece; for a tuple of pieces its length, then the code of each."""
-    if isinstance(given, tuple):
-        return len(given), *[code_of(one) for one in given]
-    return given.code
+        The code, which outlives the process on disk, finds the cell by the name of the piece.
+        """
+        binding.add_symbol(called.name, cell)
 
+        def typed(context: Any) -> Any:
+            def resolve(*given: Any) -> Any:
+                return signature
 
-@structref.register
-class _EngineType(types.StructRef):
-    """Type of `Engine.code`."""
+            resolve.__signature__ = inspect.signature(called.function)  # type: ignore[attr-defined]
+            return resolve
 
+        def code(context: Any, builder: Any, asked: Any, values: Any) -> Any:
+            kinds = [context.get_value_type(kind) for kind in signature.args]
+            kind = ir.FunctionType(context.get_value_type(signature.return_type), kinds)
+            at = builder.module.globals.get(called.name)
+            if at is None:
+                at = ir.GlobalVariable(builder.module, ir.IntType(64), called.name)
+            native = builder.inttoptr(builder.load(at), kind.as_pointer())
+            result = builder.call(native, values)
+            if signature.return_type == types.void:
+                return context.get_dummy_value()
+            return result
 
-class _Handle(structref.StructRefProxy):
-    """A tuple of machine code behind one pointer."""
-
-
-structref.define_proxy(_Handle, _EngineType, ["pieces"])
-
-
-def _handle(pieces: Any) -> Any:
-    return _Handle(pieces)
-
-
-class Engine:
-    """The pieces, or nested tuples of pieces, that a loop calls. Compiled functions access them as
-    `engine.pieces`, a tuple that starts with its length.
-
-    Each function passed from Python costs a call some 25 us; one handle to all of them 1 us.
-    """
-
-    def __init__(self, *pieces: Any) -> None:
-        self._pieces = pieces
-        self.kind = _EngineType([("pieces", _kind(pieces))])
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Copies and unpickled engines create their own handles."""
-        return {name: value for name, value in vars(self).items() if name != "code"}
-
-    @functools.cached_property
-    def code(self) -> Any:
-        """The handle to the machine code, compiled or read from disk at its first use."""
-        pieces = code_of(self._pieces)
-        if config.DISABLE_JIT:
-            return SimpleNamespace(pieces=pieces)
-        return Piece(_handle, self.kind(_kind(self._pieces))).code(pieces)
+        type_callable(called)(typed)
+        lower_builtin(called, *signature.args)(code)

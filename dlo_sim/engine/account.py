@@ -1,49 +1,24 @@
-"""The energy account: energies, work and dissipation of a run, and the error of their balance.
+"""The energy balance of a run: energies, work and dissipation, and the error of their sum.
 
-The kinetic energy is that of w, the motion relative to the prescribed one (`engine.held`); the
-energy of the prescribed motion is not included. For one cable only lane 0 of the ledger is used.
+The kinetic energy is that of the projected velocity w, the motion relative to the prescribed one
+(`engine.rows`); the energy of the prescribed motion is not included.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import boolean
 
-from dlo_sim.compiling.lanes import LANES, load, shifted, store
-from dlo_sim.compiling.pieces import NUMBERS, TABLE, TRUTH, part, piece
-from dlo_sim.engine import layout
-from dlo_sim.engine.assembly import ANY, all_energies
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.arrays import BENDING, CABLE, ENERGIES, MARGIN, STRETCHING, TORSION, WEIGHT
+from dlo_sim.engine.assembly import all_energies
 from dlo_sim.engine.lines import kinetic
 from dlo_sim.engine.torsion import undefined_torsion
 
 DIVERGED_SHARE = 0.5  # of the energy exchanged so far; a usable run stays far below
-RESOLUTION = 1e6  # ratio of the ledger's floor to the round-off of the energies
+RESOLUTION = 1e6  # ratio of `balance.floor` to the round-off of the energies
 EPSILON = 2.2e-16
-COUNT = len(layout.ENERGIES)
-
-
-@part
-def cables(shape):
-    """Number of cables: 1 or LANES."""
-    return shape[layout.STRIDE]
-
-
-@part
-def notes_of(shape, scratch):
-    """The rows NOTES, which pass results from one function to the next."""
-    return shifted(scratch, shape[layout.NOTES])
-
-
-@part
-def add_to_ledger(shape, state, row, amount):
-    """Add a row of amounts [J] to a row of the ledger."""
-    at = shape[layout.LEDGER] + row * LANES
-    store(state, at, load(state, at) + amount)
-
-
-@part
-def set_ledger(shape, state, row, value):
-    """Set a row of the ledger."""
-    store(state, shape[layout.LEDGER] + row * LANES, value)
+COUNT = len(ENERGIES)
 
 
 @part
@@ -56,124 +31,95 @@ def strain_round_off(stiffness, energy, strain):
 
 
 @part
-def raise_floor(shape, model, state, large, kinetic_energy, lane):
-    """Raise FLOOR of one cable to RESOLUTION times the round-off of the present energies.
+def raise_floor(cable):
+    """Raise `balance.floor` to RESOLUTION times the round-off of the energies of `measure`.
 
     Strain is a difference of coordinates divided by the span length, curvature one divided by its
     square, so their round-off grows with the number of spans and the distance from the origin.
-    `large`: sum of the absolute summands of the gravitational energy [J].
     """
-    stride, ledger = shape[layout.STRIDE], shape[layout.LEDGER] + lane
+    physics, state, work = cable.physics, cable.state, cable.work
     reach = 0.0
-    for d in range(shape[layout.DIM]):
-        at = shape[layout.X] + d * shape[layout.LINE] + layout.MARGIN * stride + lane
-        for k in range(shape[layout.N]):
-            reach = max(reach, abs(state[at + k * stride]))
-    scale = shape[layout.SCALES] + lane
-    span = model[scale + layout.SPAN_LENGTH * LANES]
+    for d in range(cable.dim):
+        for c in range(MARGIN, MARGIN + cable.n):
+            reach = max(reach, abs(state.x[d, c]))
+    span = physics.shortest_span
     strain = EPSILON * (1.0 + reach / span)
-    others = kinetic_energy + large
+    others = work.results.kinetic + work.energies[COUNT]
     for k in range(COUNT):
-        if k != layout.WEIGHT_ENERGY:
-            others += abs(state[ledger + (layout.ENERGY + k) * LANES])
-    stretched = state[ledger + (layout.ENERGY + layout.STRETCHING) * LANES]
-    bent = state[ledger + (layout.ENERGY + layout.BENDING_ENERGY) * LANES]
+        if k != WEIGHT:
+            others += abs(state.energy[k])
     noise = EPSILON * others
-    noise += strain_round_off(model[scale + layout.ROUND_OFF_AXIAL * LANES], stretched, strain)
-    noise += strain_round_off(model[scale + layout.ROUND_OFF_BENDING * LANES], bent, strain / span)
-    at = ledger + layout.FLOOR * LANES
-    state[at] = max(state[at], RESOLUTION * noise)
+    noise += strain_round_off(physics.axial_round_off, state.energy[STRETCHING], strain)
+    noise += strain_round_off(physics.bending_round_off, state.energy[BENDING], strain / span)
+    state.balance.floor = max(state.balance.floor, RESOLUTION * noise)
 
 
 @part
-def count_torsion(shape, model, state, scratch):
+def count_torsion(cable):
     """Update the counts of samples whose torsion is suppressed (`terms.torsion`)."""
-    if shape[layout.TERMS] & layout.TORSION:
-        count = undefined_torsion(shape, model, scratch, shifted(state, shape[layout.X]))
-        at = shape[layout.LEDGER]
-        state[at + layout.TORSION_LOOKS * LANES] += 1.0
-        state[at + layout.TORSION_SUM * LANES] += count
-        state[at + layout.TORSION_LAST * LANES] = count
-        worst = at + layout.TORSION_WORST * LANES
-        state[worst] = max(state[worst], count)
+    if cable.terms & TORSION:
+        balance = cable.state.balance
+        count = undefined_torsion(cable, cable.state.x)
+        balance.torsion_looks += 1.0
+        balance.torsion_sum += count
+        balance.torsion_last = count
+        balance.torsion_worst = max(balance.torsion_worst, count)
 
 
 @part
-def measure(shape, model, state, scratch, look):
-    """Write the kinetic energy of w to row 0 of the notes, and the potential energies to the
-    following rows and to the ledger.
+def measure(cable):
+    """Write the kinetic energy of w to `work.results.kinetic`, and the potential energies by term
+    to `work.energies` and `state.energy` [J].
     """
-    x, out = shifted(state, shape[layout.X]), notes_of(shape, scratch)
-    store(out, 0, kinetic(shape, model, shifted(state, shape[layout.W])))
-    all_energies(look, shape, model, state, x, shifted(out, LANES))
-    for at in range(COUNT * LANES):
-        state[shape[layout.LEDGER] + layout.ENERGY * LANES + at] = out[LANES + at]
-
-
-@part
-def open_account(shape, model, state, scratch, look):
-    """Start the account at the present state, with a ledger that is zero except for FLOOR."""
-    count_torsion(shape, model, state, scratch)
-    measure(shape, model, state, scratch, look)
-    out = notes_of(shape, scratch)
-    for lane in range(cables(shape)):
-        ledger = shape[layout.LEDGER] + lane
-        raise_floor(shape, model, state, out[(1 + COUNT) * LANES + lane], out[lane], lane)
-        state[ledger + layout.EXCHANGED * LANES] = out[lane]
-        total = out[lane]
-        for k in range(COUNT):
-            energy = state[ledger + (layout.ENERGY + k) * LANES]
-            state[ledger + (layout.ENERGY_BEGIN + k) * LANES] = energy
-            total += energy
-        state[ledger + layout.ENERGY_START * LANES] = total
-
-
-@part
-def total_energy(shape, state, kinetic_energy, lane):
-    """Kinetic plus potential energy [J] of one cable; the ledger holds the potential energies."""
-    total = kinetic_energy
+    state, work = cable.state, cable.work
+    work.results.kinetic = kinetic(cable, state.w)
+    all_energies(cable, state.x, work.energies)
     for k in range(COUNT):
-        total += state[shape[layout.LEDGER] + (layout.ENERGY + k) * LANES + lane]
+        state.energy[k] = work.energies[k]
+
+
+@part
+def with_potentials(cable, total):
+    """`total` plus the potential energies of `measure` [J]."""
+    for k in range(COUNT):
+        total += cable.state.energy[k]
     return total
 
 
-@piece(TRUTH, TABLE, NUMBERS, NUMBERS, NUMBERS, ANY.energies)
-def update_account(shape, model, state, scratch, look):
-    """Update the error of the energy balance, |energy - start - work + dissipated|.
+@part
+def open_account(cable):
+    """Start the balance at the present state; it must be zero except for `floor`."""
+    state, work = cable.state, cable.work
+    count_torsion(cable)
+    measure(cable)
+    raise_floor(cable)
+    for k in range(COUNT):
+        state.energy_begin[k] = state.energy[k]
+    state.balance.exchanged = work.results.kinetic
+    state.balance.energy_start = with_potentials(cable, work.results.kinetic)
 
-    Return whether all cables are sane: energy finite, error at most DIVERGED_SHARE of EXCHANGED or
-    FLOOR. Row 0 of the notes gets the energies [J], row 1 a 1.0 for each sane cable.
+
+@piece(boolean, CABLE)
+def update_account(cable):
+    """Update the error of the energy balance, |energy - start - work + dissipated|; the energy [J]
+    is in `work.results.total`.
+
+    Returns whether the run is usable: the energy is finite, and the error at most DIVERGED_SHARE of
+    the energy exchanged or of `balance.floor`.
     """
-    count_torsion(shape, model, state, scratch)  # first, because it overwrites the notes
-    measure(shape, model, state, scratch, look)
-    out = notes_of(shape, scratch)
-    sane = True
-    for lane in range(cables(shape)):
-        ledger = shape[layout.LEDGER] + lane
-        total = total_energy(shape, state, out[lane], lane)
-        exchanged = max(state[ledger + layout.EXCHANGED * LANES], out[lane])
-        for k in range(COUNT):
-            change = state[ledger + (layout.ENERGY + k) * LANES]
-            change -= state[ledger + (layout.ENERGY_BEGIN + k) * LANES]
-            exchanged = max(exchanged, abs(change))
-        loads, drive = (
-            state[ledger + layout.LOAD_WORK * LANES],
-            state[ledger + layout.DRIVE_WORK * LANES],
-        )
-        exchanged = max(exchanged, max(abs(loads), abs(drive)))
-        error = total - state[ledger + layout.ENERGY_START * LANES] - loads - drive
-        error = abs(
-            error
-            - state[ledger + layout.PENDING * LANES]
-            + state[ledger + layout.DISSIPATED * LANES]
-        )
-        raise_floor(shape, model, state, out[(1 + COUNT) * LANES + lane], out[lane], lane)
-        state[ledger + layout.EXCHANGED * LANES] = exchanged
-        at = ledger + layout.ENERGY_ERROR * LANES
-        state[at] = max(state[at], error)
-        floor = max(exchanged, state[ledger + layout.FLOOR * LANES])
-        good = np.isfinite(total) and error <= DIVERGED_SHARE * floor
-        out[lane] = total
-        out[LANES + lane] = 1.0 if good else 0.0
-        sane = sane and good
-    return sane
+    state, work, balance = cable.state, cable.work, cable.state.balance
+    count_torsion(cable)
+    measure(cable)
+    total = with_potentials(cable, work.results.kinetic)
+    exchanged = max(balance.exchanged, work.results.kinetic)
+    for k in range(COUNT):
+        exchanged = max(exchanged, abs(state.energy[k] - state.energy_begin[k]))
+    exchanged = max(exchanged, max(abs(balance.load_work), abs(balance.drive_work)))
+    error = total - balance.energy_start - balance.load_work - balance.drive_work
+    error = abs(error - balance.pending + balance.dissipated)
+    raise_floor(cable)
+    balance.exchanged = exchanged
+    balance.error = max(balance.error, error)
+    work.results.total = total
+    usable = error <= DIVERGED_SHARE * max(exchanged, balance.floor)
+    return np.isfinite(total) and usable

@@ -1,108 +1,119 @@
-"""The linear system of one cable: band matrix over all spatial unknowns, constraints, LU factors.
+"""The linear system of an implicit step: band matrix, constraint rows, LU factors.
 
-Unknown (control point i, line d) has index i dim + d; storage as in `engine.tangent`. At a control
-point that a clamp holds normal to its tangent, the unknowns are rotated into the frame of the
-clamp, tangent first: the equations with the directions of the constraint forces, the unknowns with
-the directions at the end of the step. Each constraint then fixes a single unknown.
+Unknown (control point i, line d) has index i dim + d, and entry (r, c) of the matrix is at
+[r, c - r + 4 dim - 1]. At a control point that a clamp holds normal to its tangent, the unknowns
+are rotated into the frame of the clamp, tangent first: the equations with the directions of the
+constraint forces, the unknowns with the directions at the end of the step. Each constraint row
+then fixes a single unknown.
+
+A row at a place between control points couples four of them, so it cannot be imposed by fixing
+single unknowns. These rows, the last ones, border the matrix. Let K be the band matrix with all
+other constraints imposed, and let F and C be the border rows with their directions at the middle
+and at the end of the step, in the frames of the clamps. The constraint forces act along F^T, the
+constraints are C y = 0, and a Newton correction y for the residual r is
+    K y = r + F^T f,   C y = 0:   y = (1 - Z (C Z)^-1 C) K^-1 r,   Z = K^-1 F^T.
+Adding multiples of F^T C to K does not change y. It is done because K is singular if only border
+rows support a cable at rest; with it, negative pivots count the unstable modes within the
+constraints.
+
+The part of r in the range of F^T is balanced by the forces of the grasps, the multipliers
+f = - (F F^T)^-1 F r, and so does not belong to the residual.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, store
-from dlo_sim.compiling.pieces import YES, part
-from dlo_sim.engine import layout
-from dlo_sim.engine.tables import is_twist, line_of, own_of, point_of, spring_first, spring_line
+from numba import boolean, int64, void
 
-PADDING = 16  # zeros before and behind a vector of all unknowns
+from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.lanes import LANES, lane
+from dlo_sim.compiling.pieces import NO, YES, part, piece
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, PADDING, VECTOR
+
+# -- the matrix ----------------------------------------------------------------------------------
 
 
 @part
 def width_of(dim):
-    """Stored entries per matrix row: 8 dim - 1, padded with zeros to whole vectors."""
+    """Stored entries of a matrix row: 8 dim - 1, padded with zeros to whole vectors."""
     return 16 if dim == 2 else 32
 
 
 @part
-def add_to_spans(shape, b, first, other, i, j, factor, numbers, at, band):
-    """Add factor times one number per span of a block (`numbers` at `at`) to the matrix entries
-    between line i of the span's control point `first` and line j of `other`.
-    """
-    dim = shape[layout.DIM]
-    half, width = 4 * dim - 1, width_of(dim)
-    to = ((LANES * b + first) * dim + i) * width + (other - first) * dim + j - i + half
-    for span in range(min(LANES, shape[layout.N] - 3 - LANES * b)):
-        band[to + dim * width * span] += factor * numbers[at + span]
-
-
-@part
-def clear_band(shape, band):
+def clear_band(band):
     """band = 0."""
-    for at in range(shape[layout.N] * shape[layout.DIM] * width_of(shape[layout.DIM])):
-        band[at] = 0.0
+    for r in range(len(band)):
+        for c in range(0, band.shape[1], LANES):
+            store(band, r, c, 0.0)
 
 
 @part
-def add_lines(shape, model, matrix, scale, band):
-    """band += scale times a matrix given by seven diagonals, the same for every spatial line."""
-    dim, n, width = shape[layout.DIM], shape[layout.N], shape[layout.LINE]
-    half, row = 4 * dim - 1, width_of(dim)
+def add_to_spans(cable, b, first, other, i, j, values, band):
+    """Add `values`, one for each span of block b, to the matrix entries between line i of the
+    span's control point `first` (0 to 3) and line j of its control point `other`.
+    """
+    dim = cable.dim
+    column = (other - first) * dim + j - i + 4 * dim - 1
+    for span in range(min(LANES, cable.n - 3 - LANES * b)):
+        band[(LANES * b + span + first) * dim + i, column] += lane(values, span)
+
+
+@part
+def add_lines(cable, matrix, scale, band):
+    """band += scale times a matrix of seven diagonals (7, columns), equal on all spatial lines."""
+    dim, n = cable.dim, cable.n
+    half = 4 * dim - 1
     for k in range(7):
         for i in range(max(3 - k, 0), min(n, n + 3 - k)):
-            value = scale * model[matrix + k * width + layout.MARGIN + i]
+            value = scale * matrix[k, MARGIN + i]
             for d in range(dim):
-                band[(i * dim + d) * row + (k - 3) * dim + half] += value
+                band[i * dim + d, (k - 3) * dim + half] += value
 
 
 @part
-def add_springs(shape, model, scale, band):
+def add_springs(cable, scale, band):
     """band += scale times the stiffness of all springs except roll springs."""
-    dim = shape[layout.DIM]
+    dim, springs = cable.dim, cable.springs
     half = 4 * dim - 1
-    for s in range(shape[layout.SPRINGS]):
-        at = shape[layout.SPRING] + layout.SPRING_ROWS * LANES * s
-        first = spring_first(shape, s)
-        line = spring_line(shape, s)
+    for s in range(springs.count):
+        line, weights = springs.line[s], springs.weights[s]
         if line == dim:
             continue
         for k in range(4):
+            r = (springs.first[s] + k) * dim + line
             for other in range(4):
-                value = model[at + k * LANES] * model[at + other * LANES]
-                to = ((first + k) * dim + line) * width_of(dim) + (other - k) * dim + half
-                band[to] += scale * model[at + 4 * LANES] * value
+                value = weights[k] * weights[other]
+                band[r, (other - k) * dim + half] += scale * springs.stiffness[s] * value
+
+
+# -- constraint rows at control points -----------------------------------------------------------
 
 
 @part
-def own_point(shape, k):
-    """Control point that row k fixes in space; -1 for the twist or between control points."""
-    point = point_of(shape, k)
-    if is_twist(shape, point) == 1:
-        return -1
-    return own_of(shape, point)
+def own_point(cable, k):
+    """Control point in space that row k fixes; -1 for the twist or between control points."""
+    point = cable.rows.point[k]
+    return -1 if cable.points.twist[point] == 1 else cable.points.own[point]
 
 
 @part
-def frame_of(shape, k, directions):
-    """Tangent and two normals of the clamp whose rows begin at k."""
-    at = layout.DIRECTION_ROWS * LANES * k
-    if shape[layout.DIM] == 2:
-        c0, c1 = directions[at], directions[at + LANES]
+def frame_of(cable, k, directions):
+    """Tangent and two normals of the clamp whose rows begin at k; `directions`: (rows, 3)."""
+    if cable.dim == 2:
+        c0, c1 = directions[k, 0], directions[k, 1]
         return (c1, -c0, 0.0), (c0, c1, 0.0), (0.0, 0.0, 1.0)
-    a = directions[at], directions[at + LANES], directions[at + 2 * LANES]
-    at += layout.DIRECTION_ROWS * LANES
-    b = directions[at], directions[at + LANES], directions[at + 2 * LANES]
+    a = directions[k, 0], directions[k, 1], directions[k, 2]
+    b = directions[k + 1, 0], directions[k + 1, 1], directions[k + 1, 2]
     t = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return t, a, b
 
 
 @part
-def clamps_here(shape, k):
+def clamps_here(cable, k):
     """Whether k is the first row of a clamp at a control point."""
-    if line_of(shape, k) >= 0 or own_point(shape, k) < 0:
+    rows = cable.rows
+    if rows.line[k] >= 0 or own_point(cable, k) < 0:
         return False
-    if k == 0 or shape[layout.DIM] == 2:
-        return True
-    same = point_of(shape, k - 1) == point_of(shape, k)
-    return not same
+    return k == 0 or cable.dim == 2 or rows.point[k - 1] != rows.point[k]
 
 
 @part
@@ -125,78 +136,93 @@ def out_of_frame(f, v0, v1, v2):
     )
 
 
-@part
-def turn_entries(dim, f, inward, numbers, at, apart):
-    """Rotate a vector of dim numbers with distance `apart` into the frame f, or back."""
-    v0, v1 = numbers[at], numbers[at + apart]
-    v2 = numbers[at + 2 * apart] if dim == 3 else 0.0
-    u = into_frame(f, v0, v1, v2) if inward else out_of_frame(f, v0, v1, v2)
-    numbers[at] = u[0]
-    numbers[at + apart] = u[1]
-    if dim == 3:
-        numbers[at + 2 * apart] = u[2]
-
-
-@part
-def turn_vector(shape, directions, inward, numbers):
-    """Rotate a vector of all unknowns into the frames of the clamps, or back."""
-    dim = shape[layout.DIM]
-    for k in range(shape[layout.HELD]):
-        if clamps_here(shape, k):
-            f = frame_of(shape, k, directions)
-            turn_entries(dim, f, inward, numbers, own_point(shape, k) * dim, 1)
-
-
-@part
-def hold(shape, rows, columns, band):
-    """Rotate the matrix into the frames of the clamps, with directions `rows` for the equations and
-    `columns` for the unknowns, and set the corrections of fixed unknowns to 0 (`clear_held`).
+@piece(void, CABLE, LINES, boolean, VECTOR, int64)
+def turn_vector(cable, directions, inward, numbers, begin):
+    """Rotate a vector of all unknowns, whose first is numbers[begin], into the frames of the
+    clamps, or back.
     """
-    dim, n = shape[layout.DIM], shape[layout.N]
-    half, width = 4 * dim - 1, width_of(dim)
-    for k in range(shape[layout.HELD]):
-        if clamps_here(shape, k):
-            i = own_point(shape, k)
+    dim = cable.dim
+    for k in range(cable.rows.count):
+        if not clamps_here(cable, k):
+            continue
+        f = frame_of(cable, k, directions)
+        at = begin + own_point(cable, k) * dim
+        v0, v1, v2 = numbers[at], numbers[at + 1], numbers[at + 2] if dim == 3 else 0.0
+        u = into_frame(f, v0, v1, v2) if inward else out_of_frame(f, v0, v1, v2)
+        numbers[at], numbers[at + 1] = u[0], u[1]
+        if dim == 3:
+            numbers[at + 2] = u[2]
+
+
+@part
+def turn_entries(dim, f, band, r, c, down, right):
+    """Rotate `dim` entries of the matrix into the frame f; the first is at [r, c], the next at
+    [r + down, c + right].
+    """
+    v0, v1 = band[r, c], band[r + down, c + right]
+    v2 = band[r + 2 * down, c + 2 * right] if dim == 3 else 0.0
+    u = into_frame(f, v0, v1, v2)
+    band[r, c] = u[0]
+    band[r + down, c + right] = u[1]
+    if dim == 3:
+        band[r + 2 * down, c + 2 * right] = u[2]
+
+
+@piece(void, CABLE, LINES, LINES, LINES)
+def hold(cable, rows, columns, band):
+    """Rotate the matrix into the frames of the clamps, with directions `rows` (rows, 3) for the
+    equations and `columns` for the unknowns, and make the equations of fixed unknowns those of the
+    identity, so that a right-hand side of zero (`clear_held`) leaves them unchanged.
+    """
+    dim, n = cable.dim, cable.n
+    half = 4 * dim - 1
+    for k in range(cable.rows.count):
+        if clamps_here(cable, k):
+            i = own_point(cable, k)
+            begin = i * dim
             low, high = max(i - 3, 0) * dim, min(i + 4, n) * dim
-            f, g = frame_of(shape, k, rows), frame_of(shape, k, columns)
+            f, g = frame_of(cable, k, rows), frame_of(cable, k, columns)
             for c in range(low, high):
-                turn_entries(dim, f, YES, band, i * dim * width + c - i * dim + half, width - 1)
+                turn_entries(dim, f, band, begin, c - begin + half, 1, -1)
             for r in range(low, high):
-                turn_entries(dim, g, YES, band, r * width + i * dim - r + half, 1)
+                turn_entries(dim, g, band, r, begin - r + half, 0, 1)
             for d in range(1, dim):
-                hold_unknown(dim, i * dim + d, band)
-    for k in range(shape[layout.HELD]):
-        line = line_of(shape, k)
-        if 0 <= line < dim and own_point(shape, k) >= 0:
-            hold_unknown(dim, own_point(shape, k) * dim + line, band)
+                hold_unknown(dim, begin + d, band)
+    for k in range(cable.rows.count):
+        line = cable.rows.line[k]
+        if 0 <= line < dim and own_point(cable, k) >= 0:
+            hold_unknown(dim, own_point(cable, k) * dim + line, band)
 
 
 @part
 def hold_unknown(dim, r, band):
     """Make row r of the matrix a row of the identity."""
-    row = r * width_of(dim)
     for c in range(8 * dim):
-        band[row + c] = 0.0
-    band[row + 4 * dim - 1] = 1.0
+        band[r, c] = 0.0
+    band[r, 4 * dim - 1] = 1.0
 
 
 @part
-def clear_held(shape, numbers):
-    """Set the entries of fixed unknowns to zero; the vector is in the frames of the clamps."""
-    dim = shape[layout.DIM]
-    for k in range(shape[layout.HELD]):
-        i = own_point(shape, k)
-        line = line_of(shape, k)
+def clear_held(cable, numbers, begin):
+    """Set the entries of fixed unknowns to zero, in a vector in the frames of the clamps whose
+    first unknown is numbers[begin].
+    """
+    dim = cable.dim
+    for k in range(cable.rows.count):
+        i, line = own_point(cable, k), cable.rows.line[k]
         if i < 0 or line == dim:
             continue
         if line >= 0:
-            numbers[i * dim + line] = 0.0
-        elif clamps_here(shape, k):
+            numbers[begin + i * dim + line] = 0.0
+        elif clamps_here(cable, k):
             for d in range(1, dim):
-                numbers[i * dim + d] = 0.0
+                numbers[begin + i * dim + d] = 0.0
 
 
-@part
+# -- LU factors ----------------------------------------------------------------------------------
+
+
+@piece(boolean, LINES, int64, int64)
 def eliminate(band, size, dim):
     """LU factorisation in place without pivoting; false if a pivot is zero or not finite.
 
@@ -204,70 +230,231 @@ def eliminate(band, size, dim):
     and is retried with a shorter one. Rows are processed in whole vectors, which the padding zeros
     allow.
     """
-    half, width = 4 * dim - 1, width_of(dim)
+    half = 4 * dim - 1
     for r in range(size):
-        at = r * width + half
-        pivot = band[at]
+        pivot = band[r, half]
         if not abs(pivot) > 0.0 or pivot - pivot != 0.0:
             return False
         inverse = 1.0 / pivot
-        band[at] = inverse
-        near, far = load(band, at + 1), load(band, at + 1)
+        band[r, half] = inverse
+        near, far = load(band, r, half + 1), load(band, r, half + 1)
         if dim > 2:
-            far = load(band, at + 1 + LANES)
+            far = load(band, r, half + 1 + LANES)
         for below in range(1, min(half, size - 1 - r) + 1):
-            to = (r + below) * width + half - below
-            factor = band[to] * inverse
-            band[to] = factor
-            store(band, to + 1, load(band, to + 1) - factor * near)
+            to, c = r + below, half - below
+            factor = band[to, c] * inverse
+            band[to, c] = factor
+            store(band, to, c + 1, load(band, to, c + 1) - factor * near)
             if dim > 2:
-                store(band, to + 1 + LANES, load(band, to + 1 + LANES) - factor * far)
+                store(band, to, c + 1 + LANES, load(band, to, c + 1 + LANES) - factor * far)
     return True
 
 
-@part
+@piece(void, LINES, int64, int64, VECTOR)
 def substitute(band, size, dim, x):
     """Forward and back substitution with the factors of `eliminate`, in place.
 
-    x needs PADDING zeros before and after it, so that all sums have a length known to the compiler.
+    Unknown r is x[PADDING + r]; the zeros around them give all sums a length that the compiler
+    knows.
     """
     if dim == 2:
-        substitute_rows(band, size, 7, 16, x)
+        substitute_rows(band, size, 7, x)
     elif dim == 3:
-        substitute_rows(band, size, 11, 32, x)
+        substitute_rows(band, size, 11, x)
     else:
-        substitute_rows(band, size, 15, 32, x)
+        substitute_rows(band, size, 15, x)
 
 
 @part
-def substitute_rows(band, size, half, width, x):
-    """`substitute` for one half bandwidth and row width.
+def substitute_rows(band, size, half, x):
+    """`substitute` for one half bandwidth.
 
     Every sum ends with the most recent unknown, to shorten the dependency chain.
     """
     for r in range(size):
-        at, value = r * width, x[r]
+        row, at = band[r], PADDING + r
+        value = x[at]
         for k in range(half):
-            value -= band[at + k] * x[r - half + k]
-        x[r] = value
+            value -= row[k] * x[at - half + k]
+        x[at] = value
     for r in range(size - 1, -1, -1):
-        at, value = r * width + half, x[r]
+        row, at = band[r], PADDING + r
+        value = x[at]
         for k in range(half, 0, -1):
-            value -= band[at + k] * x[r + k]
-        x[r] = value * band[at]
+            value -= row[half + k] * x[at + k]
+        x[at] = value * row[half]
 
 
 @part
-def substitute_eight(band, size, dim, x):
-    """`substitute` for eight right-hand sides side by side; no padding needed."""
-    half, width = 4 * dim - 1, width_of(dim)
+def substitute_eight(band, size, dim, sides):
+    """`substitute` for eight right-hand sides, the lanes of `sides` (size,); no padding needed."""
+    half = 4 * dim - 1
     for r in range(size):
-        value = load(x, r * LANES)
+        value = sides[r]
         for k in range(max(half - r, 0), half):
-            value -= band[r * width + k] * load(x, (r - half + k) * LANES)
-        store(x, r * LANES, value)
+            value -= band[r, k] * sides[r - half + k]
+        sides[r] = value
     for r in range(size - 1, -1, -1):
-        value = load(x, r * LANES)
+        value = sides[r]
         for k in range(min(half, size - 1 - r), 0, -1):
-            value -= band[r * width + half + k] * load(x, (r + k) * LANES)
-        store(x, r * LANES, value * band[r * width + half])
+            value -= band[r, half + k] * sides[r + k]
+        sides[r] = value * band[r, half]
+
+
+# -- border rows ---------------------------------------------------------------------------------
+
+
+@part
+def border_begin(cable, k):
+    """First of the 4 dim unknowns that border row k couples."""
+    rows = cable.rows
+    return cable.dim * cable.points.first[rows.point[rows.count - rows.border + k]]
+
+
+@part
+def along(row, y, begin):
+    """Product of a border row of F or C with the unknowns from y[begin] on."""
+    value = 0.0
+    for r in range(len(row)):
+        value += row[r] * y[begin + r]
+    return value
+
+
+@part
+def write_border(cable, directions, free, out):
+    """Write the border rows with directions (rows, 3), in the frames of the clamps, to `out`
+    (border, 4 dim). `free`: zero at the unknowns that other constraint rows fix.
+    """
+    dim, rows, spare = cable.dim, cable.rows, cable.work.border_spare
+    for k in range(rows.border):
+        row, begin = rows.count - rows.border + k, border_begin(cable, k)
+        line, weights = rows.line[row], cable.points.weights[rows.point[row]]
+        for r in range(cable.n * dim):
+            spare[r] = 0.0
+        for j in range(4):
+            for d in range(dim):
+                along_d = 1.0 if d == line else 0.0
+                if line < 0:
+                    along_d = directions[row, d]
+                spare[begin + j * dim + d] = along_d * weights[j]
+        turn_vector(cable, directions, YES, spare, 0)
+        if free:
+            clear_held(cable, spare, 0)
+        for r in range(4 * dim):
+            out[k, r] = spare[begin + r]
+
+
+@piece(void, CABLE, LINES, LINES)
+def set_border(cable, pushed, kept):
+    """Set F with the directions `pushed`, C with the directions `kept`, and (F F^T)^-1."""
+    work, border = cable.work, cable.rows.border
+    if border == 0:
+        return
+    write_border(cable, pushed, NO, work.border_push)
+    write_border(cable, pushed, YES, work.border_force)
+    write_border(cable, kept, YES, work.border_condition)
+    spare = work.border_spare
+    for r in range(cable.n * cable.dim):
+        spare[r] = 0.0
+    for k in range(border):
+        begin, force = border_begin(cable, k), work.border_force[k]
+        for r in range(len(force)):
+            spare[begin + r] = force[r]
+        for j in range(border):
+            product = along(work.border_force[j], spare, border_begin(cable, j))
+            work.border_gram[j, k] = product
+        for r in range(len(force)):
+            spare[begin + r] = 0.0
+    invert_in_place(work.border_gram)
+
+
+@part
+def invert_in_place(a):
+    """Gauss-Jordan inverse without pivoting, for nearly symmetric positive definite matrices."""
+    size = len(a)
+    for k in range(size):
+        pivot = 1.0 / a[k, k]
+        a[k, k] = 1.0
+        for j in range(size):
+            a[k, j] *= pivot
+        for i in range(size):
+            if i != k:
+                factor = a[i, k]
+                a[i, k] = 0.0
+                for j in range(size):
+                    a[i, j] -= factor * a[k, j]
+
+
+@piece(void, CABLE, LINES)
+def stiffen_border(cable, band):
+    """Add F^T C to the band matrix, each row scaled to the largest diagonal entry where it acts."""
+    half = 4 * cable.dim - 1
+    for k in range(cable.rows.border):
+        begin = border_begin(cable, k)
+        f, c = cable.work.border_force[k], cable.work.border_condition[k]
+        stiffness, norm = 0.0, 0.0
+        for r in range(len(f)):
+            stiffness = max(stiffness, abs(band[begin + r, half]))
+            norm += f[r] * c[r]
+        for r in range(len(f)):
+            for q in range(len(c)):
+                band[begin + r, q - r + half] += stiffness / norm * f[r] * c[q]
+
+
+@piece(void, CABLE, LINES)
+def solve_border(cable, band):
+    """Compute Z = K^-1 F^T and (C Z)^-1 with the LU factors of K."""
+    work, size, border = cable.work, cable.n * cable.dim, cable.rows.border
+    for k in range(border):
+        z, force = work.border_shift[k], work.border_force[k]
+        begin = PADDING + border_begin(cable, k)
+        for r in range(size):
+            z[PADDING + r] = 0.0
+        for r in range(len(force)):
+            z[begin + r] = force[r]
+        substitute(band, size, cable.dim, z)
+        for j in range(border):
+            product = along(work.border_condition[j], z, PADDING + border_begin(cable, j))
+            work.border_system[j, k] = product
+    invert_in_place(work.border_system)
+
+
+@piece(void, CABLE, VECTOR)
+def keep_border(cable, y):
+    """Project a correction onto the constraints of the border rows: y <- (1 - Z (C Z)^-1 C) y.
+
+    Unknown r is y[PADDING + r].
+    """
+    work, border = cable.work, cable.rows.border
+    values = work.border_value
+    for k in range(border):
+        values[k] = along(work.border_condition[k], y, PADDING + border_begin(cable, k))
+    for k in range(border):
+        share = 0.0
+        for j in range(border):
+            share += work.border_system[k, j] * values[j]
+        z = work.border_shift[k]
+        for r in range(PADDING, PADDING + cable.n * cable.dim):
+            y[r] -= share * z[r]
+
+
+@part
+def balance_border(cable, residual, forces):
+    """Remove from the residual, whose unknown r is residual[PADDING + r], the part that border
+    rows balance; write their forces to the entries of `forces` (rows,).
+
+    These forces also act on unknowns that other rows fix, so this comes before the reactions there
+    are read from the residual.
+    """
+    work, rows = cable.work, cable.rows
+    values = work.border_value
+    for k in range(rows.border):
+        values[k] = along(work.border_force[k], residual, PADDING + border_begin(cable, k))
+    for k in range(rows.border):
+        force, begin = 0.0, PADDING + border_begin(cable, k)
+        for j in range(rows.border):
+            force -= work.border_gram[k, j] * values[j]
+        forces[rows.count - rows.border + k] = force
+        push = work.border_push[k]
+        for r in range(len(push)):
+            residual[begin + r] += push[r] * force

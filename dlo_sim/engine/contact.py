@@ -1,4 +1,4 @@
-"""Contact with planes, assembled from the gap g = n . r(u) - d at the samples of every span.
+"""Contact with planes, assembled from the gap g = n . r(u) - d at the quadrature points.
 
 n is the plane's normal, and d includes the cable's radius. The gap is linear in the control points,
 hence a cubic polynomial on each span. The mesh stores the derivatives of the basis as polynomials
@@ -7,138 +7,99 @@ of the local coordinate xi; with their values at xi = 0 these determine the basi
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, size, store, total, zero
+from dlo_sim.compiling.lanes import fabs, lane_sum, zero
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import CONTACT, TOUCHING
 from dlo_sim.engine.band import add_to_spans
-from dlo_sim.engine.elastic import (
+from dlo_sim.engine.spans import (
     add_cubic,
     basis_at,
-    block_of,
     integrated,
     line_polynomial,
-    sample_of,
     scatter_values,
 )
-from dlo_sim.engine.term import ENERGY, FORCE, TANGENT, Term, add_energy
+from dlo_sim.engine.term import ENERGY, FORCE, TANGENT
 from dlo_sim.terms import contact
 
 
 @part
-def plane_of(shape, k):
-    """Offset of the rows of plane k: components of its normal n on the lines, then d [m]."""
-    return shape[layout.PLANE] + layout.PLANE_ROWS * LANES * k
-
-
-@part
-def gap_polynomial(shape, model, x, b, plane):
-    """The gap on the spans of a block, in the form of `elastic.line_polynomial`."""
-    at, width, stride = (
-        layout.MARGIN * shape[layout.STRIDE] + LANES * b,
-        shape[layout.LINE],
-        shape[layout.STRIDE],
-    )
-    block = block_of(shape, b)
-    g = zero() - load(model, plane + 3 * LANES), zero(), zero(), zero()
-    for d in range(shape[layout.DIM]):
-        normal = load(model, plane + d * LANES)
-        one = line_polynomial(x, at + d * width, stride, model, block)
+def gap_polynomial(cable, b, x, plane):
+    """The gap on the spans of a block, in the form of `spans.line_polynomial`."""
+    g = zero() - cable.planes.distance[plane], zero(), zero(), zero()
+    for d in range(cable.dim):
+        normal, line = cable.planes.normal[plane, d], line_polynomial(cable.mesh, b, x[d])
         g = (
-            g[0] + normal * one[0],
-            g[1] + normal * one[1],
-            g[2] + normal * one[2],
-            g[3] + normal * one[3],
+            g[0] + normal * line[0],
+            g[1] + normal * line[1],
+            g[2] + normal * line[2],
+            g[3] + normal * line[3],
         )
     return g
 
 
-@piece(*FORCE)
-def force(shape, model, state, x0, x1, out):
+@piece(*FORCE, terms=CONTACT)
+def force(cable, x0, x1, out):
     """out -= discrete gradient of the contact energy between x0 and x1."""
-    stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
-    stride = shape[layout.STRIDE]
-    for k in range(shape[layout.PLANES]):
-        plane = plane_of(shape, k)
-        for b in range(shape[layout.BLOCKS]):
-            block = block_of(shape, b)
-            inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
-            p = gap_polynomial(shape, model, x0, b, plane)
-            q = gap_polynomial(shape, model, x1, b, plane)
+    mesh, stiffness = cable.mesh, cable.physics.contact_stiffness
+    for plane in range(cable.planes.count):
+        for b in range(cable.blocks):
+            inverse = 1.0 / mesh.slope[b]
+            p, q = gap_polynomial(cable, b, x0, plane), gap_polynomial(cable, b, x1, plane)
             f = (zero(), zero(), zero(), zero())
-            for j in range(shape[layout.SAMPLES]):
-                at = sample_of(block, j)
-                xi = load(model, at + layout.XI * LANES)
+            for j in range(cable.samples):
+                xi = mesh.xi[b, j]
                 g0, g1 = integrated(inverse, p, xi), integrated(inverse, q, xi)
-                w = load(model, at + layout.QUADRATURE * LANES)
-                f = add_cubic(f, w * contact.mean_gradient(stiffness, g0, g1), xi)
-            for d in range(shape[layout.DIM]):
-                normal = load(model, plane + d * LANES)
-                at = d * shape[layout.LINE] + layout.MARGIN * stride + LANES * b
-                scatter_values(f, at, stride, model, block, -normal, out)
+                w = mesh.weight[b, j]
+                f = add_cubic(f, w * contact.discrete_gradient(stiffness, g0, g1), xi)
+            for d in range(cable.dim):
+                scatter_values(mesh, b, f, -cable.planes.normal[plane, d], out[d])
 
 
-@piece(*ENERGY)
-def energy(shape, model, state, x, out):
+@piece(*ENERGY, terms=CONTACT)
+def energy(cable, x, out):
     """Add the contact energy [J]."""
-    stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
-    sum_ = zero()
-    for k in range(shape[layout.PLANES]):
-        for b in range(shape[layout.BLOCKS]):
-            block = block_of(shape, b)
-            inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
-            p = gap_polynomial(shape, model, x, b, plane_of(shape, k))
-            for j in range(shape[layout.SAMPLES]):
-                at = sample_of(block, j)
-                g = integrated(inverse, p, load(model, at + layout.XI * LANES))
-                w = load(model, at + layout.QUADRATURE * LANES)
-                sum_ += w * contact.energy(stiffness, g)
-    add_energy(shape, sum_, layout.CONTACT_ENERGY, out)
+    mesh, stiffness, sum_ = cable.mesh, cable.physics.contact_stiffness, zero()
+    for plane in range(cable.planes.count):
+        for b in range(cable.blocks):
+            inverse, p = 1.0 / mesh.slope[b], gap_polynomial(cable, b, x, plane)
+            for j in range(cable.samples):
+                g = integrated(inverse, p, mesh.xi[b, j])
+                sum_ += mesh.weight[b, j] * contact.energy(stiffness, g)
+    out[TOUCHING] += lane_sum(sum_)
 
 
-@piece(*TANGENT)
-def tangent(shape, model, state, x0, x1, scale, scratch, band):
-    """band += scale times the Jacobian of the discrete gradient with respect to x1; one cable only.
-
-    `scratch`: SAMPLES + 1 rows.
-    """
-    stiffness = load(model, shape[layout.SCALES] + layout.CONTACT_STIFFNESS * LANES)
-    spare = shape[layout.SAMPLES] * LANES
-    for k in range(shape[layout.PLANES]):
-        plane = plane_of(shape, k)
-        for b in range(shape[layout.BLOCKS]):
-            block = block_of(shape, b)
-            inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
-            p = gap_polynomial(shape, model, x0, b, plane)
-            q = gap_polynomial(shape, model, x1, b, plane)
+@piece(*TANGENT, terms=CONTACT)
+def tangent(cable, x0, x1, scale, band):
+    """band += scale times the Jacobian of the discrete gradient with respect to x1."""
+    mesh, shares = cable.mesh, cable.work.shares
+    stiffness = cable.physics.contact_stiffness
+    for plane in range(cable.planes.count):
+        for b in range(cable.blocks):
+            inverse = 1.0 / mesh.slope[b]
+            p, q = gap_polynomial(cable, b, x0, plane), gap_polynomial(cable, b, x1, plane)
             touched = zero()
-            for j in range(shape[layout.SAMPLES]):
-                at = sample_of(block, j)
-                xi = load(model, at + layout.XI * LANES)
+            for j in range(cable.samples):
+                xi = mesh.xi[b, j]
                 g0, g1 = integrated(inverse, p, xi), integrated(inverse, q, xi)
-                w = scale * load(model, at + layout.QUADRATURE * LANES)
-                h = w * contact.mean_hessian(stiffness, g0, g1)
-                store(scratch, j * LANES, h)
-                touched += size(h)
-            if total(touched) > 0.0:
+                w = scale * mesh.weight[b, j]
+                shares[j] = w * contact.discrete_jacobian(stiffness, g0, g1)
+                touched += fabs(shares[j])
+            if lane_sum(touched) > 0.0:
                 for first in range(4):
                     for other in range(4):
                         f = zero()
-                        for j in range(shape[layout.SAMPLES]):
-                            xi = load(model, sample_of(block, j) + layout.XI * LANES)
-                            both = basis_at(model, block, first, inverse, xi)
-                            both = both * basis_at(model, block, other, inverse, xi)
-                            f += both * load(scratch, j * LANES)
-                        store(scratch, spare, f)
-                        add_block(shape, model, b, plane, first, other, scratch, spare, band)
+                        for j in range(cable.samples):
+                            xi = mesh.xi[b, j]
+                            both = basis_at(mesh, b, first, inverse, xi)
+                            both = both * basis_at(mesh, b, other, inverse, xi)
+                            f += both * shares[j]
+                        add_block(cable, b, plane, first, other, f, band)
 
 
 @part
-def add_block(shape, model, b, plane, first, other, numbers, at, band):
-    """Add n n^T, times one number per span, between two control points of every span of a block."""
-    for i in range(shape[layout.DIM]):
-        for j in range(shape[layout.DIM]):
-            product = model[plane + i * LANES] * model[plane + j * LANES]
-            add_to_spans(shape, b, first, other, i, j, product, numbers, at, band)
-
-
-TERM = Term(layout.CONTACT, force=force, gradient=force, energy=energy, tangent=tangent)
+def add_block(cable, b, plane, first, other, f, band):
+    """Add f n n^T, f one number per span, between two control points of every span of a block."""
+    normal = cable.planes.normal[plane]
+    for i in range(cable.dim):
+        for j in range(cable.dim):
+            add_to_spans(cable, b, first, other, i, j, normal[i] * normal[j] * f, band)

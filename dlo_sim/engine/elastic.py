@@ -1,13 +1,10 @@
-"""Assembly of stretching and bending: a loop over the samples of every span, eight spans at a time.
+"""Stretching and bending of the cable, with the span guard and viscosity: energy, force, discrete
+gradient, and its Jacobian: loops over the quadrature points of the spans, eight spans at a time.
 
-It evaluates the energy densities (`terms`) or their derivatives at each sample and adds them up on
-the control points. The same code serves planar and spatial cables, and one cable or eight side by
-side.
-
-The densities depend on c = t . t, d = t . k and h = k . k only. On a span t = A + B xi + C xi^2, so
-these are polynomials in xi whose coefficients are the inner products of A, B and C; the gradient
-with respect to A, B, C is a symmetric 3 x 3 matrix times (A, B, C), the same for every line. Forces
-therefore need no loop over the lines at a sample.
+Energy and force. The energy densities (`terms`) depend on c = t . t, d = t . k and h = k . k only.
+On a span t = A + B xi + C xi^2, so these are polynomials in xi whose coefficients are the inner
+products of A, B and C; the gradient with respect to A, B, C is a symmetric 3 x 3 matrix times
+(A, B, C), the same for every line. Forces therefore need no loop over the lines at a sample.
 
 Stretching by span (bit SPAN_STRETCH) avoids membrane locking: a bent span cannot have |r'| = 1 at
 all of its samples, so with EA/EI of a thin cable the sampled stretching energy would suppress
@@ -17,209 +14,90 @@ With m = 1/h integral eps du, l = 1/h integral eps xi du, f = 3 where linear, el
 EA h/2 (m^2 + f l^2), and the projected strain at a sample is m + f xi l. What this leaves free is
 bounded by the span guard (`terms.span_guard`), a part of any stretching energy.
 
-Source: assumed natural strains, Bucalem & Bathe 1993, Int. J. Numer. Meth. Eng. 36, 3729-3754; for
-splines the B-bar projection of Elguedj et al. 2008, Comput. Methods Appl. Mech. Eng. 197,
-2732-2762.
+Discrete gradient. For configurations 0 and 1 it satisfies
+    g(0, 1) . (q1 - q0) = U(q1) - U(q0)      and      g(q, q) = grad U(q)
+exactly, so a step that uses it as its force keeps the energy to the solver's tolerance. The energy
+depends on q only through invariants that are bilinear in r' and r'', whose increments are exact at
+the midpoint, c1 - c0 = 2 r'_m.(r'_1 - r'_0); the terms give divided differences in these, so
+momentum and angular momentum are conserved too (Simo & Tarnow 1992; Gonzalez 1996, applied per
+quadrature point). Viscosity is evaluated at the midpoint.
+
+The Jacobian is exact, with respect to the new configuration, except that the dependence of the
+viscous forces on the geometry is left out. For equal configurations it is half the Hessian of the
+energy. It is a band matrix over all spatial unknowns (`engine.arrays`).
+
+Source of the projection: assumed natural strains, Bucalem & Bathe 1993, Int. J. Numer. Meth. Eng.
+36, 3729-3754; for splines the B-bar projection of Elguedj et al. 2008, Comput. Methods Appl. Mech.
+Eng. 197, 2732-2762.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, root, store, zero
-from dlo_sim.compiling.pieces import part
-from dlo_sim.engine import layout
-from dlo_sim.engine.span_guard import guard_energy, guard_gradient
-from dlo_sim.terms import bend, stretch
+from numba import float64, void
+
+from dlo_sim.compiling.groups import store
+from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, sqrt, zero
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.arrays import (
+    ANY_STRETCH,
+    BEND,
+    CABLE,
+    CURVED,
+    LINES,
+    SPAN_STRETCH,
+    STRETCH,
+    THINNED,
+)
+from dlo_sim.engine.natural_curvature import natural_at
+from dlo_sim.engine.span_guard import (
+    discrete_guard_gradient,
+    guard_energy,
+    guard_gradient,
+    guard_jacobian,
+)
+from dlo_sim.engine.spans import (
+    add_sample,
+    bending_at,
+    curve,
+    dot,
+    matrix_times,
+    products,
+    scatter,
+    scatter_lines,
+    span_strains,
+    store_three,
+    tangent_at,
+)
+from dlo_sim.terms import bend, natural_curvature, span_guard, stretch, viscosity
+from dlo_sim.terms.viscosity import combined
+
+# -- energy and force ------------------------------------------------------------------------------
 
 
 @part
-def block_of(shape, b):
-    """Offset of block b of the mesh."""
-    return shape[layout.MESH] + b * (layout.HEAD + layout.SAMPLE * shape[layout.SAMPLES]) * LANES
-
-
-@part
-def sample_of(block, j):
-    """Offset of sample j of a block."""
-    return block + (layout.HEAD + layout.SAMPLE * j) * LANES
-
-
-@part
-def coefficients(x, at, stride, model, block):
-    """Coefficients A, B, C of the derivative A + B xi + C xi^2 of one line on a block's spans."""
-    q0, q1 = load(x, at), load(x, at + stride)
-    q2, q3 = load(x, at + 2 * stride), load(x, at + 3 * stride)
-    row = block
-    a = load(model, row) * q0 + load(model, row + 3 * LANES) * q1
-    a += load(model, row + 6 * LANES) * q2 + load(model, row + 9 * LANES) * q3
-    row += LANES
-    b = load(model, row) * q0 + load(model, row + 3 * LANES) * q1
-    b += load(model, row + 6 * LANES) * q2 + load(model, row + 9 * LANES) * q3
-    row += LANES
-    c = load(model, row) * q0 + load(model, row + 3 * LANES) * q1
-    c += load(model, row + 6 * LANES) * q2 + load(model, row + 9 * LANES) * q3
-    return a, b, c
-
-
-@part
-def curve(shape, model, x, b, straight):
-    """A, B, C of all spatial lines; `straight` times a unit tangent on lanes beyond the last."""
-    at, width, stride = (
-        layout.MARGIN * shape[layout.STRIDE] + LANES * b,
-        shape[layout.LINE],
-        shape[layout.STRIDE],
-    )
-    block = block_of(shape, b)
-    p0 = coefficients(x, at, stride, model, block)
-    p0 = p0[0] + straight * load(model, block + layout.PADDING * LANES), p0[1], p0[2]
-    p1 = coefficients(x, at + width, stride, model, block)
-    p2 = zero(), zero(), zero()
-    if shape[layout.DIM] == 3:
-        p2 = coefficients(x, at + 2 * width, stride, model, block)
-    return p0, p1, p2
-
-
-@part
-def tangent_at(p, xi):
-    """t = r' at a local coordinate."""
-    return (
-        p[0][0] + xi * (p[0][1] + xi * p[0][2]),
-        p[1][0] + xi * (p[1][1] + xi * p[1][2]),
-        p[2][0] + xi * (p[2][1] + xi * p[2][2]),
-    )
-
-
-@part
-def bending_at(p, xi, slope):
-    """k = r'' at a local coordinate."""
-    two = 2.0 * xi
-    return (
-        slope * (p[0][1] + two * p[0][2]),
-        slope * (p[1][1] + two * p[1][2]),
-        slope * (p[2][1] + two * p[2][2]),
-    )
-
-
-@part
-def three(array, at):
-    """Load three rows as a vector."""
-    return load(array, at), load(array, at + LANES), load(array, at + 2 * LANES)
-
-
-@part
-def store_three(array, at, v):
-    """Store a vector as three rows."""
-    store(array, at, v[0])
-    store(array, at + LANES, v[1])
-    store(array, at + 2 * LANES, v[2])
-
-
-@part
-def dot(a, b):
-    """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@part
-def add_sample(g, on_t, on_k, xi):
-    """g + gradient on A, B, C of one line from one sample's, on r' and (times d xi/du) on r''."""
-    return g[0] + on_t, g[1] + (xi * on_t + on_k), g[2] + xi * (xi * on_t + 2.0 * on_k)
-
-
-@part
-def scatter(g, at, stride, model, block, scale, out):
-    """out += scale times the gradient with respect to one line; g: with respect to A, B, C."""
-    for k in range(4):
-        row = block + 3 * k * LANES
-        f = load(model, row) * g[0] + load(model, row + LANES) * g[1]
-        f += load(model, row + 2 * LANES) * g[2]
-        to = at + k * stride
-        store(out, to, load(out, to) + scale * f)
-
-
-@part
-def integrated(inverse_slope, p, xi):
-    """Value at xi of p0 + integral over u of p1 + p2 xi + p3 xi^2 from the middle of the span."""
-    return p[0] + xi * inverse_slope * (p[1] + xi * (0.5 * p[2] + xi * p[3] * (1.0 / 3.0)))
-
-
-@part
-def line_polynomial(x, at, stride, model, block):
-    """One line on the spans of a block: value at xi = 0, then A, B, C of its derivative."""
-    value = load(model, block + layout.VALUES * LANES) * load(x, at)
-    for k in range(1, 4):
-        value += load(model, block + (layout.VALUES + k) * LANES) * load(x, at + k * stride)
-    a, b, c = coefficients(x, at, stride, model, block)
-    return value, a, b, c
-
-
-@part
-def basis_at(model, block, k, inverse_slope, xi):
-    """Value of basis function k of a span."""
-    row = block + 3 * k * LANES
-    value = load(model, block + (layout.VALUES + k) * LANES)
-    a, b, c = load(model, row), load(model, row + LANES), load(model, row + 2 * LANES)
-    return integrated(inverse_slope, (value, a, b, c), xi)
-
-
-@part
-def add_cubic(a, f, xi):
-    """a + f (1, xi, xi^2, xi^3), with f a sample's gradient on a line's value: `scatter_values`."""
-    g = xi * f
-    return a[0] + f, a[1] + g, a[2] + xi * g, a[3] + xi * xi * g
-
-
-@part
-def scatter_values(f, at, stride, model, block, scale, out):
-    """out += scale times the gradient with respect to one line; f: from `add_cubic`."""
-    inverse = 1.0 / load(model, block + layout.SLOPE * LANES)
-    on_slopes = inverse * f[1], 0.5 * inverse * f[2], (1.0 / 3.0) * inverse * f[3]
-    scatter(on_slopes, at, stride, model, block, scale, out)
-    for k in range(4):
-        to = at + k * stride
-        value = load(model, block + (layout.VALUES + k) * LANES)
-        store(out, to, load(out, to) + scale * value * f[0])
-
-
-@part
-def scatter_lines(shape, model, b, g0, g1, g2, scale, out):
-    """`scatter` of all spatial lines."""
-    at, width, stride = (
-        layout.MARGIN * shape[layout.STRIDE] + LANES * b,
-        shape[layout.LINE],
-        shape[layout.STRIDE],
-    )
-    block = block_of(shape, b)
-    scatter(g0, at, stride, model, block, scale, out)
-    scatter(g1, at + width, stride, model, block, scale, out)
-    if shape[layout.DIM] == 3:
-        scatter(g2, at + 2 * width, stride, model, block, scale, out)
-
-
-@part
-def span_strains(shape, model, block, p):
-    """m and l of the spans of a block (module docstring)."""
-    mean, slope = zero(), zero()
-    share = load(model, block + layout.SHARE * LANES)
-    for j in range(shape[layout.SAMPLES]):
-        at = sample_of(block, j)
-        xi = load(model, at + layout.XI * LANES)
-        t = tangent_at(p, xi)
-        # `stretch.strain` without its division, which costs 5 % of a step; c is no more exact.
-        f = share * load(model, at + layout.QUADRATURE * LANES) * (root(dot(t, t)) - 1.0)
-        mean += f
-        slope += xi * f
-    return mean, slope
-
-
-@part
-def products(p):
-    """Inner products A.A, A.B, A.C, B.B, B.C, C.C of the coefficients of r'."""
-    a, b, c = (
-        (p[0][0], p[1][0], p[2][0]),
-        (p[0][1], p[1][1], p[2][1]),
-        (p[0][2], p[1][2], p[2][2]),
-    )
-    return dot(a, a), dot(a, b), dot(a, c), dot(b, b), dot(b, c), dot(c, c)
+def elastic_energy(cable, x):
+    """Stretching and bending energy [J]."""
+    mesh, terms = cable.mesh, cable.terms
+    stretching, bent = zero(), zero()
+    if not terms & (ANY_STRETCH | BEND):
+        return 0.0, 0.0
+    for b in range(cable.blocks):
+        axial, bending, s = mesh.axial[b], mesh.bending[b], mesh.slope[b]
+        p = curve(cable, x, b, 1.0)
+        stretching += guard_energy(cable, b, products(p))
+        if terms & SPAN_STRETCH:
+            mean, slope = span_strains(mesh, b, p)
+            length = 1.0 / (mesh.share[b] + mesh.padding[b])  # no 1/0 beyond the last span
+            stretching += 0.5 * axial * length * (mean * mean + mesh.linear[b] * slope * slope)
+        for j in range(cable.samples):
+            xi, w = mesh.xi[b, j], mesh.weight[b, j]
+            t, k = tangent_at(p, xi), bending_at(p, xi, s)
+            c = dot(t, t)
+            if terms & STRETCH:
+                stretching += w * stretch.energy(axial, c)
+            if terms & BEND:
+                bent += w * bend.energy(bending, t, k, c)
+    return lane_sum(stretching), lane_sum(bent)
 
 
 @part
@@ -250,91 +128,441 @@ def add_invariants(g, on_c, on_d, on_h, xi):
 
 
 @part
-def matrix_times(g, p):
-    """Half the gradient with respect to A, B, C of one line: the matrix of `add_invariants` times
-    them.
-    """
-    return (
-        g[0] * p[0] + g[1] * p[1] + g[2] * p[2],
-        g[1] * p[0] + g[3] * p[1] + g[4] * p[2],
-        g[2] * p[0] + g[4] * p[1] + g[5] * p[2],
-    )
-
-
-@part
-def elastic_force(shape, model, x, out):
+def elastic_force(cable, x, out):
     """out -= dU/dq of stretching and bending."""
-    terms = shape[layout.TERMS]
-    if not terms & (layout.ANY_STRETCH | layout.BEND):
+    mesh, terms = cable.mesh, cable.terms
+    if not terms & (ANY_STRETCH | BEND):
         return
-    width, stride = shape[layout.LINE], shape[layout.STRIDE]
     # Terms that the scene lacks are factors of zero, without branches in the loop over the samples;
     # c > 0, as r' vanishes nowhere.
-    stretches = 1.0 if terms & layout.ANY_STRETCH else 0.0
-    sampled = 1.0 if terms & layout.STRETCH else 0.0
-    bends = 1.0 if terms & layout.BEND else 0.0
-    for b in range(shape[layout.BLOCKS]):
-        block = block_of(shape, b)
-        s = load(model, block + layout.SLOPE * LANES)
-        axial = stretches * load(model, block + layout.AXIAL * LANES)
-        bending = bends * s * s * load(model, block + layout.BENDING * LANES)
-        p = curve(shape, model, x, b, 1.0)
+    stretches = 1.0 if terms & ANY_STRETCH else 0.0
+    sampled = 1.0 if terms & STRETCH else 0.0
+    bends = 1.0 if terms & BEND else 0.0
+    for b in range(cable.blocks):
+        s = mesh.slope[b]
+        axial, bending = stretches * mesh.axial[b], bends * s * s * mesh.bending[b]
+        p = curve(cable, x, b, 1.0)
         mean, linear = zero(), zero()
-        if terms & layout.SPAN_STRETCH:
-            mean, linear = span_strains(shape, model, block, p)
-            linear = linear * load(model, block + layout.LINEAR * LANES)
+        if terms & SPAN_STRETCH:
+            mean, linear = span_strains(mesh, b, p)
+            linear = linear * mesh.linear[b]
         mean -= sampled  # so that sampled c + mean |r'| is c - |r'|
         inner = products(p)
-        g = guard_gradient(shape, model, block, inner)
-        for j in range(shape[layout.SAMPLES]):
-            at = sample_of(block, j)
-            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
+        g = guard_gradient(cable, b, inner)
+        for j in range(cable.samples):
+            xi, w = mesh.xi[b, j], mesh.weight[b, j]
             c, d, h = invariants_at(inner, xi)
             inverse = 1.0 / c
-            stretched = sampled * c + (mean + xi * linear) * root(c)
+            stretched = sampled * c + (mean + xi * linear) * sqrt(c)
             on_c, on_d, on_h = bend.gradient(w * bending, d, h, inverse)
             on_c += stretch.gradient(w * axial, stretched, inverse)
             g = add_invariants(g, on_c, on_d, on_h, xi)
         # Each line by itself, inlined: with `scatter_lines` a step takes 4 to 7 % more.
-        at = layout.MARGIN * stride + LANES * b
-        scatter(matrix_times(g, p[0]), at, stride, model, block, -2.0, out)
-        scatter(matrix_times(g, p[1]), at + width, stride, model, block, -2.0, out)
-        if shape[layout.DIM] == 3:
-            scatter(matrix_times(g, p[2]), at + 2 * width, stride, model, block, -2.0, out)
+        scatter(mesh, b, matrix_times(g, p[0]), -2.0, out[0])
+        scatter(mesh, b, matrix_times(g, p[1]), -2.0, out[1])
+        if cable.dim == 3:
+            scatter(mesh, b, matrix_times(g, p[2]), -2.0, out[2])
+
+
+# -- discrete gradient -----------------------------------------------------------------------------
 
 
 @part
-def elastic_energy(shape, model, x):
-    """Stretching and bending energy [J], as partial sums."""
-    terms = shape[layout.TERMS]
-    stretching, bent = zero(), zero()
-    if not terms & (layout.ANY_STRETCH | layout.BEND):
-        return stretching, bent
-    for b in range(shape[layout.BLOCKS]):
-        block = block_of(shape, b)
-        axial, bending = (
-            load(model, block + layout.AXIAL * LANES),
-            load(model, block + layout.BENDING * LANES),
-        )
-        s = load(model, block + layout.SLOPE * LANES)
-        p = curve(shape, model, x, b, 1.0)
-        stretching += guard_energy(shape, model, block, products(p))
-        if terms & layout.SPAN_STRETCH:
-            mean, slope = span_strains(shape, model, block, p)
-            f = mean * mean + load(model, block + layout.LINEAR * LANES) * slope * slope
-            # avoids 1/0 on lanes beyond the last span
-            length = 1.0 / (
-                load(model, block + layout.SHARE * LANES)
-                + load(model, block + layout.PADDING * LANES)
+def mean(a, b):
+    """Mean of two vectors."""
+    return combined(0.5, a, 0.5, b)
+
+
+@part
+def span_rates(mesh, b, p, q, moved):
+    """m and l of the strain increment in a motion `moved`, at the midpoint of p and q."""
+    average, slope, share = zero(), zero(), mesh.share[b]
+    for j in range(mesh.xi.shape[1]):
+        xi = mesh.xi[b, j]
+        t = mean(tangent_at(p, xi), tangent_at(q, xi))
+        f = share * mesh.weight[b, j]
+        f = f * dot(t, tangent_at(moved, xi)) / sqrt(dot(t, t))
+        average += f
+        slope += xi * f
+    return average, slope
+
+
+@piece(float64, CABLE, LINES, LINES, LINES, float64, LINES)
+def discrete_force(cable, x0, x1, moved, viscous, out):
+    """out -= discrete gradient between x0 and x1, and viscous forces for the strain rates
+    `viscous` times the strain increments of `moved`; `viscous` is 1 / tau [1/s], 0 leaves them out.
+
+    Returns the energy dissipated by viscosity [J].
+    """
+    mesh, terms = cable.mesh, cable.terms
+    thinning = viscous * viscous * cable.physics.thinning
+    beta_stretch, beta_bend = cable.physics.beta_stretch, cable.physics.beta_bend
+    taken = zero()
+    for b in range(cable.blocks):
+        axial, bending, s = mesh.axial[b], mesh.bending[b], mesh.slope[b]
+        p, q = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0)
+        r = p
+        if viscous != 0.0:
+            r = curve(cable, moved, b, 0.0)
+        strain, linear, rate, rate_linear = zero(), zero(), zero(), zero()
+        if terms & SPAN_STRETCH:
+            m0, l0 = span_strains(mesh, b, p)
+            m1, l1 = span_strains(mesh, b, q)
+            f = mesh.linear[b]
+            strain, linear = 0.5 * (m0 + m1), 0.5 * f * (l0 + l1)
+            if viscous != 0.0:
+                rate, rate_linear = span_rates(mesh, b, p, q, r)
+                rate_linear = f * rate_linear
+        guard = discrete_guard_gradient(cable, b, products(p), products(q))
+        g0 = matrix_times(guard, combined(1.0, p[0], 1.0, q[0]))
+        g1 = matrix_times(guard, combined(1.0, p[1], 1.0, q[1]))
+        g2 = matrix_times(guard, combined(1.0, p[2], 1.0, q[2]))
+        for j in range(cable.samples):
+            xi, w = mesh.xi[b, j], mesh.weight[b, j]
+            ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
+            tb, kb = tangent_at(q, xi), bending_at(q, xi, s)
+            c0, c1 = dot(ta, ta), dot(tb, tb)
+            on_c, on_d, on_h = zero(), zero(), zero()
+            if terms & STRETCH:
+                projected = 0.5 * (stretch.strain(c0) + stretch.strain(c1))
+                on_c += stretch.discrete_gradient(axial, sqrt(c0), sqrt(c1), projected)
+            if terms & SPAN_STRETCH:
+                projected = strain + xi * linear
+                on_c += stretch.discrete_gradient(axial, sqrt(c0), sqrt(c1), projected)
+            if terms & BEND:
+                more = bend.discrete_gradient(
+                    bending, c0, dot(ta, ka), dot(ka, ka), c1, dot(tb, kb), dot(kb, kb)
+                )
+                on_c += more[0]
+                on_d += more[1]
+                on_h += more[2]
+            on_c, on_d, on_h = 2.0 * w * on_c, w * on_d, 2.0 * w * on_h
+            t, k = mean(ta, tb), mean(ka, kb)
+            on_t, on_k = combined(on_c, t, on_d, k), combined(on_h, k, on_d, t)
+            if viscous != 0.0:
+                dt, dk = tangent_at(r, xi), bending_at(r, xi, s)
+                f = viscous * w * axial * beta_stretch
+                along, inverse = dot(t, dt), 1.0 / dot(t, t)
+                pull = zero()
+                if terms & STRETCH:
+                    pull += f * along * inverse
+                if terms & SPAN_STRETCH:
+                    pull += f * (rate + xi * rate_linear) * sqrt(inverse)
+                on_t = combined(1.0, on_t, pull, t)
+                taken += pull * along
+                if terms & BEND:
+                    f = viscous * w * bending * beta_bend
+                    more_t, g, rho, energy = viscosity.bending(f, thinning, t, k, dt, dk)
+                    on_t = combined(1.0, on_t, 1.0, more_t)
+                    on_k = combined(1.0, on_k, g, rho)
+                    taken += energy
+            g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
+            g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
+            g2 = add_sample(g2, on_t[2], s * on_k[2], xi)
+        scatter_lines(cable, b, g0, g1, g2, -1.0, out)
+    return lane_sum(taken)
+
+
+# -- its Jacobian ----------------------------------------------------------------------------------
+
+
+# Entries of `work.factors` by sample: t and k at the midpoint; right factors of their dyads; those
+# of the unit matrix in tt, in tk and kt, in kk; those of the natural curvature and of viscosity.
+T, K, X1, Y1, X2, Y2, X3, UNIT = 0, 3, 6, 9, 12, 15, 18, 21
+KN, NT, XE, SKEW = 24, 27, 30, 33
+NORMAL, VISCOUS, ALONG, RATIO, INVERSE_C, THINNED_T, THINNED_K = 36, 39, 40, 41, 42, 43, 46
+
+
+@piece(void, CABLE, LINES, LINES, float64, float64, LINES)
+def add_tangent(cable, x0, x1, viscous, scale, band):
+    """band += scale times the Jacobian, with respect to x1, of the discrete gradient between x0 and
+    x1. The viscous part is `viscous` [1/s] times the damping matrix; 0 leaves it out.
+    """
+    for b in range(cable.blocks):
+        p, q = curve(cable, x0, b, 1.0), curve(cable, x1, b, 1.0)
+        factor_samples(cable, b, p, q, viscous)
+        for i in range(cable.dim):
+            for j in range(cable.dim):
+                add_entry(cable, b, i, j, viscous, scale, band)
+        add_guard(cable, b, p, q, scale, band)
+
+
+@part
+def factor_samples(cable, b, p, q, viscous):
+    """Compute the factors of the Jacobian's dyads at all samples of a block, and its moments.
+
+    With the midpoint's t and k, and the chain rule dc1 = 2 t.dt, dd1 = k.dt + t.dk, dh1 = 2 k.dk at
+    configuration 1, the derivatives of the gradient on t and on k by t and k are
+        tt = t x1^T + k x2^T + unit,  tk = t y1^T + k y2^T + unit,  kt = k x3^T + t x2^T + unit,
+        kk = t y2^T + unit.
+    """
+    mesh, terms, work = cable.mesh, cable.terms, cable.work
+    f = work.factors
+    axial, bending, s = mesh.axial[b], mesh.bending[b], mesh.slope[b]
+    thinning = viscous * viscous * cable.physics.thinning
+    beta_stretch, beta_bend = cable.physics.beta_stretch, cable.physics.beta_bend
+    strain, linear = zero(), zero()
+    if terms & SPAN_STRETCH:
+        m0, l0 = span_strains(mesh, b, p)
+        m1, l1 = span_strains(mesh, b, q)
+        strain = 0.5 * (m0 + m1)
+        linear = 0.5 * mesh.linear[b] * (l0 + l1)
+        for power in range(4):
+            for i in range(3):
+                work.force_moments[power, i] = 0.0
+                work.strain_moments[power, i] = 0.0
+                work.flow_moments[power, i] = 0.0
+    for j in range(cable.samples):
+        xi, w = mesh.xi[b, j], mesh.weight[b, j]
+        ta, ka = tangent_at(p, xi), bending_at(p, xi, s)
+        tb, kb = tangent_at(q, xi), bending_at(q, xi, s)
+        c0, c1 = dot(ta, ta), dot(tb, tb)
+        s0, s1 = sqrt(c0), sqrt(c1)
+        on_c, on_d, on_h = zero(), zero(), zero()
+        cc, cd, ch, dc, dd, hc = zero(), zero(), zero(), zero(), zero(), zero()
+        t, k = mean(ta, tb), mean(ka, kb)
+        if terms & STRETCH:
+            projected = 0.5 * (stretch.strain(c0) + stretch.strain(c1))
+            on_c += stretch.discrete_gradient(axial, s0, s1, projected)
+            fixed, changed = stretch.discrete_jacobian(axial, s0, s1, projected)
+            cc += fixed + changed
+        if terms & SPAN_STRETCH:
+            projected = strain + xi * linear
+            on_c += stretch.discrete_gradient(axial, s0, s1, projected)
+            cc += stretch.discrete_jacobian(axial, s0, s1, projected)[0]
+            both = combined(1.0, ta, 1.0, tb)
+            add_moments(work.force_moments, w / (s0 + s1), both, xi)
+            add_moments(work.strain_moments, w / s1, tb, xi)
+            add_moments(work.flow_moments, w / sqrt(dot(both, both)), both, xi)
+        if terms & BEND:
+            d0, h0, d1, h1 = dot(ta, ka), dot(ka, ka), dot(tb, kb), dot(kb, kb)
+            more = bend.discrete_gradient(bending, c0, d0, h0, c1, d1, h1)
+            on_c += more[0]
+            on_d += more[1]
+            on_h += more[2]
+            slopes = bend.discrete_jacobian(bending, c0, d0, h0, c1, d1, h1)
+            cc += slopes[0]
+            cd, ch, dc, dd, hc = slopes[1], slopes[2], slopes[3], slopes[4], slopes[5]
+        store_three(f[j], T, t)
+        store_three(f[j], K, k)
+        store_three(f[j], X1, combined(4.0 * w * cc, tb, 2.0 * w * cd, kb))
+        store_three(f[j], Y1, combined(2.0 * w * cd, tb, 4.0 * w * ch, kb))
+        store_three(f[j], X2, combined(2.0 * w * dc, tb, w * dd, kb))
+        store_three(f[j], Y2, combined(w * dd, tb, 0.0, kb))
+        store_three(f[j], X3, combined(4.0 * w * hc, tb, 0.0, kb))
+        store_three(f[j], UNIT, (w * on_c, 0.5 * w * on_d, w * on_h))
+        if terms & CURVED:
+            factor_natural(cable, b, j, ta, ka, tb, kb, t, k)
+        if viscous != 0.0:
+            ratio, n, inverse = viscosity.curvature_of(t, k)
+            g = zero()
+            if terms & BEND:
+                g = viscous * w * bending * beta_bend
+                if terms & THINNED:
+                    moved = combined(1.0, tb, -1.0, ta), combined(1.0, kb, -1.0, ka)
+                    g, thinned_t, thinned_k = viscosity.thinned(
+                        g, thinning, ratio, n, inverse, t, *moved
+                    )
+                    store_three(f[j], THINNED_T, thinned_t)
+                    store_three(f[j], THINNED_K, thinned_k)
+                g = g * inverse * inverse
+            along = 4.0 * g * dot(n, n)
+            if terms & STRETCH:
+                along += viscous * w * axial * beta_stretch * inverse
+            store_three(f[j], NORMAL, n)
+            f[j, VISCOUS] = g
+            f[j, ALONG] = along
+            f[j, RATIO] = ratio
+            f[j, INVERSE_C] = inverse
+
+
+@part
+def add_moments(moments, f, t, xi):
+    """Add f t (1, xi, xi^2, xi^3) to moments [power, component]."""
+    for power in range(4):
+        for i in range(3):
+            moments[power, i] = moments[power, i] + f * t[i]
+        f = f * xi
+
+
+@part
+def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
+    """Add the natural and plastic curvature to the factors of sample j."""
+    f, n = cable.work.factors, natural_at(cable, b, j)
+    c0, c1 = dot(ta, ta), dot(tb, tb)
+    e0, e1 = natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
+    on_c, on_e = natural_curvature.discrete_gradient(c0, c1, e0, e1)
+    cc, ce, ec = natural_curvature.discrete_jacobian(c0, c1, e0, e1)
+    kn, nt = natural_curvature.cross(kb, n), natural_curvature.cross(n, tb)
+    more = combined(4.0 * cc, tb, 2.0 * ce, kn)
+    for i in range(3):
+        f[j, X1 + i] = f[j, X1 + i] + more[i]
+        f[j, Y1 + i] = f[j, Y1 + i] + 2.0 * ce * nt[i]
+    f[j, UNIT] = f[j, UNIT] + on_c
+    store_three(f[j], KN, natural_curvature.cross(k, n))
+    store_three(f[j], NT, natural_curvature.cross(n, t))
+    store_three(f[j], XE, combined(2.0 * ec, tb, 0.0, tb))
+    store_three(f[j], SKEW, combined(0.5 * on_e, n, 0.0, n))
+
+
+@part
+def sample_blocks(cable, z, i, j, viscous):
+    """Entry (i, j) of tt, tk, kt, kk of sample z (`factor_samples`)."""
+    f, unit = cable.work.factors, 1.0 if i == j else 0.0
+    t, k = f[z, T + i], f[z, K + i]
+    x2, y2 = f[z, X2 + j], f[z, Y2 + j]
+    mixed = unit * f[z, UNIT + 1]
+    tt = t * f[z, X1 + j] + k * x2
+    tt += unit * f[z, UNIT]
+    tk = t * f[z, Y1 + j] + k * y2 + mixed
+    kt = k * f[z, X3 + j] + t * x2 + mixed
+    kk = t * y2 + unit * f[z, UNIT + 2]
+    if cable.terms & CURVED:
+        e = f[z, XE + j]
+        tt += f[z, KN + i] * e
+        kt += f[z, NT + i] * e
+        if i != j:
+            skew = f[z, SKEW + 3 - i - j]  # ([n]_x)_ij = - eps_ijk n_k
+            if (j - i) % 3 != 1:
+                skew = -skew
+            tk += skew
+            kt -= skew
+    if viscous != 0.0:
+        t_j, n_i, n_j = f[z, T + j], f[z, NORMAL + i], f[z, NORMAL + j]
+        g, q, inverse = f[z, VISCOUS], f[z, RATIO], f[z, INVERSE_C]
+        more = viscosity.tangent_blocks(g, q, n_i, n_j, t, t_j, unit, inverse)
+        tt += more[0] + f[z, ALONG] * t * t_j
+        tk += more[1]
+        kt += more[2]
+        kk += more[3]
+        if cable.terms & THINNED:
+            t_i, k_i, t_j, k_j = (
+                f[z, THINNED_T + i],
+                f[z, THINNED_K + i],
+                f[z, THINNED_T + j],
+                f[z, THINNED_K + j],
             )
-            stretching += 0.5 * axial * length * f
-        for j in range(shape[layout.SAMPLES]):
-            at = sample_of(block, j)
-            xi, w = load(model, at + layout.XI * LANES), load(model, at + layout.QUADRATURE * LANES)
-            t, k = tangent_at(p, xi), bending_at(p, xi, s)
-            c = dot(t, t)
-            if terms & layout.STRETCH:
-                stretching += w * stretch.energy(axial, c)
-            if terms & layout.BEND:
-                bent += w * bend.energy(bending, t, k, c)
-    return stretching, bent
+            tt -= t_i * t_j
+            tk -= t_i * k_j
+            kt -= k_i * t_j
+            kk -= k_i * k_j
+    return tt, tk, kt, kk
+
+
+@part
+def add_entry(cable, b, i, j, viscous, scale, band):
+    """Add the entries between lines i and j of the Jacobian of a block's spans to `band`."""
+    mesh, work = cable.mesh, cable.work
+    s = mesh.slope[b]
+    h00 = h01 = h02 = h10 = h11 = h12 = h20 = h21 = h22 = zero()
+    for z in range(cable.samples):
+        y = mesh.xi[b, z]
+        tt, tk, kt, kk = sample_blocks(cable, z, i, j, viscous)
+        tk, kt, kk = s * tk, s * kt, s * s * kk
+        a, c = y * tt, tk + tk
+        h00 += tt
+        h01 += a + tk
+        h02 += y * (a + c)
+        h10 += a + kt
+        m = y * (a + tk + kt) + kk
+        h11 += m
+        h12 += y * (m + y * tk + kk)
+        h20 += y * (a + kt + kt)
+        h21 += y * (m + y * kt + kk)
+        h22 += y * y * (y * (a + c + kt + kt) + 4.0 * kk)
+    h0, h1, h2 = (h00, h01, h02), (h10, h11, h12), (h20, h21, h22)
+    if cable.terms & SPAN_STRETCH:
+        g, linear = 0.5 * mesh.axial[b] * mesh.share[b], mesh.linear[b]
+        left, right = column(work.force_moments, i), column(work.strain_moments, j)
+        h0, h1, h2 = add_projected(h0, h1, h2, g, linear, left, right)
+        if viscous != 0.0:
+            g = 2.0 * viscous * cable.physics.beta_stretch * g
+            left, right = column(work.flow_moments, i), column(work.flow_moments, j)
+            h0, h1, h2 = add_projected(h0, h1, h2, g, linear, left, right)
+    scatter_entry(cable, b, i, j, h0, h1, h2, scale, band)
+
+
+@part
+def column(moments, i):
+    """Moments of component i: with 1, xi, xi^2, xi^3."""
+    return moments[0, i], moments[1, i], moments[2, i], moments[3, i]
+
+
+@part
+def add_projected(h0, h1, h2, f, linear, m, r):
+    """Add the dyads of the projected strain: of its mean, and of its linear part."""
+    return (
+        add_products(h0, f * m[0], f * linear * m[1], r),
+        add_products(h1, f * m[1], f * linear * m[2], r),
+        add_products(h2, f * m[2], f * linear * m[3], r),
+    )
+
+
+@part
+def add_products(h, one, next_, r):
+    """h_q + one r_q + next_ r_(q + 1)."""
+    return (
+        h[0] + one * r[0] + next_ * r[1],
+        h[1] + one * r[1] + next_ * r[2],
+        h[2] + one * r[2] + next_ * r[3],
+    )
+
+
+@part
+def scatter_entry(cable, b, i, j, h0, h1, h2, scale, band):
+    """band += scale times the Jacobian (h0, h1, h2) in A, B, C of two lines, by control points."""
+    m, dim, pairs = cable.mesh.slopes, cable.dim, cable.work.pairs
+    for k in range(4):
+        e0, e1, e2 = m[b, 3 * k], m[b, 3 * k + 1], m[b, 3 * k + 2]
+        r0 = scale * (e0 * h0[0] + e1 * h1[0] + e2 * h2[0])
+        r1 = scale * (e0 * h0[1] + e1 * h1[1] + e2 * h2[1])
+        r2 = scale * (e0 * h0[2] + e1 * h1[2] + e2 * h2[2])
+        for other in range(4):
+            f = r0 * m[b, 3 * other] + r1 * m[b, 3 * other + 1]
+            store(pairs, 4 * k + other, 0, f + r2 * m[b, 3 * other + 2])
+    first = LANES * b
+    for span in range(min(LANES, cable.n - 3 - first)):
+        for k in range(4):
+            row = band[(first + span + k) * dim + i]
+            for other in range(4):
+                row[(other - k) * dim + j - i + 4 * dim - 1] += pairs[4 * k + other, span]
+
+
+@part
+def add_guard(cable, b, p, q, scale, band):
+    """Add the Jacobian of the span guard on a block: a sum of products of gradients of the
+    functions in `span_guard.FORMS`, at the midpoint and at the new configuration.
+    """
+    before, after = products(p), products(q)
+    gradient = discrete_guard_gradient(cable, b, before, after)
+    active = zero()
+    for one in gradient:
+        active += fabs(one)
+    if lane_sum(active) == 0.0:
+        return
+    factors, middle, new = guard_jacobian(cable, b, before, after)
+    g0, g1, g2, g3, g4, g5 = gradient
+    for i in range(cable.dim):
+        m = combined(1.0, p[i], 1.0, q[i])
+        for j in range(cable.dim):
+            unit = 1.0 if i == j else 0.0
+            h = (
+                (unit * g0, unit * g1, unit * g2),
+                (unit * g1, unit * g3, unit * g4),
+                (unit * g2, unit * g4, unit * g5),
+            )
+            h = add_dyad(h, 1.0, matrix_times(middle, m), matrix_times(new, q[j]))
+            for k in range(len(span_guard.FORMS)):
+                form = span_guard.FORMS[k]
+                h = add_dyad(h, factors[k], matrix_times(form, m), matrix_times(form, q[j]))
+            scatter_entry(cable, b, i, j, h[0], h[1], h[2], scale, band)
+
+
+@part
+def add_dyad(h, factor, left, right):
+    """h + factor left right^T, 3 x 3."""
+    return (
+        combined(1.0, h[0], factor * left[0], right),
+        combined(1.0, h[1], factor * left[1], right),
+        combined(1.0, h[2], factor * left[2], right),
+    )

@@ -4,69 +4,62 @@ theta'^2, weight, springs. `engine.assembly` adds the optional ones.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, size, store, zero
-from dlo_sim.compiling.pieces import NO, NOTHING, NUMBERS, TABLE, YES, part, piece
-from dlo_sim.engine import layout
+from numba import void
+
+from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.compiling.pieces import NO, YES, part, piece
+from dlo_sim.engine.arrays import (
+    BENDING,
+    CABLE,
+    ENERGIES,
+    GRAVITY,
+    LINES,
+    SPRING,
+    STRETCHING,
+    TWISTED,
+    TWISTING,
+    VECTOR,
+    WEIGHT,
+)
 from dlo_sim.engine.elastic import elastic_energy, elastic_force
-from dlo_sim.engine.lines import add_differences, difference_form, gathered
+from dlo_sim.engine.lines import add_differences, difference_form, weight_energy
 from dlo_sim.engine.springs import spring_energy, spring_force
 
 
-@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
-def forces(shape, model, state, x, out):
+@piece(void, CABLE, LINES, LINES)
+def forces(cable, x, out):
     """out = - dU/dq of these terms."""
-    terms = shape[layout.TERMS]
-    start_with_weight(shape, model, out)
-    elastic_force(shape, model, x, out)
-    if terms & layout.TWISTED:
-        add_differences(shape, model, shape[layout.TWIST], shape[layout.DIM], -1.0, x, out)
-    spring_force(shape, model, state, x, 1.0, NO, out)
-    if terms & layout.TWISTED:
-        spring_force(shape, model, state, x, 1.0, YES, out)
+    start_with_weight(cable, out)
+    elastic_force(cable, x, out)
+    if cable.terms & TWISTED:
+        add_differences(cable.linear.twist, -1.0, x[cable.dim], out[cable.dim])
+    spring_force(cable, x, 1.0, NO, out)
+    if cable.terms & TWISTED:
+        spring_force(cable, x, 1.0, YES, out)
 
 
 @part
-def start_with_weight(shape, model, out):
+def start_with_weight(cable, out):
     """out = generalised weight, which is zero without gravity."""
-    spatial = shape[layout.DIM] * shape[layout.LINE]
-    for at in range(0, spatial, LANES):
-        store(out, at, load(model, shape[layout.WEIGHT] + at))
-    for at in range(spatial, shape[layout.SIZE], LANES):
-        store(out, at, 0.0)
+    for line in range(cable.lines):
+        for c in range(0, cable.columns, LANES):
+            if line < cable.dim:
+                store(out, line, c, load(cable.linear.weight, line, c))
+            else:
+                store(out, line, c, 0.0)
 
 
-@part
-def weight_energy(shape, model, x):
-    """Gravitational energy [J], zero at the world's origin, and the sum of the absolute values of
-    its summands, a measure of its round-off; both as partial sums.
+@piece(void, CABLE, LINES, VECTOR)
+def energies(cable, x, out):
+    """Potential energies [J] by term (`arrays.ENERGIES`), and at last the sum of the absolute
+    values of the summands of the gravitational energy, a measure of its round-off.
     """
-    f, large = zero(), zero()
-    for d in range(shape[layout.DIM]):
-        start = d * shape[layout.LINE] + layout.MARGIN * shape[layout.STRIDE]
-        for b in range(shape[layout.PARTS]):
-            at = start + LANES * b
-            e = load(model, shape[layout.WEIGHT] + at) * load(x, at)
-            f -= e
-            large += size(e)
-    return f, large
-
-
-@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS)
-def energies(shape, model, state, x, out):
-    """Potential energies [J] by term (`layout.ENERGIES`) as rows of `out`, then a row with the
-    second value of `weight_energy`.
-    """
-    terms = shape[layout.TERMS]
-    for at in range((len(layout.ENERGIES) + 1) * LANES):
-        out[at] = 0.0
-    stretching, bending = elastic_energy(shape, model, x)
-    store(out, layout.STRETCHING * LANES, gathered(shape, stretching))
-    store(out, layout.BENDING_ENERGY * LANES, gathered(shape, bending))
-    if terms & layout.TWISTED:
-        f = 0.5 * difference_form(shape, model, shape[layout.TWIST], shape[layout.DIM], x)
-        store(out, layout.TWISTING * LANES, gathered(shape, f))
-    if terms & layout.GRAVITY:
-        weight, large = weight_energy(shape, model, x)
-        store(out, layout.WEIGHT_ENERGY * LANES, gathered(shape, weight))
-        store(out, len(layout.ENERGIES) * LANES, gathered(shape, large))
-    store(out, layout.SPRING_ENERGY * LANES, spring_energy(shape, model, state, x))
+    for k in range(len(out)):
+        out[k] = 0.0
+    out[STRETCHING], out[BENDING] = elastic_energy(cable, x)
+    if cable.terms & TWISTED:
+        out[TWISTING] = 0.5 * difference_form(cable.linear.twist, x[cable.dim])
+    if cable.terms & GRAVITY:
+        out[WEIGHT], out[len(ENERGIES)] = weight_energy(cable, x)
+    out[SPRING] = spring_energy(cable, x)

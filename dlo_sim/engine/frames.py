@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import float64, int64, void
 
-from dlo_sim.compiling.pieces import (
-    MATRIX,
-    NOTHING,
-    REAL,
-    REALS,
-    STRIDED,
-    STRIDED_WHOLES,
-    part,
-    piece,
-)
-from dlo_sim.engine import layout
-from dlo_sim.engine.bundles import CABLE, bared
+from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, part, piece
+from dlo_sim.engine.arrays import MARGIN, cable_at
 from dlo_sim.engine.grasps import turned
+from dlo_sim.terms.natural_curvature import cross
+from dlo_sim.terms.viscosity import combined, dot
 
 
 @part
@@ -34,7 +27,20 @@ def curve_sample(points, columns, values, slopes, i):
         t1 += s * points[c, 1]
         t2 += s * points[c, 2]
         angle += b * points[c, 3]
-    return x0, x1, x2, t0, t1, t2, angle
+    return (x0, x1, x2), (t0, t1, t2), angle
+
+
+@part
+def unit(v):
+    """v / |v|."""
+    norm = np.sqrt(dot(v, v))
+    return v[0] / norm, v[1] / norm, v[2] / norm
+
+
+@part
+def reflected(factor, v, a):
+    """a - factor (v . a) v: for factor 2 / |v|^2 the reflection of a in the plane normal to v."""
+    return combined(1.0, a, -(factor * dot(v, a)), v)
 
 
 @part
@@ -49,88 +55,79 @@ def transport(points, columns, values, slopes, reference, out):
         reference: its part normal to the first tangent is the second axis at the first sample.
         out: point [m] and quaternion (x, y, z, w) of every sample, shape (m, 7).
     """
-    d0, d1, d2 = reference[0], reference[1], reference[2]
-    p0 = p1 = p2 = q0 = q1 = q2 = first_angle = 0.0  # p, q: tangent and point of the last sample
+    d = reference[0], reference[1], reference[2]
+    last_x = last_t = (0.0, 0.0, 0.0)
+    first_angle = 0.0
     for i in range(out.shape[0]):
-        x0, x1, x2, t0, t1, t2, angle = curve_sample(points, columns, values, slopes, i)
-        norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
-        t0, t1, t2 = t0 / norm, t1 / norm, t2 / norm
+        x, t, angle = curve_sample(points, columns, values, slopes, i)
+        t = unit(t)
         if i == 0:
             first_angle = angle
         else:
-            v0, v1, v2 = x0 - q0, x1 - q1, x2 - q2
-            c = v0 * v0 + v1 * v1 + v2 * v2
+            v = combined(1.0, x, -1.0, last_x)
+            c = dot(v, v)
             if c > 0.0:
-                a = 2.0 / c * (v0 * d0 + v1 * d1 + v2 * d2)
-                b = 2.0 / c * (v0 * p0 + v1 * p1 + v2 * p2)
-                l0, l1, l2 = d0 - a * v0, d1 - a * v1, d2 - a * v2
-                w0, w1, w2 = t0 - (p0 - b * v0), t1 - (p1 - b * v1), t2 - (p2 - b * v2)
-                e = w0 * w0 + w1 * w1 + w2 * w2
-                f = 2.0 / e * (w0 * l0 + w1 * l1 + w2 * l2) if e > 0.0 else 0.0
-                d0, d1, d2 = l0 - f * w0, l1 - f * w1, l2 - f * w2
-        along = d0 * t0 + d1 * t1 + d2 * t2
-        d0, d1, d2 = d0 - along * t0, d1 - along * t1, d2 - along * t2
-        norm = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-        d0, d1, d2 = d0 / norm, d1 / norm, d2 / norm
-        p0, p1, p2, q0, q1, q2 = t0, t1, t2, x0, x1, x2
-        b0, b1, b2 = t1 * d2 - t2 * d1, t2 * d0 - t0 * d2, t0 * d1 - t1 * d0
-        c, s = np.cos(angle - first_angle), np.sin(angle - first_angle)
-        m0, m1, m2 = c * d0 + s * b0, c * d1 + s * b1, c * d2 + s * b2
-        n0, n1, n2 = t1 * m2 - t2 * m1, t2 * m0 - t0 * m2, t0 * m1 - t1 * m0
-        out[i, 0], out[i, 1], out[i, 2] = x0, x1, x2
-        write_quaternion(t0, t1, t2, m0, m1, m2, n0, n1, n2, out[i])
+                w = combined(1.0, t, -1.0, reflected(2.0 / c, v, last_t))
+                e = dot(w, w)
+                d = reflected(2.0 / e if e > 0.0 else 0.0, w, reflected(2.0 / c, v, d))
+        d = unit(reflected(1.0, t, d))  # normal to t
+        last_x, last_t = x, t
+        m = combined(np.cos(angle - first_angle), d, np.sin(angle - first_angle), cross(t, d))
+        out[i, 0], out[i, 1], out[i, 2] = x
+        write_quaternion(t, m, cross(t, m), out[i])
 
 
-@piece(NOTHING, CABLE, MATRIX)
-def control_points(cable, out):
-    """Write the coordinates that one cable has to the columns x, y, z, theta of out, (n, 4)."""
-    shape, _, _, state, _ = bared(cable)
-    for line in range(shape[layout.LINES]):
-        at = shape[layout.X] + line * shape[layout.LINE] + layout.MARGIN
-        column = shape[layout.AXES + line] if line < shape[layout.DIM] else 3
-        for i in range(shape[layout.N]):
-            out[i, column] = state[at + i]
+@piece(void, int64, ARRAY_2D)
+def control_points(address, out):
+    """Write the coordinates of the cable to the columns x, y, z, theta of out, (n, 4)."""
+    cable = cable_at(address)
+    for line in range(cable.lines):
+        column = cable.axes[line] if line < cable.dim else 3
+        for i in range(cable.n):
+            out[i, column] = cable.state.x[line, MARGIN + i]
 
 
-@piece(NOTHING, CABLE, MATRIX, STRIDED_WHOLES, STRIDED, STRIDED, REAL, REALS, MATRIX)
-def curve_frames(cable, points, columns, values, slopes, t, direction, out):
+@piece(
+    *(void, int64, ARRAY_2D, STRIDED_WHOLES, STRIDED, STRIDED),
+    *(float64, ARRAY, ARRAY_2D),
+)
+def curve_frames(address, points, columns, values, slopes, t, direction, out):
     """`transport`, with a reference that has this direction in the frame of the start's end
     effector at time t.
     """
-    shape, _, inputs, _, _ = bared(cable)
-    x, y, z = direction[0], direction[1], direction[2]
-    reference = turned(inputs, shape[layout.MOTION], t, x, y, z)
+    m = cable_at(address).inputs.motion[0]
+    reference = turned(m, t, direction[0], direction[1], direction[2])
     transport(points, columns, values, slopes, reference, out)
 
 
 @part
-def write_quaternion(x0, x1, x2, y0, y1, y2, z0, z1, z2, out):
+def write_quaternion(x, y, z, out):
     """Write to out[3:7] the quaternion of the rotation with columns x, y, z; its largest component
     is positive.
 
     Source: Shepperd 1978 (the branch with the largest denominator).
     """
-    trace = x0 + y1 + z2
-    if trace >= x0 and trace >= y1 and trace >= z2:
+    trace = x[0] + y[1] + z[2]
+    if trace >= x[0] and trace >= y[1] and trace >= z[2]:
         out[6] = 1.0 + trace
-        out[3] = y2 - z1
-        out[4] = z0 - x2
-        out[5] = x1 - y0
-    elif x0 >= y1 and x0 >= z2:
-        out[3] = 1.0 + 2.0 * x0 - trace
-        out[4] = x1 + y0
-        out[5] = x2 + z0
-        out[6] = y2 - z1
-    elif y1 >= z2:
-        out[4] = 1.0 + 2.0 * y1 - trace
-        out[3] = x1 + y0
-        out[5] = y2 + z1
-        out[6] = z0 - x2
+        out[3] = y[2] - z[1]
+        out[4] = z[0] - x[2]
+        out[5] = x[1] - y[0]
+    elif x[0] >= y[1] and x[0] >= z[2]:
+        out[3] = 1.0 + 2.0 * x[0] - trace
+        out[4] = x[1] + y[0]
+        out[5] = x[2] + z[0]
+        out[6] = y[2] - z[1]
+    elif y[1] >= z[2]:
+        out[4] = 1.0 + 2.0 * y[1] - trace
+        out[3] = x[1] + y[0]
+        out[5] = y[2] + z[1]
+        out[6] = z[0] - x[2]
     else:
-        out[5] = 1.0 + 2.0 * z2 - trace
-        out[3] = x2 + z0
-        out[4] = y2 + z1
-        out[6] = x1 - y0
+        out[5] = 1.0 + 2.0 * z[2] - trace
+        out[3] = x[2] + z[0]
+        out[4] = y[2] + z[1]
+        out[6] = x[1] - y[0]
     norm = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
     for k in range(3, 7):
         out[k] /= norm

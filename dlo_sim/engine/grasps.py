@@ -1,7 +1,7 @@
 """Kinematics of a grasp: attachment point, direction and twist angle from the gripper's path.
 
-A grasp is MOTION_SIZE numbers of the inputs:
-    0      1 once it moves or was moved, else 0 (its rows keep their values)
+The motion m of a grasp is a row of `inputs.motion`, MOTION_SIZE numbers:
+    0      1 once it moves or was moved, else 0 (its rows keep their targets)
     1, 2   start time and duration of the motion [s]
     3:12   position p0, p1, p2 [m, m/s, m/s^2]: p(s) = p0 + p1 s + p2 s^2
     12:21  rotation matrix R0 of the gripper at s = 0, row major
@@ -15,22 +15,40 @@ with s = clip(t - start, 0, duration). World coordinates unless stated.
 from __future__ import annotations
 
 import numpy as np
+from numba import float64, types
 
-from dlo_sim.compiling.pieces import part
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.arrays import BISHOP, VECTOR
+from dlo_sim.terms.natural_curvature import cross
+from dlo_sim.terms.viscosity import dot
 
-MOTION_SIZE = 34
 ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, TWIST = (
     *(0, 1, 2, 3, 12),
     *(21, 27, 30, 33),
 )
 
 
+THREE, FOUR, SEVEN = (types.UniTuple(float64, count) for count in (3, 4, 7))
+
+
 @part
-def rotate(w0, w1, w2, v0, v1, v2):
+def component(a, axis):
+    """Entry `axis` of a tuple, one of its first three."""
+    return a[0] if axis == 0 else (a[1] if axis == 1 else a[2])
+
+
+@part
+def moves(m):
+    """Whether the grasp moves or was moved."""
+    return m[ACTIVE] != 0.0
+
+
+@part
+def rotate(w, v):
     """exp([w]) v by Rodrigues' formula, with a series for small angles."""
-    angle2 = w0 * w0 + w1 * w1 + w2 * w2
+    angle2 = dot(w, w)
     if angle2 == 0.0:
-        return v0, v1, v2
+        return v
     if angle2 < 1e-6:
         a = 1.0 - angle2 / 6.0 + angle2 * angle2 / 120.0
         b = 0.5 - angle2 / 24.0 + angle2 * angle2 / 720.0
@@ -38,58 +56,76 @@ def rotate(w0, w1, w2, v0, v1, v2):
         angle = np.sqrt(angle2)
         a = np.sin(angle) / angle
         b = (1.0 - np.cos(angle)) / angle2
-    x0 = w1 * v2 - w2 * v1
-    x1 = w2 * v0 - w0 * v2
-    x2 = w0 * v1 - w1 * v0
+    x = cross(w, v)
+    y = cross(w, x)
     return (
-        v0 + a * x0 + b * (w1 * x2 - w2 * x1),
-        v1 + a * x1 + b * (w2 * x0 - w0 * x2),
-        v2 + a * x2 + b * (w0 * x1 - w1 * x0),
+        v[0] + a * x[0] + b * y[0],
+        v[1] + a * x[1] + b * y[1],
+        v[2] + a * x[2] + b * y[2],
     )
 
 
 @part
-def framed(m, at, v0, v1, v2):
+def framed(m, v0, v1, v2):
     """R0 v."""
     return (
-        m[at + 12] * v0 + m[at + 13] * v1 + m[at + 14] * v2,
-        m[at + 15] * v0 + m[at + 16] * v1 + m[at + 17] * v2,
-        m[at + 18] * v0 + m[at + 19] * v1 + m[at + 20] * v2,
+        m[FRAME] * v0 + m[FRAME + 1] * v1 + m[FRAME + 2] * v2,
+        m[FRAME + 3] * v0 + m[FRAME + 4] * v1 + m[FRAME + 5] * v2,
+        m[FRAME + 6] * v0 + m[FRAME + 7] * v1 + m[FRAME + 8] * v2,
     )
 
 
 @part
-def turn_at(m, at, t):
+def elapsed(m, t):
+    """Time s since the start of the motion, at most its duration [s]."""
+    return min(max(t - m[START], 0.0), m[DURATION])
+
+
+@part
+def turn_at(m, t):
     """Rotation vector w1 s + w2 s^2 at time t [rad]."""
-    s = min(max(t - m[at + 1], 0.0), m[at + 2])
+    s = elapsed(m, t)
     return (
-        s * (m[at + 21] + s * m[at + 24]),
-        s * (m[at + 22] + s * m[at + 25]),
-        s * (m[at + 23] + s * m[at + 26]),
+        s * (m[TURN] + s * m[TURN + 3]),
+        s * (m[TURN + 1] + s * m[TURN + 4]),
+        s * (m[TURN + 2] + s * m[TURN + 5]),
     )
 
 
-@part
-def turned(m, at, t, v0, v1, v2):
+@piece(THREE, VECTOR, float64, float64, float64, float64)
+def turned(m, t, v0, v1, v2):
     """World components at time t of a vector in the gripper's frame."""
-    w0, w1, w2 = turn_at(m, at, t)
-    u0, u1, u2 = framed(m, at, v0, v1, v2)
-    return rotate(w0, w1, w2, u0, u1, u2)
+    return rotate(turn_at(m, t), framed(m, v0, v1, v2))
 
 
 @part
-def place(m, at, t):
+def direction_at(m, t):
+    """Unit direction of the cable at time t."""
+    return turned(m, t, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
+
+
+@part
+def first_direction(m):
+    """Unit direction of the cable at s = 0."""
+    return framed(m, m[DIRECTION], m[DIRECTION + 1], m[DIRECTION + 2])
+
+
+@part
+def arm_at(m, t):
+    """Attachment point relative to the gripper's origin at time t [m]."""
+    return turned(m, t, m[ATTACHMENT], m[ATTACHMENT + 1], m[ATTACHMENT + 2])
+
+
+@piece(FOUR, VECTOR, float64)
+def place(m, t):
     """Attachment point (3) [m] and twist angle [rad] at time t."""
-    s = min(max(t - m[at + 1], 0.0), m[at + 2])
-    w0, w1, w2 = turn_at(m, at, t)
-    u0, u1, u2 = framed(m, at, m[at + 27], m[at + 28], m[at + 29])
-    a0, a1, a2 = rotate(w0, w1, w2, u0, u1, u2)
+    s = elapsed(m, t)
+    w, arm = turn_at(m, t), arm_at(m, t)
     # Twist about the tangent: swing-twist split of exp([w]) about the tangent at s = 0.
-    u0, u1, u2 = framed(m, at, m[at + 30], m[at + 31], m[at + 32])
-    angle = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
-    twist = m[at + 33]
+    angle = np.sqrt(dot(w, w))
+    twist = m[TWIST]
     if angle > 0.0:
-        along = (w0 * u0 + w1 * u1 + w2 * u2) / angle
+        along = dot(w, first_direction(m)) / angle
         # Whole turns are added. The rest of the half angle is at most a quarter turn, far from
         # where the arctangent jumps: at half a turn, round-off would decide its sign.
         turns = np.floor(angle / (2.0 * np.pi) + 0.5)
@@ -97,27 +133,41 @@ def place(m, at, t):
         twist += 2.0 * np.arctan2(np.sin(half) * along, np.cos(half))
         twist += np.copysign(2.0 * np.pi * turns, along)
     return (
-        m[at + 3] + s * (m[at + 6] + s * m[at + 9]) + a0,
-        m[at + 4] + s * (m[at + 7] + s * m[at + 10]) + a1,
-        m[at + 5] + s * (m[at + 8] + s * m[at + 11]) + a2,
+        m[POSITION] + s * (m[POSITION + 3] + s * m[POSITION + 6]) + arm[0],
+        m[POSITION + 1] + s * (m[POSITION + 4] + s * m[POSITION + 7]) + arm[1],
+        m[POSITION + 2] + s * (m[POSITION + 5] + s * m[POSITION + 8]) + arm[2],
         twist,
     )
 
 
 @part
-def rates(m, at, t):
+def prescribed_place(cable, g, t):
+    """Attachment point (3) [m] of grasp g and the angle that it prescribes for theta [rad].
+
+    The frame of theta may lag behind that of the grasp (`engine.bishop`).
+    """
+    a = place(cable.inputs.motion[g], t)
+    if cable.terms & BISHOP:
+        return a[0], a[1], a[2], a[3] + cable.state.frame_turn[g]
+    return a
+
+
+@piece(SEVEN, VECTOR, float64)
+def rates(m, t):
     """Velocity of the attachment point (3), twist rate and angular velocity (3) at time t."""
-    s = t - m[at + 1]
-    slack = 1e-9 * m[at + 2]  # t is rounded, and a step may end exactly with the motion
-    if s < -slack or s > m[at + 2] + slack:
+    s = t - m[START]
+    slack = 1e-9 * m[DURATION]  # t is rounded, and a step may end exactly with the motion
+    if s < -slack or s > m[DURATION] + slack:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    s = min(max(s, 0.0), m[at + 2])
-    w0, w1, w2 = turn_at(m, at, t)
-    d0 = m[at + 21] + 2.0 * s * m[at + 24]
-    d1 = m[at + 22] + 2.0 * s * m[at + 25]
-    d2 = m[at + 23] + 2.0 * s * m[at + 26]
+    s = elapsed(m, t)
+    w = turn_at(m, t)
+    rate = (
+        m[TURN] + 2.0 * s * m[TURN + 3],
+        m[TURN + 1] + 2.0 * s * m[TURN + 4],
+        m[TURN + 2] + 2.0 * s * m[TURN + 5],
+    )
     # Angular velocity of exp([w]): left Jacobian of the rotation vector times its rate.
-    angle2 = w0 * w0 + w1 * w1 + w2 * w2
+    angle2 = dot(w, w)
     if angle2 < 1e-6:
         a = 0.5 - angle2 / 24.0
         b = 1.0 / 6.0 - angle2 / 120.0
@@ -125,27 +175,26 @@ def rates(m, at, t):
         angle = np.sqrt(angle2)
         a = (1.0 - np.cos(angle)) / angle2
         b = (angle - np.sin(angle)) / (angle2 * angle)
-    x0 = w1 * d2 - w2 * d1
-    x1 = w2 * d0 - w0 * d2
-    x2 = w0 * d1 - w1 * d0
-    o0 = d0 + a * x0 + b * (w1 * x2 - w2 * x1)
-    o1 = d1 + a * x1 + b * (w2 * x0 - w0 * x2)
-    o2 = d2 + a * x2 + b * (w0 * x1 - w1 * x0)
-    u0, u1, u2 = framed(m, at, m[at + 27], m[at + 28], m[at + 29])
-    a0, a1, a2 = rotate(w0, w1, w2, u0, u1, u2)
-    # Rate of the swing-twist angle: omega.(t + u) / (1 + t.u), unit tangents now and at s = 0.
-    u0, u1, u2 = framed(m, at, m[at + 30], m[at + 31], m[at + 32])
-    t0, t1, t2 = rotate(w0, w1, w2, u0, u1, u2)
-    both = 1.0 + t0 * u0 + t1 * u1 + t2 * u2
+    x = cross(w, rate)
+    y = cross(w, x)
+    omega = (
+        rate[0] + a * x[0] + b * y[0],
+        rate[1] + a * x[1] + b * y[1],
+        rate[2] + a * x[2] + b * y[2],
+    )
+    around = cross(omega, arm_at(m, t))
+    # Rate of the swing-twist angle: omega.(d + d0) / (1 + d.d0), directions now and at s = 0.
+    d, d0 = direction_at(m, t), first_direction(m)
+    both = 1.0 + dot(d, d0)
     twist = 0.0
     if both > 0.0:
-        twist = (o0 * (t0 + u0) + o1 * (t1 + u1) + o2 * (t2 + u2)) / both
+        twist = dot(omega, (d[0] + d0[0], d[1] + d0[1], d[2] + d0[2])) / both
     return (
-        m[at + 6] + 2.0 * s * m[at + 9] + o1 * a2 - o2 * a1,
-        m[at + 7] + 2.0 * s * m[at + 10] + o2 * a0 - o0 * a2,
-        m[at + 8] + 2.0 * s * m[at + 11] + o0 * a1 - o1 * a0,
+        m[POSITION + 3] + 2.0 * s * m[POSITION + 6] + around[0],
+        m[POSITION + 4] + 2.0 * s * m[POSITION + 7] + around[1],
+        m[POSITION + 5] + 2.0 * s * m[POSITION + 8] + around[2],
         twist,
-        o0,
-        o1,
-        o2,
+        omega[0],
+        omega[1],
+        omega[2],
     )

@@ -1,197 +1,184 @@
-"""Vector and band-matrix operations on lines of control points; the half bandwidth is 3.
+"""Operations on lines of control points, and on band matrices that act on one line.
 
-'Partial sums' are one per lane; `gathered` adds them.
+A band matrix has seven diagonals: entry (i, i + k - 3) is at [k, MARGIN + i].
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, store, total, zero
-from dlo_sim.compiling.pieces import part
-from dlo_sim.engine.layout import DIM, FACTORS, LINE, LINES, MARGIN, MASS, PARTS, SIZE, STRIDE, N
+from numba import float64, void
+
+from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, zero
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN
 
 
 @part
-def clear(shape, x):
+def clear(x):
     """x = 0."""
-    for at in range(0, shape[SIZE], LANES):
-        store(x, at, 0.0)
+    for line in range(x.shape[0]):
+        for c in range(0, x.shape[1], LANES):
+            store(x, line, c, 0.0)
 
 
 @part
-def copy(shape, source, target):
+def copy(source, target):
     """target = source."""
-    for at in range(0, shape[SIZE], LANES):
-        store(target, at, load(source, at))
+    for line in range(source.shape[0]):
+        for c in range(0, source.shape[1], LANES):
+            store(target, line, c, load(source, line, c))
 
 
 @part
-def add(shape, scale, x, out):
-    """out += scale x; `scale` is a number or a row."""
-    for at in range(0, shape[SIZE], LANES):
-        store(out, at, load(out, at) + scale * load(x, at))
+def add(scale, x, out):
+    """out += scale x."""
+    for line in range(x.shape[0]):
+        for c in range(0, x.shape[1], LANES):
+            store(out, line, c, load(out, line, c) + scale * load(x, line, c))
 
 
 @part
-def difference(shape, a, b, out):
+def difference(a, b, out):
     """out = a - b."""
-    for at in range(0, shape[SIZE], LANES):
-        store(out, at, load(a, at) - load(b, at))
+    for line in range(a.shape[0]):
+        for c in range(0, a.shape[1], LANES):
+            store(out, line, c, load(a, line, c) - load(b, line, c))
 
 
 @part
-def kind_of(shape, line):
+def inner(a, b):
+    """a . b over all lines."""
+    sum_ = zero()
+    for line in range(a.shape[0]):
+        for c in range(0, a.shape[1], LANES):
+            sum_ += load(a, line, c) * load(b, line, c)
+    return lane_sum(sum_)
+
+
+@part
+def kind_of(cable, line):
     """0 for a spatial line, 1 for the line of the twist angle."""
-    return 0 if line < shape[DIM] else 1
+    return 0 if line < cable.dim else 1
 
 
 @part
-def add_product(shape, model, matrix, line, scale, x, out):
-    """out += scale A x on one line; `matrix` is the offset of the seven diagonals of A."""
-    width, stride = shape[LINE], shape[STRIDE]
-    start = line * width + MARGIN * stride
-    for b in range(shape[PARTS]):
-        at = start + LANES * b
-        to = matrix + MARGIN * stride + LANES * b
-        f = load(model, to + 3 * width) * load(x, at)
+def mass_of(cable, line):
+    """Mass matrix of a line."""
+    return cable.linear.mass[kind_of(cable, line)]
+
+
+@part
+def damping_of(cable, line):
+    """Matrix of the linear damping of a line."""
+    return cable.linear.damping[kind_of(cable, line)]
+
+
+@part
+def add_product(matrix, scale, x, out):
+    """out += scale A x on one line."""
+    for c in range(MARGIN, len(x) - LANES, LANES):
+        f = load(matrix, 3, c) * load(x, c)
         for k in range(1, 4):
-            f += load(model, to + (3 - k) * width) * load(x, at - k * stride)
-            f += load(model, to + (3 + k) * width) * load(x, at + k * stride)
-        store(out, at, load(out, at) + scale * f)
+            f += load(matrix, 3 - k, c) * load(x, c - k)
+            f += load(matrix, 3 + k, c) * load(x, c + k)
+        store(out, c, load(out, c) + scale * f)
 
 
 @part
-def add_differences(shape, model, matrix, line, scale, x, out):
+def add_differences(matrix, scale, x, out):
     """out += scale A x on one line, for A with zero row sums: (A x)_i = sum_j A_ij (x_j - x_i).
 
     Free of cancellation for any offset of x, such as the angle after a thousand turns.
     """
-    width, stride = shape[LINE], shape[STRIDE]
-    start = line * width + MARGIN * stride
-    for b in range(shape[PARTS]):
-        at = start + LANES * b
-        to = matrix + MARGIN * stride + LANES * b
-        here = load(x, at)
+    for c in range(MARGIN, len(x) - LANES, LANES):
+        here = load(x, c)
         f = zero()
         for k in range(1, 4):
-            f += load(model, to + (3 - k) * width) * (load(x, at - k * stride) - here)
-            f += load(model, to + (3 + k) * width) * (load(x, at + k * stride) - here)
-        store(out, at, load(out, at) + scale * f)
+            f += load(matrix, 3 - k, c) * (load(x, c - k) - here)
+            f += load(matrix, 3 + k, c) * (load(x, c + k) - here)
+        store(out, c, load(out, c) + scale * f)
 
 
 @part
-def gathered(shape, f):
-    """Add partial sums: for one cable their total, in all lanes; for eight, one sum per lane."""
-    if shape[STRIDE] == 1:
-        return zero() + total(f)
-    return f
-
-
-@part
-def form(shape, model, matrix, line, x):
-    """x^T A x of one line, as partial sums."""
-    width, stride = shape[LINE], shape[STRIDE]
-    start = line * width + MARGIN * stride
+def form_by_lanes(matrix, x):
+    """x^T A x of one line for a symmetric A; the lanes are still to be summed."""
     sum_ = zero()
-    for b in range(shape[PARTS]):
-        at = start + LANES * b
-        to = matrix + MARGIN * stride + LANES * b
-        f = load(model, to + 3 * width) * load(x, at)
+    for c in range(MARGIN, len(x) - LANES, LANES):
+        f = load(matrix, 3, c) * load(x, c)
         for k in range(1, 4):
-            f += 2.0 * load(model, to + (3 + k) * width) * load(x, at + k * stride)
-        sum_ += f * load(x, at)
+            f += 2.0 * load(matrix, 3 + k, c) * load(x, c + k)
+        sum_ += f * load(x, c)
     return sum_
 
 
 @part
-def difference_form(shape, model, matrix, line, x):
-    """x^T A x for A with zero row sums: - sum_(i<j) A_ij (x_j - x_i)^2, as partial sums."""
-    width, stride = shape[LINE], shape[STRIDE]
-    start = line * width + MARGIN * stride
+def form(matrix, x):
+    """x^T A x of one line for a symmetric A."""
+    return lane_sum(form_by_lanes(matrix, x))
+
+
+@part
+def difference_form(matrix, x):
+    """x^T A x of one line for a symmetric A with zero row sums: - sum_(i<j) A_ij (x_j - x_i)^2."""
     sum_ = zero()
-    for b in range(shape[PARTS]):
-        at = start + LANES * b
-        to = matrix + MARGIN * stride + LANES * b
-        here = load(x, at)
+    for c in range(MARGIN, len(x) - LANES, LANES):
+        here = load(x, c)
         for k in range(1, 4):
-            apart = load(x, at + k * stride) - here
-            sum_ -= load(model, to + (3 + k) * width) * apart * apart
-    return sum_
+            apart = load(x, c + k) - here
+            sum_ -= load(matrix, 3 + k, c) * apart * apart
+    return lane_sum(sum_)
 
 
-@part
-def mass_of(shape, line):
-    """Offset of the mass matrix of a line."""
-    return shape[MASS] + 7 * shape[LINE] * kind_of(shape, line)
-
-
-@part
-def kinetic(shape, model, v):
-    """Kinetic energy v^T M v / 2 [J], a row."""
+@piece(float64, CABLE, LINES)
+def kinetic(cable, v):
+    """Kinetic energy v^T M v / 2 [J]."""
     sum_ = zero()
-    for line in range(shape[LINES]):
-        sum_ += form(shape, model, mass_of(shape, line), line, v)
-    return 0.5 * gathered(shape, sum_)
+    for line in range(cable.lines):
+        sum_ += form_by_lanes(mass_of(cable, line), v[line])
+    return 0.5 * lane_sum(sum_)
 
 
 @part
-def solve_mass(shape, model, x):
-    """x <- M^-1 x in place, by forward and back substitution with FACTORS."""
-    if shape[STRIDE] == 1:
-        solve_one(shape, model, x)
-    else:
-        solve_eight(shape, model, x)
+def weight_energy(cable, x):
+    """Gravitational energy [J], zero at the world's origin, and the sum of the absolute values of
+    its summands, a measure of its round-off.
+    """
+    weight = cable.linear.weight
+    energy, large = zero(), zero()
+    for line in range(cable.dim):
+        for c in range(MARGIN, cable.columns - LANES, LANES):
+            e = load(weight, line, c) * load(x, line, c)
+            energy -= e
+            large += fabs(e)
+    return lane_sum(energy), lane_sum(large)
 
 
-@part
-def solve_one(shape, model, x):
-    """`solve_mass` of one cable. Lines are interleaved, so that their dependency chains overlap."""
-    width, n, lines, dim = shape[LINE], shape[N], shape[LINES], shape[DIM]
-    first = shape[FACTORS]
-    for k in range(MARGIN, n + MARGIN):
+@piece(void, CABLE, LINES)
+def solve_mass(cable, x):
+    """x <- M^-1 x by forward and back substitution; lines interleave, which hides latencies."""
+    factors, lines, dim = cable.linear.factors, cable.lines, cable.dim
+    for c in range(MARGIN, cable.n + MARGIN):
         for line in range(lines):
-            f = first + k + (7 * width if line >= dim else 0)
-            at = line * width + k
-            x[at] -= (model[f] * x[at - 3] + model[f + width] * x[at - 2]) + (
-                model[f + 2 * width] * x[at - 1]
+            f = factors[0 if line < dim else 1]
+            x[line, c] -= (f[0, c] * x[line, c - 3] + f[1, c] * x[line, c - 2]) + (
+                f[2, c] * x[line, c - 1]
             )
-    for k in range(n + MARGIN - 1, MARGIN - 1, -1):
+    for c in range(cable.n + MARGIN - 1, MARGIN - 1, -1):
         for line in range(lines):
-            f = first + k + (7 * width if line >= dim else 0)
-            at = line * width + k
-            x[at] = (
-                x[at] * model[f + 3 * width]
-                - (model[f + 6 * width] * x[at + 3] + model[f + 5 * width] * x[at + 2])
-                - model[f + 4 * width] * x[at + 1]
+            f = factors[0 if line < dim else 1]
+            x[line, c] = (
+                x[line, c] * f[3, c]
+                - (f[6, c] * x[line, c + 3] + f[5, c] * x[line, c + 2])
+                - f[4, c] * x[line, c + 1]
             )
 
 
 @part
-def solve_eight(shape, model, x):
-    """`solve_mass` of eight cables."""
-    width, n, lines = shape[LINE], shape[N], shape[LINES]
-    for line in range(lines):
-        first = shape[FACTORS] + 7 * width * kind_of(shape, line)
-        a = b = c = zero()
-        for k in range(MARGIN, n + MARGIN):
-            f, at = first + LANES * k, line * width + LANES * k
-            d = load(x, at) - (load(model, f) * a + load(model, f + width) * b)
-            d -= load(model, f + 2 * width) * c
-            store(x, at, d)
-            a, b, c = b, c, d
-        a = b = c = zero()
-        for k in range(n + MARGIN - 1, MARGIN - 1, -1):
-            f, at = first + LANES * k, line * width + LANES * k
-            d = load(x, at) * load(model, f + 3 * width)
-            d -= load(model, f + 6 * width) * a + load(model, f + 5 * width) * b
-            d -= load(model, f + 4 * width) * c
-            store(x, at, d)
-            a, b, c = b, c, d
-
-
-@part
-def row_product(shape, a, b):
-    """a . b over all lines, a row."""
-    sum_ = zero()
-    for at in range(0, shape[SIZE], LANES):
-        sum_ += load(a, at) * load(b, at)
-    return gathered(shape, sum_)
+def solve_line(factors, n, x):
+    """x <- A^-1 x on one line, with the factors of A (`arrays.Linear`)."""
+    for c in range(MARGIN, n + MARGIN):
+        x[c] -= factors[0, c] * x[c - 3] + factors[1, c] * x[c - 2]
+        x[c] -= factors[2, c] * x[c - 1]
+    for c in range(n + MARGIN - 1, MARGIN - 1, -1):
+        x[c] = x[c] * factors[3, c] - factors[6, c] * x[c + 3]
+        x[c] -= factors[5, c] * x[c + 2] + factors[4, c] * x[c + 1]

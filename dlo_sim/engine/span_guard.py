@@ -5,23 +5,22 @@ Where it is zero on all spans of a block, its derivatives are skipped.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, total, zero
+from dlo_sim.compiling.lanes import lane_sum, zero
 from dlo_sim.compiling.pieces import part
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import GUARDED, SPAN_STRETCH
 from dlo_sim.terms import contact, span_guard
 
 
 @part
-def guard_stiffness(shape, model, block):
+def guard_stiffness(cable, b):
     """h EA k and h EA k_c of every span of a block; 0 on lanes beyond the last and where
     the term is not active.
     """
-    terms = shape[layout.TERMS]
-    padding = load(model, block + layout.PADDING * LANES)
-    length = (1.0 - padding) / (load(model, block + layout.SHARE * LANES) + padding)
-    axial = length * load(model, block + layout.AXIAL * LANES)
-    uneven = span_guard.STRENGTH if terms & layout.SPAN_STRETCH else 0.0
-    short = span_guard.LENGTH_STRENGTH if terms & layout.GUARDED else 0.0
+    mesh = cable.mesh
+    length = (1.0 - mesh.padding[b]) / (mesh.share[b] + mesh.padding[b])
+    axial = length * mesh.axial[b]
+    uneven = span_guard.STRENGTH if cable.terms & SPAN_STRETCH else 0.0
+    short = span_guard.LENGTH_STRENGTH if cable.terms & GUARDED else 0.0
     return uneven * axial, short * axial
 
 
@@ -37,11 +36,11 @@ def gaps_of(inner):
 
 
 @part
-def guard_gradient(shape, model, block, inner):
+def guard_gradient(cable, b, inner):
     """Gradient of the guard in the form of `elastic.add_invariants`, from `elastic.products`."""
     n, room, lengths, depth = gaps_of(inner)
-    if total(depth) < 0.0:
-        uneven, short = guard_stiffness(shape, model, block)
+    if lane_sum(depth) < 0.0:
+        uneven, short = guard_stiffness(cable, b)
         on_c = (
             short * contact.depth(lengths[0]),
             short * contact.depth(lengths[1]),
@@ -52,19 +51,19 @@ def guard_gradient(shape, model, block, inner):
 
 
 @part
-def discrete_guard_gradient(shape, model, block, before, after):
+def discrete_guard_gradient(cable, b, before, after):
     """Discrete gradient of the guard between configurations with these inner products, in the form
     of `elastic.add_invariants`, to be multiplied with the mean A, B and C.
     """
     n0, room0, lengths0, depth0 = gaps_of(before)
     n1, room1, lengths1, depth1 = gaps_of(after)
-    if total(depth0 + depth1) < 0.0:
-        uneven, short = guard_stiffness(shape, model, block)
-        on_v = -0.5 * contact.mean_gradient(uneven, room0, room1)
+    if lane_sum(depth0 + depth1) < 0.0:
+        uneven, short = guard_stiffness(cable, b)
+        on_v = -0.5 * contact.discrete_gradient(uneven, room0, room1)
         on_c = (
-            contact.mean_gradient(short, lengths0[0], lengths1[0]),
-            contact.mean_gradient(short, lengths0[1], lengths1[1]),
-            contact.mean_gradient(short, lengths0[2], lengths1[2]),
+            contact.discrete_gradient(short, lengths0[0], lengths1[0]),
+            contact.discrete_gradient(short, lengths0[1], lengths1[1]),
+            contact.discrete_gradient(short, lengths0[2], lengths1[2]),
         )
         return span_guard.products_gradient(on_v, sums(n0, n1), on_c)
     return zero(), zero(), zero(), zero(), zero(), zero()
@@ -77,35 +76,35 @@ def sums(n0, n1):
 
 
 @part
-def guard_jacobian(shape, model, block, before, after):
+def guard_jacobian(cable, b, before, after):
     """Derivatives of `discrete_guard_gradient` with respect to the new configuration.
 
     Returns:
         Factors of the products of the gradients of each of `span_guard.FORMS`, and two matrices, in
         the form of `elastic.add_invariants`, whose product is that of the gradients of v.
     """
-    uneven, short = guard_stiffness(shape, model, block)
+    uneven, short = guard_stiffness(cable, b)
     n0, room0, lengths0, _ = gaps_of(before)
     n1, room1, lengths1, _ = gaps_of(after)
-    on_v = -2.0 * contact.mean_gradient(uneven, room0, room1)
+    on_v = -2.0 * contact.discrete_gradient(uneven, room0, room1)
     factors = (
         on_v * span_guard.WEIGHTS[0],
         on_v * span_guard.WEIGHTS[1],
         on_v * span_guard.WEIGHTS[2],
         on_v * span_guard.WEIGHTS[3],
-        2.0 * contact.mean_hessian(short, lengths0[0], lengths1[0]),
-        2.0 * contact.mean_hessian(short, lengths0[1], lengths1[1]),
-        2.0 * contact.mean_hessian(short, lengths0[2], lengths1[2]),
+        2.0 * contact.discrete_jacobian(short, lengths0[0], lengths1[0]),
+        2.0 * contact.discrete_jacobian(short, lengths0[1], lengths1[1]),
+        2.0 * contact.discrete_jacobian(short, lengths0[2], lengths1[2]),
     )
-    curvature, none = contact.mean_hessian(uneven, room0, room1), (zero(), zero(), zero())
+    curvature, none = contact.discrete_jacobian(uneven, room0, room1), (zero(), zero(), zero())
     middle = span_guard.products_gradient(curvature, sums(n0, n1), none)
     return factors, middle, span_guard.products_gradient(1.0, n1, none)
 
 
 @part
-def guard_energy(shape, model, block, inner):
+def guard_energy(cable, b, inner):
     """Energy of the guard on every span of a block [J]."""
-    uneven, short = guard_stiffness(shape, model, block)
+    uneven, short = guard_stiffness(cable, b)
     _, room, lengths, _ = gaps_of(inner)
     ends = contact.energy(short, lengths[0]) + contact.energy(short, lengths[2])
     return contact.energy(uneven, room) + (ends + contact.energy(short, lengths[1]))

@@ -1,76 +1,119 @@
-"""Implicit steps: one Newton loop for the energy-momentum method, the implicit midpoint rule and
-the generalised-alpha method.
+"""Implicit steps: the energy-momentum method, the implicit midpoint rule and the generalised-alpha
+method.
 
-All three solve a momentum balance for q1, up to reactions of the grasps,
-    M (a (q1 - q0) - b v0 - c a0) = f(q0, q1),
-where f is minus the discrete gradient (`energy_momentum`) or the force at q0 + theta (q1 - q0),
-plus loads and damping there. The midpoint rule and the energy-momentum method have theta = 1/2,
-a = 2 / tau^2, b = 2 / tau, c = 0; `core.methods` has the generalised-alpha constants. Newton's
-method uses the exact Jacobian, except for the dependence of the viscous forces on the geometry and
-for the plastic flow within the step. A step that does not converge is rejected and repeated in
-halves, quarters, ... of its length. The twist line is always integrated by the midpoint rule
-(`methods.twist_step`).
+**The equations.** A step of length tau leads from the configuration q0 with velocity v0 to q1. For
+the spatial lines all three methods solve the momentum balance
+    M (a (q1 - q0) - b v0 - c a0) = f(q0, q1) + E^T lambda,   B q1 = targets at the end of the step,
+with the mass matrix M and the reactions lambda of the grasps along their constraint rows, E at the
+middle of the step and B at its end: symmetric, and exact in the energy balance. f contains loads
+and damping at theta, and the elastic forces.
 
-Where a clamp turns, its reaction acts along its directions at the middle of the step, and its
-constraints hold at the end: symmetric, and exact in the energy account.
+The midpoint family sets v1 = 2 (q1 - q0) / tau - v0, so that M (v1 - v0) / tau = f means
+    theta = 1/2,   a = 2 / tau^2,   b = 2 / tau,   c = 0.
+The elastic forces are those at the middle, (q0 + q1) / 2 (`implicit_midpoint`), or minus the
+discrete gradient (`energy_momentum`). The product of the balance with q1 - q0 = tau (v0 + v1) / 2
+is the change of the kinetic energy, so with the discrete gradient the energy is exact.
+
+The generalised-alpha method (Chung & Hulbert 1993) inserts Newmark's formulas
+    q1 = q0 + tau v0 + tau^2 ((1/2 - beta) a0 + beta a1),
+    v1 = v0 + tau ((1 - gamma) a0 + gamma a1)
+into M ((1 - alpha_m) a1 + alpha_m a0) = f at q0 + theta (q1 - q0), so that
+    a = (1 - alpha_m) / (beta tau^2),   b = a tau,   c = a tau^2 (1/2 - beta) - alpha_m.
+Its accelerations are those of the projected velocity w, the motion relative to the prescribed one.
+It needs an initial acceleration, so its first step is a midpoint step.
+
+The twist line is always integrated by the midpoint rule (`methods.twist_step`).
+
+**The solution.** `begin_step` predicts q1 and moves the constraint rows to their targets. Then the
+forces (`step_force`), the residual of the momentum balance (`set_residual`) and a correction
+(`correct`) alternate until the energy error of the step is small. Corrections are Newton's with the
+exact Jacobian (`newton_matrix`), except for the dependence of the viscous forces on the geometry
+and for the plastic flow within the step; between two factorisations they are Broyden's.
+`finish_step` updates velocities, reactions and the energy balance. `implicit_step` is all of this.
+A step that does not converge is rejected and repeated in halves, quarters, ... of its length
+(`advance_implicit`).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import boolean, float64, int64, types, void
 
-from dlo_sim.compiling.lanes import LANES, bare, shifted, store
-from dlo_sim.compiling.pieces import (
-    COUNTS,
-    NUMBERS,
-    REAL,
-    REALS,
-    TABLE,
-    TRUTH,
-    WHOLE,
-    Engine,
-    part,
-    piece,
+from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.lanes import LANES, lane_sum, zero
+from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, COUNTS, NO, YES, part, piece
+from dlo_sim.engine.account import RESOLUTION, measure, update_account, with_potentials
+from dlo_sim.engine.arrays import (
+    BISHOP,
+    CABLE,
+    DAMPED,
+    DIVERGED,
+    MARGIN,
+    MOST_CORRECTIONS,
+    NOT_CONVERGED,
+    OK,
+    PADDING,
+    STATIC_TWIST,
+    TWISTED,
+    VECTOR,
+    cable_at,
+    records_at,
 )
-from dlo_sim.engine import layout
-from dlo_sim.engine.account import (
-    COUNT,
-    RESOLUTION,
-    measure,
-    notes_of,
-    update_account,
+from dlo_sim.engine.assembly import (
+    add_damping,
+    add_damping_tangent,
+    all_tangents,
+    discrete_gradient,
+    flow,
 )
-from dlo_sim.engine.assembly import ANY, assembly, by_terms, flow
-from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
-from dlo_sim.engine.held import (
+from dlo_sim.engine.band import (
+    add_lines,
+    add_springs,
+    balance_border,
+    clamps_here,
+    clear_band,
+    clear_held,
+    eliminate,
+    hold,
+    keep_border,
+    own_point,
+    set_border,
+    solve_border,
+    stiffen_border,
+    substitute,
+    turn_vector,
+)
+from dlo_sim.engine.forces import start_with_weight
+from dlo_sim.engine.lines import add, add_product, clear, copy, damping_of, difference, inner
+from dlo_sim.engine.loads import add_load_stiffness, load_force
+from dlo_sim.engine.rows import (
+    add_shifts,
+    add_velocity_of_held,
     grasps_move,
+    pin,
+    project,
+    row_value,
+    set_directions,
+    set_targets,
+    target_residuals,
+    through_inverse,
+    turns,
+    values_along,
 )
 from dlo_sim.engine.sampling import begin_sample, end_sample
-from dlo_sim.methods.implicit_layout import (
-    CHANGE,
-    CORRECTIONS,
-    INERTIA_WEIGHT,
-    MASS_WEIGHT,
-    MOST_CORRECTIONS,
-    NEWMARK_BETA,
-    NEWMARK_GAMMA,
-    START,
-    THETA,
-    residual_of,
+from dlo_sim.engine.springs import (
+    accept_anchors,
+    anchor_work,
+    move_anchors,
+    restore_anchors,
+    roll_loss,
+    spring_force,
 )
-from dlo_sim.methods.newton import (
-    apply_step,
-    correct,
-    dot,
-    largest,
-    moving,
-    shortened,
-    turned_over,
-)
-from dlo_sim.methods.step_begin import begin_step, undo_step
-from dlo_sim.methods.step_end import finish_step
-from dlo_sim.methods.step_equations import balance, newton_matrix, step_force
-from dlo_sim.methods.twist_step import NO_TWIST, TWIST, TWIST_IN_FRAME
+from dlo_sim.methods.twist_step import end_twist, step_twist
+from dlo_sim.methods.works import NATURAL, turn_natural_shape
+
+# Entries of `constants`: theta, alpha_m, beta, gamma, (1 - alpha_m) / beta.
+THETA, MASS_WEIGHT, NEWMARK_BETA, NEWMARK_GAMMA, INERTIA_WEIGHT = range(5)
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
@@ -79,37 +122,25 @@ SLOW = 0.02  # ratio of successive correction energies above which the matrix is
 STALLED = 0.2  # the same above which a correction counts as stalled
 GROWTH = 1.0  # of the residual along a correction, above which the correction is shortened
 SMALLEST_SHARE = 1e-6  # of a correction that shortening may leave
+TRUSTED = 0.5  # largest s_last.z / |s_last|^2 in Broyden's denominator
+SMALLEST = 1e-300  # lower bound on the square of a correction
 NOISE = 1e-9  # stalled corrections below this share of the coordinates are round-off
+ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
 BUDGET = 300_000  # unknowns times iterations per step with all its parts: some 30 ms
 LEAST_BUDGET = 500  # iterations per step
-ROOM = 10.0  # error of the energy account in the long run, in tolerances
+ROOM = 10.0  # error of the energy balance in the long run, in tolerances
 TIGHT = 1e-10  # tolerance of a step once that is reached
 SAFETY = 10.0  # factor on the expected contraction
 MOST_WITH_KEPT = 3  # iterations with a matrix of an earlier step; with a new one two are usual
 MOST_SETBACKS = 5.0  # log2 of the longest wait [steps]
 SMALLEST_SHRINKING = 1e-3  # lower bound on the measured contraction
 FORGETTING = 1.5  # growth of the remembered contraction per step that does not measure it
-ROUND_OFF = 1e-14  # corrections below this share of the coordinates are round-off
-
-
-@part
-def allowed_error(shape, state, tolerance, inertia):
-    """Energy error [J] allowed in this step: `tolerance` times the energy exchanged so far, reduced
-    to TIGHT times an energy scale as the error of the account approaches ROOM tolerances.
-
-    The scale includes FLOOR and the work against inertia, so that a run can start at rest.
-    """
-    ledger = shape[layout.LEDGER]
-    exchanged = state[ledger + layout.EXCHANGED * LANES]
-    loose = tolerance * exchanged - state[ledger + layout.ENERGY_ERROR * LANES] / ROOM
-    scale = max(exchanged, max(state[ledger + layout.FLOOR * LANES], 0.1 * inertia))
-    return max(loose, min(tolerance, TIGHT) * scale)
 
 
 @part
 def weights(constants, newmark, tau):
-    """theta, a, c of the momentum balance (b = a tau), and rate and g of the velocity that damping
-    acts on: tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0.
+    """theta, a, c of the momentum balance (b = a tau), and rate and g of the velocity v at theta
+    that damping acts on: tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0.
     """
     if not newmark:
         return 0.5, 2.0 / (tau * tau), 0.0, 1.0, 0.0
@@ -120,63 +151,655 @@ def weights(constants, newmark, tau):
     return theta, constants[INERTIA_WEIGHT] / (tau * tau), c, rate, g
 
 
+# -- the start of a step: predictor and prescribed motion ---------------------------------------
+
+
 @part
-def may_keep(shape, state, ledger, a):
+def copy_entries(source, target):
+    """target = source, for matrices that are not padded to whole vectors."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@part
+def parabola(tau, last, before):
+    """Lagrange weights, at tau after the present, of the present configuration and the two before;
+    `last` and `before` are the lengths of the last two steps.
+    """
+    both = last + before
+    return (
+        (tau + last) * (tau + both) / (last * both),
+        -tau * (tau + both) / (last * before),
+        tau * (tau + last) / (both * before),
+    )
+
+
+@part
+def predict(cable, tau):
+    """Predictor of the spatial lines: quadratic extrapolation of the last three configurations, or
+    constant w if they are not known. If the motion alternates from step to step, as undamped stiff
+    modes do in steps far too long for them, the configuration before the present one.
+
+    Shifts the history by one configuration.
+    """
+    balance, x, w = cable.state.balance, cable.state.x, cable.state.w
+    near, far = cable.state.history[0], cable.state.history[1]
+    last, before_last = balance.length, balance.length_before
+    known = balance.known >= 2.0
+    alternates = False
+    a = b = c = 0.0
+    if known:
+        once, twice = zero(), zero()
+        for d in range(cable.dim):
+            for i in range(0, cable.columns, LANES):
+                one, two = load(x, d, i) - load(near, d, i), load(x, d, i) - load(far, d, i)
+                once += one * one
+                twice += two * two
+        alternates = tau == last == before_last and lane_sum(twice) < lane_sum(once)
+        a, b, c = parabola(tau, last, before_last)
+    for d in range(cable.dim):
+        for i in range(0, cable.columns, LANES):
+            now, before = load(x, d, i), load(near, d, i)
+            if alternates:
+                store(x, d, i, before)
+            elif known:
+                store(x, d, i, a * now + b * before + c * load(far, d, i))
+            else:
+                store(x, d, i, now + tau * load(w, d, i))
+            store(far, d, i, before)
+            store(near, d, i, now)
+    balance.length_before = last
+    balance.length = tau
+
+
+@part
+def keep_constraints(cable):
+    """Restore the prescribed coordinates after extrapolation, whose round-off would grow from step
+    to step. For grasps at rest.
+    """
+    x, start, change = cable.state.x, cable.work.start, cable.work.change
+    for k in range(cable.rows.count):
+        own, line, e = own_point(cable, k), cable.rows.line[k], cable.state.direction[k]
+        c = MARGIN + own
+        if own >= 0 and line >= 0:
+            x[line, c] = start[line, c]
+        elif own >= 0:
+            away = 0.0
+            for d in range(cable.dim):
+                away += e[d] * (x[d, c] - start[d, c])
+            for d in range(cable.dim):
+                x[d, c] -= away * e[d]
+    if cable.rows.border:
+        difference(start, x, change)
+        values_along(cable, change)
+        add_shifts(cable, 1.0, x)
+
+
+@part
+def move_to_targets(cable, t0, tau):
+    """Move the constraint rows and the anchors of springs to their targets at the end of the step,
+    and set the directions at its middle and of the state.
+    """
+    state, work = cable.state, cable.work
+    set_targets(cable, t0 + 0.5 * tau)
+    for k in range(cable.rows.count):
+        if turns(cable, k):
+            for d in range(cable.dim):
+                work.middle_direction[k, d] = work.ahead[k, d]
+    set_directions(cable, t0 + tau)
+    target_residuals(cable, state.direction, state.x)
+    add_shifts(cable, 1.0, state.x)
+    for k in range(cable.rows.count):
+        pin(cable, k, work.targets[k], state.x)
+    move_anchors(cable, t0 + tau)
+
+
+@part
+def fix_seen_velocity(cable, moves, t0, tau, theta, rate, g):
+    """Set `seen_fixed` of the generalised-alpha method from
+        seen = rate P change + tau ((1 - rate) w + g tau acceleration + motion of the grasps),
+    where P projects onto the free motion, at theta.
+    """
+    state, work = cable.state, cable.work
+    change, fixed, driven = work.change, work.seen_fixed, work.travel
+    clear(driven)
+    copy(change, fixed)
+    if moves:
+        time = t0 + theta * tau
+        copy(work.start, work.middle)
+        add(theta, change, work.middle)
+        set_directions(cable, time)
+        add_velocity_of_held(cable, work.middle, time, driven)
+        project(cable, fixed, work.multipliers)
+        set_directions(cable, t0 + tau)
+    for line in range(cable.lines):
+        for c in range(0, cable.columns, LANES):
+            carried = load(change, line, c) - load(fixed, line, c)
+            if line < cable.dim:
+                free = (1.0 - rate) * load(state.w, line, c)
+                free += g * tau * load(state.acceleration, line, c)
+                store(fixed, line, c, tau * (free + load(driven, line, c)) - rate * carried)
+            else:
+                store(fixed, line, c, (1.0 - rate) * carried)
+
+
+@piece(void, CABLE, boolean, float64, float64, float64, float64, float64)
+def begin_step(cable, newmark, t0, tau, theta, rate, g):
+    """Predict the configuration at the end of the step and move it onto the constraints there.
+
+    Sets `start` and `start_v`, configuration and velocity at the start; the directions of the
+    constraint rows at the start (with their inverse), at the middle, and, in the state, at the end;
+    the anchors of springs; `change` and `seen_fixed`.
+    """
+    state, work = cable.state, cable.work
+    moves = grasps_move(cable)
+    copy(state.x, work.start)
+    copy(state.w, work.start_v)
+    copy_entries(state.direction, work.old_direction)
+    copy_entries(state.direction, work.middle_direction)
+    copy_entries(state.inverse, work.old_inverse)
+    if moves:
+        add_velocity_of_held(cable, state.x, t0, work.start_v)
+    predict(cable, tau)
+    if moves:
+        move_to_targets(cable, t0, tau)
+    else:
+        keep_constraints(cable)
+    set_border(cable, work.middle_direction, state.direction)
+    difference(state.x, work.start, work.change)
+    clear(work.seen_fixed)
+    if newmark:
+        fix_seen_velocity(cable, moves, t0, tau, theta, rate, g)
+
+
+@part
+def undo_step(cable):
+    """Restore the state at the start of the step; discard the history and the matrix."""
+    state, work = cable.state, cable.work
+    copy(work.start, state.x)
+    copy_entries(work.old_direction, state.direction)
+    copy_entries(work.old_inverse, state.inverse)
+    restore_anchors(cable)
+    state.balance.known = 0.0
+    state.balance.matrix_weight = 0.0
+
+
+# -- the equations: forces, residual of the momentum balance, Jacobian --------------------------
+
+
+@part
+def is_viscous(cable):
+    """Whether stretching or bending has internal damping."""
+    physics = cable.physics
+    return cable.terms & DAMPED != 0 and physics.beta_stretch + physics.beta_bend > 0.0
+
+
+@piece(float64, CABLE, float64, float64, float64, float64, boolean)
+def step_force(cable, t, tau, theta, rate, discrete):
+    """force = all forces of the step from `start` to the present configuration, start + change.
+
+    Damping acts on the velocity at theta, seen / tau with seen = rate change + seen_fixed, which is
+    `change` for the midpoint family. Returns the energy dissipated by damping [J].
+    """
+    work = cable.work
+    force, change, middle, seen = work.force, work.change, work.middle, work.seen
+    start_with_weight(cable, force)
+    clear(work.load)
+    clear(work.damping)
+    for line in range(cable.lines):
+        for c in range(0, cable.columns, LANES):
+            moved = load(change, line, c)
+            store(middle, line, c, load(work.start, line, c) + theta * moved)
+            store(seen, line, c, rate * moved + load(work.seen_fixed, line, c))
+    viscous = 1.0 / tau if is_viscous(cable) else 0.0
+    begin, end = (work.start, cable.state.x) if discrete else (middle, middle)
+    lost = discrete_gradient(cable, begin, end, seen, viscous, force)
+    spring_force(cable, middle, theta, NO, force)
+    if cable.loads.count:
+        load_force(cable, middle, t + theta * tau, work.load)
+        add(1.0, work.load, force)
+    if cable.terms & DAMPED:
+        for line in range(cable.lines):
+            add_product(damping_of(cable, line), -1.0 / tau, seen[line], work.damping[line])
+        add_damping(cable, middle, seen, 1.0 / tau, work.damping)
+        add(1.0, work.damping, force)
+        lost -= inner(work.damping, change)
+    return lost
+
+
+@part
+def set_residual(cable, a, b, c):
+    """Set `residual` to that of the momentum balance, in the frames of the clamps, and `row_force`
+    to the reactions of the constraint rows. Returns the sum |inertia_i change_i| [J].
+    """
+    state, work, dim = cable.state, cable.work, cable.dim
+    change, rate, inertia, residual = work.change, work.seen, work.inertia, work.residual
+    energy = 0.0
+    for d in range(dim):
+        for i in range(0, cable.columns, LANES):
+            f = a * load(change, d, i) - b * load(work.start_v, d, i)
+            store(rate, d, i, f - c * load(state.acceleration, d, i))
+            store(inertia, d, i, 0.0)
+        add_product(cable.linear.mass[0], 1.0, rate[d], inertia[d])
+        for i in range(cable.n):
+            push = inertia[d, MARGIN + i]
+            energy += abs(push * change[d, MARGIN + i])
+            residual[PADDING + i * dim + d] = work.force[d, MARGIN + i] - push
+    turn_vector(cable, work.middle_direction, YES, residual, PADDING)
+    balance_border(cable, residual, work.row_force)
+    for k in range(cable.rows.count):
+        own, line = own_point(cable, k), cable.rows.line[k]
+        if own >= 0 and line < dim:
+            entry = line  # of the control point that the row fixes
+            if line < 0:
+                entry = 1 if clamps_here(cable, k) else 2
+            work.row_force[k] = -residual[PADDING + own * dim + entry]
+    clear_held(cable, residual, PADDING)
+    return energy
+
+
+@piece(boolean, CABLE, float64, float64, float64, float64, float64, boolean)
+def newton_matrix(cable, t, tau, a, theta, rate, discrete):
+    """state.matrix = LU factors of the Jacobian of the momentum balance; return whether they exist.
+
+    A force at theta depends on the change with the weight theta; the tangents of the discrete
+    gradient contain its 1/2.
+    """
+    state, work = cable.state, cable.work
+    matrix, middle = state.matrix, work.middle
+    clear_band(matrix)
+    add_lines(cable, cable.linear.mass[0], a, matrix)
+    viscous = 0.0
+    if cable.terms & DAMPED:
+        add_lines(cable, cable.linear.damping[0], rate / tau, matrix)
+        add_damping_tangent(cable, middle, rate / tau, matrix)
+        if is_viscous(cable):
+            viscous = rate / (2.0 * theta * tau)
+    begin, end = (work.start, state.x) if discrete else (middle, middle)
+    all_tangents(cable, begin, end, viscous, 2.0 * theta, matrix)
+    add_springs(cable, theta, matrix)
+    add_load_stiffness(cable, middle, t + theta * tau, theta, matrix)
+    hold(cable, work.middle_direction, state.direction, matrix)
+    stiffen_border(cable, matrix)
+    state.balance.matrix_weight = 0.0
+    if not eliminate(matrix, cable.n * cable.dim, cable.dim):
+        return False
+    solve_border(cable, matrix)
+    state.balance.matrix_weight = a
+    return True
+
+
+# -- one correction -----------------------------------------------------------------------------
+
+
+@part
+def dot(padded, s):
+    """y . s of a padded vector y of all unknowns, as four independent sums."""
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+    whole = len(s) - len(s) % 4
+    for r in range(0, whole, 4):
+        s0 += padded[PADDING + r] * s[r]
+        s1 += padded[PADDING + r + 1] * s[r + 1]
+        s2 += padded[PADDING + r + 2] * s[r + 2]
+        s3 += padded[PADDING + r + 3] * s[r + 3]
+    for r in range(whole, len(s)):
+        s0 += padded[PADDING + r] * s[r]
+    return (s0 + s1) + (s2 + s3)
+
+
+@part
+def add_correction(cable, number, share):
+    """x and `change` += share times correction `number`."""
+    work, dim = cable.work, cable.dim
+    step, correction = work.step, work.corrections[number]
+    for r in range(len(step)):
+        step[r] = share * correction[r]
+    turn_vector(cable, cable.state.direction, NO, step, 0)
+    for d in range(dim):
+        for i in range(cable.n):
+            cable.state.x[d, MARGIN + i] += step[i * dim + d]
+            work.change[d, MARGIN + i] += step[i * dim + d]
+
+
+@part
+def correct(cable, known):
+    """Solve for the next correction by Broyden's method and add it to x and `change`.
+
+    With z = K^-1 r of the present residual r and the `known` corrections s_j since K was
+    factorised, z += s_(j+1) (s_j.z) / |s_j|^2 for all but the last, then
+    s = z / (1 - s_last.z / |s_last|^2) (Kelley 1995, section 7.3).
+
+    Returns sum |r_i s_i|, |r.s|, the energy error sum |r_i change_i| [J] before this correction,
+    and the largest entry of s.
+    """
+    state, work, dim = cable.state, cable.work, cable.dim
+    size = cable.n * dim
+    z, unbalanced, corrections = work.residual, work.unbalanced, work.corrections
+    for r in range(size):
+        unbalanced[r] = z[PADDING + r]
+    substitute(state.matrix, size, dim, z)
+    keep_border(cable, z)
+    for j in range(known):
+        along = dot(z, corrections[j]) * work.correction_scale[j]
+        if j + 1 < known:
+            for r in range(size):
+                z[PADDING + r] += along * corrections[j + 1, r]
+        elif abs(along) < TRUSTED:
+            for r in range(size):
+                z[PADDING + r] /= 1.0 - along
+    energy, slope, largest_entry = 0.0, 0.0, 0.0
+    for r in range(size):
+        s = z[PADDING + r]
+        corrections[known, r] = s
+        energy += abs(s * unbalanced[r])
+        slope += s * unbalanced[r]
+        largest_entry = max(largest_entry, abs(s))
+    work.correction_scale[known] = 1.0 / max(dot(z, corrections[known]), SMALLEST)
+    add_correction(cable, known, 1.0)
+    step, defect = work.step, 0.0
+    for d in range(dim):
+        for i in range(cable.n):
+            step[i * dim + d] = work.change[d, MARGIN + i]
+    turn_vector(cable, state.direction, YES, step, 0)
+    for r in range(size):
+        defect += abs(step[r] * unbalanced[r])
+    return energy, abs(slope), defect, largest_entry
+
+
+@part
+def shortened(before, after):
+    """Share of a correction at which the residual along it vanishes by the secant rule, limited."""
+    share = before / (before - after)
+    return min(max(share, 0.1), 0.5) if share > 0.0 and share < np.inf else 0.1
+
+
+@part
+def largest(cable, x):
+    """Largest absolute value of the spatial coordinates [m]."""
+    value = 0.0
+    for d in range(cable.dim):
+        for c in range(cable.columns):
+            value = max(value, abs(x[d, c]))
+    return value
+
+
+@part
+def moving(change, least):
+    """Whether any coordinate changed by more than `least`."""
+    for line in range(change.shape[0]):
+        for c in range(change.shape[1]):
+            if abs(change[line, c]) > least:
+                return True
+    return False
+
+
+@part
+def turned_over(cable):
+    """Whether an edge of the control polygon turned by more than a right angle in the step.
+
+    False if a grasp jumped by more than half an edge: shorter steps would not help.
+    """
+    x, start, change = cable.state.x, cable.work.start, cable.work.change
+    jump, shortest = 0.0, np.inf
+    found = False
+    for c in range(MARGIN, MARGIN + cable.n - 1):
+        along, length = 0.0, 0.0
+        for d in range(cable.dim):
+            edge = start[d, c + 1] - start[d, c]
+            along += edge * (x[d, c + 1] - x[d, c])
+            length += edge * edge
+        shortest = min(shortest, length)
+        found = found or along <= 0.0
+    for k in range(cable.rows.count):
+        own = own_point(cable, k)
+        if own >= 0:
+            for d in range(cable.dim):
+                jump = max(jump, abs(change[d, MARGIN + own]))
+    return found and not 4.0 * jump * jump > shortest
+
+
+# -- the end of a step: projected velocity, reactions, energy balance ---------------------------
+
+
+@part
+def prescribed_energy(cable, directions, inverse, v):
+    """Kinetic energy [J] of the prescribed motion, (B v)^T S^-1 (B v) / 2, of the constraint rows
+    with these directions and this inverse, S^-1.
+    """
+    work = cable.work
+    for k in range(cable.rows.count):
+        work.rates[k] = row_value(cable, k, directions, v)
+    through_inverse(inverse, work.rates, 0.5, work.multipliers)
+    energy = 0.0
+    for k in range(cable.rows.count):
+        energy += work.multipliers[k] * work.rates[k]
+    return energy
+
+
+@part
+def carry_inertia(cable, constants, tau):
+    """Add to `row_force` the inertia of the prescribed motion, which the accelerations of the
+    generalised-alpha method, those of the free motion, do not contain.
+    """
+    state, work = cable.state, cable.work
+    weight, push = constants[INERTIA_WEIGHT], work.inertia
+    c = weight * (0.5 - constants[NEWMARK_BETA]) - constants[MASS_WEIGHT]
+    clear(push)
+    for d in range(cable.dim):
+        for i in range(0, cable.columns, LANES):
+            gain = (load(work.change, d, i) - tau * load(work.start_v, d, i)) / (tau * tau)
+            store(push, d, i, (2.0 - weight) * gain + c * load(state.acceleration, d, i))
+    for k in range(cable.rows.count):
+        work.rates[k] = row_value(cable, k, work.middle_direction, push)
+    through_inverse(state.inverse, work.rates, 1.0, work.multipliers)
+    for k in range(cable.rows.count):
+        work.row_force[k] += work.multipliers[k]
+
+
+@part
+def settle_overdamped(cable, moves, tau):
+    """Remove the part of the velocity that alternates from step to step, where it exceeds the mean
+    velocity; returns its energy [J].
+
+    With z = tau c / 2 + (tau omega)^2 / 4 of a mode of frequency omega and damping c = beta omega^2
+    per mass, steps of the midpoint family multiply the velocity of an overdamped mode, z >> 1, by
+    -(1 - 2 / z). After a jump of a gripper it alternates for thousands of steps, while the mode
+    itself is at rest, and so do its kinetic energy and the reactions.
+
+    The velocity at the end of the step is the mean one, v = (q1 - q0) / tau, plus half the
+    difference d = (w1 - w0) / 2. In a smooth motion d is half the difference of the last two mean
+    velocities, to second order in tau (it has the centripetal acceleration, too, which acts along
+    stiff directions). What d has beyond that alternates. Where its square sum exceeds that of v,
+    the share (z / (1 + z))^3 of it is removed, all of an overdamped mode, nothing of a slow one,
+    unless that would add energy.
+    z / (1 + z) comes from the Newton matrix of the step, 2 / tau^2 M (1 + z).
+    """
+    state, work, dim = cable.state, cable.work, cable.dim
+    w, change, mass = state.w, work.change, cable.linear.mass[0]
+    before = state.history[1]
+    apart, push, step, solved = work.seen, work.inertia, work.step, work.residual
+    clear(apart)
+    alternating, mean = zero(), zero()
+    for d in range(dim):
+        for c in range(0, cable.columns, LANES):
+            moved = load(change, d, c)
+            smooth = 0.5 * (moved - (load(work.start, d, c) - load(before, d, c)))
+            rate = (moved - smooth) * (1.0 / tau) - load(work.start_v, d, c)
+            store(apart, d, c, rate)
+            alternating += rate * rate
+            mean += moved * moved
+    if lane_sum(alternating) * tau * tau <= lane_sum(mean):
+        return 0.0
+    if moves:
+        project(cable, apart, work.multipliers)
+    for _ in range(3):
+        clear(push)
+        for d in range(dim):
+            add_product(mass, 2.0 / (tau * tau), apart[d], push[d])
+            for i in range(cable.n):
+                solved[PADDING + i * dim + d] = push[d, MARGIN + i]
+        turn_vector(cable, work.middle_direction, YES, solved, PADDING)
+        clear_held(cable, solved, PADDING)
+        substitute(state.matrix, cable.n * dim, dim, solved)
+        keep_border(cable, solved)
+        for r in range(cable.n * dim):
+            step[r] = solved[PADDING + r]
+        turn_vector(cable, state.direction, NO, step, 0)
+        for d in range(dim):
+            for i in range(cable.n):
+                apart[d, MARGIN + i] -= step[i * dim + d]
+    if moves:
+        project(cable, apart, work.multipliers)
+    clear(push)
+    loss = 0.0
+    for d in range(dim):
+        add_product(mass, 1.0, apart[d], push[d])
+        for c in range(cable.columns):
+            loss += push[d, c] * (w[d, c] - 0.5 * apart[d, c])
+    if loss <= 0.0:
+        return 0.0
+    for d in range(dim):
+        for c in range(cable.columns):
+            w[d, c] -= apart[d, c]
+    return loss
+
+
+@part
+def update_velocities(cable, constants, newmark, moves, tau, ahead, dissipates):
+    """Set w and the acceleration of the state to those at the end of the step.
+
+    `ahead`: 2 / tau (q1 - q0) - v0, the velocity at the end by the midpoint rule. The acceleration
+    is that of Newmark's formulas, or after a first midpoint step the mean one.
+    """
+    state, work = cable.state, cable.work
+    w, acceleration, change, travel = state.w, state.acceleration, work.change, work.travel
+    beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
+    static = cable.terms & STATIC_TWIST != 0
+    copy(change, travel)
+    if newmark and moves:
+        project(cable, travel, work.multipliers)
+    for line in range(cable.lines):
+        for c in range(0, cable.columns, LANES):
+            w0, a0 = load(w, line, c), load(acceleration, line, c)
+            if newmark and line < cable.dim:
+                a1 = load(travel, line, c) / tau - w0 - tau * (0.5 - beta) * a0
+                a1 = a1 / (tau * beta)
+                store(w, line, c, w0 + tau * ((1.0 - gamma) * a0 + gamma * a1))
+                store(acceleration, line, c, a1)
+            else:
+                w1 = load(ahead, line, c)
+                if static and line >= cable.dim:
+                    w1 = load(change, line, c) / tau  # w1 would alternate, undamped without inertia
+                store(w, line, c, w1)
+                if dissipates:
+                    store(acceleration, line, c, (w1 - w0) / tau)
+    if moves:
+        project(cable, w, work.multipliers)
+        if dissipates:
+            project(cable, acceleration, work.multipliers)
+
+
+@piece(
+    *(void, CABLE, VECTOR, boolean),
+    *(float64, float64, float64, float64, boolean),
+)
+def finish_step(cable, constants, newmark, t0, tau, whole, lost, dissipates):
+    """Update w and the acceleration, the mean reactions, and the energy balance.
+
+    The work of the grasps is that of the reactions, and the loss of kinetic energy of the
+    prescribed motion, which the energy balance does not contain.
+
+    Args:
+        newmark: whether the step is one of the generalised-alpha method, not of the midpoint rule.
+        whole: length of the step [s] over which reactions are averaged. lost: energy [J] dissipated
+            by damping. dissipates: whether the method does, so that its loss is known from the
+            balance only (`add_numerical_loss`).
+    """
+    state, work, balance = cable.state, cable.work, cable.state.balance
+    change, speed, ahead = work.change, work.start_v, work.seen
+    moves = grasps_move(cable)
+    if cable.terms & TWISTED:
+        lost += end_twist(cable, t0, tau)
+    for line in range(cable.lines):
+        for c in range(0, cable.columns, LANES):
+            store(ahead, line, c, 2.0 / tau * load(change, line, c) - load(speed, line, c))
+    driven = 0.0
+    if moves:
+        if newmark:
+            carry_inertia(cable, constants, tau)
+        for k in range(cable.rows.count):
+            driven += row_value(cable, k, work.middle_direction, change) * work.row_force[k]
+        driven += prescribed_energy(cable, work.old_direction, work.old_inverse, speed)
+        driven -= prescribed_energy(cable, state.direction, state.inverse, ahead)
+    update_velocities(cable, constants, newmark, moves, tau, ahead, dissipates)
+    if not dissipates:
+        if balance.known > 0.0 and balance.length_before == tau and is_viscous(cable):
+            lost += settle_overdamped(cable, moves, tau)
+        balance.dissipated += lost
+    if cable.loads.count:
+        balance.load_work += inner(work.load, change)
+    driven += anchor_work(cable, work.start, state.x)
+    balance.drive_work += driven + roll_loss(cable, change)[1]
+    accept_anchors(cable)
+    for k in range(cable.rows.count):
+        state.reaction[k] += tau / whole * work.row_force[k]
+    balance.has_reaction = 1.0
+    balance.known += 1.0
+
+
+# -- the iteration ------------------------------------------------------------------------------
+
+
+@part
+def allowed_error(balance, tolerance, inertia):
+    """Energy error [J] allowed in this step: `tolerance` times the energy exchanged so far, reduced
+    to TIGHT times an energy scale as the error of the balance approaches ROOM tolerances.
+
+    The scale includes `floor` and the work against inertia, so that a run can start at rest.
+    """
+    loose = tolerance * balance.exchanged - balance.error / ROOM
+    scale = max(balance.exchanged, max(balance.floor, 0.1 * inertia))
+    return max(loose, min(tolerance, TIGHT) * scale)
+
+
+@part
+def may_keep(cable, a):
     """Whether a step may start with the matrix of an earlier one: it has the same factor a of the
     mass, no wait is due (`judge_matrix`), and there are no border rows, whose part of the
-    factorisation is in scratch and so is lost after its step.
+    factorisation is in working memory and so is lost after its step.
     """
-    made = state[ledger + layout.MATRIX_WEIGHT * LANES] == a
-    return made and state[ledger + layout.MATRIX_WAIT * LANES] == 0.0 and not shape[layout.BORDER]
+    balance = cable.state.balance
+    made = balance.matrix_weight == a
+    return made and balance.matrix_wait == 0.0 and cable.rows.border == 0
 
 
 @part
-def judge_matrix(state, ledger, iterations, made):
+def judge_matrix(balance, iterations, made):
     """Decide whether the next steps reuse their matrix; `made` is the iteration in which the last
     matrix of this step was factorised, 0 if in an earlier step.
 
     If reuse cost more iterations than a new matrix would have, the next steps factorise their own:
     one step after the first such setback in a row, two after the second, then four, ...
     """
-    shrinks = ledger + layout.MATRIX_SHRINKING * LANES
-    wait, setbacks = ledger + layout.MATRIX_WAIT * LANES, ledger + layout.MATRIX_SETBACKS * LANES
     if made > 0:
-        state[shrinks] = 1.0
+        balance.matrix_shrinking = 1.0
     if made == 1:
-        state[wait] = max(state[wait] - 1.0, 0.0)
+        balance.matrix_wait = max(balance.matrix_wait - 1.0, 0.0)
     elif made > 1 or iterations > MOST_WITH_KEPT:
-        state[wait] = 2.0 ** state[setbacks]
-        state[setbacks] = min(state[setbacks] + 1.0, MOST_SETBACKS)
+        balance.matrix_wait = 2.0**balance.matrix_setbacks
+        balance.matrix_setbacks = min(balance.matrix_setbacks + 1.0, MOST_SETBACKS)
     else:
-        state[setbacks] = 0.0
+        balance.matrix_setbacks = 0.0
         if iterations == 1:
-            state[shrinks] = min(FORGETTING * state[shrinks], 1.0)
-
-
-PARTS = (begin_step, step_force, newton_matrix, finish_step)
-PARTS_OF_STEP = (PARTS, ANY.gradient, ANY.tangent, ANY.flow, NO_TWIST)
-"""The pieces of one implicit step, for its signature."""
+            balance.matrix_shrinking = min(FORGETTING * balance.matrix_shrinking, 1.0)
 
 
 @piece(
-    *((TRUTH, WHOLE), TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, PARTS_OF_STEP),
-    *(NUMBERS, REAL, REAL, REAL, TRUTH, REAL, TRUTH),
+    *((boolean, int64), CABLE, VECTOR),
+    *(float64, float64, float64, boolean, float64, boolean),
 )
-def implicit_step(
-    shape,
-    model,
-    inputs,
-    state,
-    scratch,
-    pieces,
-    constants,
-    t0,
-    tau,
-    whole,
-    discrete,
-    tolerance,
-    careful,
-):
+def implicit_step(cable, constants, t0, tau, whole, discrete, tolerance, careful):
     """One step in place; returns whether it converged, and the number of iterations. If not, x, w
     and the constraints of the state are restored.
 
@@ -186,27 +809,19 @@ def implicit_step(
     The matrix is reused, across steps too, while the iteration contracts fast (`judge_matrix`). It
     belongs to the state, so that a run continues bitwise identically from a snapshot.
     """
-    _, parts, gradient, tangent, flows, twisting = pieces
-    _, begin_step, step_force, newton_matrix, finish_step = parts
-    _, step_twist, end_twist = twisting
-    ledger = shape[layout.LEDGER]
-    # The generalised-alpha method needs an initial acceleration: its first step is a midpoint step.
+    work, balance = cable.work, cable.state.balance
     dissipates = constants[THETA] != 0.5
-    newmark = dissipates and state[ledger + layout.KNOWN * LANES] > 0.0
+    newmark = dissipates and balance.known > 0.0
     theta, a, c, rate, g = weights(constants, newmark, tau)
     b = a * tau
-    size = shape[layout.N] * shape[layout.DIM]
-    x, start = shifted(state, shape[layout.X]), shifted(scratch, shape[START])
-    change, residual = shifted(scratch, shape[CHANGE]), residual_of(shape, scratch)
-    begin_step(shape, model, inputs, state, scratch, newmark, t0, tau, theta, rate, g)
-    reach = largest(shape, x)  # scale of the round-off of corrections
-    moves = grasps_move(shape, inputs)
-    coupled = shape[layout.TERMS] & layout.BISHOP != 0
+    begin_step(cable, newmark, t0, tau, theta, rate, g)
+    reach = largest(cable, cable.state.x)  # scale of the round-off of corrections
+    moves = grasps_move(cable)
+    coupled = cable.terms & BISHOP != 0
     converged = False
     iterations = 0
     previous = np.inf
-    linearize = not may_keep(shape, state, ledger, a)
-    shrinks = ledger + layout.MATRIX_SHRINKING * LANES
+    linearize = not may_keep(cable, a)
     made = 0  # iteration in which the matrix was factorised, 0: in an earlier step
     slope = 0.0  # |residual . correction| before the last correction
     share = 1.0  # of the last correction that x contains
@@ -214,35 +829,29 @@ def implicit_step(
     known = np.int64(0)  # corrections since the matrix was factorised
     lost, floor = 0.0, 0.0
     # Share of the flow at the configuration at which the forces of the step are evaluated.
-    state[ledger + layout.SLIP * LANES] = 0.5 if discrete else 1.0
+    balance.slip = 0.5 if discrete else 1.0
     while True:
-        lost = step_force(
-            shape, model, inputs, state, scratch, gradient, t0, tau, theta, rate, discrete
-        )
+        lost = step_force(cable, t0, tau, theta, rate, discrete)
         if coupled:
-            anew = iterations == 0
-            lost += step_twist(shape, model, inputs, state, scratch, t0, tau, discrete, anew)
-        inertia = balance(shape, model, state, scratch, a, b, c)
+            lost += step_twist(cable, t0, tau, discrete, iterations == 0)
+        inertia = set_residual(cable, a, b, c)
         if converged or iterations == MAX_ITERATIONS:
             break
         iterations += 1
         if known > 0:
-            last = shifted(scratch, shape[CORRECTIONS] + (known - 1) * (size + 1))
-            along = dot(residual, last, size)
+            along = dot(work.residual, work.corrections[known - 1])
             if not abs(along) <= GROWTH * slope and share > SMALLEST_SHARE:
                 # Overshoot: shorten the last correction and continue with a new matrix.
                 less = share * shortened(slope, along)
-                apply_step(shape, state, scratch, known - 1, less - share, x, change)
+                add_correction(cable, known - 1, less - share)
                 share = less
                 linearize = True
                 continue
         if linearize or known == MOST_CORRECTIONS:
-            if not newton_matrix(
-                shape, model, inputs, state, scratch, tangent, t0, tau, a, theta, rate, discrete
-            ):
+            if not newton_matrix(cable, t0, tau, a, theta, rate, discrete):
                 break
             known, made = np.int64(0), iterations
-        energy, slope, defect, moved = correct(shape, state, scratch, known, x, change)
+        energy, slope, defect, moved = correct(cable, known)
         known += 1
         if not energy < 1e300:
             break
@@ -252,76 +861,60 @@ def implicit_step(
         if share == 1.0 and iterations > 1:
             shrinking = max(np.sqrt(energy / previous), SMALLEST_SHRINKING)
             if iterations == 2:
-                state[shrinks] = shrinking
+                balance.matrix_shrinking = shrinking
         elif made == 0:
-            shrinking = state[shrinks]
+            shrinking = balance.matrix_shrinking
         share = 1.0
         exhausted = moved <= ROUND_OFF * reach or (stalls > 1 and moved <= NOISE * reach)
-        allowed = allowed_error(shape, state, tolerance, inertia)
+        allowed = allowed_error(balance, tolerance, inertia)
         converged = exhausted or min(SAFETY * shrinking, 1.0) * defect <= allowed
         if exhausted:
-            # Corrections are round-off: the energy account cannot be more accurate than this.
+            # Corrections are round-off: the energy balance cannot be more accurate than this.
             floor = RESOLUTION * defect
         # The work of moving grasps needs the forces, and the twist the shape, after the last
         # correction: one more evaluation, unless all is at rest.
         again = moves or coupled
-        if converged and not (again and moving(shape, change, ROUND_OFF * reach)):
+        if converged and not (again and moving(work.change, ROUND_OFF * reach)):
             break
         linearize = energy > SLOW * previous and not converged
         previous = energy
-    judge_matrix(state, ledger, iterations, made)
+    judge_matrix(balance, iterations, made)
     # Newton's method may converge to a cable folded through itself, with the same energy.
     if converged and careful:
-        converged = not turned_over(shape, x, start, change)
+        converged = not turned_over(cable)
     if converged:
-        at = ledger + layout.FLOOR * LANES
-        state[at] = max(state[at], floor)
-        finish_step(
-            shape, model, inputs, state, scratch, end_twist, constants, newmark,
-            t0, tau, whole, lost, dissipates,
-        )  # fmt: skip
-        state[ledger + layout.SLIP * LANES] = 0.5  # the account takes the mean with all methods
-        flow(flows, shape, model, inputs, state, scratch)
+        balance.floor = max(balance.floor, floor)
+        finish_step(cable, constants, newmark, t0, tau, whole, lost, dissipates)
+        balance.slip = 0.5  # the energy balance takes the mean with all methods
+        flow(cable)
     else:
-        undo_step(shape, state, scratch)
-    state[ledger + layout.SLIP * LANES] = 0.0
+        undo_step(cable)
+    balance.slip = 0.0
     return converged, iterations
 
 
+# -- the loop over steps ------------------------------------------------------------------------
+
+
 @part
-def add_numerical_loss(shape, model, state, scratch):
+def add_numerical_loss(cable):
     """Add the numerical dissipation of the method, known from the energy balance after `measure`,
-    to DISSIPATED. Energy that the method adds remains an error."""
-    at, notes = shape[layout.LEDGER], notes_of(shape, scratch)
-    total = notes[0]
-    for k in range(COUNT):
-        total += state[at + (layout.ENERGY + k) * LANES]
-    missing = state[at + layout.ENERGY_START * LANES] + state[at + layout.LOAD_WORK * LANES]
-    missing += state[at + layout.DRIVE_WORK * LANES] - state[at + layout.DISSIPATED * LANES] - total
+    to `dissipated`. Energy that the method adds remains an error.
+    """
+    balance = cable.state.balance
+    missing = balance.energy_start + balance.load_work
+    missing += balance.drive_work - balance.dissipated
+    missing -= with_potentials(cable, cable.work.results.kinetic)
     if missing > 0.0:
-        state[at + layout.DISSIPATED * LANES] += missing
-
-
-@by_terms
-def engine_of(terms: int) -> Engine:
-    """The pieces that `advance_implicit` calls, for a scene with these bits."""
-    _, energies, gradient, tangent, flows = assembly(terms)
-    twisting = NO_TWIST
-    if terms & layout.TWISTED:
-        twisting = TWIST_IN_FRAME if terms & layout.BISHOP else TWIST
-    pieces = PARTS, gradient, tangent, flows, twisting
-    return Engine(energies, implicit_step, pieces, update_account, end_sample)
-
-
-ENGINE = engine_of(0)  # of the type of all others
+        balance.dissipated += missing
 
 
 @piece(
-    *(COUNTS, CABLE, ENGINE, REALS, REALS, TRUTH, REAL, WHOLE, WHOLE, WHOLE, REAL, RECORDS),
+    *(COUNTS, int64, ARRAY, ARRAY, boolean, float64),
+    *(int64, int64, int64, float64, int64),
 )
 def advance_implicit(
-    cable,
-    engine,
+    address,
     constants,
     substeps,
     discrete,
@@ -330,37 +923,38 @@ def advance_implicit(
     first_step,
     steps,
     tau,
-    records,
+    records_address,
 ):
     """Advance by whole steps; returns (status, steps done, Newton iterations).
 
-    `substeps`: lengths of the substeps of a composition method, in units of the step.
-    `halvings` (at most MAX_HALVINGS) is how often a step may be halved. The energy account is
-    updated every step.
+    The energy balance is updated every step.
+
+    Args:
+        constants: of the method, shape (5,) (`weights`). substeps: lengths of the substeps of a
+            composition method, in units of the step. discrete: whether the elastic forces are minus
+            the discrete gradient. tolerance: of the energy, relative to that exchanged so far.
+            halvings: how often a step may be halved, at most MAX_HALVINGS.
     """
-    _, look, implicit_step, pieces, update, end_sample = engine.pieces
-    parts = len(substeps)
-    shape, model, inputs, state, scratch = bared(cable)
-    records = bared_records(records)
-    constants, substeps = bare(constants), bare(substeps)
+    cable, records = cable_at(address), records_at(records_address)
+    coefficients, lengths = grid(constants), grid(substeps)
     iterations = 0
-    budget = max(BUDGET // (shape[layout.N] * shape[layout.DIM]), LEAST_BUDGET)
+    budget = max(BUDGET // (cable.n * cable.dim), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
     for step in range(first_step, first_step + steps):
         t0 = step * tau
         begun = iterations
-        sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
-        for k in range(shape[layout.HELD]):
-            store(state, shape[layout.REACTION] + k * LANES, 0.0)
+        sampling = begin_sample(cable, records, t0, tau)
+        for k in range(cable.rows.count):
+            cable.state.reaction[k] = 0.0
         at = 0.0
-        for k in range(parts):
-            part_t, part_tau = t0 + at * tau, substeps[k] * tau
+        for k in range(len(lengths)):
+            part_t, part_tau = t0 + at * tau, lengths[k] * tau
             # Halve where Newton's method does not converge.
             level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
             while done < whole:
                 one = whole >> level
                 converged, used = implicit_step(
-                    shape, model, inputs, state, scratch, pieces, constants,
+                    cable, coefficients,
                     part_t + part_tau * done / whole, part_tau * one / whole, tau,
                     discrete, tolerance, level < CAREFUL_HALVINGS,
                 )  # fmt: skip
@@ -371,15 +965,60 @@ def advance_implicit(
                     if level > 0 and done % (2 * one) == 0:
                         level -= 1
                 elif level == halvings or iterations - begun > budget:
-                    return layout.NOT_CONVERGED, step - first_step, iterations
+                    return NOT_CONVERGED, step - first_step, iterations
                 else:
                     level += 1
-            at += substeps[k]
-        if constants[THETA] != 0.5:
-            measure(shape, model, state, scratch, look)
-            add_numerical_loss(shape, model, state, scratch)
-        if not update(shape, model, state, scratch, look):
-            return layout.DIVERGED, step - first_step, iterations
+            at += lengths[k]
+        if coefficients[THETA] != 0.5:
+            measure(cable)
+            add_numerical_loss(cable)
+        if not update_account(cable):
+            return DIVERGED, step - first_step, iterations
         if sampling:
-            end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return layout.OK, steps, iterations
+            end_sample(cable, records, t0, tau)
+    return OK, steps, iterations
+
+
+@piece(
+    *(COUNTS, int64, ARRAY, ARRAY, boolean, float64),
+    *(int64, int64, float64, int64),
+    *(types.Array(float64, 3, "C"), NATURAL, ARRAY_2D),
+)
+def advance_along(
+    address,
+    constants,
+    substeps,
+    discrete,
+    tolerance,
+    halvings,
+    first,
+    tau,
+    records_address,
+    motions,
+    natural,
+    turns,
+):
+    """Advance by whole steps with a new motion of the grasps for each, as `advance_implicit`.
+
+    Args:
+        motions: numbers of all grasps in each step, shape (steps, grasps, MOTION_SIZE), as
+            `Inputs.motion`. natural: `State.natural` in the frame of an end effector, shape
+            (blocks, samples, 4, LANES), with no blocks if it does not turn. turns: its rotation
+            matrix in each step, shape (steps, 9) (`works.turn_natural_shape`).
+    """
+    cable, used = cable_at(address), 0
+    motion, ahead = cable.inputs.motion, grid(motions)
+    shape, rotations = grid(natural), grid(turns)
+    steps = ahead.shape[0]
+    for k in range(steps):
+        copy_entries(ahead[k], motion)
+        if len(shape):
+            turn_natural_shape(cable, shape, rotations[k])
+        status, _, iterations = advance_implicit(
+            address, constants, substeps, discrete,
+            tolerance, halvings, first + k, 1, tau, records_address,
+        )  # fmt: skip
+        used += iterations
+        if status != OK:
+            return status, k, used
+    return OK, steps, used

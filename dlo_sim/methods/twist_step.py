@@ -1,318 +1,286 @@
 """The twist line of an implicit step, by the midpoint rule.
 
-Its equations are linear, one symmetric solve, unless there is natural curvature in the material
-frame, for which Newton's method is used. In the Bishop frame twist and shape are coupled:
-`step_twist` solves for the twist at every iterate of the shape and so eliminates it.
+With the twist angle theta0 and its rate v0 at the start of a step of length tau, the moments f of
+loads and of the rotation of the frame, the mass matrix M, the torsional stiffness matrix K and the
+damping matrix C, the change d of theta in the step solves
+    M (2 / tau^2 d - 2 / tau v0) = f - K (theta0 + (1/2 + beta / tau) d) - C d / tau,
+where beta is the internal damping of the twist. Roll springs act with their moment at the end of
+the step. The equations are linear and take one symmetric solve, unless there is natural curvature
+in the material frame, for which Newton's method is used. In the Bishop frame twist and shape are
+coupled: `step_twist` solves for the twist at every iterate of the shape and so eliminates it.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, first, shifted, store
-from dlo_sim.compiling.pieces import NO, NUMBERS, REAL, TABLE, TRUTH, YES, part, piece
-from dlo_sim.engine import layout
-from dlo_sim.engine.bishop import push_by_twist, turn_by_shape
-from dlo_sim.engine.held import row_value
-from dlo_sim.engine.lines import (
-    add_differences,
-    add_product,
-    clear,
-    difference_form,
-    form,
-    gathered,
-    mass_of,
+from numba import boolean, float64
+
+from dlo_sim.compiling.pieces import NO, YES, part, piece
+from dlo_sim.engine.arrays import (
+    BISHOP,
+    CABLE,
+    DAMPED,
+    LINES,
+    MARGIN,
+    MATERIAL,
+    STATIC_TWIST,
+    TWISTED,
 )
+from dlo_sim.engine.bishop import push_by_twist, turn_by_shape
+from dlo_sim.engine.lines import add_differences, add_product, clear, difference_form, form, mass_of
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.natural_curvature import add_natural_stiffness, natural_force
+from dlo_sim.engine.rows import row_value
 from dlo_sim.engine.springs import add_roll_change, add_roll_stiffness, roll_loss, spring_force
-from dlo_sim.engine.tables import line_of, own_of, point_of
-from dlo_sim.methods.implicit_layout import (
-    CHANGE,
-    DAMPING_FORCE,
-    FORCE_OF_HELD,
-    INERTIA,
-    MIDDLE,
-    OLD_DIRECTION,
-    SEEN,
-    START,
-    START_V,
-    TWIST_HELD,
-    TWIST_LATEST,
-    TWIST_MATRIX,
-    TWIST_OWN,
-    TWIST_REST,
-    TWIST_SUM,
-)
 
 REFINEMENTS = 3  # iterative refinements for a cable that is free to spin
-MOST_CORRECTIONS = 8  # Newton corrections with natural curvature in the material frame
-WITHIN = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL, TRUTH, TRUTH
-END = REAL, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, REAL, REAL
-# Corrections end below TURNED, relative to 1 rad plus the angle, or below SHRUNK times the first
+MOST_NEWTON = 8  # Newton corrections with natural curvature in the material frame
+# Corrections end below SETTLED, relative to 1 rad plus the angle, or below SHRUNK times the first
 # correction for an iterate of the shape: while the shape changes the twist need not be exact.
-TURNED, SHRUNK = 1e-8, 0.1
+SETTLED, SHRUNK = 1e-8, 0.1
+WITHIN = float64, CABLE, float64, float64, boolean, boolean
+END = float64, CABLE, float64, float64
 
 
 @part
-def damping_share(shape, model, tau):
-    """Internal damping of the twist, beta / tau. Without inertia, additional damping of half a step
-    turns the midpoint moment into that at the end of the step, where the twist is in equilibrium.
+def damping_share(cable, tau):
+    """Internal damping of the twist, beta / tau [-]. Without inertia, additional damping of half a
+    step turns the midpoint moment into that at the end of the step, where the twist is in
+    equilibrium.
     """
-    share = 0.5 if shape[layout.TERMS] & layout.STATIC_TWIST else 0.0
-    if shape[layout.TERMS] & layout.DAMPED:
-        share += model[shape[layout.BETA] + 2 * LANES] / tau
+    share = 0.5 if cable.terms & STATIC_TWIST else 0.0
+    if cable.terms & DAMPED:
+        share += cable.physics.beta_twist / tau
     return share
 
 
 @part
-def mark_held(shape, held):
-    """held = 1 at control points with prescribed twist, else 0."""
-    n = shape[layout.N]
-    for i in range(n):
-        held[i] = 0.0
-    for k in range(shape[layout.HELD]):
-        if line_of(shape, k) == shape[layout.DIM]:
-            point = point_of(shape, k)
-            held[own_of(shape, point)] = 1.0
+def mark_prescribed(cable, prescribed):
+    """prescribed = 1 at control points whose twist a constraint row prescribes, else 0."""
+    for i in range(cable.n):
+        prescribed[i] = 0.0
+    for k in range(cable.rows.count):
+        if cable.rows.line[k] == cable.dim:
+            prescribed[cable.points.own[cable.rows.point[k]]] = 1.0
 
 
 @part
-def factorize(shape, is_held, matrix):
-    """LDL^T factorisation in place of a matrix given by 4 lower diagonals of n entries each: 1 / D
-    replaces the diagonal, three diagonals of L follow. The inverse pivots of held unknowns are 0,
-    so that `solve` returns 0 for them.
+def fill_matrix(cable, tau, beta, matrix):
+    """matrix = 2 / tau^2 M + (1/2 + beta) K + C / tau + roll springs, `beta` per step.
+
+    Diagonal k below the main one is `matrix[k]`: entry (i + k, i) is at [k, i].
     """
-    n = shape[layout.N]
+    mass, damping, twist = cable.linear.mass[1], cable.linear.damping[1], cable.linear.twist
+    damped = 1.0 / tau if cable.terms & DAMPED else 0.0
+    for k in range(4):
+        for i in range(cable.n - k):
+            c = MARGIN + i
+            value = 2.0 / (tau * tau) * mass[3 + k, c] + (0.5 + beta) * twist[3 + k, c]
+            matrix[k, i] = value + damped * damping[3 + k, c]
+    add_roll_stiffness(cable, matrix)
+
+
+@part
+def factorize(cable, prescribed, matrix):
+    """LDL^T factorisation in place of a matrix given by its lower diagonals (`fill_matrix`): 1 / D
+    replaces diagonal 0, and rows 4, 5, 6 get the three diagonals of L below the main one. The
+    inverse pivots of prescribed unknowns are 0, so that `solve` returns 0 for them.
+    """
     inverse1 = inverse2 = inverse3 = 0.0  # 1 / D of the rows before
     last1 = last2 = before1 = 0.0  # L of the row before, and of the one before that
-    for i in range(n):
-        free = 1.0 - is_held[i]
-        w3 = free * matrix[3 * n + i - 3] if i > 2 else 0.0  # L D
-        w2 = free * matrix[2 * n + i - 2] - w3 * before1 if i > 1 else 0.0
-        w1 = free * matrix[n + i - 1] - w3 * last2 - w2 * last1 if i > 0 else 0.0
+    for i in range(cable.n):
+        free = 1.0 - prescribed[i]
+        w3 = free * matrix[3, i - 3] if i > 2 else 0.0  # L D
+        w2 = free * matrix[2, i - 2] - w3 * before1 if i > 1 else 0.0
+        w1 = free * matrix[1, i - 1] - w3 * last2 - w2 * last1 if i > 0 else 0.0
         l3, l2, l1 = w3 * inverse3, w2 * inverse2, w1 * inverse1
         inverse3, inverse2 = inverse2, inverse1
-        inverse1 = free / (matrix[i] - w3 * l3 - w2 * l2 - w1 * l1)
-        matrix[i], matrix[4 * n + i] = inverse1, l1
-        matrix[5 * n + i], matrix[6 * n + i] = l2, l3
+        inverse1 = free / (matrix[0, i] - w3 * l3 - w2 * l2 - w1 * l1)
+        matrix[0, i], matrix[4, i], matrix[5, i], matrix[6, i] = inverse1, l1, l2, l3
         before1, last1, last2 = last1, l1, l2
 
 
 @part
-def solve(shape, matrix, x):
-    """Forward and back substitution in place; held unknowns become 0."""
-    n = shape[layout.N]
+def solve(cable, matrix, x):
+    """Forward and back substitution in place on a line, with the factors of `factorize`; prescribed
+    unknowns become 0.
+    """
     a = b = c = 0.0
-    for i in range(n):
-        d = x[i] - (matrix[6 * n + i] * a + matrix[5 * n + i] * b) - matrix[4 * n + i] * c
-        x[i] = d
+    for i in range(cable.n):
+        d = x[MARGIN + i] - (matrix[6, i] * a + matrix[5, i] * b) - matrix[4, i] * c
+        x[MARGIN + i] = d
         a, b, c = b, c, d
     a = b = c = 0.0
-    for i in range(n - 1, -1, -1):
-        d = matrix[i] * x[i] - c
-        x[i] = d
-        c, b, a = b + matrix[4 * n + i] * d, a + matrix[5 * n + i] * d, matrix[6 * n + i] * d
+    for i in range(cable.n - 1, -1, -1):
+        d = matrix[0, i] * x[MARGIN + i] - c
+        x[MARGIN + i] = d
+        c, b, a = b + matrix[4, i] * d, a + matrix[5, i] * d, matrix[6, i] * d
 
 
 @part
-def system(shape, model, tau, beta, matrix):
-    """2 / tau^2 M + (1/2 + beta) K + C / tau + roll springs, as lower diagonals."""
-    n, width = shape[layout.N], shape[layout.LINE]
-    damped = 1.0 / tau if shape[layout.TERMS] & layout.DAMPED else 0.0
-    for k in range(4):
-        for i in range(n - k):
-            at = (3 + k) * width + layout.MARGIN + i
-            value = 2.0 / (tau * tau) * model[shape[layout.MASS] + 7 * width + at]
-            value += (0.5 + beta) * model[shape[layout.TWIST] + at]
-            matrix[k * n + i] = value + damped * model[shape[layout.VISCOUS] + 7 * width + at]
-    add_roll_stiffness(shape, model, matrix)
+def take_midpoint_moments(cable, t0, tau):
+    """Replace the applied moments on the twist in `force` and `load` by those at the midpoint."""
+    work, line = cable.work, cable.dim
+    moment = work.damping
+    for d in range(cable.dim):
+        for c in range(cable.columns):
+            work.middle[d, c] = work.start[d, c] + 0.5 * work.change[d, c]
+    clear(moment)
+    load_force(cable, work.middle, t0 + 0.5 * tau, moment)
+    for c in range(cable.columns):
+        work.force[line, c] += moment[line, c] - work.load[line, c]
+        work.load[line, c] = moment[line, c]
 
 
 @part
-def midpoint_moments(shape, model, inputs, scratch, t0, tau):
-    """Replace the applied moments on the twist in FORCE and NEW_LOAD by those at the midpoint."""
-    at, width = shape[layout.DIM] * shape[layout.LINE], shape[layout.LINE]
-    force, load = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[layout.NEW_LOAD])
-    start, change = shifted(scratch, shape[START]), shifted(scratch, shape[CHANGE])
-    middle, moment = shifted(scratch, shape[MIDDLE]), shifted(scratch, shape[DAMPING_FORCE])
-    for k in range(at):
-        middle[k] = start[k] + 0.5 * change[k]
-    clear(shape, moment)
-    load_force(shape, model, inputs, scratch, middle, t0 + 0.5 * tau, moment)
-    for k in range(at, at + width):
-        force[k] += moment[k] - load[k]
-        load[k] = moment[k]
+def correct_twist(cable, begin, end, x, tau, beta, spins, anew):
+    """One Newton correction of the twist line of x and `change`, d, for the residual
+        f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),
+    where f is `force`: loads, rotation of the frame, and damping and springs for the previous d.
+    Adds the remaining moments to `force`, and the change of damping and springs to `twist_own`.
 
+    Args:
+        begin, end: configurations of the discrete gradient of the natural curvature. beta: internal
+            damping per step [-]. spins: whether neither end is prescribed. anew: whether the matrix
+            is to be made; with natural curvature it always is.
 
-@part
-def correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins, anew):
-    """One Newton correction of the twist line of x and CHANGE for the residual
-        f - K (theta0 + (1/2 + beta) d) - M (2 / tau^2 d - 2 / tau v0),   d = CHANGE,
-    where f is FORCE: loads, twist of the frame, and damping and springs for the previous d. Adds
-    the remaining moments to FORCE, and the change of damping and springs to TWIST_OWN. Returns the
-    largest entry of the correction relative to 1 rad plus the angle.
+    Returns:
+        The largest entry of the correction relative to 1 rad plus the angle.
     """
-    own = shifted(scratch, shape[TWIST_OWN])
-    line, width = shape[layout.DIM], shape[layout.LINE]
-    at, natural = line * width, shape[layout.TERMS] & layout.MATERIAL != 0
-    force, start = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[START])
-    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    mass, viscous, a = (
-        shape[layout.MASS] + 7 * width,
-        shape[layout.VISCOUS] + 7 * width,
-        2.0 / (tau * tau),
-    )
-    matrix = shifted(scratch, shape[TWIST_MATRIX])
+    work, line = cable.work, cable.dim
+    natural, damped = cable.terms & MATERIAL != 0, cable.terms & DAMPED != 0
+    mass, damping, twist = mass_of(cable, line), cable.linear.damping[1], cable.linear.twist
+    matrix, a = work.twist_matrix, 2.0 / (tau * tau)
     if anew or natural:
-        system(shape, model, tau, beta, matrix)
+        fill_matrix(cable, tau, beta, matrix)
         if natural:
-            natural_force(shape, model, state, begin, end, YES, NO, force)
-            add_natural_stiffness(shape, model, state, begin, end, matrix)
-        factorize(shape, shifted(scratch, shape[TWIST_HELD]), matrix)
-    latest, rest = shifted(scratch, shape[TWIST_LATEST]), shifted(scratch, shape[TWIST_REST])
-    sum_ = shifted(scratch, shape[TWIST_SUM])
-    add_differences(shape, model, shape[layout.TWIST], line, -1.0, start, force)
-    for k in range(at, at + width):
-        rest[k] = force[k]
-        sum_[k] = 0.0
-    add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, rest)
-    add_product(shape, model, mass, line, -a, change, rest)
-    add_product(shape, model, mass, line, 2.0 / tau, speed, rest)
+            natural_force(cable, begin, end, YES, NO, work.force)
+            add_natural_stiffness(cable, begin, end, matrix)
+        factorize(cable, work.twist_held, matrix)
+    theta, change, force = x[line], work.change[line], work.force[line]
+    latest, rest, sum_ = work.twist_latest[line], work.twist_rest[line], work.twist_sum[line]
+    add_differences(twist, -1.0, work.start[line], force)
+    for c in range(cable.columns):
+        rest[c] = force[c]
+        sum_[c] = 0.0
+    add_differences(twist, -0.5 - beta, change, rest)
+    add_product(mass, -a, change, rest)
+    add_product(mass, 2.0 / tau, work.start_v[line], rest)
     # In the factors the inertia of a rigid spin is lost to round-off beside a large stiffness. The
     # residual is exact, as its differences vanish for a spin: iterative refinement corrects it.
     for _ in range(1 + REFINEMENTS if spins else 1):
-        for k in range(at, at + width):
-            latest[k] = rest[k]
-        solve(shape, matrix, shifted(latest, at + layout.MARGIN))
-        for k in range(at, at + width):
-            sum_[k] += latest[k]
-        add_product(shape, model, mass, line, -a, latest, rest)
-        add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, latest, rest)
-        add_roll_change(shape, model, latest, rest)
-        if shape[layout.TERMS] & layout.DAMPED:
-            add_product(shape, model, viscous, line, -1.0 / tau, latest, rest)
+        for c in range(cable.columns):
+            latest[c] = rest[c]
+        solve(cable, matrix, latest)
+        for c in range(cable.columns):
+            sum_[c] += latest[c]
+        add_product(mass, -a, latest, rest)
+        add_differences(twist, -0.5 - beta, latest, rest)
+        add_roll_change(cable, work.twist_latest, work.twist_rest)
+        if damped:
+            add_product(damping, -1.0 / tau, latest, rest)
     moved = 0.0
-    for k in range(at, at + width):
-        x[k] += sum_[k]
-        change[k] += sum_[k]
-        moved = max(moved, abs(sum_[k]) / (1.0 + abs(x[k])))
-    add_differences(shape, model, shape[layout.TWIST], line, -0.5 - beta, change, force)
-    add_roll_change(shape, model, sum_, force)
-    add_roll_change(shape, model, sum_, own)
-    if shape[layout.TERMS] & layout.DAMPED:
-        add_product(shape, model, viscous, line, -1.0 / tau, sum_, force)
-        add_product(shape, model, viscous, line, -1.0 / tau, sum_, own)
+    for c in range(cable.columns):
+        theta[c] += sum_[c]
+        change[c] += sum_[c]
+        moved = max(moved, abs(sum_[c]) / (1.0 + abs(theta[c])))
+    add_differences(twist, -0.5 - beta, change, force)
+    add_roll_change(cable, work.twist_sum, work.force)
+    add_roll_change(cable, work.twist_sum, work.twist_own)
+    if damped:
+        add_product(damping, -1.0 / tau, sum_, force)
+        add_product(damping, -1.0 / tau, sum_, work.twist_own[line])
     return moved
 
 
-@part
-def solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau, anew):
-    """Solve for the twist line at the end of the step from t0. Returns the energy [J] dissipated in
-    it, less that of the external damping in the initial CHANGE, which `step_force` counted.
+@piece(float64, CABLE, LINES, LINES, LINES, float64, float64, boolean, terms=TWISTED)
+def solve_twist(cable, begin, end, x, t0, tau, anew):
+    """Solve for the twist line at the end of the step from t0.
 
-    On entry CHANGE has the prescribed part and FORCE the forces at the new shape; the twist lines
-    of x, CHANGE, FORCE and NEW_LOAD are completed. `begin`, `end`: configurations of the discrete
-    gradient of the natural curvature. `anew`: for the first time in this step; without natural
-    curvature the matrix stays that of the first time.
+    On entry `change` has the prescribed part and `force` the forces at the new shape; the twist
+    lines of x, `change`, `force` and `load` are completed.
+
+    Args:
+        begin, end: configurations of the discrete gradient of the natural curvature. anew: whether
+            this is the first time in this step; without natural curvature the matrix stays that of
+            the first time.
+
+    Returns:
+        The energy [J] dissipated in the twist, less that of the external damping in the initial
+        `change`, which `implicit.step_force` counted.
     """
-    line, width = shape[layout.DIM], shape[layout.LINE]
-    at, natural = line * width, shape[layout.TERMS] & layout.MATERIAL != 0
-    damped = shape[layout.TERMS] & layout.DAMPED != 0
-    force, change = shifted(scratch, shape[layout.FORCE]), shifted(scratch, shape[CHANGE])
-    own, middle = shifted(scratch, shape[TWIST_OWN]), shifted(scratch, shape[MIDDLE])
-    if shape[layout.LOADS]:
-        midpoint_moments(shape, model, inputs, scratch, t0, tau)
-    beta = damping_share(shape, model, tau)
-    held = shifted(scratch, shape[TWIST_HELD])
+    work, line = cable.work, cable.dim
+    natural, damped = cable.terms & MATERIAL != 0, cable.terms & DAMPED != 0
+    force, change, own = work.force[line], work.change[line], work.twist_own[line]
+    damping = cable.linear.damping[1]
+    if cable.loads.count:
+        take_midpoint_moments(cable, t0, tau)
+    beta = damping_share(cable, tau)
     if anew:
-        mark_held(shape, held)
-    spins = held[0] + held[shape[layout.N] - 1] == 0.0
-    viscous, lost = shape[layout.VISCOUS] + 7 * width, 0.0
+        mark_prescribed(cable, work.twist_held)
+    spins = work.twist_held[0] + work.twist_held[cable.n - 1] == 0.0
+    lost = 0.0
     if damped:
-        lost = -first(gathered(shape, form(shape, model, viscous, line, change))) / tau
-    spring_force(shape, model, state, x, 1.0, YES, force)
-    for k in range(at, at + width):
-        own[k] = force[k]
-    tolerance = TURNED
-    for correction in range(MOST_CORRECTIONS if natural else 1):
-        for k in range(at, at + width):
-            force[k] = own[k]
-        moved = correct_twist(shape, model, state, scratch, begin, end, x, tau, beta, spins, anew)
-        for k in range(at, at + width):
-            middle[k] = scratch[shape[START] + k] + 0.5 * change[k]
+        lost = -form(damping, change) / tau
+    spring_force(cable, x, 1.0, YES, work.force)
+    for c in range(cable.columns):
+        own[c] = force[c]
+    tolerance = SETTLED
+    for correction in range(MOST_NEWTON if natural else 1):
+        for c in range(cable.columns):
+            force[c] = own[c]
+        moved = correct_twist(cable, begin, end, x, tau, beta, spins, anew)
+        for c in range(cable.columns):
+            work.middle[line, c] = work.start[line, c] + 0.5 * change[c]
         if moved < tolerance:
             break
         if correction == 0:
-            tolerance = max(TURNED, SHRUNK * moved)
-    lost += roll_loss(shape, model, state, change)[0]
+            tolerance = max(SETTLED, SHRUNK * moved)
+    lost += roll_loss(cable, work.change)[0]
     if damped:
-        lost += first(gathered(shape, form(shape, model, viscous, line, change))) / tau
+        lost += form(damping, change) / tau
     if beta > 0.0:
-        twisted = difference_form(shape, model, shape[layout.TWIST], line, change)
-        lost += beta * first(gathered(shape, twisted))
+        lost += beta * difference_form(cable.linear.twist, change)
     return lost
 
 
-@piece(*WITHIN)
-def step_twist(shape, model, inputs, state, scratch, t0, tau, discrete, anew):
+@piece(*WITHIN, terms=BISHOP)
+def step_twist(cable, t0, tau, discrete, anew):
     """`solve_twist` in the Bishop frame of the present iterate of the shape, then add the forces of
-    the twist on the centreline to FORCE. Returns the energy dissipated [J].
+    the twist on the centreline to `force`. Returns the energy dissipated [J].
     """
-    x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
-    begin, end = shifted(scratch, shape[START]), x
-    if not discrete:
-        begin = end = shifted(scratch, shape[MIDDLE])
-    viscous = damping_share(shape, model, tau)
-    rows = shifted(scratch, shape[layout.FRAME_SPARE] + shape[layout.LINE])
-    turn_by_shape(shape, model, state, begin, end, viscous, discrete, rows, force)
-    lost = solve_twist(shape, model, inputs, state, scratch, begin, end, x, t0, tau, anew)
-    taken = push_by_twist(shape, model, begin, end, viscous, rows, force)
-    if shape[layout.TERMS] & layout.MATERIAL:
-        natural_force(shape, model, state, begin, end, NO, YES, force)
-    return lost + first(gathered(shape, taken))
+    x, force = cable.state.x, cable.work.force
+    begin, end = (cable.work.start, x) if discrete else (cable.work.middle, cable.work.middle)
+    viscous = damping_share(cable, tau)
+    turn_by_shape(cable, begin, end, viscous, discrete, force)
+    lost = solve_twist(cable, begin, end, x, t0, tau, anew)
+    lost += push_by_twist(cable, begin, end, viscous, force)
+    if cable.terms & MATERIAL:
+        natural_force(cable, begin, end, NO, YES, force)
+    return lost
 
 
 @part
-def twist_reactions(shape, model, scratch, tau):
-    """FORCE_OF_HELD of the twist rows: the reactions, from their momentum balance."""
-    line, dim = shape[layout.DIM], shape[layout.DIM]
-    at = line * shape[layout.LINE]
-    row, push = shifted(scratch, shape[SEEN]), shifted(scratch, shape[INERTIA])
-    change, speed = shifted(scratch, shape[CHANGE]), shifted(scratch, shape[START_V])
-    force = shifted(scratch, shape[layout.FORCE])
-    for k in range(at, at + shape[layout.LINE]):
-        row[k] = 2.0 / tau * (change[k] / tau - speed[k])
-        push[k] = -force[k]
-    add_product(shape, model, mass_of(shape, line), line, 1.0, row, push)
-    for k in range(shape[layout.HELD]):
-        if line_of(shape, k) == dim:
-            f = row_value(shape, model, k, scratch, shape[OLD_DIRECTION], push)
-            store(scratch, shape[FORCE_OF_HELD] + k * LANES, f)
+def take_twist_reactions(cable, tau):
+    """row_force of the rows that prescribe the twist: the reactions, from the momentum balance."""
+    work, line = cable.work, cable.dim
+    rate, push = work.seen[line], work.inertia[line]
+    for c in range(cable.columns):
+        rate[c] = 2.0 / tau * (work.change[line, c] / tau - work.start_v[line, c])
+        push[c] = -work.force[line, c]
+    add_product(mass_of(cable, line), 1.0, rate, push)
+    for k in range(cable.rows.count):
+        if cable.rows.line[k] == line:
+            work.row_force[k] = row_value(cable, k, work.old_direction, work.inertia)
 
 
-@piece(*END)
-def end_twist(shape, model, inputs, state, scratch, t0, tau):
-    """The twist, unless `step_twist` solved for it, and its reactions. Returns the energy lost."""
+@piece(*END, terms=TWISTED)
+def end_twist(cable, t0, tau):
+    """Solve for the twist, unless `step_twist` has done so, and for its reactions. Returns the
+    energy dissipated [J].
+    """
     lost = 0.0
-    if not shape[layout.TERMS] & layout.BISHOP:
-        x = shifted(state, shape[layout.X])
-        lost = solve_twist(shape, model, inputs, state, scratch, x, x, x, t0, tau, YES)
-    twist_reactions(shape, model, scratch, tau)
+    if not cable.terms & BISHOP:
+        x = cable.state.x
+        lost = solve_twist(cable, x, x, x, t0, tau, YES)
+    take_twist_reactions(cable, tau)
     return lost
-
-
-@piece(*WITHIN)
-def no_step_twist(shape, model, inputs, state, scratch, t0, tau, discrete, anew):
-    """Nothing."""
-    return 0.0
-
-
-@piece(*END)
-def no_end_twist(shape, model, inputs, state, scratch, t0, tau):
-    """Nothing."""
-    return 0.0
-
-
-NO_TWIST = no_step_twist, no_end_twist
-TWIST = no_step_twist, end_twist
-TWIST_IN_FRAME = step_twist, end_twist
-"""Functions for the iteration and the end of a step: without theta, with it, in a Bishop frame."""

@@ -1,115 +1,113 @@
 """Work of loads and grasps between evaluations of the forces, by the trapezoidal rule; work of a
-grasp that turns the natural shape of one cable, by the change of energy.
+grasp that turns the natural shape, by the change of energy.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, shifted, zero
-from dlo_sim.compiling.pieces import NOTHING, NUMBERS, REAL, TABLE, part, piece
-from dlo_sim.engine import layout
-from dlo_sim.engine.account import COUNT, add_to_ledger, measure, set_ledger
-from dlo_sim.engine.assembly import ANY, all_forces
-from dlo_sim.engine.held import grasps_move, project
-from dlo_sim.engine.held_motion import clear_moved, pulled
-from dlo_sim.engine.lines import add, clear, copy, gathered, solve_mass
+from numba import float64, types, void
+
+from dlo_sim.compiling.groups import load
+from dlo_sim.compiling.lanes import LANES, lane_sum, zero
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.account import measure, with_potentials
+from dlo_sim.engine.arrays import CABLE
+from dlo_sim.engine.assembly import all_forces
+from dlo_sim.engine.lines import add, clear, copy, solve_mass
 from dlo_sim.engine.loads import load_force
+from dlo_sim.engine.rows import clear_moved, grasps_move, project, pulled
 from dlo_sim.engine.springs import accept_anchors, anchor_work
 
+NATURAL = types.Array(float64, 4, "C")  # values for `state.natural` that Python passes
+
 
 @part
-def has_work(shape, inputs):
+def has_work(cable):
     """Whether loads or moving grasps do work on the cable."""
-    return shape[layout.LOADS] > 0 or grasps_move(shape, inputs)
+    return cable.loads.count > 0 or grasps_move(cable)
 
 
 @part
-def force_work(shape, force, x, before):
-    """force . (x - before), a row."""
+def force_work(force, x, before):
+    """force . (x - before) over all lines [J]."""
     sum_ = zero()
-    for at in range(0, shape[layout.SIZE], LANES):
-        sum_ += load(force, at) * (load(x, at) - load(before, at))
-    return gathered(shape, sum_)
+    for line in range(x.shape[0]):
+        for c in range(0, x.shape[1], LANES):
+            sum_ += load(force, line, c) * (load(x, line, c) - load(before, line, c))
+    return lane_sum(sum_)
 
 
-@piece(NOTHING, TABLE, NUMBERS, NUMBERS, NUMBERS, NUMBERS, ANY.forces, REAL)
-def evaluate(shape, model, inputs, state, scratch, forces, t):
-    """FORCE = P M^-1 f at the present configuration; the work up to it goes into the ledger."""
-    x, force = shifted(state, shape[layout.X]), shifted(scratch, shape[layout.FORCE])
-    loaded, before = shifted(state, shape[layout.LOADED]), shifted(state, shape[layout.BOOKED])
-    is_booked = state[shape[layout.LEDGER] + layout.IS_BOOKED * LANES] != 0.0
-    works = has_work(shape, inputs)
-    all_forces(forces, shape, model, state, x, force)
-    if shape[layout.LOADS]:
-        new = shifted(scratch, shape[layout.NEW_LOAD])
-        clear(shape, new)
-        load_force(shape, model, inputs, scratch, x, t, new)
-        add(shape, 1.0, new, force)
-        if is_booked:
-            done = force_work(shape, new, x, before) + force_work(shape, loaded, x, before)
-            add_to_ledger(shape, state, layout.LOAD_WORK, 0.5 * done)
-        copy(shape, new, loaded)
-    solve_mass(shape, model, force)
-    half = zero()
-    if works and is_booked:
-        half = pulled(shape, state, state, shape[layout.MOVED])
-    if shape[layout.HELD]:
-        project(shape, model, state, scratch, force, state, shape[layout.PULL])
-    if works:
-        if is_booked:
-            done = -0.5 * (half + pulled(shape, state, state, shape[layout.MOVED]))
-            if shape[layout.SPRINGS]:
-                done += anchor_work(shape, model, state, before, x)
-            add_to_ledger(shape, state, layout.DRIVE_WORK, done)
-        reset_work(shape, state, x, before)
-
-
-@part
-def potential(shape, model, state, scratch, look):
-    """Potential energy [J] of the present state of one cable, from `measure`."""
-    measure(shape, model, state, scratch, look)
-    total = 0.0
-    for k in range(COUNT):
-        total += state[shape[layout.LEDGER] + (layout.ENERGY + k) * LANES]
-    return total
-
-
-@part
-def turn_natural_shape(shape, model, state, scratch, look, rows, turns, at):
-    """NATURAL = `rows`, with each vector rotated by the 3 x 3 matrix at offset `at` of `turns`; the
-    change of energy is work of the grasps.
+@piece(void, CABLE, float64)
+def evaluate(cable, t):
+    """Compute `work.force` = P M^-1 f at the present configuration, and add the work up to it to
+    the energy balance.
     """
-    before = potential(shape, model, state, scratch, look)
-    for start in range(0, len(rows), layout.NATURAL_ROWS * LANES):
-        for lane in range(start, start + LANES):
-            x, y, z = rows[lane], rows[lane + LANES], rows[lane + 2 * LANES]
+    state, work, balance = cable.state, cable.work, cable.state.balance
+    x, counted = state.x, state.counted
+    is_counted = balance.is_counted != 0.0
+    works = has_work(cable)
+    all_forces(cable, x, work.force)
+    if cable.loads.count:
+        clear(work.load)
+        load_force(cable, x, t, work.load)
+        add(1.0, work.load, work.force)
+        if is_counted:
+            done = force_work(work.load, x, counted) + force_work(state.loaded, x, counted)
+            balance.load_work += 0.5 * done
+        copy(work.load, state.loaded)
+    solve_mass(cable, work.force)
+    half = 0.0
+    if works and is_counted:
+        half = pulled(cable, state.moved)
+    if cable.rows.count:
+        project(cable, work.force, state.pull)
+    if works:
+        if is_counted:
+            done = -0.5 * (half + pulled(cable, state.moved))
+            if cable.springs.count:
+                done += anchor_work(cable, counted, x)
+            balance.drive_work += done
+        reset_work(cable)
+
+
+@part
+def reset_work(cable):
+    """Note that the energy balance contains all work up to the present configuration."""
+    copy(cable.state.x, cable.state.counted)
+    clear_moved(cable)
+    accept_anchors(cable)
+    cable.state.balance.is_counted = 1.0
+    cable.state.balance.pending = 0.0
+
+
+@part
+def estimate_pending_work(cable):
+    """Set `balance.pending` to the work since the last evaluation, with the forces of that
+    evaluation: for steps that end in a drift.
+    """
+    if has_work(cable):
+        state = cable.state
+        done = -pulled(cable, state.moved)
+        if cable.loads.count:
+            done += force_work(state.loaded, state.x, state.counted)
+        if cable.springs.count:
+            done += anchor_work(cable, state.counted, state.x)
+        state.balance.pending = done
+
+
+@part
+def turn_natural_shape(cable, rows, turn):
+    """Set `state.natural` to `rows` (blocks, samples, 4, LANES), with each curvature vector rotated
+    by the 3 x 3 matrix `turn` (9,); the change of energy is work of the grasps.
+    """
+    natural = cable.state.natural
+    measure(cable)
+    before = with_potentials(cable, 0.0)
+    for b in range(natural.shape[0]):
+        for j in range(natural.shape[1]):
+            x, y, z = load(rows[b, j, 0], 0), load(rows[b, j, 1], 0), load(rows[b, j, 2], 0)
             for d in range(3):
-                turned = turns[at + 3 * d] * x + turns[at + 3 * d + 1] * y
-                to = shape[layout.NATURAL] + lane + d * LANES
-                state[to] = turned + turns[at + 3 * d + 2] * z
-            to = shape[layout.NATURAL] + lane + 3 * LANES
-            state[to] = rows[lane + 3 * LANES]
-    done = potential(shape, model, state, scratch, look) - before
-    state[shape[layout.LEDGER] + layout.DRIVE_WORK * LANES] += done
-
-
-@part
-def reset_work(shape, state, x, before):
-    """Mark the ledger as containing all work up to the present configuration."""
-    copy(shape, x, before)
-    clear_moved(shape, state)
-    accept_anchors(shape, state)
-    set_ledger(shape, state, layout.IS_BOOKED, 1.0)
-    set_ledger(shape, state, layout.PENDING, 0.0)
-
-
-@part
-def estimate_pending_work(shape, model, inputs, state):
-    """PENDING = work since the last evaluation, with its forces: for steps ending in a drift."""
-    if has_work(shape, inputs):
-        x, before = shifted(state, shape[layout.X]), shifted(state, shape[layout.BOOKED])
-        done = -pulled(shape, state, state, shape[layout.MOVED])
-        if shape[layout.LOADS]:
-            done += force_work(shape, shifted(state, shape[layout.LOADED]), x, before)
-        if shape[layout.SPRINGS]:
-            done += anchor_work(shape, model, state, before, x)
-        set_ledger(shape, state, layout.PENDING, done)
+                value = turn[3 * d] * x + turn[3 * d + 1] * y + turn[3 * d + 2] * z
+                natural[b, j, d] = value
+            natural[b, j, 3] = load(rows[b, j, 3], 0)
+    measure(cable)
+    cable.state.balance.drive_work += with_potentials(cable, 0.0) - before

@@ -1,88 +1,81 @@
 """The time loop of Zhai's explicit two-step method (`core.zhai`).
 
 One force evaluation per step. The acceleration of the previous step is part of the state; the first
-step uses the present one instead. Held rows drift as in `engine.held`; the accelerations are
+step uses the present one instead. Constraint rows drift as in `engine.rows`; the accelerations are
 projected with the directions at the end of the step.
 """
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import LANES, load, shifted, store
-from dlo_sim.compiling.pieces import COUNTS, REAL, WHOLE, part, piece
-from dlo_sim.engine import layout
-from dlo_sim.engine.account import set_ledger
+from numba import float64, int64
+
+from dlo_sim.compiling.groups import load, store
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.compiling.pieces import COUNTS, part, piece
+from dlo_sim.engine.account import update_account
+from dlo_sim.engine.arrays import DIVERGED, OK, cable_at, records_at
 from dlo_sim.engine.assembly import flow
-from dlo_sim.engine.bundles import CABLE, RECORDS, bared, bared_records
-from dlo_sim.engine.held import grasps_move, project
 from dlo_sim.engine.lines import add
-from dlo_sim.engine.sampling import begin_sample
+from dlo_sim.engine.rows import carry, grasps_move, project
+from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.engine.springs import move_anchors
-from dlo_sim.methods.explicit_layout import MEAN
 from dlo_sim.methods.runge_kutta import add_damping_loss, add_decay
-from dlo_sim.methods.splitting import ENGINE
+from dlo_sim.methods.works import evaluate
 
 
 @part
-def accelerate(shape, model, inputs, state, scratch, evaluate, forces, t):
-    """FORCE = P M^-1 f - decay w; adds the work to the ledger."""
-    evaluate(shape, model, inputs, state, scratch, forces, t)
-    add_decay(shape, model, state, shifted(scratch, shape[layout.FORCE]))
+def accelerate(cable, t):
+    """`work.force` = P M^-1 f - decay w; adds the work to the energy balance."""
+    evaluate(cable, t)
+    add_decay(cable, cable.work.force)
 
 
 @part
-def two_step(shape, model, inputs, state, scratch, carry, psi, phi, t, tau):
+def two_step(cable, psi, phi, t, tau):
     """Advance x and w to time t, the end of the step; the present acceleration becomes the previous
     one.
     """
-    x, w, mean = (
-        shifted(state, shape[layout.X]),
-        shifted(state, shape[layout.W]),
-        shifted(scratch, shape[MEAN]),
-    )
-    force, before = (
-        shifted(scratch, shape[layout.FORCE]),
-        shifted(state, shape[layout.HISTORY] + 2 * shape[layout.SIZE]),
-    )
-    known = state[shape[layout.LEDGER] + layout.KNOWN * LANES] != 0.0
-    for at in range(0, shape[layout.SIZE], LANES):
-        a, v = load(force, at), load(w, at)
-        b = load(before, at) if known else a
-        store(mean, at, v + tau * ((0.5 + psi) * a - psi * b))
-        store(w, at, tau * ((0.5 + phi - psi) * a - (phi - psi) * b))
-        store(before, at, a)
-    set_ledger(shape, state, layout.KNOWN, 1.0)
-    carry(shape, model, inputs, state, scratch, x, mean, t, tau)
-    move_anchors(shape, model, inputs, state, t)
-    if grasps_move(shape, inputs):
-        project(shape, model, state, scratch, w, scratch, shape[layout.SYSTEM])
-        project(shape, model, state, scratch, before, scratch, shape[layout.SYSTEM])
-    add(shape, 1.0, mean, w)
+    state, work = cable.state, cable.work
+    w, before, mean = state.w, state.acceleration, work.mean_rate
+    known = state.balance.known != 0.0
+    for line in range(cable.lines):
+        for c in range(0, cable.columns, LANES):
+            a, v = load(work.force, line, c), load(w, line, c)
+            b = load(before, line, c) if known else a
+            store(mean, line, c, v + tau * ((0.5 + psi) * a - psi * b))
+            store(w, line, c, tau * ((0.5 + phi - psi) * a - (phi - psi) * b))
+            store(before, line, c, a)
+    state.balance.known = 1.0
+    carry(cable, state.x, mean, t, tau)
+    move_anchors(cable, t)
+    if grasps_move(cable):
+        project(cable, w, work.multipliers)
+        project(cable, before, work.multipliers)
+    add(1.0, mean, w)
 
 
-@piece(COUNTS, CABLE, ENGINE, REAL, REAL, WHOLE, WHOLE, REAL, WHOLE, RECORDS)
-def advance_zhai(cable, engine, psi, phi, first_step, steps, tau, guard, records):
+@piece(COUNTS, int64, float64, float64, int64, int64, float64, int64, int64)
+def advance_zhai(address, psi, phi, first_step, steps, tau, guard, records_address):
     """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
     `advance_splitting` does.
     """
-    _, forces, look, flows, carry, evaluate, update, end_sample = engine.pieces
-    shape, model, inputs, state, scratch = bared(cable)
-    records = bared_records(records)
+    cable, records = cable_at(address), records_at(records_address)
     evaluations = 0
-    fresh = False  # FORCE holds w' of the present state
+    fresh = False  # `work.force` holds w' of the present state
     for step in range(first_step, first_step + steps):
         t0, t1 = step * tau, (step + 1) * tau
-        sampling = begin_sample(shape, model, inputs, state, scratch, records, t0, tau)
+        sampling = begin_sample(cable, records, t0, tau)
         if not fresh:
-            accelerate(shape, model, inputs, state, scratch, evaluate, forces, t0)
+            accelerate(cable, t0)
             evaluations += 1
-        add_damping_loss(shape, model, state, 0.5 * tau)
-        two_step(shape, model, inputs, state, scratch, carry, psi, phi, t1, tau)
-        add_damping_loss(shape, model, state, 0.5 * tau)
-        accelerate(shape, model, inputs, state, scratch, evaluate, forces, t1)
+        add_damping_loss(cable, 0.5 * tau)
+        two_step(cable, psi, phi, t1, tau)
+        add_damping_loss(cable, 0.5 * tau)
+        accelerate(cable, t1)
         evaluations += 1
-        fresh = not flow(flows, shape, model, inputs, state, scratch)
-        if (step + 1) % guard == 0 and not update(shape, model, state, scratch, look):
-            return layout.DIVERGED, step - first_step, evaluations
+        fresh = not flow(cable)
+        if (step + 1) % guard == 0 and not update_account(cable):
+            return DIVERGED, step - first_step, evaluations
         if sampling:
-            end_sample(shape, model, inputs, state, scratch, look, update, records, t0, tau)
-    return layout.OK, steps, evaluations
+            end_sample(cable, records, t0, tau)
+    return OK, steps, evaluations

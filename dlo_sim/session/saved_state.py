@@ -141,14 +141,14 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         geometries[name] = Geometry(**shaped, u=None if u is None else number("u", u))
     taken = (replace(g, taken=geometries[g.name].u is not None) for g in scene.grasps)
     scene = replace(scene, grasps=tuple(taken))
-    sizes = build_model(scene, needs, geometries).sizes
+    of_inputs, of_state = build_model(scene, needs, geometries).rooms
     return Snapshot(
         scene,
         count("steps", head["steps"]),
         number("remainder", head["remainder"]),
         needs,
-        numbers("state", state, (sizes["state"],)),
-        numbers("inputs", inputs, (sizes["inputs"],)),
+        numbers("state", state, (of_state,)),
+        numbers("inputs", inputs, (of_inputs,)),
         geometries,
         numbers("origin", head["origin"], (3,)),
     )

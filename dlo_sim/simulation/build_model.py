@@ -1,28 +1,20 @@
-"""A scene turned into the constant arrays of its cable (`engine.layout`)."""
+"""A scene turned into the constant arrays of its cables (`engine.arrays`)."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import bspline, mass, quadrature
 from dlo_sim.core.constant_length import constraint_gram
-from dlo_sim.engine import layout
-from dlo_sim.methods.explicit_layout import CONSTRAINTS
+from dlo_sim.engine import arrays as bits
+from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
-from dlo_sim.simulation.arrays import (
-    Counts,
-    aligned_zeros,
-    line_view,
-    new_shape,
-    rooms,
-    to_blocks,
-)
+from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.geometry import Geometries, stiffening
-from dlo_sim.simulation.holding import Holding, holding_of
+from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.resolution import knot_grading
 
@@ -35,7 +27,7 @@ def build_model(
     geometries: Geometries,
     origin: NDArray[np.float64] | None = None,
 ) -> Model:
-    """Constant arrays of a scene held where `geometries` says.
+    """Constants of a scene held where `geometries` says.
 
     Args:
         scene: `resolution.resolved`.
@@ -46,28 +38,28 @@ def build_model(
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = needs.bend and (needs.plasticity or scene.cable.shaped)
-    counts = Counts(
+    sizes = sizes_of(
         terms=_terms(scene, needs, curved),
         dim=len(axes),
-        lines=len(axes) + twist,
+        twist=twist,
         n=n,
         samples=rule.xi.shape[1],
         points=len(holding.points),
-        held=len(holding.rows),
+        rows=len(holding.rows),
+        border=holding.border,
         springs=len(holding.springs),
         grasps=len(geometries),
         loads=len(scene.loads) if needs.loads else 0,
         planes=len(scene.obstacles) * needs.contact,
-        border=holding.border,
         constraints=n - 1 if inextensible(scene) else 0,
     )
-    shape, sizes = new_shape(counts, axes, _tables(scene, holding, knots, counts.loads))
+    arrays = CableArrays(sizes, inputs=None, state=None, work=None)
+    arrays.axes[: len(axes)] = axes
     rest = np.array(geometries["start"].attachment)
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
-    arrays = shape, aligned_zeros(sizes["model"]), sizes, counts
     origin = np.zeros(3) if origin is None else origin
-    model = Model(*arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest, origin)
+    model = Model(arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest, origin)
     _Filling(scene, needs, model).fill()
     return model
 
@@ -81,22 +73,22 @@ SELECTIVE = 3e-3  # of mu h^6 integral b''' b'''
 def _terms(scene: Scene, needs: Needs, curved: bool) -> int:
     by_span = scene.discretization.stretch_by_span
     present = {
-        layout.STRETCH: needs.stretch and not by_span,
-        layout.SPAN_STRETCH: needs.stretch and by_span,
-        layout.GUARDED: needs.stretch,
-        layout.BEND: needs.bend,
-        layout.CURVED: curved,
-        layout.TWISTED: needs.twist,
-        layout.TORSION: needs.frenet,
-        layout.PLASTICITY: needs.plasticity,
-        layout.GRAVITY: needs.gravity,
-        layout.DAMPED: needs.damping,
-        layout.BISHOP: needs.bishop,
-        layout.CONTACT: needs.contact,
-        layout.STATIC_TWIST: needs.quasistatic,
-        layout.DRAG: scene.drag_across > 0.0,
-        layout.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
-        layout.MATERIAL: curved and needs.bishop,
+        bits.STRETCH: needs.stretch and not by_span,
+        bits.SPAN_STRETCH: needs.stretch and by_span,
+        bits.GUARDED: needs.stretch,
+        bits.BEND: needs.bend,
+        bits.CURVED: curved,
+        bits.TWISTED: needs.twist,
+        bits.TORSION: needs.frenet,
+        bits.PLASTICITY: needs.plasticity,
+        bits.GRAVITY: needs.gravity,
+        bits.DAMPED: needs.damping,
+        bits.BISHOP: needs.bishop,
+        bits.CONTACT: needs.contact,
+        bits.STATIC_TWIST: needs.quasistatic,
+        bits.DRAG: scene.drag_across > 0.0,
+        bits.THINNED: needs.bend and scene.damping.thinning * scene.damping.internal[1] > 0.0,
+        bits.MATERIAL: curved and needs.bishop,
     }
     return sum(bit for bit, there in present.items() if there)
 
@@ -117,30 +109,15 @@ def _quadrature(scene: Scene, knots: Array) -> quadrature.Quadrature:
     return rule
 
 
-def _tables(
-    scene: Scene, holding: Holding, knots: Array, loads: int
-) -> dict[int, list[tuple[int, ...]]]:
-    u = np.array([load.position for load in scene.loads[:loads]]) * scene.cable.length
-    return {
-        layout.POINT_TABLE: [(p.first, int(p.twist), p.own) for p in holding.points],
-        layout.ROW_TABLE: [(row.point, row.grasp, row.line) for row in holding.rows],
-        layout.SPRING_TABLE: [(s.point.first, s.grasp, s.line) for s in holding.springs],
-        layout.LOAD_TABLE: [(int(first),) for first in bspline.locate(knots, u)[0]],
-    }
-
-
 class _Filling:
-    """Writes the values of a model. Matrices of kind 0 are those of a spatial line, of kind 1 those
-    of the line of the twist.
-    """
+    """Writes the arrays of a model."""
 
     def __init__(self, scene: Scene, needs: Needs, model: Model) -> None:
         self._scene, self._needs, self._model = scene, needs, model
-        self._axes = list(model.axes)
-        self._sizes = rooms(model.counts)["model"]
+        self._arrays, self._axes = model.arrays, list(model.axes)
 
     def fill(self) -> None:
-        scene, model = self._scene, self._model
+        scene, model, linear = self._scene, self._model, self._arrays.linear
         self._mesh()
         gram = mass.gram(model.knots)
         if scene.discretization.mass == "lumped":
@@ -153,95 +130,82 @@ class _Filling:
         space[0, 0] += scene.start.mass
         space[0, -1] += scene.end.mass
         inertia = scene.cable.polar_inertia
-        if model.has(layout.STATIC_TWIST):
+        if model.has(bits.STATIC_TWIST):
             free = not any(point.twist for point in model.holding.points)
             sprung = any(spring.point.twist for spring in model.holding.springs)
             inertia *= FREE_STATIC if free and not sprung else STATIC
         masses = [space] + [inertia * gram] * model.twist
         for kind, band in enumerate(masses):
-            self._matrix(layout.MASS, kind, band)
-            self._factors(layout.FACTORS, kind, band, np.zeros(model.n, dtype=bool))
+            self._matrix(linear.mass[kind], band)
+            self._factors(linear.factors[kind], band, np.zeros(model.n, dtype=bool))
         if self._needs.gravity:
             pull = np.asarray(scene.gravity)[self._axes]
             weight = mass.multiply(space, np.ones(model.n))
-            self._lines(layout.WEIGHT)[:] = np.outer(pull, weight)
+            self._inside(linear.weight)[:] = np.outer(pull, weight)
         if model.twist:
             slopes = mass.gram(model.knots, 1, model.rule)
-            self._matrix(layout.TWIST, 0, scene.cable.GJ * slopes)
+            self._matrix(linear.twist, scene.cable.GJ * slopes)
             if self._needs.bishop:
-                self._factors(layout.FRAME_FACTORS, 0, slopes, np.arange(model.n) == 0)
+                self._factors(linear.frame_factors, slopes, np.arange(model.n) == 0)
                 shares = bspline.greville(model.knots) / model.knots[-1]
-                self._lines(layout.FRAME_FACTORS)[7] = shares
+                self._inside(linear.greville)[:] = shares
         if self._needs.damping:
             self._damping(masses, gram)
         self._held(masses)
         self._springs()
         if inextensible(scene):
-            self._room(CONSTRAINTS)[:] = constraint_gram(model.knots).ravel()
+            self._arrays.length_gram[:] = constraint_gram(model.knots).reshape(-1, 16)
         self._loads()
         self._scales()
-        if self._needs.contact:
-            self._planes()
+        self._planes()
 
-    def _room(self, offset: int) -> Array:
-        at = int(self._model.shape[offset])
-        return self._model.values[at : at + self._sizes[offset]]
+    def _inside(self, lines: Array) -> Array:
+        return without_margins(lines, self._model.n)
 
-    def _lines(self, offset: int) -> Array:
-        """Lines without margins, shape (lines, n)."""
-        count = self._sizes[offset] // self._model.counts.line
-        return line_view(self._model.shape, self._room(offset), 0, count)
-
-    def _rows(self, offset: int, height: int) -> Array:
-        """Rows of everything there, shape (things, height, LANES)."""
-        return self._room(offset).reshape(-1, height, LANES)
-
-    def _matrix(self, offset: int, kind: int, band: Array) -> None:
+    def _matrix(self, seven: Array, band: Array) -> None:
         """A symmetric band matrix as seven lines."""
-        seven = self._lines(offset)[7 * kind :]
+        seven = self._inside(seven)
         seven[3] = band[0]
         for k in range(1, 4):
             seven[3 + k, :-k] = seven[3 - k, k:] = band[k, :-k]
 
-    def _factors(self, offset: int, kind: int, band: Array, held: NDArray[np.bool_]) -> None:
+    def _factors(self, seven: Array, band: Array, held: NDArray[np.bool_]) -> None:
         """L D L^T of a symmetric band matrix as seven lines."""
         lower, inverse = mass.factorize(band, held)
-        seven = self._lines(offset)[7 * kind :]
+        seven = self._inside(seven)
         seven[3] = inverse
         for k in range(1, 4):
             seven[3 - k] = lower[k - 1]
             seven[3 + k, :-k] = lower[k - 1, k:]
 
     def _mesh(self) -> None:
-        scene, model, counts = self._scene, self._model, self._model.counts
-        breaks = bspline.breaks(model.knots)
-        lengths = np.diff(breaks)
-        table = np.zeros((counts.blocks * LANES, layout.HEAD + layout.SAMPLE * counts.samples))
-        here, beyond = table[: len(lengths)], table[len(lengths) :]
+        cable, model, mesh = self._scene.cable, self._model, self._arrays.mesh
+        lengths = np.diff(bspline.breaks(model.knots))
+        slope, spans = 2.0 / lengths, len(lengths)
         polynomials = bspline.span_polynomials(model.knots)
-        slope = 2.0 / lengths
         derivative = polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0]) * slope[:, None, None]
-        here[:, :12] = derivative.reshape(-1, 12)
-        beyond[:, layout.PADDING] = 1.0
-        here[:, layout.VALUES : layout.VALUES + 4] = polynomials[:, :, 0]
-        here[:, layout.SLOPE], beyond[:, layout.SLOPE] = slope, slope[0]
-        here[:, layout.SHARE] = 1.0 / lengths
-        here[[0, -1], layout.LINEAR] = 3.0
-        table[:, layout.AXIAL] = scene.cable.EA
-        table[:, layout.BENDING] = scene.cable.EI
-        here[:, layout.BENDING] = model.bending_stiffness
-        here[:, layout.HEAD + layout.XI :: layout.SAMPLE] = model.rule.xi
-        here[:, layout.HEAD + layout.QUADRATURE :: layout.SAMPLE] = model.rule.weights
-        self._room(layout.MESH)[:] = to_blocks(table)
+        linear = np.zeros(spans)
+        linear[[0, -1]] = 3.0
+        mesh.slopes[:] = to_blocks(derivative.reshape(spans, 12))
+        mesh.values[:] = to_blocks(polynomials[:, :, 0])
+        mesh.padding[:] = to_blocks(np.zeros(spans), beyond=1.0)
+        mesh.slope[:] = to_blocks(slope, beyond=slope[0])
+        mesh.share[:] = to_blocks(1.0 / lengths)
+        mesh.linear[:] = to_blocks(linear)
+        mesh.axial[:] = cable.EA
+        mesh.bending[:] = to_blocks(model.bending_stiffness, beyond=cable.EI)
+        mesh.xi[:] = to_blocks(model.rule.xi)
+        mesh.weight[:] = to_blocks(model.rule.weights)
 
     def _planes(self) -> None:
         """The cable keeps its radius away from every plane."""
-        rows = self._rows(layout.PLANE, layout.PLANE_ROWS)
-        for row, plane in zip(rows, self._scene.obstacles, strict=True):
+        planes = self._arrays.planes
+        planes.count = len(planes.distance)
+        for k, plane in enumerate(self._scene.obstacles[: planes.count]):
             normal = np.array(plane.normal)
-            row[: len(self._axes)] = normal[self._axes, None]
+            planes.normal[k, : len(self._axes)] = normal[self._axes]
             way = plane.position - self._model.origin - self._model.rest
-            row[3] = normal @ way + 0.5 * self._scene.cable.diameter
+            planes.distance[k] = normal @ way + 0.5 * self._scene.cable.diameter
 
     def _damping(self, masses: list[Array], gram: Array) -> None:
         """alpha M + c G, with the Gram matrix G that the mass of the cable is made of, without
@@ -250,64 +214,60 @@ class _Filling:
         The rates of every line are for the explicit methods and rattle, which take no drag beside a
         point mass: drag and mass have the same shape there.
         """
-        scene = self._scene
+        scene, linear, physics = self._scene, self._arrays.linear, self._arrays.physics
         centerline, alpha = external_rates(scene)
         drag = (centerline - alpha) * scene.cable.mu * gram
         for kind, band in enumerate(masses):
-            self._matrix(layout.VISCOUS, kind, alpha * band + (0.0 if kind else drag))
-        self._rows(layout.BETA, 3)[0] = np.array(scene.damping.internal)[:, None]
-        decay = self._rows(layout.DECAY, 1)
-        decay[: len(self._axes)] = centerline
-        decay[len(self._axes) :] = alpha
+            self._matrix(linear.damping[kind], alpha * band + (0.0 if kind else drag))
+        physics.beta_stretch, physics.beta_bend, physics.beta_twist = scene.damping.internal
+        linear.decay[: len(self._axes)] = centerline
+        linear.decay[len(self._axes) :] = alpha
 
     def _held(self, masses: list[Array]) -> None:
-        points, n = self._model.holding.points, self._model.n
-        weights = self._rows(layout.HELD_WEIGHTS, layout.POINT_ROWS)
-        vectors, shifts = np.zeros((len(points), n)), self._lines(layout.HELD_SHIFT)
-        for p, point in enumerate(points):
+        holding, points, rows = self._model.holding, self._arrays.points, self._arrays.rows
+        vectors = np.zeros((len(holding.points), self._model.n))
+        shifts = self._inside(points.shift)
+        for p, point in enumerate(holding.points):
+            points.first[p], points.own[p], points.twist[p] = point.first, point.own, point.twist
+            points.weights[p], points.sum[p] = point.weights, sum(point.weights)
             vectors[p, point.first : point.first + 4] = point.weights
-            weights[p, :4] = np.array(point.weights)[:, None]
-            weights[p, 4] = sum(point.weights)
             shifts[p] = np.linalg.solve(mass.dense(masses[point.twist]), vectors[p])
-        self._rows(layout.HELD_PRODUCT, 1)[:, 0] = (vectors @ shifts.T).reshape(-1, 1)
-        bodies = self._rows(layout.HELD_BODY, layout.DIRECTION_ROWS)
-        for body, row in zip(bodies, self._model.holding.rows, strict=True):
-            body[:3] = np.array(row.body)[:, None]
+        points.product[:] = vectors @ shifts.T
+        rows.count, rows.border = len(holding.rows), holding.border
+        for k, row in enumerate(holding.rows):
+            rows.point[k], rows.grasp[k], rows.line[k] = row.point, row.grasp, row.line
+            rows.body[k] = row.body
 
     def _springs(self) -> None:
-        rows = self._rows(layout.SPRING, layout.SPRING_ROWS)
-        for row, spring in zip(rows, self._model.holding.springs, strict=True):
-            row[:4] = np.array(spring.point.weights)[:, None]
-            row[4], row[5] = spring.stiffness, not spring.tangent
-            row[6] = bspline.locate(self._model.knots, spring.u)[1]
+        springs = self._arrays.springs
+        springs.count = len(self._model.holding.springs)
+        for k, spring in enumerate(self._model.holding.springs):
+            springs.first[k], springs.grasp[k] = spring.point.first, spring.grasp
+            springs.line[k], springs.position[k] = spring.line, not spring.tangent
+            springs.weights[k], springs.stiffness[k] = spring.point.weights, spring.stiffness
+            springs.xi[k] = bspline.locate(self._model.knots, spring.u)[1]
 
     def _loads(self) -> None:
-        lines = self._lines(layout.LOAD_BASIS)
-        points = self._rows(layout.LOAD_POINT, layout.LOAD_POINT_ROWS)
-        u = np.array([load.position for load in self._scene.loads[: len(lines)]])
+        loads, knots = self._arrays.loads, self._model.knots
+        loads.count = len(loads.first)
+        u = np.array([load.position for load in self._scene.loads[: loads.count]])
         u *= self._scene.cable.length
-        first, basis = bspline.active_basis(self._model.knots, u)
-        _, slope = bspline.active_basis(self._model.knots, u, 1)
-        points[:, :4], points[:, 4:] = basis[:, :, None], slope[:, :, None]
-        for line, at, values in zip(lines, first, basis, strict=True):
-            line[at : at + 4] = values
+        loads.first[:], loads.values[:] = bspline.active_basis(knots, u)
+        loads.slopes[:] = bspline.active_basis(knots, u, 1)[1]
+        for k, first in enumerate(loads.first):
+            self._inside(loads.basis)[k, first : first + 4] = loads.values[k]
 
     def _scales(self) -> None:
-        scene, needs = self._scene, self._needs
+        scene, needs, physics = self._scene, self._needs, self._arrays.physics
         cable, share = scene.cable, scene.plasticity.hardening
-        values = {
-            layout.STIFFNESS_GJ: cable.GJ,
-            layout.TORSION_FLOOR: scene.curvature_floor**2,
-            layout.YIELD_MOMENT: cable.EI * scene.plasticity.yield_curvature,
-            # H = EI h / (1 - h) gives the tangent stiffness h EI
-            layout.HARDENING: share / (1.0 - share),
-            layout.SPAN_LENGTH: float(np.diff(bspline.breaks(self._model.knots)).min()),
-            layout.ROUND_OFF_AXIAL: cable.EA * cable.length * needs.stretch,
-            layout.ROUND_OFF_BENDING: cable.EI * cable.length * needs.bend,
-            layout.CONTACT_STIFFNESS: scene.contact_stiffness,
-            layout.DRAG_ACROSS: scene.drag_across,
-            layout.THINNING: scene.damping.thinning**2,
-        }
-        rows = self._rows(layout.SCALES, 1)
-        for row, value in values.items():
-            rows[row] = value
+        physics.GJ = cable.GJ
+        physics.torsion_floor = scene.curvature_floor**2
+        physics.yield_moment = cable.EI * scene.plasticity.yield_curvature
+        # H = EI h / (1 - h) gives the tangent stiffness h EI
+        physics.hardening = share / (1.0 - share)
+        physics.shortest_span = float(np.diff(bspline.breaks(self._model.knots)).min())
+        physics.axial_round_off = cable.EA * cable.length * needs.stretch
+        physics.bending_round_off = cable.EI * cable.length * needs.bend
+        physics.contact_stiffness = scene.contact_stiffness
+        physics.drag_across = scene.drag_across
+        physics.thinning = scene.damping.thinning**2

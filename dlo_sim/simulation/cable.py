@@ -3,136 +3,160 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from copy import copy
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.lanes import LANES
-from dlo_sim.engine import layout
+from dlo_sim.compiling.groups import aligned_zeros, numbers_of
+from dlo_sim.compiling.pieces import Piece
+from dlo_sim.engine.arrays import BISHOP, DAMPED, MATERIAL, PLASTICITY, Inputs, State, Work
 from dlo_sim.engine.frames import control_points
-from dlo_sim.engine.grasps import MOTION_SIZE
-from dlo_sim.engine.held_motion import carry
 from dlo_sim.engine.natural_curvature import follow_to_present
-from dlo_sim.engine.plasticity import flow_to_present, plastic_flow
+from dlo_sim.engine.plasticity import flow_to_present
 from dlo_sim.methods import between_steps
-from dlo_sim.methods.implicit_layout import BALANCE, BAND
-from dlo_sim.methods.works import evaluate
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.arrays import line_view
+from dlo_sim.simulation.arrays import from_blocks, to_blocks, without_margins
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of such a motion
 
 
-@dataclass(frozen=True)
 class Cable:
-    """A model with its inputs, state and scratch.
+    """A model with its inputs, state and working memory, all zero at first.
 
     Attributes:
-        inputs: changed by callers. state: changed by steps. scratch: working memory, not needed
-            from one step to the next.
+        arrays: all arrays by name. Their constants are those of the model.
+        inputs: the numbers of `arrays.inputs`, changed by callers. state: those of `arrays.state`,
+            changed by steps; a copy of them is a snapshot.
     """
 
-    model: Model
-    inputs: Array
-    state: Array
-    scratch: Array
+    def __init__(self, model: Model) -> None:
+        self._allocate(model)
 
-    @classmethod
-    def new(cls, model: Model) -> Cable:
-        """A cable whose arrays are all zero."""
-        return cls(model, *(model.new(name) for name in ("inputs", "state", "scratch")))
+    def _allocate(self, model: Model) -> None:
+        sizes = model.arrays.sizes
+        self.model, self.arrays = model, copy(model.arrays)
+        self.inputs, self.state = map(aligned_zeros, model.rooms)
+        self.arrays.inputs = Inputs(sizes, self.inputs)
+        self.arrays.state = State(sizes, self.state)
+        self.arrays.work = Work(sizes)
+
+    def __getstate__(self) -> tuple[Model, int, Array, Array]:
+        """What a copy needs; it has arrays of its own."""
+        return self.model, self.terms, self.inputs, self.state
+
+    def __setstate__(self, kept: tuple[Model, int, Array, Array]) -> None:
+        model, terms, inputs, state = kept
+        self._allocate(model)
+        self.terms, self.inputs[:], self.state[:] = terms, inputs, state
+
+    def call(self, entry: Piece, *arguments: Any) -> Any:
+        """Call compiled code on this cable; `entry` takes its address, then the arguments."""
+        return entry.code(self.terms)(self.address, *arguments)
 
     @property
-    def arrays(self) -> tuple[Any, ...]:
-        """shape, model, inputs, state, scratch: the first arguments of the compiled functions."""
-        return self.model.shape, self.model.values, self.inputs, self.state, self.scratch
+    def address(self) -> int:
+        """All arrays, as the first argument of compiled functions."""
+        return self.arrays.address
 
     @property
     def terms(self) -> int:
-        """Bits of the active terms."""
-        return int(self.model.shape[layout.TERMS])
+        """Bits of the active terms, at first those of the model."""
+        return int(self.arrays.terms)
+
+    @terms.setter
+    def terms(self, bits: int) -> None:
+        self.arrays.terms = bits
+        self.arrays.pack_anew()
 
     # -- views ----------------------------------------------------------------------------------
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Only the fields: a copy makes cached views of its own arrays."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def x(self) -> Array:
         """Positions, a view of shape (lines, n)."""
-        return self.model.view(self.state, layout.X)
+        return self.shown(self.arrays.state.x)
 
     @property
     def points(self) -> Array:
         """Control points x, y, z [m], theta [rad], shape (n, 4), a copy."""
         out = self.model.blank.copy()
-        control_points(self.arrays, out)
+        self.call(control_points, out)
         return out
 
     @cached_property
     def w(self) -> Array:
-        """Momentum variable w = P v (`engine.held`), a view of shape (lines, n)."""
-        return self.model.view(self.state, layout.W)
+        """Projected velocity w = P v (`engine.rows`), a view of shape (lines, n)."""
+        return self.shown(self.arrays.state.w)
 
     @property
     def motion(self) -> Array:
         """Motions of the grasps (`engine.grasps`), a view of shape (grasps, MOTION_SIZE)."""
-        at, count = self.model.shape[layout.MOTION], self.model.shape[layout.GRASPS]
-        return self.inputs[at : at + count * MOTION_SIZE].reshape(count, MOTION_SIZE)
+        return self.arrays.inputs.motion
 
     @property
     def loads(self) -> Array:
-        """Force, torque and frequency of each load, a view of shape (loads, 7, LANES)."""
-        count = int(self.model.shape[layout.LOADS])
-        rows = self.model.rows(self.inputs, layout.LOAD, count * layout.LOAD_ROWS)
-        return rows.reshape(count, layout.LOAD_ROWS, LANES)
+        """Force (3) [N], torque (3) [N m] and frequency [Hz] of the loads, a view (loads, 7)."""
+        return self.arrays.inputs.load
 
     @property
     def anchors(self) -> Array:
-        """Target values of the springs, a view of shape (springs, LANES)."""
-        return self.model.rows(self.state, layout.ANCHOR, int(self.model.shape[layout.SPRINGS]))
+        """Target values of the springs, a view of shape (springs,)."""
+        return self.arrays.state.anchor
 
     @property
     def frame_turn(self) -> Array:
-        """Angle by which the Bishop frame lags behind each grasp [rad], a view of shape
-        (grasps, LANES); empty if twist is not measured against a Bishop frame.
+        """Angle by which the Bishop frame lags behind each grasp [rad], a view of shape (grasps,);
+        empty if twist is not measured against a Bishop frame.
         """
-        count = int(self.model.shape[layout.GRASPS]) * self.model.has(layout.BISHOP)
-        return self.model.rows(self.state, layout.FRAME_TURN, count)
+        return self.arrays.state.frame_turn
 
-    @cached_property
-    def ledger(self) -> Array:
-        """The energy account, a view of shape (LEDGER_ROWS, LANES); one cable uses lane 0."""
-        return self.model.rows(self.state, layout.LEDGER, layout.LEDGER_ROWS)
-
-    def entry(self, row: int) -> float:
-        """An entry of the energy account."""
-        return float(self.state[self.model.shape[layout.LEDGER] + row * LANES])
+    @property
+    def account(self) -> Any:
+        """Numbers of the energy account (`engine.arrays.State.balance`)."""
+        return self.arrays.state.balance
 
     @property
     def directions(self) -> Array:
-        """Directions of the held rows, a view of shape (held, dim)."""
-        count = len(self.model.holding.rows)
-        rows = self.model.rows(self.state, layout.DIRECTION, count * layout.DIRECTION_ROWS)
-        return rows.reshape(count, layout.DIRECTION_ROWS, LANES)[:, : len(self.model.axes), 0]
+        """Directions of the constraint rows, a view of shape (rows, dim)."""
+        return self.arrays.state.direction[:, : len(self.model.axes)]
+
+    @property
+    def natural(self) -> Array:
+        """Natural curvature with its weight (3) and rest twist at the samples (`natural_shape`),
+        a copy of shape (spans, samples, 4).
+        """
+        return from_blocks(self.arrays.state.natural, len(self.model.rule.xi))
+
+    @natural.setter
+    def natural(self, rows: Array) -> None:
+        self.arrays.state.natural[:] = to_blocks(rows)
+
+    @property
+    def plastic(self) -> Array:
+        """Plastic curvature [1/m], tangent and curvature of the last step at the samples, a copy of
+        shape (spans, samples, 9).
+        """
+        return from_blocks(self.arrays.state.plastic, len(self.model.rule.xi))
+
+    @plastic.setter
+    def plastic(self, rows: Array) -> None:
+        self.arrays.state.plastic[:] = to_blocks(rows)
 
     def place(self, grasp: int, t: float) -> Array:
         """Attachment point [m] and twist angle [rad] of a grasp at time t, shape (4,)."""
-        out, at = np.empty(4), int(self.model.shape[layout.MOTION]) + grasp * MOTION_SIZE
-        between_steps.grasp_place(self.inputs, at, t, out)
+        out = np.empty(4)
+        between_steps.grasp_place(self.motion[grasp], t, out)
         return out
 
     # -- state ----------------------------------------------------------------------------------
 
     def point_grasps(self, t: float) -> None:
-        """Set the directions of the held rows to those of the grasps at time t."""
-        between_steps.turn_to(self.arrays, t)
+        """Set the directions of the constraint rows to those of the grasps at time t."""
+        self.call(between_steps.turn_to, t)
 
     def put(
         self, points: Array, rates: Array, time: float | None = None, follow: bool = False
@@ -146,13 +170,13 @@ class Cable:
         """
         self.x[:] = self.model.to_lines(points)
         if time is not None and self.model.holding.border:
-            between_steps.place_held(self.arrays, time)
+            self.call(between_steps.place_held, time)
         self.w[:] = self.model.to_lines(rates)
-        between_steps.keep_free_motion(self.arrays)
-        at, size = self.model.shape[layout.HISTORY], self.model.shape[layout.SIZE]
-        self.state[at : at + 3 * size] = 0.0
-        self.model.rows(self.state, layout.RATES_BEFORE, len(self.model.holding.rows))[:] = 0.0
-        self.ledger[list(layout.OF_HISTORY)] = 0.0
+        self.call(between_steps.keep_free_motion)
+        state = self.arrays.state
+        for cleared in (state.history, state.acceleration, state.rates_before):
+            cleared[:] = 0.0
+        self._forget_history()
         if follow:
             self.follow()
             self.flow()
@@ -160,70 +184,80 @@ class Cable:
 
     def follow(self) -> None:
         """Let the natural shape in the material frame follow the cable to the present shape."""
-        if self.model.has(layout.MATERIAL):
-            follow_to_present(self.arrays)
+        if self.model.has(MATERIAL):
+            self.call(follow_to_present)
 
     def turn_natural(self, rows: Array, turn: Array) -> None:
-        """Set the natural shape to these rows, as blocks, with their vectors turned by a matrix
-        (3, 3); the change of energy is work of the grasps.
+        """Set the natural shape to these rows, from `to_blocks`, with their vectors turned by a
+        matrix (3, 3); the change of energy is work of the grasps.
         """
-        energies = between_steps.energies_of(self.terms).code
-        between_steps.turn_natural(self.arrays, energies, rows, turn.ravel())
+        self.call(between_steps.turn_natural, rows, turn.ravel())
 
     def flow(self) -> None:
         """Plastic flow at the present shape."""
-        if self.model.has(layout.PLASTICITY):
-            flow_to_present(self.arrays, plastic_flow.code)
+        if self.model.has(PLASTICITY):
+            self.call(flow_to_present)
 
     def open_frame(self) -> None:
         """From now on measure the twist angles in the Bishop frame of the present shape."""
-        if self.model.has(layout.BISHOP):
-            self.model.view(self.state, layout.REFERENCE)[:] = self.x
+        if self.model.has(BISHOP):
+            self.shown(self.arrays.state.reference)[:] = self.x
             self.frame_turn[:] = 0.0
 
     def velocities(self, t: float) -> Array:
         """Velocities of all control points at time t, lines of shape (lines, n)."""
         out = self._lines()
-        between_steps.velocity(self.arrays, t, out)
+        self.call(between_steps.velocity, t, out)
         return self.shown(out)
 
     def kinetic(self, lines: Array | None = None) -> float:
         """Kinetic energy [J] of velocities in lines, by default of w."""
         v = self.padded(self.w if lines is None else lines)
-        return float(between_steps.kinetic_energy(self.arrays, v))
+        return float(self.call(between_steps.kinetic_energy, v))
 
     # -- account --------------------------------------------------------------------------------
 
     def open_account(self, scene: Scene) -> None:
         """Open the energy account at the present state."""
-        cable = scene.cable
-        self.ledger[:] = 0.0
-        self.ledger[layout.FLOOR] = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
-        between_steps.open_account(self.arrays, between_steps.energies_of(self.terms).code)
+        cable, state = scene.cable, self.arrays.state
+        numbers_of(state.balance)[:] = 0.0
+        state.energy[:] = state.energy_begin[:] = 0.0
+        state.balance.floor = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
+        self.call(between_steps.open_account)
+
+    def continue_account(self, other: Cable) -> None:
+        """Continue the energy account of another cable."""
+        state, before = self.arrays.state, other.arrays.state
+        numbers_of(state.balance)[:] = numbers_of(before.balance)
+        state.energy[:], state.energy_begin[:] = before.energy, before.energy_begin
+        state.balance.load_work += before.balance.pending
+        self._forget_history()
+
+    def _forget_history(self) -> None:
+        """Set the numbers that are zero without earlier steps."""
+        account = self.account
+        account.known = account.is_counted = account.pending = 0.0
+        account.has_reaction = account.matrix_weight = 0.0
 
     def potentials(self) -> Array:
-        """Potential energies [J] in the order of `layout.ENERGIES`."""
-        between_steps.measure(self.arrays, between_steps.energies_of(self.terms).code)
-        first = layout.ENERGY
-        return self.ledger[first : first + len(layout.ENERGIES), 0].copy()
+        """Potential energies [J] in the order of `engine.arrays.ENERGIES`."""
+        self.call(between_steps.measure)
+        return self.arrays.state.energy.copy()
 
     def balance(self) -> tuple[float, float]:
         """|energy - work done + energy lost| now and the largest energy exchanged so far [J]."""
-        parts, kinetic = self.potentials(), self.kinetic()
-        first = layout.ENERGY_BEGIN
-        start = self.ledger[first : first + len(parts), 0]
-        works = self.entry(layout.LOAD_WORK), self.entry(layout.DRIVE_WORK)
-        error = kinetic + float(parts.sum()) - self.entry(layout.ENERGY_START) - sum(works)
-        error += self.entry(layout.DISSIPATED) - self.entry(layout.PENDING)
-        largest = float(np.abs(parts - start).max())
-        exchanged = max(self.entry(layout.EXCHANGED), kinetic, largest, *np.abs(works))
-        return abs(error), exchanged
+        parts, kinetic, account = self.potentials(), self.kinetic(), self.account
+        works = float(account.load_work), float(account.drive_work)
+        error = kinetic + float(parts.sum()) - account.energy_start - sum(works)
+        error += account.dissipated - account.pending
+        largest = float(np.abs(parts - self.arrays.state.energy_begin).max())
+        exchanged = max(float(account.exchanged), kinetic, largest, *np.abs(works))
+        return abs(float(error)), exchanged
 
     def settle(self, t: float) -> None:
         """Add the work up to time t, which a step leaves to the next one, to the account."""
-        if self.entry(layout.IS_BOOKED):
-            forces = between_steps.forces_of(self.terms).code
-            between_steps.settle(self.arrays, evaluate.code, forces, t)
+        if self.account.is_counted:
+            self.call(between_steps.settle, t)
 
     def present_energy(self) -> float:
         """Kinetic energy of w and potential energy [J]."""
@@ -232,7 +266,7 @@ class Cable:
     def share_open(self) -> float:
         """|energy - work done + energy lost| as a share of the energy exchanged so far."""
         error, exchanged = self.balance()
-        return error / max(exchanged, self.entry(layout.FLOOR))
+        return error / max(exchanged, float(self.account.floor))
 
     # -- forces ---------------------------------------------------------------------------------
 
@@ -242,72 +276,65 @@ class Cable:
         With `rates`, velocities (lines, n), the damping forces are included.
         """
         out = self._lines()
-        between_steps.forces_now(self.arrays, between_steps.forces_of(self.terms).code, t, out)
-        if rates is not None and self.model.has(layout.DAMPED):
+        self.call(between_steps.forces_now, t, out)
+        if rates is not None and self.model.has(DAMPED):
             v = self.padded(rates)
-            gradient = between_steps.gradient_of(self.terms).code
-            between_steps.damping_forces(self.arrays, gradient, v, out)
+            self.call(between_steps.damping_forces, v, out)
         return self.shown(out)
 
     def held_force(self, t: float, force: Array | None = None) -> Array:
-        """Forces of the grasps on the held rows at time t, shape (held,).
+        """Forces of the grasps on the constraint rows at time t, shape (rows,).
 
         Args:
             force: all other forces, shape (lines, n); default: those of the present motion.
         """
         lines = self.padded(self.forces(t, self.velocities(t)) if force is None else force)
-        held = np.zeros(int(self.model.shape[layout.HELD]))
-        between_steps.held_force(self.arrays, t, lines, held)
+        held = np.zeros(len(self.model.holding.rows))
+        self.call(between_steps.held_force, t, lines, held)
         return held
 
     def stiffness(self) -> Array:
         """Hessian of the potential energy with respect to the spatial lines, as a band matrix.
 
         Returns:
-            A view of scratch, shape (n dim, width); entry (r, c) is at [r, c - r + 4 dim - 1].
+            A view of the working memory, shape (n dim, width); entry (r, c) is at
+            [r, c - r + 4 dim - 1].
         """
-        between_steps.stiffness(self.arrays, between_steps.tangent_of(self.terms).code)
+        self.call(between_steps.stiffness)
         return self.band
 
     @property
     def band(self) -> Array:
-        """The band matrix in scratch, a view of shape (n dim, width)."""
-        shape = self.model.shape
-        dim, n = int(shape[layout.DIM]), int(shape[layout.N])
-        width = 16 * (dim - 1)
-        at = shape[BAND]
-        return self.scratch[at : at + n * dim * width].reshape(n * dim, width)
+        """The band matrix in the working memory, a view of shape (n dim, width)."""
+        return self.arrays.work.band
 
     @property
     def unbalanced(self) -> Array:
         """Right-hand side of the last Newton correction of an implicit step [N], shape (n, dim)."""
-        shape = self.model.shape
-        count, at = int(shape[layout.N] * shape[layout.DIM]), shape[BALANCE]
-        return self.scratch[at : at + count].reshape(self.model.n, -1)
+        return self.arrays.work.unbalanced.reshape(self.model.n, -1)
 
     def add_moment_stiffness(self) -> None:
         """Add the (unsymmetric) stiffness of the moments at time zero to the band matrix."""
-        between_steps.moment_stiffness(self.arrays)
+        self.call(between_steps.moment_stiffness)
 
     def solve_held(self, unknowns: Array) -> int:
-        """Solve band x = unknowns in place with the held rows fixed.
+        """Solve band x = unknowns in place with the constraint rows fixed.
 
         Returns:
             The number of negative pivots, or -1 if a pivot is not usable.
         """
-        return int(between_steps.solve_held(self.arrays, unknowns))
+        return int(self.call(between_steps.solve_held, unknowns))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
         """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""
         lines = self.padded(force)
-        between_steps.free_acceleration(self.arrays, lines, keep)
+        self.call(between_steps.free_acceleration, lines, keep)
         return self.shown(lines)
 
     @property
     def shifts(self) -> Array:
         """M^-1 b for the basis values b of every held point, a view of shape (points, n)."""
-        at, count = int(self.model.shape[layout.HELD_SHIFT]), len(self.model.holding.points)
-        return line_view(self.model.shape, self.model.values, at, count)
+        return self.shown(self.arrays.points.shift)
 
     def jump(self, t: float, put: Callable[[Array], None]) -> None:
         """Move the held points instantly to their places at time t.
@@ -318,29 +345,27 @@ class Cable:
         """
         self.settle(t)
         before = self.potentials().sum()
-        between_steps.jump(self.arrays, carry.code, t)
+        self.call(between_steps.jump, t)
         points = self.points
         put(points)
         self.x[:] = self.model.to_lines(points)
-        self.ledger[layout.DRIVE_WORK] += self.potentials().sum() - before
-        self.ledger[layout.IS_BOOKED] = 0.0
-        held, springs = (int(self.model.shape[k]) for k in (layout.HELD, layout.SPRINGS))
-        self.model.rows(self.state, layout.MOVED, held)[:] = 0.0
-        self.model.rows(self.state, layout.ANCHOR_BOOKED, springs)[:] = self.anchors
+        account, state = self.account, self.arrays.state
+        account.drive_work += self.potentials().sum() - before
+        account.is_counted = 0.0
+        state.moved[:] = 0.0
+        state.anchor_counted[:] = state.anchor
 
     # -- inside ---------------------------------------------------------------------------------
 
     def _lines(self) -> Array:
-        return np.zeros(int(self.model.shape[layout.SIZE]))
+        return np.zeros(self.arrays.state.x.shape)
 
     def shown(self, lines: Array) -> Array:
         """View of `lines` without margins, shape (lines, n)."""
-        width = int(self.model.shape[layout.LINE])
-        begin = layout.MARGIN
-        return lines.reshape(-1, width)[:, begin : begin + self.model.n]
+        return without_margins(lines, self.model.n)
 
     def padded(self, lines: Array) -> Array:
-        """Copy of lines (lines, n) with margins, flat."""
+        """Copy of lines (lines, n) with margins."""
         out = self._lines()
         self.shown(out)[:] = lines
         return out

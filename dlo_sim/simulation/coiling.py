@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import BISHOP, TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 
@@ -18,7 +18,7 @@ def coiling_warning(scene: Scene, cable: Cable) -> str:
     Always empty if twist acts on the shape.
     """
     model, material = cable.model, scene.cable
-    if not model.twist or model.has(layout.TORSION) or model.has(layout.BISHOP):
+    if not model.twist or model.has(TORSION) or model.has(BISHOP):
         return ""
     theta, points = cable.x[-1], cable.x[:-1]
     moment = abs(theta[-1] - theta[0]) * material.GJ / material.length

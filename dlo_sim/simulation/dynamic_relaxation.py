@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import OK
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.stepper import Loop
@@ -35,11 +35,11 @@ def relax_in_time(
     peak, still = 0.0, 0
     try:
         if cable.loads.size:
-            cable.loads[cable.loads[:, FREQUENCY, 0] > 0.0, :FREQUENCY] = 0.0
+            cable.loads[cable.loads[:, FREQUENCY] > 0.0, :FREQUENCY] = 0.0
         stop()
         resting = cable.x.copy()
         for _ in range(max_steps):
-            if loop(cable, 0, 1, step, nothing)[0] != layout.OK:
+            if loop(cable, 0, 1, step, nothing)[0] != OK:
                 break
             kinetic = cable.kinetic()
             if kinetic > peak:

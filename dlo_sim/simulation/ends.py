@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline, one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.engine import grasps, layout
-from dlo_sim.engine.grasps import MOTION_SIZE, TWIST
+from dlo_sim.engine import grasps
+from dlo_sim.engine.arrays import MOTION_SIZE
+from dlo_sim.engine.grasps import TWIST
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
@@ -67,8 +68,7 @@ class EndDrive:
     def place_at(self, end: str, t: float) -> Array:
         """Attachment point [m] and twist angle [rad] at time t, shape (4,)."""
         out = np.empty(4)
-        motion = np.ascontiguousarray(self.motion[self._rows[end]])
-        between_steps.grasp_place(motion, 0, t, out)
+        between_steps.grasp_place(np.ascontiguousarray(self.motion[self._rows[end]]), t, out)
         return out
 
     def state_of(self, end: str) -> tuple[Array, EndMotion]:
@@ -137,13 +137,12 @@ class EndDrive:
     def pull_springs(self, cable: Cable, t: float) -> None:
         """Let the springs of a cable pull to where the end effectors are at time t."""
         model, names = cable.model, list(self._rows)
-        for anchor, spring in zip(cable.anchors, model.holding.springs, strict=True):
+        for k, spring in enumerate(model.holding.springs):
             target = self.place_at(names[spring.grasp], t)
             if spring.tangent:
                 target = self.tangent(names[spring.grasp], t)
-            anchor[:] = target[model.columns[spring.line]]
-        booked = model.rows(cable.state, layout.ANCHOR_BOOKED, len(model.holding.springs))
-        booked[:] = cable.anchors
+            cable.anchors[k] = target[model.columns[spring.line]]
+        cable.arrays.state.anchor_counted[:] = cable.anchors
 
     def place(
         self,
@@ -286,14 +285,14 @@ class EndDrive:
         for end, row in self._rows.items():
             position, orientation = other.pose(end, t)
             self._write(end, EndMotion.resting(position + way, orientation))
-            behind = turns[row, 0] if len(turns) else 0.0
+            behind = turns[row] if len(turns) else 0.0
             self.motion[row, TWIST] = other.place_at(end, t)[3] + behind
 
     def take_frame_turns(self, turns: Array) -> None:
         """Add the lags of the Bishop frame [rad], one row per grasp (`engine.bishop`), to the twist
         angles, and set them to zero.
         """
-        self.motion[: len(turns), TWIST] += turns[:, 0]
+        self.motion[: len(turns), TWIST] += turns
         turns[:] = 0.0
 
     def stays_in_plane(self, end: str, axes: tuple[int, ...], first: Array) -> bool:

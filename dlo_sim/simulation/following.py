@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps
@@ -148,13 +149,14 @@ def natural_along(model: Model, rows: Array | None, motions: Array) -> tuple[Arr
     """A natural shape that turns with the end effector of the start, for `Stepper.advance_along`.
 
     Args:
-        rows: weighted, in the frame of that end effector, flat as `to_blocks` makes them.
+        rows: weighted, in the frame of that end effector, as `to_blocks` makes them.
 
     Returns:
-        The rows, and the rotation matrix of every step, flat; both empty without rows.
+        The rows, and the rotation matrix of every step, shape (steps, 9); no rows without such a
+        shape.
     """
     if rows is None:
-        return np.zeros(0), np.zeros(0)
+        return np.zeros((0, 0, 4, LANES)), np.zeros((len(motions), 9))
     frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
     turns = np.array([local_turn(one, model.axes) for one in frames])
-    return rows, turns.ravel()
+    return rows, turns.reshape(-1, 9)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass, spectrum
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import CONTACT, MATERIAL, STATIC_TWIST, TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
@@ -37,18 +37,18 @@ def largest_frequency(scene: Scene, cable: Cable) -> float:
     constrained = inextensible(scene)
     is_dense = constrained or dim * model.n <= DENSE_LIMIT
     value = _dense(cable, constrained) if is_dense else _lanczos(cable)
-    if model.twist and not model.has(layout.STATIC_TWIST):
+    if model.twist and not model.has(STATIC_TWIST):
         held = model.held_mask()[dim]
-        band, inertia = model.twisting_stiffness, model.band(layout.MASS, dim)
+        band, inertia = model.twisting_stiffness, model.mass(dim)
         twisting = spectrum.largest_of_line(band, inertia, ~held)
-        if model.has(layout.MATERIAL):
+        if model.has(MATERIAL):
             # EI kappa kappa0 per length and angle, for bending radii down to the cable's diameter
             material = scene.cable
             bent = max(map(abs, (*material.rest_curvature, *material.rest_curvature_2)))
             turning = material.EI * bent / (material.diameter * material.polar_inertia)
             twisting = math.hypot(twisting, math.sqrt(2.0 * turning))
         value = max(value, twisting)
-    if model.has(layout.TORSION):
+    if model.has(TORSION):
         value = with_torsion(value, scene, model)
     return value
 
@@ -63,23 +63,23 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
     the kink in the contact force: in a hard landing, a step near the limit would gain 40 % of the
     energy, a quarter of that step 1 %.
     """
-    if model.has(layout.CONTACT):
+    if model.has(CONTACT):
         pressed = math.sqrt(scene.contact_stiffness / scene.cable.mu)
         frequency = math.hypot(frequency, KINK * pressed)
     idle = [grasp for grasp in scene.grasps if not grasp.taken]
     if any(grasp.jaw for grasp in idle):
         bending = (STIFFEST - 1.0) * scene.cable.EI * mass.gram(model.knots, 2)
         free = np.ones(model.n, dtype=bool)
-        added = spectrum.largest_of_line(bending, model.band(layout.MASS, 0), free)
+        added = spectrum.largest_of_line(bending, model.mass(0), free)
         frequency = math.hypot(frequency, added)
     places, dim = bspline.greville(model.knots), len(model.axes)
     springs = [(0, 0, max(grasp.spring)) for grasp in idle]
     springs += [(0, 1, grasp.tangent_spring) for grasp in idle]
-    if model.twist and not model.has(layout.STATIC_TWIST):
+    if model.twist and not model.has(STATIC_TWIST):
         springs += [(dim, 0, stiffness_of_roll(grasp, scene)) for grasp in idle]
     for line, derivative, stiffness in springs:
         if stiffness:
-            inverse = np.linalg.inv(mass.dense(model.band(layout.MASS, line)))
+            inverse = np.linalg.inv(mass.dense(model.mass(line)))
             basis = bspline.evaluate(np.eye(model.n), model.knots, places, derivative)
             lightest = float(np.einsum("ui,ij,uj->u", basis, inverse, basis).max())
             frequency = math.hypot(frequency, math.sqrt(stiffness * lightest))
@@ -106,7 +106,7 @@ def _dense(cable: Cable, constrained: bool) -> float:
     stiffness = spectrum.dense(cable.stiffness(), 4 * dim - 1)
     inertia = np.zeros((n * dim, n * dim))
     for d in range(dim):
-        inertia[d::dim, d::dim] = mass.dense(model.band(layout.MASS, d))
+        inertia[d::dim, d::dim] = mass.dense(model.mass(d))
     rows = _held_rows(cable)
     if constrained:
         rows = np.concatenate((rows, length_gradients(cable)))
@@ -130,7 +130,7 @@ def _lanczos(cable: Cable) -> float:
         return cable.free_acceleration(force)
 
     def weigh(x: Array) -> Array:
-        return np.stack([mass.multiply(model.band(layout.MASS, d), x[d]) for d in range(len(x))])
+        return np.stack([mass.multiply(model.mass(d), x[d]) for d in range(len(x))])
 
     x = np.random.default_rng(0).standard_normal((model.lines, n))
     x[dim:] = 0.0
@@ -173,5 +173,5 @@ def with_torsion(value: float, scene: Scene, model: Model) -> float:
     free = np.ones(model.n, dtype=bool)
     squares = value * value
     for band, line in ((across, 0), (twist, model.lines - 1)):
-        squares += spectrum.largest_of_line(band, model.band(layout.MASS, line), free) ** 2
+        squares += spectrum.largest_of_line(band, model.mass(line), free) ** 2
     return float(np.sqrt(squares))

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
-from dlo_sim.engine import layout
 from dlo_sim.engine.account import DIVERGED_SHARE
+from dlo_sim.engine.arrays import GUARDED
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Status
@@ -50,7 +50,7 @@ class GuardedLoop:
         if stepper.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
             # explicit steps bear; `soundness` tells of folds instead.
-            cable.model.shape[layout.TERMS] &= ~layout.GUARDED
+            cable.terms &= ~GUARDED
         self._kept = np.empty_like(cable.state)  # allocated once, not in every advance
         self._unrecorded = Recorder(cable.model, np.zeros(0))
 

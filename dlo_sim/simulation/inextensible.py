@@ -28,7 +28,7 @@ def gradients(cable: Cable) -> Array:
 
 
 def held_force(cable: Cable, t: float) -> Array:
-    """Forces of the grasps on the held rows at time t, shape (held,), where the forces of the
+    """Forces of the grasps on the constraint rows at time t, shape (rows,), where the forces of the
     length constraints act too.
     """
     force = cable.forces(t, cable.velocities(t))
@@ -44,5 +44,5 @@ def held_force(cable: Cable, t: float) -> Array:
             acceleration[: len(model.axes)] += np.outer(cable.directions[k], shift)
     lines = cable.padded(force)
     v = cable.padded(cable.velocities(t))
-    rattle.add_constraint_force(cable.arrays, v, cable.padded(acceleration), lines)
+    cable.call(rattle.add_constraint_force, v, cable.padded(acceleration), lines)
     return cable.held_force(t, cable.shown(lines))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import MATERIAL, PLASTICITY
 from dlo_sim.methods import between_steps
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import Needs, inextensible, needs_of_end, needs_of_load
@@ -57,9 +57,9 @@ class CableInputs(CableView):
         self._extend(needs_of_load(self._needs, self.scene, push, turn))
         row = self.cable.loads[self._load_index[name]]
         if push is not None:
-            row[:3] = push[:, None]
+            row[:3] = push
         if turn is not None:
-            row[3:6] = turn[:, None]
+            row[3:6] = turn
         row[6] = 0.0
 
     def set_end(
@@ -119,18 +119,18 @@ class CableInputs(CableView):
         rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
         cable.settle(self.time)
         before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
-        lost = cable.entry(layout.DISSIPATED)
+        lost = cable.account.dissipated
         self._ends.take_frame_turns(cable.frame_turn)
         self._ends.put(points, self.time)
         cable.put(points, rates, self.time, follow=True)
-        work = cable.present_energy() - before + cable.entry(layout.DISSIPATED) - lost
+        work = cable.present_energy() - before + cable.account.dissipated - lost
         if not math.isfinite(work):
             cable.state[:], cable.inputs[:] = kept
             raise ValueError(
                 "shift, speed: give a shape without a finite energy; give smaller ones"
             )
-        cable.ledger[layout.LOAD_WORK] += work
-        return work
+        cable.account.load_work += work
+        return float(work)
 
     def take(self, grasp: str, at: float | None = None) -> None:
         """Let a grasp take the cable: from now on what it holds moves with its gripper.
@@ -212,19 +212,19 @@ class CableInputs(CableView):
         cable, model = self.cable, self.model
         for row, load in zip(cable.loads, self.scene.loads, strict=False):
             if load.signal != "none":
-                row[:3], row[3:6] = np.array(load.force)[:, None], np.array(load.torque)[:, None]
+                row[:3], row[3:6] = load.force, load.torque
             row[6] = load.frequency if load.signal == "sine" else 0.0
         self._ends.live_in(cable.motion)
         self._ends.pull_springs(self.cable, self.time)
         cable.point_grasps(self.time if self._steps else 0.0)
-        self._natural = np.zeros((*model.rule.xi.shape, layout.NATURAL_ROWS))
+        self._natural = np.zeros((*model.rule.xi.shape, 4))
         if has_natural_shape(self.scene, model):
             self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
         self._turning = None
-        if has_natural_shape(self.scene, model) and not model.has(layout.MATERIAL):
+        if has_natural_shape(self.scene, model) and not model.has(MATERIAL):
             rows = weighted(model, self._natural)
-            self._turning = to_blocks(rows.reshape(len(rows), -1))
-            model.put_samples(cable.state, layout.NATURAL, turned_rows(rows, self._turn_of_start))
+            self._turning = to_blocks(rows)
+            cable.natural = turned_rows(rows, self._turn_of_start)
             between_steps.turn_natural.load()  # a tick must not have to compile it
 
     def _needs_moved(self, end: str) -> Needs:
@@ -260,11 +260,11 @@ class CableInputs(CableView):
     @property
     def _lays_natural_shape(self) -> bool:
         """Whether the natural shape follows the cable, all of it or that of its plastic part."""
-        return self.model.has(layout.MATERIAL) or self.model.has(layout.PLASTICITY)
+        return self.model.has(MATERIAL) or self.model.has(PLASTICITY)
 
     def _has_natural_shape_of(self, other: CableInputs) -> bool:
         """Whether `carry_samples` took over the same natural shape from another simulator."""
-        terms = layout.MATERIAL | layout.PLASTICITY
+        terms = MATERIAL | PLASTICITY
         same_terms = self.cable.terms & terms == other.cable.terms & terms
         scenes = self.scene, other.scene
         shapes = {(scene.cable.natural_shape, scene.cable.rest_curvature_axis) for scene in scenes}
@@ -276,25 +276,22 @@ class CableInputs(CableView):
         model, start = self.model, self.end_pose("start")[1]
         frames = self.frames(np.append(0.0, model.sample_shares.ravel() * self.scene.cable.length))
         samples = frames[1:].reshape(*model.rule.xi.shape, 4)
-        if model.has(layout.MATERIAL):
+        if model.has(MATERIAL):
             rows = rows_in_frames(self._natural, start, frames[0], samples)
-            of_elastic = weighted(model, rows)
-            model.put_samples(self.cable.state, layout.NATURAL, of_elastic)
+            self.cable.natural = weighted(model, rows)
         else:
             rows = turned_rows(self._natural, self._turn_of_start)
-        if model.has(layout.PLASTICITY):
+        if model.has(PLASTICITY):
             tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
-            plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
-            model.put_samples(self.cable.state, layout.PLASTIC, plastic)
+            self.cable.plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
             self.cable.flow()
         self.cable.open_frame()
 
     def _rebuild(self, needs: Needs) -> None:
         """Arrays and step of other needs; their state is empty."""
         self._needs = needs
-        self.cable = Cable.new(
-            build_model(self.scene, needs, self._geometries, origin=self._origin)
-        )
+        model = build_model(self.scene, needs, self._geometries, origin=self._origin)
+        self.cable = Cable(model)
         self._fill_inputs()
         self._loop = GuardedLoop(self.cable, self._stepper)
 
@@ -310,15 +307,13 @@ class CableInputs(CableView):
         """Continue with other needs or grasps from the present state."""
         points, rates = self.cable.points, self.velocities
         self._ends.take_frame_turns(self.cable.frame_turn)
-        old, ledger = self.cable, self.cable.ledger.copy()
+        old = self.cable
         self._geometries = geometries
         self._rebuild(needs)
         carry_inputs(old, self.cable)
         self.cable.put(points, rates)
         carry_samples(old, self.cable)
-        ledger[layout.LOAD_WORK] += ledger[layout.PENDING]
-        self.cable.ledger[:] = ledger
-        self.cable.ledger[list(layout.OF_HISTORY)] = 0.0
+        self.cable.continue_account(old)
 
     def _hold(self, grasp: str, geometry: Geometry) -> None:
         """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
@@ -330,7 +325,7 @@ class CableInputs(CableView):
             angle = self._angle_at(geometry.u, self.cable.points)
             self._ends.count_from(grasp, self.time, angle)
         self._replace(self._needs, geometries)
-        self.cable.ledger[layout.DRIVE_WORK] += self.cable.present_energy() - before
+        self.cable.account.drive_work += self.cable.present_energy() - before
 
     def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
         """All that holds the cable, with a grasp like this.

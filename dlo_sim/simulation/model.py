@@ -1,25 +1,17 @@
-"""The constant arrays of a cable (`engine.layout`), and access to their contents."""
+"""The constants of a scene: the arrays that its cables share, and what they were made of."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import arguments, bspline, quadrature
-from dlo_sim.engine import layout
-from dlo_sim.simulation.arrays import (
-    Counts,
-    Table,
-    aligned_zeros,
-    from_blocks,
-    line_view,
-    to_blocks,
-)
+from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
+from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.holding import Holding
 
 Array = NDArray[np.float64]
@@ -27,14 +19,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Model:
-    """Constant arrays of a scene; never changed after building.
+    """Constants of a scene; never changed after building.
 
     Attributes:
-        shape, values: arrays `shape` and `model` of the compiled functions.
-        sizes: of the arrays inputs, state and scratch. counts: numbers of their parts.
+        arrays: those of its cables, without inputs, state and work.
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
-        holding: held points, rows and springs.
+        holding: held points, constraint rows and springs.
         axial_stiffness: EA [N]. bending_stiffness: EI of every span [N m^2], stiffened by jaws,
             shape (n - 3,).
         rest: constant coordinate of planar motion [m] in its component, zero in the others, shape
@@ -43,10 +34,7 @@ class Model:
             positions in the arrays are relative to it.
     """
 
-    shape: Table
-    values: Array
-    sizes: Mapping[str, int]
-    counts: Counts
+    arrays: CableArrays
     knots: Array
     rule: quadrature.Quadrature
     axes: tuple[int, ...]
@@ -57,32 +45,28 @@ class Model:
     rest: Array
     origin: Array
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Model:
+        """Copies of a cable share the constants."""
+        return self
+
     @property
     def n(self) -> int:
         """Number of control points."""
-        return int(self.shape[layout.N])
+        return self.arrays.sizes["n"]
 
     @property
     def lines(self) -> int:
         """Number of lines: the spatial ones, and the twist line if there is one."""
-        return int(self.shape[layout.LINES])
+        return self.arrays.sizes["lines"]
+
+    @property
+    def rooms(self) -> tuple[int, int]:
+        """Numbers in the inputs and in the state of a cable."""
+        return Inputs.room(self.arrays.sizes), State.room(self.arrays.sizes)
 
     def has(self, bit: int) -> bool:
         """Whether the term with this bit is active."""
-        return bool(self.shape[layout.TERMS] & bit)
-
-    def new(self, name: str) -> Array:
-        """A new array `inputs`, `state` or `scratch` of zeros."""
-        return aligned_zeros(self.sizes[name])
-
-    def view(self, array: Array, offset: int) -> Array:
-        """View of the lines at an offset of state or scratch, without margins, shape (lines, n)."""
-        return line_view(self.shape, array, int(self.shape[offset]), self.lines)
-
-    def rows(self, array: Array, offset: int, count: int) -> Array:
-        """View of rows at an offset of an array, shape (count, LANES)."""
-        at = self.shape[offset]
-        return array[at : at + count * LANES].reshape(count, LANES)
+        return bool(self.arrays.sizes["terms"] & bit)
 
     @cached_property
     def blank(self) -> Array:
@@ -133,18 +117,17 @@ class Model:
             )
         return columns
 
-    def band(self, offset: int, line: int) -> Array:
-        """A symmetric matrix of one line (MASS, VISCOUS, TWIST), lower diagonals, shape (4, n)."""
-        at = int(self.shape[offset])
-        if offset != layout.TWIST and line >= len(self.axes):
-            at += 7 * int(self.shape[layout.LINE])
-        seven = line_view(self.shape, self.values, at, 7)
-        return np.stack([seven[3 + k] for k in range(4)])
+    def mass(self, line: int) -> Array:
+        """Mass matrix of one line, lower diagonals, shape (4, n)."""
+        return self._lower(self.arrays.linear.mass[int(line >= len(self.axes))])
 
     @property
     def twisting_stiffness(self) -> Array:
         """Stiffness matrix of the twist line with its springs, lower diagonals, shape (4, n)."""
-        return self.band(layout.TWIST, len(self.axes)) + self.holding.roll_stiffness(self.n)
+        return self._lower(self.arrays.linear.twist) + self.holding.roll_stiffness(self.n)
+
+    def _lower(self, matrix: Array) -> Array:
+        return without_margins(matrix, self.n)[3:].copy()
 
     @property
     def sample_shares(self) -> Array:
@@ -159,21 +142,10 @@ class Model:
     @property
     def elastic_share(self) -> float:
         """Share of the bending stiffness with the natural curvature: 1, or with plasticity h."""
-        if not self.has(layout.PLASTICITY):
+        if not self.has(PLASTICITY):
             return 1.0
-        ratio = self.rows(self.values, layout.SCALES, layout.SCALE_ROWS)[layout.HARDENING, 0]
+        ratio = self.arrays.physics.hardening
         return float(ratio / (1.0 + ratio))
-
-    def samples(self, state: Array, offset: int, rows: int) -> Array:
-        """Rows of every quadrature point in a state, a copy of shape (spans, samples, rows)."""
-        at, counts = int(self.shape[offset]), self.counts
-        values = state[at : at + counts.blocks * counts.samples * rows * LANES]
-        return from_blocks(values.copy(), len(self.rule.xi)).reshape(-1, counts.samples, rows)
-
-    def put_samples(self, state: Array, offset: int, values: Array) -> None:
-        """Write the rows of every quadrature point, shape (spans, samples, rows)."""
-        at, flat = int(self.shape[offset]), to_blocks(values.reshape(len(values), -1))
-        state[at : at + flat.size] = flat
 
     def held_mask(self) -> NDArray[np.bool_]:
         """Mask of the line entries held by rows at single control points, shape (lines, n)."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import rotations
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import CURVED, MATERIAL
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.model import Model
@@ -19,7 +19,7 @@ LEAST_ACROSS = 1e-3  # share of the axis
 
 def has_natural_shape(scene: Scene, model: Model) -> bool:
     """Whether the cable is bent or twisted at rest, apart from what plastic flow makes of it."""
-    return model.has(layout.CURVED) and scene.cable.shaped
+    return model.has(CURVED) and scene.cable.shaped
 
 
 def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
@@ -37,7 +37,7 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
     axis = np.array(cable.rest_curvature_axis)
     aside = np.cross(tangent, axis)
     across = float(np.linalg.norm(aside))
-    if across < LEAST_ACROSS and (model.has(layout.MATERIAL) or any(cable.rest_curvature_2)):
+    if across < LEAST_ACROSS and (model.has(MATERIAL) or any(cable.rest_curvature_2)):
         raise SceneError(
             f"cable.rest_curvature_axis: {axis.tolist()} lies along the cable where it leaves the "
             "start, and bends nothing; give an axis across it"
@@ -48,7 +48,7 @@ def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:
 
 
 def weighted(model: Model, rows: Array) -> Array:
-    """Rows of `layout.NATURAL`: the vectors times quadrature weight and EI; of a plastic cable with
+    """Rows of `Cable.natural`: the vectors times quadrature weight and EI; of a plastic cable with
     h EI, the stiffness of its elastic part (`engine.plasticity`).
     """
     weights = model.elastic_share * model.moment_weights
@@ -56,7 +56,7 @@ def weighted(model: Model, rows: Array) -> Array:
 
 
 def unslipped(model: Model, rows: Array, tangents: Array) -> Array:
-    """Rows of `layout.PLASTIC` before any plastic flow, at no curvature; tangents: unit, shape
+    """Rows of `Cable.plastic` before any plastic flow, at no curvature; tangents: unit, shape
     (spans, samples, 3).
     """
     bent = rows[..., :3]

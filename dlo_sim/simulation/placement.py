@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import CONTACT, CURVED
 from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -64,7 +64,7 @@ def place(
         # An arc that is folded at a clamp would stay so.
         if not statics.follow(scene, geometries, ends, cable, lay):
             cable.put(points, np.zeros_like(points), 0.0)
-    if constrained and not rattle.to_rest_length(cable.arrays):
+    if constrained and not cable.call(rattle.to_rest_length):
         apart = float(np.linalg.norm(cable.points[-1, :3] - cable.points[0, :3]))
         raise SceneError(
             f"integrator.method: rattle keeps the cable at its length, {scene.cable.length:.6g} m, "
@@ -82,7 +82,7 @@ def place(
 
 def _check_obstacles(scene: Scene, model: Model, points: Array) -> None:
     """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung out."""
-    if not model.has(layout.CONTACT):
+    if not model.has(CONTACT):
         return
     u = np.linspace(0.0, scene.cable.length, PLACES)
     line = bspline.evaluate(points, model.knots, u)
@@ -112,16 +112,15 @@ def wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
 def _relax_elastic(scene: Scene, geometries: Geometries, cable: Cable) -> None:
     """Equilibrium with the true axial stiffness, close to that of the inextensible cable."""
     elastic = scene.with_values({"integrator.method": "energy_momentum", "terms.stretch": "auto"})
-    twin = Cable.new(build_model(elastic, needs_of(elastic), geometries, cable.model.origin))
+    twin = Cable(build_model(elastic, needs_of(elastic), geometries, cable.model.origin))
     twin.inputs[:] = cable.inputs
     twin.point_grasps(0.0)
     if twin.anchors.size:
         twin.anchors[:] = cable.anchors
     points = cable.points
     twin.put(points, np.zeros_like(points))
-    if twin.model.has(layout.CURVED):
-        natural = cable.model.samples(cable.state, layout.NATURAL, layout.NATURAL_ROWS)
-        twin.model.put_samples(twin.state, layout.NATURAL, natural)
+    if twin.model.has(CURVED):
+        twin.natural = cable.natural
     statics.relax(twin)
     statics.relax_twist(twin)
     cable.x[:] = twin.x

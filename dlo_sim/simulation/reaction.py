@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.engine import layout
 from dlo_sim.engine.reaction import add_wrench
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.inextensible import held_force
@@ -18,17 +17,17 @@ _OF_LAST_STEP = np.zeros(0)  # tells `add_wrench` to use the reactions of the la
 def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
     """Force [N] and moment [N m] of an end effector on the cable, world frame, shape (6,).
 
-    The moment is about the held point. The part of the held rows is the mean over the last step of
-    an implicit method, else the present value, which for an inextensible cable (`keeps_length`)
-    includes the constraint forces. The part of the springs is the present value.
+    The moment is about the held point. The part of the constraint rows is the mean over the last
+    step of an implicit method, else the present value, which for an inextensible cable
+    (`keeps_length`) includes the constraint forces. The part of the springs is the present value.
     """
     rows = _OF_LAST_STEP
-    if not cable.entry(layout.HAS_REACTION):
+    if not cable.account.has_reaction:
         rows = held_force(cable, t) if keeps_length else cable.held_force(t)
     points = cable.points
     about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points)
     wrench = np.zeros(6)
-    add_wrench(cable.arrays, grasp, rows, points, about, wrench)
+    cable.call(add_wrench, grasp, rows, points, about, wrench)
     return wrench
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.lanes import LANES
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import Records
+from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
@@ -16,45 +16,49 @@ Array = NDArray[np.float64]
 class Recorder:
     """A buffer for one sample of the state at each of these times.
 
-    Attributes:
-        times: rising [s]. energies: [J], shape (T, LANES); one cable uses lane 0.
+    Args:
+        times: rising [s], shape (T,).
     """
 
     def __init__(self, model: Model, times: Array) -> None:
-        self.times = np.ascontiguousarray(times, dtype=float)
         self.model = model
-        self._samples = np.zeros((len(times), int(model.shape[layout.SIZE])))
-        self.energies = np.zeros((len(times), LANES))
-        self._marks = np.array([0, len(times)], dtype=np.int64)
+        self._records = Records(model.arrays.sizes | {"count": len(times)})
+        self._records.times[:] = times
 
     @property
-    def arrays(self) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-        """Arguments of the compiled loops: times, samples, energies, and the two counts."""
-        return self.times, self._samples.ravel(), self.energies.ravel(), self._marks
+    def address(self) -> int:
+        """The last argument of the compiled loops."""
+        return self._records.address
+
+    @property
+    def times(self) -> Array:
+        """Times of the samples [s], shape (T,)."""
+        return self._records.times
+
+    @property
+    def energies(self) -> Array:
+        """Energies at the ends of the steps that contain the samples [J], shape (T,)."""
+        return self._records.energy
 
     @property
     def count(self) -> int:
         """Number of samples taken."""
-        return int(self._marks[0])
+        return int(self._records.marks[0])
 
     def forget(self, count: int) -> None:
         """Discard all but the first `count` samples."""
-        self._marks[0] = min(self.count, count)
+        self._records.marks[0] = min(self.count, count)
 
-    def put(self, cable: Cable, energy: float | Array) -> None:
-        """Store the present state as the next sample; energy: [J], or one for each lane."""
-        at, size = self.model.shape[layout.X], self.model.shape[layout.SIZE]
-        self._samples[self.count] = cable.state[at : at + size]
-        self.energies[self.count] = energy
-        self._marks[0] += 1
+    def put(self, cable: Cable, energy: float) -> None:
+        """Store the present state as the next sample; energy: [J]."""
+        self._records.x[self.count] = cable.arrays.state.x
+        self._records.energy[self.count] = energy
+        self._records.marks[0] += 1
 
     @property
     def lines(self) -> Array:
-        """The samples taken of one cable, shape (count, lines, n)."""
-        width = int(self.model.shape[layout.LINE])
-        shape = self.count, int(self.model.shape[layout.LINES]), width
-        taken = self._samples[: self.count].reshape(shape)
-        return taken[:, :, layout.MARGIN : layout.MARGIN + self.model.n]
+        """The samples taken, shape (count, lines, n)."""
+        return without_margins(self._records.x[: self.count], self.model.n)
 
     @property
     def points(self) -> Array:

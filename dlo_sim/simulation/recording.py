@@ -161,7 +161,7 @@ def record_simulator(
         tension=shape.tension(points, cable.EA, cable.EI) if known else None,
         curvature=shape.curvature(points),
         energy=energies_at(
-            recorder.times[:count], recorder.energies[:count, 0], simulator.step, every
+            recorder.times[:count], recorder.energies[:count], simulator.step, every
         ),
         status=report.status.name.lower(),
         message=report.message,

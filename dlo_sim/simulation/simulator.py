@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import IMPLICIT
-from dlo_sim.engine import layout
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, moments_may_come, needs_of, needs_of_load
 from dlo_sim.simulation import following, optional_terms
@@ -97,7 +96,7 @@ class Simulator(CableInputs):
         self._origin = origin_of(geometries)
         self._geometries: Geometries = moved(geometries, -self._origin)
         model = build_model(scene, needs, self._geometries, origin=self._origin)
-        self.cable = Cable.new(model)
+        self.cable = Cable(model)
         self._greville = bspline.greville(model.knots)
         self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
         self._ends = EndDrive(scene, self._geometries, model.knots)
@@ -233,13 +232,12 @@ class Simulator(CableInputs):
         for name, path in paths.items():
             row = list(self.scene.holders).index(name)
             motions[:, row] = following.motions_along(cable.motion[row], grid, path)
-        natural = following.natural_along(self.model, self._turning, motions)
-        moments, turns = natural
+        moments, turns = following.natural_along(self.model, self._turning, motions)
         done, evaluations, status = 0, 0, Status.OK
         while done < len(motions) and status.ok:
             piece = slice(done, done + self._steps_to_look())
-            share = moments, turns.reshape(-1, 9)[piece].ravel()
-            made = self._loop.advance_along(self._steps, recorder, motions[piece], share)
+            natural = moments, turns[piece]
+            made = self._loop.advance_along(self._steps, recorder, motions[piece], natural)
             self._steps += made.steps
             done, evaluations, status = (
                 done + made.steps,
@@ -330,7 +328,7 @@ class Simulator(CableInputs):
             self._lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
         self.cable.open_account(self.scene)
-        if not math.isfinite(self.cable.entry(layout.ENERGY_START)):
+        if not math.isfinite(self.cable.account.energy_start):
             self.restore(before)
             raise ValueError("control points: have no finite energy; neighbours must not coincide")
         self._steps, self._remainder = 0, 0.0

@@ -18,12 +18,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numba import boolean, float64
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import MATRICES, REAL, TRUTH, piece
+from dlo_sim.compiling.pieces import ARRAY_3D, piece
 from dlo_sim.core import bspline
 from dlo_sim.core.bspline import ACTIVE
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import ANY_STRETCH, SPAN_STRETCH
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.model import Model
 from dlo_sim.simulation.recorder import Recorder
@@ -44,11 +45,11 @@ def unexplained_stretch(
         points: control points of one shape or of several [m], shape (..., n, 3 or 4).
         ends: for one shape, where to look up the directions of clamped ends at this time [s].
     """
-    if not model.has(layout.ANY_STRETCH):
+    if not model.has(ANY_STRETCH):
         return ""
     places = _places(model.knots.tobytes())
     shapes = np.ascontiguousarray(points[..., :3]).reshape(-1, model.n, 3)
-    by_span = model.has(layout.SPAN_STRETCH)
+    by_span = model.has(SPAN_STRETCH)
     span, place, length, explained = worst_stretch(
         shapes, places.slopes, places.projection, by_span
     )
@@ -74,7 +75,7 @@ def leaves_clamp_backwards(points: Array, ends: EndDrive, time: float = 0.0) -> 
     return ""
 
 
-@piece((REAL, REAL, REAL, REAL), MATRICES, MATRICES, MATRICES, TRUTH)
+@piece((float64, float64, float64, float64), ARRAY_3D, ARRAY_3D, ARRAY_3D, boolean)
 def worst_stretch(
     shapes: Array, slopes: Array, projection: Array, by_span: bool
 ) -> tuple[float, float, float, float]:

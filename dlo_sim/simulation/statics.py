@@ -36,7 +36,14 @@ from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass, rotations
 from dlo_sim.core.methods import METHODS
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import (
+    ANY_STRETCH,
+    BISHOP,
+    GRAVITY,
+    MATERIAL,
+    PLASTICITY,
+    SPAN_STRETCH,
+)
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import inextensible
@@ -95,10 +102,10 @@ def find(
     """
     if not follow(scene, geometries, ends, cable, lay):
         raise SceneError(cause(scene, cable))
-    if not cable.model.has(layout.BISHOP):
+    if not cable.model.has(BISHOP):
         relax_twist(cable)
     elif not _with_twist(scene, ends, cable, lay):
-        what = "natural shape causes" if cable.model.has(layout.MATERIAL) else "moments cause"
+        what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
         warnings.warn(
             f"initial.shape: the search for the twist that the {what} did not converge; the cable "
             "moves after the start: let it come to rest, or check cable.shear_modulus",
@@ -283,7 +290,7 @@ def cause(scene: Scene, cable: Cable) -> str:
     """A line that says that no equilibrium was found, why, and what helps."""
     begin, model = "initial.shape: no equilibrium found", cable.model
     weight = scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass
-    pull = weight * np.array(scene.gravity) * model.has(layout.GRAVITY)
+    pull = weight * np.array(scene.gravity) * model.has(GRAVITY)
     for load in scene.loads:
         pull = pull + np.array(load.force) * (load.signal == "constant")
     holders = [*scene.ends.values(), *(grasp for grasp in scene.grasps if grasp.taken)]
@@ -294,7 +301,7 @@ def cause(scene: Scene, cable: Cable) -> str:
                 f"pull with {pull[axis]:.3g} N; hold an end along {name} (end.fixed), or use "
                 "straight"
             )
-    if not model.has(layout.STRETCH | layout.SPAN_STRETCH) and not inextensible(scene):
+    if not model.has(ANY_STRETCH) and not inextensible(scene):
         return (
             f"{begin}, since nothing resists stretching; set terms.stretch to auto and give "
             "cable.axial_stiffness or cable.youngs_modulus"
@@ -414,7 +421,7 @@ def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
     shape.
     """
     last, found, share = np.inf, cable.state.copy(), 1.0
-    nudged = not cable.model.has(layout.MATERIAL)
+    nudged = not cable.model.has(MATERIAL)
     for _ in range(MAX_ALTERNATIONS):
         before = cable.x.copy()
         if not relax_twist(cable):
@@ -451,7 +458,7 @@ def _nudge(cable: Cable) -> None:
     push = np.zeros_like(cable.x)
     for axis in range(len(cable.model.axes)):
         side = np.sin((2.0 + axis) * share + 0.7 * axis + 0.4)
-        push[axis] = mass.multiply(cable.model.band(layout.MASS, 0), side)
+        push[axis] = mass.multiply(cable.model.mass(0), side)
     way = cable.free_acceleration(push)
     cable.x[:] += NUDGE * length / max(np.abs(way).max(), 1e-300) * way
 
@@ -460,7 +467,7 @@ def _nudge_twist(cable: Cable) -> None:
     """Turn a cable whose natural shape is in the material frame by up to TWIST_NUDGE about its own
     axis, by a different angle everywhere.
     """
-    if not cable.model.has(layout.MATERIAL):
+    if not cable.model.has(MATERIAL):
         return
     free = ~cable.model.held_mask()[-1]
     along = bspline.greville(cable.model.knots) / cable.model.knots[-1]
@@ -469,7 +476,7 @@ def _nudge_twist(cable: Cable) -> None:
 
 def _flow(cable: Cable, lay: Lay | None) -> Lay | None:
     """What a search does after each step."""
-    return lay if cable.model.has(layout.PLASTICITY) else None
+    return lay if cable.model.has(PLASTICITY) else None
 
 
 def _put(ends: EndDrive, cable: Cable, lay: Lay | None) -> None:
@@ -516,10 +523,10 @@ class _Search:
         own = polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0])
         self._own = own * (2.0 / np.diff(self._ends))[:, None, None]  # r' = sum q own (1, xi, xi^2)
         self._slopes = np.einsum("skp,sjp->sjk", self._own, powers)
-        self._by_span = model.has(layout.SPAN_STRETCH)
+        self._by_span = model.has(SPAN_STRETCH)
         self._linear = np.zeros((spans, 1))
         self._linear[[0, -1]] = 3.0
-        axial = model.axial_stiffness if model.has(layout.ANY_STRETCH) else 0.0
+        axial = model.axial_stiffness if model.has(ANY_STRETCH) else 0.0
         self._half_stiffness = 0.5 * axial * self._weights
         strengths = span_guard.STRENGTH * self._by_span, span_guard.LENGTH_STRENGTH
         self._guard = axial * np.outer(np.diff(self._ends), strengths)
@@ -535,7 +542,7 @@ class _Search:
         model = self._cable.model
         free = ~model.held_mask()[: self._dim]
         pull = float(np.abs(self._cable.forces()[: self._dim] * free).sum())
-        inertia = float(mass.multiply(model.band(layout.MASS, 0), np.ones(model.n)).sum())
+        inertia = float(mass.multiply(model.mass(0), np.ones(model.n)).sum())
         fall = inertia * self._length / max(pull, 1e-300)
         self.patient = 100.0 * fall
         return 0.01 * fall
@@ -575,7 +582,7 @@ class _Search:
         """Whether the stiffness of the present shape is positive, up to round-off. That of a cable
         with a natural shape at fixed twist says little: `_in_turn` tries it.
         """
-        if self._cable.model.has(layout.MATERIAL):
+        if self._cable.model.has(MATERIAL):
             return True
         nothing = np.zeros((len(self._ends) - 1, self._dyads.shape[1]))
         return self._correction(self._cable.x, STEADY * self.patient, nothing) is not None
@@ -651,7 +658,7 @@ class _Search:
             cable.add_moment_stiffness()
         half = 4 * dim - 1
         blocks = 2.0 * (extra[:, None] @ self._dyads).reshape(-1, 4, 4)
-        inertia = cable.model.band(layout.MASS, 0)
+        inertia = cable.model.mass(0)
         moved = np.stack([mass.multiply(inertia, x[d] - before[d]) for d in range(dim)], axis=1)
         unknowns = (force[:dim].T - moved / pseudo).ravel()
         # Row i dim + d of the matrix belongs to coordinate d of control point i.

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
 from dlo_sim.methods import implicit, rattle, runge_kutta, splitting, zhai
-from dlo_sim.methods.implicit_along import advance_along
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
@@ -42,10 +41,8 @@ class _Explicit:
     def __call__(
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
-        given = (first, steps, tau, GUARD_STEPS, recorder.arrays)
-        status, done, evaluations = self._loop.code(
-            cable.arrays, splitting.engine_of(cable.terms).code, *self._own, *given
-        )
+        given = first, steps, tau, GUARD_STEPS, recorder.address
+        status, done, evaluations = cable.call(self._loop, *self._own, *given)
         return status, done, evaluations
 
 
@@ -65,10 +62,8 @@ class _Implicit:
     def __call__(
         self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
     ) -> tuple[int, int, int]:
-        engine = implicit.engine_of(cable.terms).code
-        status, done, iterations = implicit.advance_implicit.code(
-            cable.arrays, engine, *self._own, first, steps, tau, recorder.arrays
-        )
+        given = first, steps, tau, recorder.address
+        status, done, iterations = cable.call(implicit.advance_implicit, *self._own, *given)
         return status, done, iterations
 
     def along(
@@ -80,13 +75,10 @@ class _Implicit:
         motions: Array,
         natural: NaturalAlong,
     ) -> tuple[int, int, int]:
-        """The same with separate motions for every step (`methods.implicit_along`)."""
-        return advance_along.code(
-            implicit.advance_implicit.code,
-            *(cable.arrays, implicit.engine_of(cable.terms).code),
-            *(*self._own, first, tau, recorder.arrays),
-            *(len(motions), motions[0].size, motions.ravel(), *natural),
-        )
+        """The same with separate motions for every step."""
+        given = first, tau, recorder.address, motions, *natural
+        status, done, iterations = cable.call(implicit.advance_along, *self._own, *given)
+        return status, done, iterations
 
 
 def loop_of(method: Method, scene: Scene) -> Loop:
@@ -96,7 +88,7 @@ def loop_of(method: Method, scene: Scene) -> Loop:
         return _Explicit(splitting.advance_splitting, *weights)
     if method.family == RUNGE_KUTTA:
         table, nodes = _butcher_table(method)
-        return _Explicit(runge_kutta.advance_runge_kutta, table.ravel(), nodes)
+        return _Explicit(runge_kutta.advance_runge_kutta, table, nodes)
     if method.family == ZHAI:
         return _Explicit(zhai.advance_zhai, *method.zhai_pair)
     if method.family == CONSTRAINED:

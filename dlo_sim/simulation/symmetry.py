@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import ANY_STRETCH
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 
@@ -54,7 +54,7 @@ def release_from_line(cable: Cable, scene: Scene) -> bool:
     length = model.knots[-1]
     chord = x[:, -1] - x[:, 0]
     span = float(np.sqrt(chord @ chord))
-    if span < 0.1 * length or not model.has(layout.ANY_STRETCH):
+    if span < 0.1 * length or not model.has(ANY_STRETCH):
         return False
     along = chord / span
     middle = x[:, model.n // 2] - x[:, 0]
@@ -75,13 +75,13 @@ def release_from_line(cable: Cable, scene: Scene) -> bool:
         return False
     before = cable.kinetic()
     cable.w[:dim] += PUSH * scene.accuracy.target * rate / largest * push[:dim]
-    cable.ledger[layout.LOAD_WORK] += cable.kinetic() - before
+    cable.account.load_work += cable.kinetic() - before
     return True
 
 
 def _without_momentum(cable: Cable, push: Array) -> Array:
     """Free velocities (lines, n) less those of a uniform force that has their momentum."""
-    share = mass.multiply(cable.model.band(layout.MASS, 0), np.ones(cable.model.n))
+    share = mass.multiply(cable.model.mass(0), np.ones(cable.model.n))
     for line in range(len(cable.model.axes)):
         uniform = np.zeros_like(push)
         uniform[line] = share

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import MATERIAL, PLASTICITY
 from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
@@ -30,20 +30,19 @@ def carry_samples(old: Cable, new: Cable) -> None:
     """Take over another cable's plastic curvature, and its natural shape where that follows the
     material frame.
     """
-    if old.model.has(layout.PLASTICITY) and new.model.has(layout.PLASTICITY):
-        plastic = old.model.samples(old.state, layout.PLASTIC, layout.PLASTIC_ROWS)
-        plastic = _carried_over(old, new, plastic)
+    if old.model.has(PLASTICITY) and new.model.has(PLASTICITY):
+        plastic = _carried_over(old, new, old.plastic)
         # p / (1 - h), from which strands have slipped, stays.
         plastic[..., :3] *= (1.0 - new.model.elastic_share) / (1.0 - old.model.elastic_share)
-        new.model.put_samples(new.state, layout.PLASTIC, plastic)
+        new.plastic = plastic
         new.flow()
-    if old.model.has(layout.MATERIAL) and new.model.has(layout.MATERIAL):
-        natural = old.model.samples(old.state, layout.NATURAL, layout.NATURAL_ROWS)
+    if old.model.has(MATERIAL) and new.model.has(MATERIAL):
+        natural = old.natural
         weights = old.model.elastic_share * old.model.moment_weights
         natural[..., :3] /= np.maximum(weights, TINY)
         natural = _carried_over(old, new, natural)
         natural[..., :3] *= new.model.elastic_share * new.model.moment_weights
-        new.model.put_samples(new.state, layout.NATURAL, natural)
+        new.natural = natural
 
 
 def _carried_over(old: Cable, new: Cable, values: Array) -> Array:

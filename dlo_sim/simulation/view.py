@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import arguments, bspline
 from dlo_sim.core.methods import CONSTRAINED
 from dlo_sim.core.strain import strain
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import ENERGIES, TORSION
 from dlo_sim.engine.frames import curve_frames
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs
@@ -86,8 +86,8 @@ class CableView:
         """What is missing because of terms that the scene needs but are switched off, and what the
         model cannot show in its present state, one line each.
         """
-        tolerance, entry = self.scene.integrator.tolerance, self.cable.entry
-        notable = entry(layout.EXCHANGED) > NOTABLE * entry(layout.FLOOR)
+        tolerance, account = self.scene.integrator.tolerance, self.cable.account
+        notable = account.exchanged > NOTABLE * account.floor
         error = self.energy_error if notable else 0.0
         lines = (
             coiling_warning(self.scene, self.cable),
@@ -176,7 +176,7 @@ class CableView:
 
     def energy(self) -> Energy:
         """Energies of the present state."""
-        e = dict(zip(layout.ENERGIES, self.cable.potentials().tolist(), strict=True))
+        e = dict(zip(ENERGIES, self.cable.potentials().tolist(), strict=True))
         return Energy(
             kinetic=self.cable.kinetic(self.cable.velocities(self.time)),
             stretch=e["stretch"],
@@ -190,14 +190,14 @@ class CableView:
     @property
     def undefined_torsion(self) -> UndefinedTorsion:
         """At how many samples the Frenet torsion was undefined in the run so far."""
-        if not self.model.has(layout.TORSION):
+        if not self.model.has(TORSION):
             return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
-        entry = self.cable.entry
+        account = self.cable.account
         return UndefinedTorsion(
             samples=int(np.count_nonzero(self.model.rule.weights)),
-            last=int(entry(layout.TORSION_LAST)),
-            mean=entry(layout.TORSION_SUM) / max(entry(layout.TORSION_LOOKS), 1.0),
-            worst=int(entry(layout.TORSION_WORST)),
+            last=int(account.torsion_last),
+            mean=float(account.torsion_sum / max(account.torsion_looks, 1.0)),
+            worst=int(account.torsion_worst),
             floor=self.scene.curvature_floor,
         )
 
@@ -206,7 +206,7 @@ class CableView:
         """Energy [J] that plastic bending has dissipated since the start, and what rotating the
         plastic curvature with the tangent took from the stored energy, which may be negative.
         """
-        return self.cable.entry(layout.PLASTIC_WORK)
+        return float(self.cable.account.plastic_work)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -217,12 +217,12 @@ class CableView:
     @property
     def energy_error(self) -> float:
         """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
-        cable = self.cable
-        worst, exchanged = cable.entry(layout.ENERGY_ERROR), cable.entry(layout.EXCHANGED)
+        cable, account = self.cable, self.cable.account
+        worst, exchanged = float(account.error), float(account.exchanged)
         if not self._stepper.looked_at(self._steps):
             error, present = cable.balance()
             worst, exchanged = max(worst, error), max(exchanged, present)
-        return worst / max(exchanged, cable.entry(layout.FLOOR))
+        return worst / max(exchanged, float(account.floor))
 
     def end_pose(self, end: str) -> tuple[Array, Array]:
         """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
@@ -278,7 +278,7 @@ class CableView:
         """Points of the curve and material frames, whose second axis at the start is fixed in the
         start's end effector, into out, shape (m, 7).
         """
-        curve_frames(self.cable.arrays, points, *basis, self.time, self._frame_axis, out)
+        self.cable.call(curve_frames, points, *basis, self.time, self._frame_axis, out)
 
 
 def _coordinates(u: ArrayLike) -> Array:

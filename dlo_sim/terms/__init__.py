@@ -1,7 +1,7 @@
 """Energy densities per rest length, one file each, as functions of invariants of the centreline.
 
 With t = r'(u), k = r''(u): c = t.t, d = t.k, h = k.k. A term has its energy, its gradient, the
-divided differences of the discrete gradient between configurations 0 and 1 (`mean_gradient`) and
-their derivatives with respect to configuration 1 (`mean_hessian`), all without cancellation. Terms
-do not depend on meshes, samples or methods.
+divided differences of the discrete gradient between configurations 0 and 1 (`discrete_gradient`)
+and their derivatives with respect to configuration 1 (`discrete_jacobian`), all without
+cancellation. Terms do not depend on meshes, samples or methods.
 """

@@ -23,7 +23,7 @@ def gradient(stiffness, d, h, inverse):
 
 
 @part
-def mean_gradient(stiffness, c0, d0, h0, c1, d1, h1):
+def discrete_gradient(stiffness, c0, d0, h0, c1, d1, h1):
     """Divided differences in c, d, h: the product rule with symmetric means."""
     half = 0.5 * stiffness
     i0, i1 = 1.0 / c0, 1.0 / c1
@@ -40,7 +40,7 @@ def mean_gradient(stiffness, c0, d0, h0, c1, d1, h1):
 
 
 @part
-def mean_hessian(stiffness, c0, d0, h0, c1, d1, h1):
+def discrete_jacobian(stiffness, c0, d0, h0, c1, d1, h1):
     """Derivatives of the divided differences (c, d, h) by (c1, d1, h1): cc, cd, ch, dc, dd, hc.
 
     Not symmetric; hd, hh and dh are zero.

@@ -15,7 +15,7 @@ does no work except that of the moments at the ends (Bergou et al. 2008, ACM Tra
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import root
+from dlo_sim.compiling.lanes import sqrt
 from dlo_sim.compiling.pieces import part
 from dlo_sim.terms.natural_curvature import cross
 from dlo_sim.terms.viscosity import combined, dot
@@ -23,10 +23,10 @@ from dlo_sim.terms.viscosity import combined, dot
 
 @part
 def sum_of_curvatures(t0, k0, t1, k1):
-    """s0 s1 (k0 / s0 + k1 / s1), and 1 / (s0 s1 (s0 s1 + t0 . t1)): two roots and one division,
-    which take most of the time.
+    """s0 s1 (k0 / s0 + k1 / s1), and 1 / (s0 s1 (s0 s1 + t0 . t1)): two square roots and one
+    division, which take most of the time.
     """
-    s0, s1 = root(dot(t0, t0)), root(dot(t1, t1))
+    s0, s1 = sqrt(dot(t0, t0)), sqrt(dot(t1, t1))
     both = s0 * s1
     return combined(s1, k0, s0, k1), 1.0 / (both * (both + dot(t0, t1)))
 
@@ -39,7 +39,7 @@ def change(t0, k0, t1, k1):
 
 
 @part
-def mean_gradient(t0, k0, t1, k1):
+def discrete_gradient(t0, k0, t1, k1):
     """G, such that the twisting moment M acts on r' as M G."""
     v, share = sum_of_curvatures(t0, k0, t1, k1)
     half = 0.5 * share

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import size
+from dlo_sim.compiling.lanes import fabs
 from dlo_sim.compiling.pieces import part
 
 TINY = 1e-300  # avoids 0/0 for two gaps of zero
@@ -11,7 +11,7 @@ TINY = 1e-300  # avoids 0/0 for two gaps of zero
 @part
 def depth(g):
     """min(g, 0)."""
-    return 0.5 * (g - size(g))
+    return 0.5 * (g - fabs(g))
 
 
 @part
@@ -24,11 +24,11 @@ def energy(stiffness, g):
 @part
 def share_inside(g0, g1):
     """Share of the interval from g0 to g1 that is negative, inside the obstacle."""
-    return size(depth(g0) + depth(g1)) / (size(g0) + size(g1) + TINY)
+    return fabs(depth(g0) + depth(g1)) / (fabs(g0) + fabs(g1) + TINY)
 
 
 @part
-def mean_gradient(stiffness, g0, g1):
+def discrete_gradient(stiffness, g0, g1):
     """Divided difference of the energy: k times the mean depth times `share_inside`, without
     cancellation; for g0 = g1 the derivative.
     """
@@ -36,7 +36,7 @@ def mean_gradient(stiffness, g0, g1):
 
 
 @part
-def mean_hessian(stiffness, g0, g1):
-    """d/dg1 of `mean_gradient`."""
-    share, sign = share_inside(g0, g1), g1 / (size(g1) + TINY)
+def discrete_jacobian(stiffness, g0, g1):
+    """d/dg1 of `discrete_gradient`."""
+    share, sign = share_inside(g0, g1), g1 / (fabs(g1) + TINY)
     return 0.5 * stiffness * share * (1.0 - sign + share * sign)

@@ -8,7 +8,7 @@ the rotation R by phi about T, then the smallest rotation P from T to T'.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import root
+from dlo_sim.compiling.lanes import sqrt
 from dlo_sim.compiling.pieces import part
 from dlo_sim.terms.natural_curvature import cross
 from dlo_sim.terms.viscosity import combined, dot
@@ -42,7 +42,7 @@ def cosine(z):
 @part
 def unit(t):
     """t / |t|."""
-    return combined(1.0 / root(dot(t, t)), t, 0.0, t)
+    return combined(1.0 / sqrt(dot(t, t)), t, 0.0, t)
 
 
 @part
@@ -64,7 +64,7 @@ def discrete_gradient(n, before, angle0, angle1, t0, t1, b):
         b.(n1 - n0) = G.(t1 - t0) + g (angle1 - angle0),   b = mean of t x k,
     exact, by the product rule with symmetric means. Returns n0, n1, G, g.
     """
-    s0, s1 = root(dot(t0, t0)), root(dot(t1, t1))
+    s0, s1 = sqrt(dot(t0, t0)), sqrt(dot(t1, t1))
     both = 1.0 / (s0 * s1)  # divisions take most of the time
     r0, r1 = both * s1, both * s0
     u0, u1 = combined(r0, t0, 0.0, t0), combined(r1, t1, 0.0, t1)

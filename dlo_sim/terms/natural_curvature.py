@@ -6,7 +6,7 @@ or the plastic curvature. The constant EI/2 |kappa0|^2 is left out.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import root
+from dlo_sim.compiling.lanes import sqrt
 from dlo_sim.compiling.pieces import part
 
 
@@ -26,13 +26,13 @@ def triple(n, t, k):
 @part
 def energy(n, t, k, c):
     """- e / c^(3/2)."""
-    return -triple(n, t, k) / (c * root(c))
+    return -triple(n, t, k) / (c * sqrt(c))
 
 
 @part
-def mean_gradient(c0, c1, e0, e1):
+def discrete_gradient(c0, c1, e0, e1):
     """Divided differences in c and e."""
-    s0, s1 = root(c0), root(c1)
+    s0, s1 = sqrt(c0), sqrt(c1)
     both = 1.0 / (s0 * s1)
     cube = both * both * both
     return (
@@ -42,9 +42,9 @@ def mean_gradient(c0, c1, e0, e1):
 
 
 @part
-def mean_hessian(c0, c1, e0, e1):
+def discrete_jacobian(c0, c1, e0, e1):
     """Derivatives of the divided differences (c, e) by (c1, e1): cc, ce, ec; ee is zero."""
-    s0, s1 = root(c0), root(c1)
+    s0, s1 = sqrt(c0), sqrt(c1)
     numerator = c0 + s0 * s1 + c1
     denominator = c0 * s0 * c1 * s1 * (s0 + s1)
     slope = numerator * c0 * s0 * c1 * (3.0 * s0 + 4.0 * s1) / (denominator * denominator)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import root
+from dlo_sim.compiling.lanes import sqrt
 from dlo_sim.compiling.pieces import part
 
 
 @part
 def strain(c):
     """|r'| - 1 from c = |r'|^2, without cancellation near 1."""
-    return (c - 1.0) / (root(c) + 1.0)
+    return (c - 1.0) / (sqrt(c) + 1.0)
 
 
 @part
@@ -29,18 +29,18 @@ def gradient(stiffness, stretched, inverse):
 
 
 @part
-def mean_gradient(stiffness, s0, s1, counted):
-    """Divided difference in c; `counted` is the mean strain, s = |r'|."""
-    return stiffness * counted / (s0 + s1)
+def discrete_gradient(stiffness, s0, s1, mean_strain):
+    """Divided difference in c, with s = |r'| and the mean of the strains at both configurations."""
+    return stiffness * mean_strain / (s0 + s1)
 
 
 @part
-def mean_hessian(stiffness, s0, s1, counted):
-    """d/dc1 of `mean_gradient` in two parts: at fixed `counted`, and through the mean of the local
-    strains, d counted/dc1 = 1 / (4 s1).
+def discrete_jacobian(stiffness, s0, s1, mean_strain):
+    """d/dc1 of `discrete_gradient` in two parts: at fixed `mean_strain`, and through the mean of
+    the local strains, d mean_strain/dc1 = 1 / (4 s1).
     """
     inverse = 1.0 / (s0 + s1)
     return (
-        -0.5 * stiffness * counted * inverse * inverse / s1,
+        -0.5 * stiffness * mean_strain * inverse * inverse / s1,
         0.25 * stiffness * inverse / s1,
     )

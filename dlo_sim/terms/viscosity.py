@@ -10,7 +10,7 @@ rho = (P (dk - q dt) - 2 n (t.dt)) / c.
 
 from __future__ import annotations
 
-from dlo_sim.compiling.lanes import root
+from dlo_sim.compiling.lanes import sqrt
 from dlo_sim.compiling.pieces import part
 
 
@@ -50,7 +50,7 @@ def bending(stiffness, thinning, t, k, moved_t, moved_k):
     q, n, inverse = curvature_of(t, k)
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
     square = dot(rho, rho)
-    stiffness = stiffness / root(thinning * square + 1.0)
+    stiffness = stiffness / sqrt(thinning * square + 1.0)
     g = stiffness * inverse
     return combined(-2.0 * g * dot(n, rho), t, -g * q, rho), g, rho, stiffness * square
 
@@ -61,9 +61,9 @@ def thinned(stiffness, thinning, q, n, inverse, t, moved_t, moved_k):
     the stress by the motion is `tangent_blocks` at this stiffness minus the dyad of these vectors.
     """
     rho = corotational(q, n, inverse, t, moved_t, moved_k)
-    share = 1.0 / root(thinning * dot(rho, rho) + 1.0)
+    share = 1.0 / sqrt(thinning * dot(rho, rho) + 1.0)
     stiffness = stiffness * share
-    f = root(stiffness * thinning) * share * inverse
+    f = sqrt(stiffness * thinning) * share * inverse
     return stiffness, combined(-2.0 * f * dot(n, rho), t, -f * q, rho), combined(f, rho, 0.0, rho)
 
 

@@ -31,7 +31,7 @@ def here():
 
 def same(result, other):
     """Whether two results are equal to the last bit."""
-    assert result.status == other.status and result.one_by_one == other.one_by_one
+    assert result.status == other.status and result.method == other.method
     assert len(result.control_points) == len(SCENES)
     for name in ("time", "control_points", "energy", "energy_error", "step", "simulated"):
         assert np.array_equal(getattr(result, name), getattr(other, name)), name

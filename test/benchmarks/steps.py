@@ -1,8 +1,8 @@
-"""Time of a step: against the number of control points, on vector lanes, and on all cores.
+"""Time of a step: against the number of control points, and on all cores.
 
-    python test/benchmarks/steps.py [sizes] [lanes] [cores]
+    python test/benchmarks/steps.py [sizes] [cores]
 
-prints a table for each of the named parts, for all of them by default. Times are the least of
+prints a table for each of the named parts, for both by default. Times are the least of
 repeats that run in turn, so that other load on the machine affects all of them alike.
 """
 
@@ -12,7 +12,6 @@ import time
 import numpy as np
 
 from dlo_sim.batch import simulate_batch
-from dlo_sim.batch.lanes import LANES, new_lane, run_lanes
 from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import load_scene
@@ -24,9 +23,6 @@ SIZED = (
     *("forest_ruth", "velocity_verlet", "rattle"),
     *("energy_momentum", "energy_momentum_4", "implicit_midpoint", "generalized_alpha"),
 )
-ON_LANES = (("paper_wire", "forest_ruth"), ("paper_wire_force", "velocity_verlet"))
-LANE_SIZES = (7, 13, 25, 41)
-PIECE = 512  # steps of one timed piece
 
 
 def wire(name, method, n, diameter=0.002):
@@ -78,28 +74,6 @@ def sizes():
         print(" | ".join([method, *(f"{one:.4g}" for one in (*times, *p))]), flush=True)
 
 
-def lanes():
-    """Eight scenes, one per vector lane, against the same one by one, where the lanes are the knot
-    spans of one cable."""
-    print("\nscene, method | n_u | one by one [us/step] | lanes [us/step] | times faster")
-    for (name, method), n in ((kind, n) for kind in ON_LANES for n in LANE_SIZES):
-        diameters = 0.002 * (1.0 + 0.2 * np.arange(LANES) / LANES)
-        simulators = [Simulator(wire(name, method, n, d)) for d in diameters.tolist()]
-        step = min(simulator.step for simulator in simulators)
-        stack, span = [new_lane(simulator) for simulator in simulators], PIECE * step
-
-        def one_by_one(simulators=simulators):
-            for simulator in simulators:
-                advance(simulator, PIECE)
-
-        def on_lanes(stack=stack, step=step, span=span):
-            runs = run_lanes(stack, step, span, np.array([0.0, span]))
-            assert all(run.status.ok for run in runs)
-
-        one, other = (t / (PIECE * LANES) * 1e6 for t in least(15, one_by_one, on_lanes))
-        print(f"{name}, {method} | {n} | {one:.3f} | {other:.3f} | {one / other:.2f}", flush=True)
-
-
 def cores():
     """A batch on all workers against the same in this process, and whether the bits agree."""
     diameters = 0.002 * (1.0 + 0.2 * np.arange(128) / 128)
@@ -115,7 +89,7 @@ def cores():
         print(f"\n{crew.count} workers: {one / every:.2f} times as fast as one, same bits: {same}")
 
 
-PARTS = {"sizes": sizes, "lanes": lanes, "cores": cores}
+PARTS = {"sizes": sizes, "cores": cores}
 if __name__ == "__main__":
     for part in sys.argv[1:] or PARTS:
         PARTS[part]()

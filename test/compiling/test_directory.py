@@ -15,9 +15,10 @@ from pathlib import Path
 import llvmlite
 import numba
 import pytest
+from numba import float64
 
 from dlo_sim.compiling import directory
-from dlo_sim.compiling.pieces import REAL, Piece, piece
+from dlo_sim.compiling.pieces import Piece, piece
 from dlo_sim.doctor.installation import installation
 from test.disks import mounted
 
@@ -34,7 +35,7 @@ def add_two(x: float) -> float:
 
 def fresh() -> Piece:
     """`add_one` as a new process would have it."""
-    return piece(REAL, REAL)(add_one)
+    return piece(float64, float64)(add_one)
 
 
 @pytest.fixture
@@ -103,7 +104,7 @@ def test_compiling_is_said_once_and_loading_is_not(
     assert line == f"compiling, once per installation, some 45 s, kept in {tmp_path}/dlo_sim"
     assert numba.config.CACHE_DIR == before, "the user's setting"
     loaded = fresh()
-    assert loaded(1.0) == 2.0 and sum(loaded.code.stats.cache_hits.values()) == 1
+    assert loaded(1.0) == 2.0 and sum(loaded.code().stats.cache_hits.values()) == 1
     assert said() == []
 
 
@@ -143,7 +144,7 @@ def test_a_directory_that_can_only_be_read_is_read(
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
     assert fresh()(1.0) == 2.0
     assert said() == []
-    assert piece(REAL, REAL)(add_two)(1.0) == 3.0, "what is missing is compiled"
+    assert piece(float64, float64)(add_two)(1.0) == 3.0, "what is missing is compiled"
     (line,) = said()
     assert "at every start" in line and "DLO_SIM_CACHE" in line
 
@@ -181,13 +182,13 @@ def test_temporary_files_without_room_are_not_needed(
         (line,) = said()
         assert "once per installation" in line
         loaded = fresh()
-        assert loaded(1.0) == 2.0 and sum(loaded.code.stats.cache_hits.values()) == 1
+        assert loaded(1.0) == 2.0 and sum(loaded.code().stats.cache_hits.values()) == 1
         assert said() == []
         kept = directory.base_directory() / directory.digest()
         assert [path.name for path in kept.iterdir()] == [NAME], "no private directory is left"
         with mounted(kept, 4096):
             kept.chmod(0o755)
-            assert piece(REAL, REAL)(add_two)(1.0) == 3.0
+            assert piece(float64, float64)(add_two)(1.0) == 3.0
             assert any("at every start" in line and "No space left" in line for line in said())
 
 

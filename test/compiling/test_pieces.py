@@ -1,20 +1,116 @@
-"""What importing the compiling room does to the process."""
+"""Pieces call each other by address, and only those that a scene needs are loaded."""
 
+import os
+import pickle
 import subprocess
 import sys
 
-SCRIPT = """
-import warnings
-import dlo_sim.compiling.pieces
-from numba import NumbaExperimentalFeatureWarning as Kind
-warnings.warn("\\x1b[1mFirst-class function type feature is experimental", Kind)
-warnings.warn("another", Kind)
-"""
+import numpy as np
+import pytest
+from numba import float64, int64
+
+from dlo_sim.compiling.groups import Group, Reals, grid, group_at
+from dlo_sim.compiling.pieces import ARRAY, part, piece
 
 
-def test_the_warning_about_function_types_is_silent_in_colour_too():
-    made = subprocess.run(
-        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True
+class Numbers(Group):
+    x = Reals("n")
+
+
+@piece(float64, Numbers.kind, float64)
+def first_plus(numbers, value):
+    """x[0] + value."""
+    return numbers.x[0] + value
+
+
+@piece((float64, int64), Numbers.kind, terms=4)
+def last_and_count(numbers):
+    """Last entry, and how many there are."""
+    return numbers.x[len(numbers.x) - 1], len(numbers.x)
+
+
+@part
+def halved(numbers, value):
+    return 0.5 * first_plus(numbers, value)
+
+
+@piece(float64, int64, int64)
+def entry(address, more):
+    """Calls the first directly and through a part, the second if asked."""
+    numbers = numbers_at(address)
+    sum_ = halved(numbers, 3) + first_plus(numbers, 1.0)
+    if more:
+        last, count = last_and_count(numbers)
+        sum_ += last * count
+    return sum_
+
+
+@piece(float64, ARRAY, int64)
+def sum_of(values, count):
+    """Sum of the first entries."""
+    whole, sum_ = grid(values), 0.0
+    for k in range(count):
+        sum_ += whole[k]
+    return sum_
+
+
+numbers_at = group_at(Numbers)
+
+
+@pytest.fixture
+def numbers():
+    made = Numbers({"n": 4})
+    made.x[:] = [1.0, 2.0, 3.0, 5.0]
+    return made
+
+
+def test_a_piece_calls_others_itself_and_through_parts(numbers):
+    assert entry(numbers.address, 0) == 0.5 * 4.0 + 2.0
+    numbers.x[0] = 11.0
+    assert entry(numbers.address, 0) == 0.5 * 14.0 + 12.0
+
+
+def test_a_piece_of_a_term_is_loaded_with_the_term(numbers):
+    assert {called.name for called in entry.calls()} == {first_plus.name, last_and_count.name}
+    assert entry.code(4)(numbers.address, 1) == 4.0 + 20.0
+
+
+@pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="asks for machine code")
+def test_without_the_term_it_is_not():
+    script = (
+        "from test_pieces import entry, first_plus, last_and_count\n"
+        "entry.code(3)\n"
+        "print(first_plus._address[0] != 0, last_and_count._address[0] != 0)\n"
+        "entry.code(4)\n"
+        "print(last_and_count._address[0] != 0)\n"
     )
-    assert "First-class" not in made.stderr
-    assert "another" in made.stderr
+    here = os.path.dirname(__file__)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=here
+    )
+    assert done.stdout.split() == ["True", "False", "True"]
+
+
+def test_a_copy_in_another_process_is_the_same_piece():
+    assert pickle.loads(pickle.dumps(first_plus)) is first_plus
+
+
+@pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="numpy checks other bounds")
+def test_every_index_is_checked_on_demand():
+    script = (
+        "import numpy as np\n"
+        "from test_pieces import sum_of\n"
+        "print(sum_of(np.ones(3), 3))\n"
+        "sum_of(np.ones(3), 4)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=os.path.dirname(__file__),
+        env=os.environ | {"DLO_SIM_CHECK": "1"},
+    )
+    assert done.stdout.strip() == "3.0" and done.returncode == 1
+    assert "IndexError: index outside of dimension 0" in done.stderr
+    assert np.isfinite(sum_of(np.ones(3), 3))

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, wild
 from differences import assert_limit, central
+from numba import float64, int64, void
 
-from dlo_sim.compiling.lanes import bare, shifted
-from dlo_sim.compiling.pieces import NOTHING, REAL, REALS, WHOLES, code_of, piece
+from dlo_sim.compiling.groups import grid
+from dlo_sim.compiling.pieces import ARRAY_2D, piece
 from dlo_sim.core import elasticity, spectrum
-from dlo_sim.engine import layout
-from dlo_sim.engine.assembly import ANY, all_tangents, assembly, discrete_gradient
+from dlo_sim.engine.arrays import CURVED, SPAN_STRETCH, cable_at
+from dlo_sim.engine.assembly import all_tangents, discrete_gradient
 from dlo_sim.engine.band import clear_band
-from dlo_sim.methods.implicit_layout import BAND, FACTORS_OF_SAMPLES
 
 LOOSE = {"end.spring": [0.0, 0.0, 0.0], "end.pose_topic": "", "damping.stiffness": 1.0}
 ELASTIC = FULL | FLAT | LOOSE
@@ -19,49 +19,38 @@ STRAIGHT_AT_REST = {"cable.rest_curvature": [1e-12]}
 BETA_OVER_TAU = 0.4
 
 
-@piece(NOTHING, WHOLES, *[REALS] * 5, REAL, ANY.gradient, REALS, REALS)
-def forces_between(shape, model, state, x0, x1, moved, viscous, gradient, out, lost):
-    shape, model, state, x0, x1 = bare(shape), bare(model), bare(state), bare(x0), bare(x1)
-    moved, out, lost = bare(moved), bare(out), bare(lost)
-    discrete_gradient(gradient, shape, model, state, x0, x1, moved, viscous, out, lost)
+@piece(float64, int64, ARRAY_2D, ARRAY_2D, ARRAY_2D, float64, ARRAY_2D)
+def forces_between(address, x0, x1, moved, viscous, out):
+    ends = grid(x0), grid(x1), grid(moved)
+    return discrete_gradient(cable_at(address), *ends, viscous, grid(out))
 
 
-@piece(NOTHING, WHOLES, *[REALS] * 4, REAL, ANY.tangent, REALS)
-def tangent_between(shape, model, state, x0, x1, viscous, tangent, scratch):
-    shape, model, state, scratch = bare(shape), bare(model), bare(state), bare(scratch)
-    band, factors = shifted(scratch, shape[BAND]), shifted(scratch, shape[FACTORS_OF_SAMPLES])
-    clear_band(shape, band)
-    x0, x1 = bare(x0), bare(x1)
-    all_tangents(tangent, shape, model, state, x0, x1, viscous, 1.0, factors, band)
+@piece(void, int64, ARRAY_2D, ARRAY_2D, float64)
+def tangent_between(address, x0, x1, viscous):
+    cable = cable_at(address)
+    clear_band(cable.work.band)
+    all_tangents(cable, grid(x0), grid(x1), viscous, 1.0, cable.work.band)
 
 
 class Between(Bench):
     """What acts between two configurations."""
 
     def padded(self, points):
-        """Control points as the bare lines that compiled functions read."""
-        out = np.zeros(int(self.model.shape[layout.SIZE]))
-        self.model.view(out, layout.X)[:] = self.model.to_lines(points)
-        return out
+        """Control points as lines with margins."""
+        return self.cable.padded(self.model.to_lines(points))
 
     def between(self, first, second, viscous=0.0):
         """Force on the axes of the scene, shape (n, dim), and the energy lost."""
         given = [self.padded(points) for points in (first, second, second - first)]
-        out, lost = np.zeros_like(given[0]), np.zeros(8)
-        model = self.model
-        forces_between(
-            *(model.shape, model.values, self.cable.state, *given, viscous),
-            *(code_of(assembly(self.cable.terms).gradient), out, lost),
-        )
-        return model.view(out, layout.X)[: len(self.axes)].T.copy(), float(lost[0])
+        out = np.zeros_like(given[0])
+        lost = self.cable.call(forces_between, *given, viscous, out)
+        return self.cable.shown(out)[: len(self.axes)].T.copy(), lost
 
     def tangent(self, first, second, viscous=0.0):
         """d (minus force) / d second, shape (n dim, n dim)."""
-        model, cable = self.model, self.cable
         ends = self.padded(first), self.padded(second)
-        code = code_of(assembly(cable.terms).tangent)
-        tangent_between(model.shape, model.values, cable.state, *ends, viscous, code, cable.scratch)
-        return spectrum.dense(cable.band, 4 * len(self.axes) - 1)
+        self.cable.call(tangent_between, *ends, viscous)
+        return spectrum.dense(self.cable.band, 4 * len(self.axes) - 1)
 
     def elastic(self, points):
         """Stretching and bending energy [J]."""
@@ -90,7 +79,7 @@ def bench(request):
     values, more = KINDS[request.param]
     bench = Between(values, {"damping.stiffness": 1.0}, n=12, **more)
     assert len(bench.axes) == (2 if "planar" in request.param else 3)
-    assert bench.model.has(layout.CURVED)
+    assert bench.model.has(CURVED)
     return bench
 
 
@@ -149,7 +138,7 @@ def test_the_span_guard_is_a_discrete_gradient_with_its_tangent(kind, into):
     values, more = KINDS[kind]
     bench = Between(values, n=12, **more)
     first, second = uneven_pair(bench, into)
-    by_span = bench.model.has(layout.SPAN_STRETCH)
+    by_span = bench.model.has(SPAN_STRETCH)
     stiff = elasticity.Section(EA=bench.scene.cable.EA, by_span=by_span)
     guards = [elasticity.guard(p, bench.model.knots, stiff)[0] for p in (first, second)]
     energies = [bench.elastic(p) for p in (first, second)]

@@ -8,7 +8,7 @@ from cables import BY_SPAN, FLAT, FULL, SOFT, Bench, inflected, rotation, straig
 from differences import assert_limit
 
 from dlo_sim.core import elasticity
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import SPAN_STRETCH
 
 GAUSS = {"discretization.quadrature": "gauss", "discretization.samples": 3}
 UNIFORM = {"discretization.quadrature": "uniform", "discretization.samples": 41}
@@ -36,7 +36,7 @@ def section_of(bench):
         cable.GJ if bench.model.twist else 0.0,
         cable.rest_curvature,
         cable.rest_curvature_axis,
-        by_span=bench.model.has(layout.SPAN_STRETCH),
+        by_span=bench.model.has(SPAN_STRETCH),
     )
 
 
@@ -57,7 +57,7 @@ def test_energies_and_forces_equal_the_oracle(n, mesh):
     values, more = MESHES[mesh]
     n = max(n, 5) if "span" in mesh else n
     bench = Bench(FULL, FLAT, NO_SPRINGS, values, n=n, **more)
-    assert bench.model.has(layout.SPAN_STRETCH) == ("span" in mesh)
+    assert bench.model.has(SPAN_STRETCH) == ("span" in mesh)
     natural = oracle(bench, elasticity.energies, straight(bench))[1]
     for seed in range(3):
         points = wild(bench, seed, size=0.2 * bench.greville[2])
@@ -82,7 +82,7 @@ def test_the_span_guard_equals_the_oracle(n, mesh):
     bench = Bench(FULL, FLAT, NO_SPRINGS, values, n=n, **more)
     for seed in range(3):
         points = wild(bench, seed, size=0.9 * bench.greville[2])
-        points[:, :3] *= 0.5 if bench.model.has(layout.SPAN_STRETCH) else 0.2
+        points[:, :3] *= 0.5 if bench.model.has(SPAN_STRETCH) else 0.2
         stretch = oracle(bench, elasticity.energies, points)[0]
         guard = elasticity.guard(points, bench.model.knots, section_of(bench))[0]
         assert guard > 1e-3 * stretch

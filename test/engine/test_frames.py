@@ -2,9 +2,16 @@
 
 import numpy as np
 import pytest
+from numba import void
 
+from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, piece
 from dlo_sim.core import rotations
 from dlo_sim.engine.frames import transport
+
+
+@piece(void, ARRAY_2D, STRIDED_WHOLES, STRIDED, STRIDED, ARRAY, ARRAY_2D)
+def transported(points, columns, values, slopes, reference, out):
+    transport(points, columns, values, slopes, reference, out)
 
 
 def frames(points, tangents, angles=None, reference=(0.0, 0.0, 1.0)):
@@ -20,7 +27,7 @@ def frames(points, tangents, angles=None, reference=(0.0, 0.0, 1.0)):
     values, slopes = np.zeros((count, 4)), np.zeros((count, 4))
     values[:, 0] = slopes[:, 1] = 1.0
     out = np.zeros((count, 7))
-    transport(table, columns, values, slopes, np.array(reference, float), out)
+    transported(table, columns, values, slopes, np.array(reference, float), out)
     assert np.array_equal(out[:, :3], points)
     return out[:, 3:]
 

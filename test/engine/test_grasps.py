@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from cables import FULL, Bench, rotation, straight
+from numba import float64, void
 
+from dlo_sim.compiling.groups import grid
+from dlo_sim.compiling.pieces import ARRAY, piece
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.engine import grasps
@@ -20,6 +23,11 @@ BOTH = FULL | {
     "start.tangent": TANGENTS["start"],
     "end.tangent": TANGENTS["end"],
 }
+
+
+@piece(void, ARRAY, float64, ARRAY)
+def turn(m, t, v):
+    v[0], v[1], v[2] = grasps.turned(grid(m), t, v[0], v[1], v[2])
 
 
 def motion(rotation=((0.0, 1.5, 2.0), (3.0, -1.0, -8.0)), duration=0.4):
@@ -44,7 +52,8 @@ def placed(bench, row, t):
     """Attachment point, tangent and twist angle."""
     end = ("start", "end")[row]
     place = bench.drive.place_at(end, t)
-    tangent = grasps.turned(bench.drive.motion[row].copy(), 0, t, *TANGENTS[end])
+    tangent = np.array(TANGENTS[end])
+    turn(bench.drive.motion[row].copy(), t, tangent)
     return np.array([*place[:3], *tangent, place[3]])
 
 

@@ -6,7 +6,6 @@ from cables import BY_SPAN, FULL, FULLY_DAMPED, SOFT, Bench, rotation, simulator
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.engine import layout
 
 CLAMPED = FULL | {
     "end.spring": [0.0, 0.0, 0.0],
@@ -74,7 +73,7 @@ def projector(bench, t=0.0):
 
 
 def put_motion(bench, rates, seed=0):
-    """Give the cable velocities; what it keeps of them is the momentum variable."""
+    """Give the cable velocities; what it keeps of them is the projected velocity."""
     bench.cable.put(wild(bench, seed), bench.model.to_columns(rates, rest=False))
     return flat(bench.cable.w)
 
@@ -84,7 +83,7 @@ def test_projection_takes_out_what_moves_the_held_and_nothing_else(bench):
     rates = some(bench)
     once = put_motion(bench, rates)
     rows, _ = bench.held(0.0)
-    assert len(rows) == bench.model.shape[layout.HELD]
+    assert len(rows) == bench.cable.arrays.rows.count
     assert np.abs(rows @ flat(rates)).max() > 0.1
     assert np.abs(rows @ once).max() < 1e-13
     assert np.abs(once - projector(bench) @ flat(rates)).max() < 1e-12
@@ -197,7 +196,7 @@ def test_energy_momentum_closes_the_account_exactly(motion, values):
     sim = moved(motion, damping | CLAMPED, method="energy_momentum", step=2e-3)
     assert sim.energy_error < 1e-9
     assert clamp_defect(sim, motion)[0] < 1e-12
-    assert abs(sim.cable.entry(layout.DRIVE_WORK)) > 1e-2
+    assert abs(sim.cable.account.drive_work) > 1e-2
 
 
 @MOTIONS

@@ -5,13 +5,9 @@ import pytest
 from cables import FLAT, SOFT, Bench, scene_of, simulator, straight, wild
 from differences import assert_limit
 
-from dlo_sim.compiling.lanes import bare
-from dlo_sim.compiling.pieces import NOTHING, REALS, WHOLES, piece
 from dlo_sim.core import bspline, elasticity
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.core.plasticity import Law, carried
-from dlo_sim.engine import layout
-from dlo_sim.engine.plasticity import plastic_flow
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.simulation.report import Status
 from dlo_sim.simulation.simulator import Simulator
@@ -20,23 +16,13 @@ YIELD = {"plasticity.yield_curvature": 1.5, "plasticity.hardening": 0.2}
 ALONE = SOFT | FLAT | YIELD
 
 
-@piece(NOTHING, WHOLES, REALS, REALS, plastic_flow)
-def flow(shape, model, state, plastic_flow):
-    model, state = bare(model), bare(state)
-    plastic_flow(bare(shape), model, state, state, state)
-
-
 def law_of(scene):
     return Law(scene.cable.EI, scene.plasticity.yield_curvature, scene.plasticity.hardening)
 
 
 def plastic_of(cable):
     """Plastic curvature of every sample of a cable, from start to end, shape (m, 3)."""
-    samples, spans = int(cable.model.shape[layout.SAMPLES]), cable.model.n - 3
-    count = int(cable.model.shape[layout.BLOCKS]) * samples * layout.PLASTIC_ROWS
-    rows = cable.model.rows(cable.state, layout.PLASTIC, count)
-    by_span = rows.reshape(-1, samples, layout.PLASTIC_ROWS, 8).transpose(0, 3, 1, 2)
-    return by_span.reshape(-1, samples, layout.PLASTIC_ROWS)[:spans, :, :3].reshape(-1, 3)
+    return cable.plastic[..., :3].reshape(-1, 3)
 
 
 class Cable(Bench):
@@ -48,7 +34,7 @@ class Cable(Bench):
 
     def flow(self, points):
         self.put(points)
-        flow(self.model.shape, self.model.values, self.cable.state, plastic_flow.code)
+        self.cable.flow()
 
     def bend(self, points):
         """Stored energy of bending [J]."""
@@ -92,7 +78,7 @@ def test_flow_equals_the_law_on_a_wild_path(cable):
             w * law.energy(strain.binormal[i], expected[i]) for i, w in enumerate(cable.weights)
         )
         assert bend == pytest.approx(stored, rel=1e-11)
-    assert cable.cable.entry(layout.DISSIPATED) == pytest.approx(lost, rel=1e-10)
+    assert cable.cable.account.dissipated == pytest.approx(lost, rel=1e-10)
     assert np.abs(expected).max() > 1.0
 
 
@@ -122,7 +108,7 @@ def test_swing_carries_the_set_along():
     cable.flow(points)
     before, energy = cable.plastic, cable.bend(points)
     assert np.abs(before).max() > 0.1
-    lost = cable.cable.entry(layout.DISSIPATED)
+    lost = cable.cable.account.dissipated
     steps, turn = 400, 1.2  # turn about y, the arc's binormal
     for k in range(1, steps + 1):
         a = turn * k / steps
@@ -131,7 +117,7 @@ def test_swing_carries_the_set_along():
         moved[:, 2] = -np.sin(a) * points[:, 0] + np.cos(a) * points[:, 2]
         cable.flow(moved)
     assert cable.bend(moved) == pytest.approx(energy, rel=1e-9)
-    assert cable.cable.entry(layout.DISSIPATED) - lost == pytest.approx(0.0, abs=1e-9 * energy)
+    assert cable.cable.account.dissipated - lost == pytest.approx(0.0, abs=1e-9 * energy)
     assert np.abs(cable.plastic - before).max() < 1e-9  # along y all the time
 
 
@@ -180,7 +166,7 @@ def test_energy_account_includes_the_plastic_work(method):
         sim.advance(0.5)
         lost = sim.plastic_work
         assert lost > 1e-3
-        assert lost == pytest.approx(sim.cable.entry(layout.DISSIPATED), rel=1e-2)
+        assert lost == pytest.approx(sim.cable.account.dissipated, rel=1e-2)
         errors.append(sim.energy_error)
     assert max(errors) < 1e-3
 

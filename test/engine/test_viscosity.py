@@ -6,7 +6,7 @@ from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, inflected, straight, 
 
 from dlo_sim.core import bspline
 from dlo_sim.core.elasticity import samples
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import SPAN_STRETCH
 
 BETA = 3e-3
 STIFF = FULL | {"damping.mass": 1e-300, "damping.stiffness": BETA}
@@ -18,7 +18,7 @@ PLAIN = FLAT | {"end.spring": [1e-12, 0.0, 0.0], "cable.rest_curvature": [1e-12]
 def bench(request):
     stretch, grading = request.param
     bench = Bench(STIFF, PLAIN, stretch, n=9, grading=grading)
-    assert bench.model.has(layout.SPAN_STRETCH) == bool(stretch)
+    assert bench.model.has(SPAN_STRETCH) == bool(stretch)
     return bench
 
 

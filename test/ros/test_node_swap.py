@@ -84,7 +84,7 @@ def test_every_tick_comes_while_a_change_is_made_ready(
 def test_the_same_where_something_has_to_be_compiled(
     started: Callable[..., NodeProcess], peer: Peer, tmp_path: Path
 ) -> None:
-    """By the start, which says so, and by the change; afterwards there is nothing to compile."""
+    """By the start, which says so; nothing is left for the change, nor for a second node."""
     node = started({**CABLE, "rate": RATES[-1]})
     assert COMPILING in node.output
     change(node, peer, RATES[-1], tmp_path)

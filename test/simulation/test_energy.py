@@ -9,7 +9,6 @@ from cables import FLAT, FREE, FULL, FULLY_DAMPED, MASS_DAMPED, SOFT, set_state,
 from dlo_sim.core import mass
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.engine import layout
 
 NAMES = [name for name in METHODS if name != "rattle"]
 ODD = 7  # steps between two looks, no divisor of anything
@@ -144,7 +143,7 @@ def test_generalized_alpha_loses_little_where_a_clamp_moves():
     sim = simulator(SCENES["undamped"], LOAD, n=6, method="generalized_alpha", step=5e-4)
     sim.set_motion("start", CLAMP)
     assert sim.advance_steps(400).status.ok
-    assert 1e-6 < sim.cable.entry(layout.DISSIPATED) < 1e-3 * sim.energy().kinetic  # measured 5e-5
+    assert 1e-6 < sim.cable.account.dissipated < 1e-3 * sim.energy().kinetic  # measured 5e-5
 
 
 @pytest.mark.parametrize("name", ["velocity_verlet", "energy_momentum"])
@@ -157,7 +156,7 @@ def test_account_closes_with_a_moved_spring(name):
 
 @pytest.mark.parametrize("name", ["velocity_verlet", "energy_momentum"])
 def test_account_against_works_computed_from_outside(name):
-    """Force times way of a constant load, reaction times way of the clamp, without the ledger."""
+    """Force times way of a constant load, reaction times way of the clamp, without the account."""
     load = {"loads.tip.signal": "constant", "loads.tip.force": [0.3, 0.5, -0.4]}
     sim = simulator(SOFT, load, {"terms.out_of_plane": "on"}, n=6, method=name, step=1e-4)
     slide = EndMotion(
@@ -197,7 +196,7 @@ def test_account_against_works_computed_from_outside(name):
 def momenta(sim):
     """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s] of the centerline."""
     points, rates = sim.control_points[:, :3], sim.velocities[:, :3]
-    impulses = mass.multiply(sim.model.band(layout.MASS, 0), rates)
+    impulses = mass.multiply(sim.model.mass(0), rates)
     return impulses.sum(axis=0), np.cross(points, impulses).sum(axis=0)
 
 
@@ -252,7 +251,7 @@ def test_a_stiff_cable_spun_up_about_itself_keeps_its_account():
     }
     sim = simulator(SOFT, FREE, FLAT, values, method="energy_momentum", step=2e-2)
     assert sim.advance_steps(200).status.ok
-    inertia = sim.model.band(layout.MASS, 3)
+    inertia = sim.model.mass(3)
     whole = inertia[0].sum() + 2.0 * inertia[1:].sum()  # of a rigid spin
     decay = (1.0 - np.exp(-0.01 * sim.time)) / 0.01
     assert sim.velocities[:, 3] == pytest.approx(1e-3 / whole * decay, rel=1e-4)

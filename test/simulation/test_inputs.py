@@ -6,7 +6,6 @@ from cables import FLAT, FREE, FULL, SOFT, simulator
 
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.engine import layout
 
 SPATIAL = {"terms.out_of_plane": "on"}
 NAN = float("nan")
@@ -234,7 +233,7 @@ def test_both_ends_can_move_and_springs_follow_theirs():
 
 def natural_axis(sim):
     """Unit axis of the natural curvature of the first sample."""
-    vector = sim.model.rows(sim.cable.state, layout.NATURAL, 3)[:, 0]
+    vector = sim.cable.natural[0, 0, :3]
     return vector / np.linalg.norm(vector)
 
 

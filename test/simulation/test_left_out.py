@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cables import SOFT, scene_of, set_state, simulator
 
-from dlo_sim.engine import layout
+from dlo_sim.engine.arrays import DAMPED
 from dlo_sim.simulation.simulator import Simulator
 
 STEPS = 50
@@ -82,7 +82,7 @@ def contains(sim, term):
         return len(sim.model.axes) == 3
     there = term in sim.active_terms
     if term == "damping":
-        assert there == sim.model.has(layout.DAMPED)
+        assert there == sim.model.has(DAMPED)
     return there
 
 

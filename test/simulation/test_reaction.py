@@ -6,7 +6,6 @@ from cables import FLAT, FREE, FULL, FULLY_DAMPED, MASS_DAMPED, SOFT, simulator
 
 from dlo_sim.core import bspline, mass
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.engine import layout
 
 SPATIAL = {"terms.out_of_plane": "on"}
 WEIGHT = np.array([0.0, 0.0, -0.1 * 9.81])  # of the scene SOFT
@@ -37,7 +36,7 @@ SPRING = EndMotion(
 
 def first_moment(sim):
     """Mass times position of the cable with its end masses [kg m], (3,)."""
-    weighed = mass.multiply(sim.model.band(layout.MASS, 0), sim.control_points[:, :3])
+    weighed = mass.multiply(sim.model.mass(0), sim.control_points[:, :3])
     return weighed.sum(axis=0)
 
 
@@ -139,7 +138,7 @@ def test_a_pinned_end_has_no_moment_and_a_guide_no_force_along_itself():
 
 def momentum(sim):
     """Momentum [kg m/s] and angular momentum about the origin [kg m^2/s]."""
-    impulses = mass.multiply(sim.model.band(layout.MASS, 0), sim.velocities[:, :3])
+    impulses = mass.multiply(sim.model.mass(0), sim.velocities[:, :3])
     return impulses.sum(axis=0), np.cross(sim.control_points[:, :3], impulses).sum(axis=0)
 
 

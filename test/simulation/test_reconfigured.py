@@ -140,7 +140,7 @@ def test_the_twist_of_a_clamp_stays():
 
 
 def test_velocities_stay_while_an_end_moves():
-    """The momentum variable of a cable with a driven end is not its velocity."""
+    """The projected velocity of a cable with a driven end is not its velocity."""
     there, going = [0.06, 0.0, 0.03], [0.7, 0.0, 0.3]
     sim = simulator(SOFT, SPATIAL, {"terms.twist": "auto"}, n=8, method="energy_momentum")
     sim.set_motion(

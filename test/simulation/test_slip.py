@@ -7,7 +7,6 @@ from cables import SOFT, simulator
 
 from dlo_sim.core import elasticity, rotations
 from dlo_sim.core.plasticity import Law
-from dlo_sim.engine import layout
 
 EI, NATURAL = 0.02, 1.5
 STRANDS = {"plasticity.yield_curvature": 0.8, "plasticity.hardening": 0.4}
@@ -75,7 +74,7 @@ def test_equilibrium_is_found_with_slip(natural, frame):
     values = {key: value for key, value in (SETTLING | values).items() if "loads.tip" not in key}
     sim = simulator(values, natural, STRANDS, frame)
     before = sim.control_points
-    slipped = sim.model.samples(sim.cable.state, layout.PLASTIC, layout.PLASTIC_ROWS)[..., :3]
+    slipped = sim.cable.plastic[..., :3]
     unslipped = (1.0 - STRANDS["plasticity.hardening"]) * (NATURAL if natural else 0.0)
     assert np.abs(np.linalg.norm(slipped, axis=-1) - unslipped).max() > 0.5
     assert sim.advance(1.0).status.ok
@@ -208,7 +207,7 @@ def test_a_small_change_of_the_yield_curvature_keeps_the_slip(natural):
 @pytest.mark.parametrize("natural", [{}, BENT], ids=["straight", "bent"])
 def test_a_new_first_state_has_not_slipped_before(natural):
     def slip_of(cable):
-        return cable.model.samples(cable.cable.state, layout.PLASTIC, layout.PLASTIC_ROWS)[..., :3]
+        return cable.cable.plastic[..., :3]
 
     fresh = simulator(SETTLING, natural, STRANDS, {"initial.shape": "straight"})
     used = simulator(SETTLING, natural, STRANDS, {"initial.shape": "straight"})

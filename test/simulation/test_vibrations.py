@@ -5,7 +5,6 @@ import pytest
 from cables import FLAT, FREE, FULL, SOFT, Bench, set_state, simulator, straight
 
 from dlo_sim.core import bspline, mass
-from dlo_sim.engine import layout
 
 EA, EI, GJ, MU, LENGTH = 60.0, 0.02, 0.015, 0.1, 1.0  # of the scene SOFT
 PINNED = {"start.clamped": False, "end.fixed": [True, True, True]}
@@ -21,7 +20,7 @@ def modes(bench, axis, points=None):
     free = bench.free_motions(0.0).reshape(n, bench.model.lines, -1)[:, line]
     basis, sizes, _ = np.linalg.svd(free)
     basis = basis[:, : int((sizes > 1e-9 * sizes[0]).sum())] if len(sizes) else np.eye(n)
-    inertia = mass.dense(bench.model.band(layout.MASS, line))
+    inertia = mass.dense(bench.model.mass(line))
     factor = np.linalg.inv(np.linalg.cholesky(basis.T @ inertia @ basis))
     values, vectors = np.linalg.eigh(factor @ basis.T @ stiffness @ basis @ factor.T)
     return np.sqrt(np.abs(values)), basis @ factor.T @ vectors

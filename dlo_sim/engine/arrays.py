@@ -1,0 +1,327 @@
+"""The arrays of a cable, by name; the same in Python and in compiled code (`compiling.groups`).
+
+A *line* holds one coordinate of all control points: two or three of x, y, z (`axes`), then the
+twist angle theta where there is twist. Control point i is column MARGIN + i, and zeros on both
+sides let whole vectors be loaded there. A *block* is LANES neighbouring knot spans, the lanes of a
+vector. A *row* is one scalar equality constraint by which a grasp prescribes the cable
+(`engine.rows`); border rows, at places between control points, are the last ones. Band matrices go
+over all spatial unknowns, control point i and line d at i dim + d; entry (r, c) is at
+[r, c - r + 4 dim - 1].
+"""
+
+from __future__ import annotations
+
+from dlo_sim.compiling import groups
+from dlo_sim.compiling.groups import Group, Lanes, Number, Numbers, Reals, Whole, Wholes, group_at
+
+MARGIN = 3  # columns before the first control point
+PADDING = 16  # zeros before and behind a vector of all unknowns
+MOST_CORRECTIONS = 14  # of one implicit step with one matrix
+MOST_STAGES = 4  # of a Runge-Kutta method
+MOTION_SIZE = 34  # numbers of the motion of a grasp (`engine.grasps`)
+
+# Bits of the active terms.
+STRETCH = 1
+SPAN_STRETCH = 2  # stretching by span
+ANY_STRETCH = STRETCH | SPAN_STRETCH
+BEND = 4
+CURVED = 8  # natural or plastic curvature
+TWISTED = 16
+TORSION = 32
+PLASTICITY = 64
+GRAVITY = 128
+DAMPED = 256  # linear damping and stiffness damping
+BISHOP = 512  # twist relative to the Bishop frame
+CONTACT = 1024
+MATERIAL = 2048  # natural curvature, and rest twist, in the material frame
+DRAG = 4096  # anisotropic air drag
+STATIC_TWIST = 8192  # twist without inertia, in equilibrium at the end of each step
+THINNED = 16384  # rate-thinning viscosity of bending
+GUARDED = 32768  # spans are kept from turning over (`terms.span_guard`)
+
+ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
+STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)
+
+OK, DIVERGED, NOT_CONVERGED = 0, 1, 2  # outcome of an advance
+
+
+class Mesh(Group):
+    """Knot spans and quadrature points, constants."""
+
+    slopes = Lanes("blocks", 12)  # r' = A + B xi + C xi^2: 3 k + power of control point k
+    values = Lanes("blocks", 4)  # basis functions at xi = 0
+    padding = Lanes("blocks")  # 1 on lanes beyond the last span, which get a unit tangent
+    slope = Lanes("blocks")  # d xi / du = 2 / h [1/m]
+    share = Lanes("blocks")  # 1 / h [1/m]
+    linear = Lanes("blocks")  # 3 where the strain of a span has a linear part, else 0
+    axial = Lanes("blocks")  # EA [N]
+    bending = Lanes("blocks")  # EI [N m^2]
+    xi = Lanes("blocks", "samples")  # local coordinate, -1 to 1
+    weight = Lanes("blocks", "samples")  # of the quadrature [m]
+
+
+class Physics(Group):
+    """Constants of the cable and its surroundings."""
+
+    GJ = Number()  # [N m^2]
+    torsion_floor = Number()  # squared curvature floor [1/m^2]
+    yield_moment = Number()  # [N m]
+    hardening = Number()  # H / EI
+    shortest_span = Number()  # [m]
+    axial_round_off = Number()  # EA L [N m], 0 without stretching
+    bending_round_off = Number()  # EI L [N m^3], 0 without bending
+    contact_stiffness = Number()  # [N/m^2]
+    drag_across = Number()  # c_n - c_t, normal minus tangential drag [N s/m^2]
+    thinning = Number()  # lambda^2 of `terms.viscosity` [(m s)^2]
+    beta_stretch = Number()  # internal damping [s]
+    beta_bend = Number()
+    beta_twist = Number()
+
+
+class Linear(Group):
+    """Constant band matrices on single lines: 7 diagonals, entry (i, i + k - 3) at [k, column i];
+    the first of two is that of a spatial line, the second that of the twist line.
+    """
+
+    mass = Reals(2, 7, "columns")  # M
+    factors = Reals(2, 7, "columns")  # of M: L[k, k-3 .. k-1], 1 / D, L[k+1 .. k+3, k]
+    damping = Reals(2, 7, "columns")  # C of the linear damping
+    twist = Reals(7, "twist_columns")  # GJ integral b' b'
+    frame_factors = Reals(7, "bishop_columns")  # of integral b' b', first control point fixed
+    greville = Reals("bishop_columns")  # Greville abscissae as shares of the length
+    weight = Reals("dim", "columns")  # generalised weight [N]
+    decay = Reals("lines")  # rate of the external damping [1/s]
+
+
+class Points(Group):
+    """Places where the cable is held: sums of four control points with basis values b."""
+
+    first = Wholes("points")  # control point
+    own = Wholes("points")  # control point that coincides with it, or -1
+    twist = Wholes("points")  # 1 on the twist line, 0 in space
+    weights = Reals("points", 4)  # b
+    sum = Reals("points")  # of b: 1 for a position, 0 for r'
+    shift = Reals("points", "columns")  # M^-1 b
+    product = Reals("points", "points")  # b of the first . M^-1 b of the second
+
+
+class Rows(Group):
+    """Constraint rows: direction . (sum_k b_k x_k) = target."""
+
+    count = Whole()
+    border = Whole()  # how many, the last ones, are at places between control points
+    point = Wholes("rows")
+    grasp = Wholes("rows")
+    line = Wholes("rows")  # that it prescribes, -1 if its direction turns with its grasp
+    body = Reals("rows", 3)  # that direction in the frame of the grasp
+
+
+class Springs(Group):
+    """Places that a grasp holds through a stiffness."""
+
+    count = Whole()
+    first = Wholes("springs")  # control point
+    grasp = Wholes("springs")
+    line = Wholes("springs")
+    position = Wholes("springs")  # 1 for a position or the twist angle, 0 for r'
+    weights = Reals("springs", 4)
+    stiffness = Reals("springs")  # [N/m], or [N m/rad] of r' and of the twist
+    xi = Reals("springs")  # local coordinate of a roll spring
+
+
+class Loads(Group):
+    """Places of point wrenches."""
+
+    count = Whole()
+    first = Wholes("loads")  # control point
+    basis = Reals("loads", "columns")  # basis values
+    values = Reals("loads", 4)  # the same, those that are not zero
+    slopes = Reals("loads", 4)  # their derivatives [1/m]
+
+
+class Planes(Group):
+    """Obstacles: n . r = d."""
+
+    count = Whole()
+    normal = Reals("planes", 3)  # n by line
+    distance = Reals("planes")  # d, with the cable's radius [m]
+
+
+class Inputs(Group):
+    """Set by the caller."""
+
+    motion = Reals("grasps", MOTION_SIZE)  # of the grasps (`engine.grasps`)
+    load = Reals("loads", 7)  # force (3) [N], torque (3) [N m], frequency [Hz]
+
+
+class State(Group):
+    """Everything that a step changes; a snapshot holds all of it."""
+
+    x = Reals("lines", "columns")  # positions [m], twist angle [rad]
+    w = Reals("lines", "columns")  # projected velocity P v (`engine.rows`)
+    history = Reals(2, "lines", "columns")  # the two configurations before
+    acceleration = Reals("lines", "columns")  # of the generalised-alpha method
+    loaded = Reals("lines", "columns")  # load forces of the last evaluation
+    counted = Reals("lines", "columns")  # positions up to which the account has the work
+    reference = Reals("bishop_lines", "columns")  # positions at the end of the last step
+    direction = Reals("rows", 3)  # of the rows, by line
+    inverse = Reals("rows", "rows")  # S^-1 along these directions (`engine.rows`)
+    pull = Reals("rows")  # S^-1 B M^-1 f, force of the cable on the grasps, last evaluation
+    moved = Reals("rows")  # prescribed displacement since then
+    reaction = Reals("rows")  # mean force over the last step
+    rates_before = Reals("rows")  # target rates of the last velocity correction (`rattle`)
+    anchor = Reals("springs")  # target value of each spring
+    anchor_counted = Reals("springs")  # target values up to which the account has the work
+    frame_turn = Reals("frame_grasps")  # lag of the frame of theta behind the grasp's [rad]
+    matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
+    matrix_end = Reals(groups.LANES)  # whole vectors read past the end of the matrix
+    energy = Reals(len(ENERGIES))  # potential energies [J]
+    energy_begin = Reals(len(ENERGIES))  # the same at the start of the account
+    balance = Numbers(
+        "load_work",  # [J]
+        "drive_work",  # of the grasps [J]
+        "dissipated",  # [J]
+        "energy_start",  # [J]
+        "error",  # largest |energy - start - work + dissipated| so far [J]
+        "exchanged",  # largest kinetic energy, work or change of one potential so far [J]
+        "floor",  # energy below which differences are round-off [J]
+        "pending",  # estimate of the work since the last evaluation, not yet above [J]
+        "is_counted",  # 1 once the state holds the forces of an earlier evaluation
+        "known",  # number of steps in the history
+        "length",  # of the last implicit step [s]
+        "length_before",  # of the one before [s]
+        "has_reaction",
+        "plastic_work",  # [J]
+        "torsion_looks",  # counts of samples with suppressed torsion: how many
+        "torsion_sum",
+        "torsion_worst",
+        "torsion_last",
+        "matrix_weight",  # factor of the mass in `matrix` [1/s^2], 0: no matrix
+        "matrix_shrinking",  # contraction of the corrections, as last measured
+        "matrix_wait",  # steps that must factorise anew before a matrix is reused
+        "matrix_setbacks",  # log2 of the next such wait
+        "slip",  # share of the plastic flow of a step that its forces contain
+    )
+    natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
+    plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
+
+
+class Work(Group):
+    """Working memory; nothing in it is needed after a call."""
+
+    force = Reals("lines", "columns")
+    load = Reals("lines", "columns")
+    v0 = Reals("lines", "columns")
+    v1 = Reals("lines", "columns")
+    before = Reals("lines", "columns")  # positions at the start of a step with a sample time
+    rates = Reals("rows")  # of the targets, or residuals of the constraints
+    targets = Reals("rows")
+    ahead = Reals("rows", 3)  # directions at a requested time
+    system = Reals("rows", "rows")  # S
+    multipliers = Reals("rows")  # S^-1 times `rates`
+    energies = Reals(len(ENERGIES) + 1)  # by term; last the sum of |summands| of the weight
+    results = Numbers("kinetic", "total", "lost")  # [J]
+    # twist relative to the Bishop frame
+    psi = Reals("bishop_columns")
+    tau = Lanes("bishop_blocks", "samples")
+    coupling = Lanes("bishop_blocks", "samples", 5)  # mean rate [rad/m], its change, G (3)
+    # implicit steps
+    start = Reals("lines", "columns")  # configuration at the start of the step
+    start_v = Reals("lines", "columns")  # velocity there
+    change = Reals("lines", "columns")  # q1 - q0
+    middle = Reals("lines", "columns")  # configuration at theta
+    seen = Reals("lines", "columns")  # tau times the velocity that damping acts on
+    seen_fixed = Reals("lines", "columns")  # its part that stays constant in the iteration
+    damping = Reals("lines", "columns")  # damping force
+    inertia = Reals("lines", "columns")
+    travel = Reals("lines", "columns")  # P (q1 - q0), the change of the free motion
+    old_direction = Reals("rows", 3)  # at the start of the step
+    old_inverse = Reals("rows", "rows")
+    middle_direction = Reals("rows", 3)
+    row_force = Reals("rows")  # reactions
+    band = Reals("unknowns", "width")
+    band_end = Reals(groups.LANES)  # whole vectors read past the end of the band
+    residual = Reals("padded")  # all unknowns, from PADDING on
+    unbalanced = Reals("unknowns")  # right-hand side of the last correction
+    step = Reals("unknowns")  # a correction in world coordinates
+    corrections = Reals(MOST_CORRECTIONS, "unknowns")  # with the present matrix
+    correction_scale = Reals(MOST_CORRECTIONS)  # 1 / |s|^2 of each
+    factors = Lanes("samples", 49)  # of the Jacobian of a block (`engine.elastic`)
+    force_moments = Lanes(4, 3)  # for the projected strain: 1, xi, xi^2, xi^3 by direction
+    strain_moments = Lanes(4, 3)
+    flow_moments = Lanes(4, 3)
+    pairs = Reals(16, groups.LANES)  # entries between two control points, of each span
+    shares = Lanes("samples")
+    border_force = Reals("border", "seen")  # F, without unknowns that other rows fix
+    border_push = Reals("border", "seen")  # F with them
+    border_condition = Reals("border", "seen")  # C
+    border_gram = Reals("border", "border")  # (F F^T)^-1
+    border_shift = Reals("border", "padded")  # Z, from PADDING on
+    border_system = Reals("border", "border")  # (C Z)^-1
+    border_spare = Reals("unknowns")
+    border_value = Reals("border")
+    # twist line of implicit steps
+    twist_latest = Reals("lines", "columns")
+    twist_rest = Reals("lines", "columns")
+    twist_sum = Reals("lines", "columns")
+    twist_own = Reals("lines", "columns")  # moments except those of GJ and natural curvature
+    twist_matrix = Reals(7, "n")
+    twist_held = Reals("n")  # 1 where the twist is prescribed
+    # explicit steps
+    x_rate = Reals(MOST_STAGES, "lines", "columns")
+    w_rate = Reals(MOST_STAGES, "lines", "columns")
+    x_begin = Reals("lines", "columns")
+    w_begin = Reals("lines", "columns")
+    mean_rate = Reals("lines", "columns")
+    # constraints of an inextensible cable (`methods.rattle`)
+    saddle = Reals("saddle_rows", 32)
+    saddle_end = Reals(2 * groups.LANES)
+    blank = Reals("saddle_rows", 32)  # its constant entries
+    saddle_side = Reals("saddle_padded")  # right-hand side and solution, from PADDING on
+    response = Reals("saddle_responses", "saddle_rows")  # to a unit force on each row
+    sides = Lanes("saddle_rows")  # eight right-hand sides
+    row_system = Reals("saddle_responses", "saddle_responses")
+    row_factor = Reals("saddle_responses")  # multipliers of the rows
+    holding_force = Reals("saddle_responses")  # reactions to the corrections
+    step_moved = Reals("saddle_responses")  # `moved` of the step
+    correction = Reals("lines", "columns")
+
+
+class CableArrays(Group):
+    """All arrays of a cable."""
+
+    terms = Whole()  # bits of the active terms
+    dim = Whole()  # spatial lines, 2 or 3
+    lines = Whole()  # with the twist line
+    n = Whole()  # control points
+    blocks = Whole()
+    samples = Whole()  # quadrature points of a span
+    columns = Whole()
+    grasps = Whole()
+    axes = Wholes(3)  # world axis of the spatial lines
+    mesh: Mesh
+    physics: Physics
+    linear: Linear
+    points: Points
+    rows: Rows
+    springs: Springs
+    loads: Loads
+    planes: Planes
+    length_gram = Reals("constraints", 16)  # of an inextensible cable: 4 x 4 matrix of each
+    inputs: Inputs
+    state: State
+    work: Work
+
+
+class Records(Group):
+    """Dense output of a run (`engine.sampling`)."""
+
+    times = Reals("count")  # of the samples [s], rising
+    x = Reals("count", "lines", "columns")
+    energy = Reals("count")  # at the end of the step [J]
+    marks = Wholes(1)  # index of the next sample
+
+
+CABLE, RECORDS = CableArrays.kind, Records.kind
+LINES, VECTOR = groups.MATRIX, groups.VECTOR  # types of lines, and of plain vectors
+cable_at, records_at = group_at(CableArrays), group_at(Records)
