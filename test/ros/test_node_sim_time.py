@@ -126,7 +126,7 @@ def test_a_jump_back_that_the_session_waits_for_clears_no_view(
     received = peer.collect(PoseArray, "/dlo_sim/control_points")
     markers = peer.collect(Marker, "/dlo_sim/centerline")
     clock = PlayedClock(peer, 50)
-    clock.run_until(lambda: len(received) > 3 and markers, "control points")
+    clock.run_until(lambda: len(received) > 3 and markers, "control points", step_ms=50)
     last_ns = clock.now_ns
     clock.run_until(lambda: clock.now_ns > last_ns + 400_000_000, "the time between two ticks")
     clock.tick(-1200)
