@@ -52,4 +52,6 @@ def test_slow_poses_and_a_wrench_without_a_frame(
     late = (clock.now().nanoseconds - stamps[-1]) * 1e-9
     assert 1.5 / POSES < late
     peer.until(lambda: "loads without a frame_id are taken in 'world'" in node.output, "log")
-    assert re.search(r"poses of start come 0\.1\d* s apart; to move between them", node.output)
+    # A machine that holds up the publisher may stretch the first intervals.
+    line = re.compile(r"poses of start come 0\.[12]\d* s apart; to move between them")
+    peer.until(lambda: line.search(node.output), "log")
