@@ -4,7 +4,9 @@ A span stretches by what its tension causes, evenly or, at the ends of the cable
 the projected strain of `engine.elastic`. Where |r'| differs from it by more than BOUND somewhere,
 the span is folded, or has a cusp, or is held at places between which it cannot reach: such a shape
 is no cable's, and its forces are meaningless. A clamped end whose first span points backwards
-is folded, too. (With `discretization.stretch: sample` any local stretch has its tension.)
+is folded, too. No tension explains less than LEAST: a cable buckles long before, but the linear
+strain of an end span would explain a fold at a clamp. (With `discretization.stretch: sample` any
+local stretch has its tension.)
 
 The bound is no measure of accuracy, which the error estimate is for. Coarse but sensible shapes
 stay below it: of 60 cables at rest between grippers (`terms.span_guard`) with 13 control points the
@@ -32,6 +34,7 @@ from dlo_sim.simulation.report import Report, Status
 
 Array = NDArray[np.float64]
 BOUND = 0.5  # of the rest length
+LEAST = 0.75  # of the rest length, that a tension explains
 _GAUSS_POINTS = 5  # of a span, for its mean strain; both ends are places, too
 _INSIDE = 1.0 - 1e-12  # keeps the ends of a span inside it
 
@@ -47,6 +50,10 @@ def unexplained_stretch(
     """
     if not model.has(ANY_STRETCH):
         return ""
+    name = leaves_clamp_backwards(points, ends, time) if ends else ""
+    if name:
+        u = 0.0 if name == "start" else model.knots[-1]
+        return _line(model, u, "the cable leaves its clamp backwards: a fold")
     places = _places(model.knots.tobytes())
     shapes = np.ascontiguousarray(points[..., :3]).reshape(-1, model.n, 3)
     by_span = model.has(SPAN_STRETCH)
@@ -59,10 +66,6 @@ def unexplained_stretch(
             f"{explained:.2f}: a fold or cusp"
         )
         return _line(model, places.u[int(span), int(place)], what)
-    name = leaves_clamp_backwards(points, ends, time) if ends else ""
-    if name:
-        u = 0.0 if name == "start" else model.knots[-1]
-        return _line(model, u, "the cable leaves its clamp backwards: a fold")
     return ""
 
 
@@ -104,6 +107,8 @@ def worst_stretch(
                     for k in range(places):
                         explained += projection[at_end, place, k] * lengths[k]
                 off = abs(lengths[place] - explained)
+                if by_span and LEAST - lengths[place] > off:
+                    off, explained = LEAST - lengths[place], LEAST
                 if off > worst:
                     worst, found = off, (float(span), float(place), lengths[place], explained)
     return found

@@ -159,6 +159,18 @@ def test_the_bound_leaves_coarse_shapes_alone():
     assert abs(worst[2] - worst[3]) > 0.35
 
 
+@pytest.mark.parametrize("share", [0.04, 0.2])
+def test_a_fold_at_a_clamp_is_not_explained_by_the_linear_strain_of_its_span(share):
+    sim = simulator(HANGING)
+    points = sim.control_points.copy()
+    points[1] = points[0] + share * (points[1] - points[0])
+    places = soundness._places(sim.model.knots.tobytes())
+    shape = points[None, :, :3].copy()
+    span, _, length, explained = soundness.worst_stretch(shape, *places[1:], True)
+    assert span == 0.0 and length == pytest.approx(share) and explained == soundness.LEAST
+    assert f"the cable has {share:.2f} of its rest length" in unexplained_stretch(sim.model, points)
+
+
 def test_a_clamp_that_is_turned_over_is_named():
     sim = simulator(HANGING)
     points = sim.control_points.copy()
