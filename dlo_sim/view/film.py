@@ -102,6 +102,7 @@ def write_plots(run: Run, path: Path) -> None:
     for axes, curve in zip(rows, plots, strict=True):
         for name, values in curve.values.items():
             axes.plot(curve.time, values, linewidth=1.2, label=name)
+        axes.set_ylim(*curve.limits)
         axes.set_title(curve.title, loc="left", fontsize=10)
         axes.grid(alpha=0.3)
         if len(curve.values) > 1:

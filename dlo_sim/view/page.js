@@ -210,11 +210,7 @@ class View {
 function plotSvg(plot, first, last) {
   const [width, height, left, right, top, bottom] = [1000, 150, 70, 985, 22, 128];
   const time = floats(plot.time), rows = plot.values.map((v) => floats(v.values));
-  let [low, high] = [Infinity, -Infinity];
-  for (const row of rows) for (const v of row) { low = Math.min(low, v); high = Math.max(high, v); }
-  const pad = 0.05 * (high - low) || Math.abs(high) || 1;
-  low -= pad;
-  high += pad;
+  const [low, high] = plot.limits;
   const x = (t) => left + (right - left) * (t - first) / (last - first || 1);
   const y = (v) => bottom - (bottom - top) * (v - low) / (high - low);
   const parts = [`<text x="${left}" y="14" font-size="13">${plot.title}</text>`];

@@ -67,7 +67,12 @@ def thinned(count: int, most: int) -> np.ndarray[Any, np.dtype[np.int64]]:
 def _plot(curve: Curve) -> dict[str, Any]:
     kept = thinned(len(curve.time), _MOST_VALUES)
     values = [{"name": name, "values": _packed(v[kept])} for name, v in curve.values.items()]
-    return {"title": escape(curve.title), "time": _packed(curve.time[kept]), "values": values}
+    return {
+        "title": escape(curve.title),
+        "time": _packed(curve.time[kept]),
+        "limits": curve.limits,
+        "values": values,
+    }
 
 
 def _packed(values: ArrayLike) -> str:

@@ -43,6 +43,18 @@ class Curve:
     time: Array
     values: dict[str, Array]
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lower and upper limit of a plot: the range of the values, a little more, and at least
+        some 1e-6 of their size, so that a constant with its round-off looks constant.
+        """
+        numbers = np.concatenate(list(self.values.values()))
+        numbers = np.clip(numbers[np.isfinite(numbers)], -_LARGEST, _LARGEST)
+        low, high = (numbers.min(), numbers.max()) if numbers.size else (0.0, 0.0)
+        size = max(abs(low), abs(high))
+        pad = max(0.05 * (high - low), 1e-6 * size) or 1.0
+        return float(low - pad), float(high + pad)
+
 
 @dataclass(frozen=True)
 class Run:

@@ -5,7 +5,7 @@ import pytest
 from made_runs import EPOCH_NS, write_bag
 
 from dlo_sim.view.page import write_page
-from dlo_sim.view.run import CURVATURE, TENSION, RunError, read_bag, read_run
+from dlo_sim.view.run import CURVATURE, TENSION, Curve, RunError, read_bag, read_run
 
 
 def test_recording_and_bag_show_the_same_cable(made):
@@ -32,6 +32,17 @@ def test_bag_has_frames_forces_energy_and_the_estimated_error(made):
         "energy [J]",
         "error estimate [m]",
     ]
+
+
+def test_a_constant_with_its_round_off_looks_constant():
+    noise = 1e-15 * np.array([1.0, -1.0, 3.0])
+    low, high = Curve("force [N]", np.arange(3.0), {"x": 0.2 + noise}).limits
+    assert high - low > 1e8 * np.ptp(noise) and low < 0.2 < high
+    assert Curve("force [N]", np.arange(3.0), {"x": np.zeros(3)}).limits == (-1.0, 1.0)
+    huge = Curve("force [N]", np.arange(3.0), {"x": np.array([1e308, -1e308, np.nan])}).limits
+    assert np.isfinite(huge).all()
+    moving = Curve("end [m]", np.arange(3.0), {"x": np.arange(3.0), "y": -np.arange(3.0)})
+    assert moving.limits == pytest.approx((-2.2, 2.2))
 
 
 def test_bag_without_a_scene_has_no_tension(made):
