@@ -174,7 +174,6 @@ class State(Group):
     anchor_counted = Reals("springs")  # target values up to which the account has the work
     frame_turn = Reals("frame_grasps")  # lag of the frame of theta behind the grasp's [rad]
     matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
-    matrix_end = Reals(groups.LANES)  # whole vectors read past the end of the matrix
     energy = Reals(len(ENERGIES))  # potential energies [J]
     energy_begin = Reals(len(ENERGIES))  # the same at the start of the account
     balance = Numbers(
@@ -240,7 +239,6 @@ class Work(Group):
     middle_direction = Reals("rows", 3)
     row_force = Reals("rows")  # reactions
     band = Reals("unknowns", "width")
-    band_end = Reals(groups.LANES)  # whole vectors read past the end of the band
     residual = Reals("padded")  # all unknowns, from PADDING on
     unbalanced = Reals("unknowns")  # right-hand side of the last correction
     step = Reals("unknowns")  # a correction in world coordinates
@@ -275,7 +273,6 @@ class Work(Group):
     mean_rate = Reals("lines", "columns")
     # constraints of an inextensible cable (`methods.rattle`)
     saddle = Reals("saddle_rows", 32)
-    saddle_end = Reals(2 * groups.LANES)
     blank = Reals("saddle_rows", 32)  # its constant entries
     saddle_side = Reals("saddle_padded")  # right-hand side and solution, from PADDING on
     response = Reals("saddle_responses", "saddle_rows")  # to a unit force on each row

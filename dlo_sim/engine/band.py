@@ -28,6 +28,7 @@ from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane
 from dlo_sim.compiling.pieces import NO, YES, part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, PADDING, VECTOR
+from dlo_sim.terms.vectors import cross
 
 # -- the matrix ----------------------------------------------------------------------------------
 
@@ -103,8 +104,7 @@ def frame_of(cable, k, directions):
         return (c1, -c0, 0.0), (c0, c1, 0.0), (0.0, 0.0, 1.0)
     a = directions[k, 0], directions[k, 1], directions[k, 2]
     b = directions[k + 1, 0], directions[k + 1, 1], directions[k + 1, 2]
-    t = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    return t, a, b
+    return cross(a, b), a, b
 
 
 @part

@@ -22,7 +22,7 @@ from dlo_sim.engine.spans import (
     tangent_at,
 )
 from dlo_sim.engine.term import DAMPING, DAMPING_TANGENT
-from dlo_sim.terms.viscosity import combined, dot
+from dlo_sim.terms.vectors import combined, dot
 
 
 @piece(*DAMPING, terms=DRAG)

@@ -59,7 +59,6 @@ from dlo_sim.engine.spans import (
     add_sample,
     bending_at,
     curve,
-    dot,
     matrix_times,
     products,
     scatter,
@@ -69,7 +68,7 @@ from dlo_sim.engine.spans import (
     tangent_at,
 )
 from dlo_sim.terms import bend, natural_curvature, span_guard, stretch, viscosity
-from dlo_sim.terms.viscosity import combined
+from dlo_sim.terms.vectors import combined, cross, dot
 
 # -- energy and force ------------------------------------------------------------------------------
 
@@ -393,14 +392,14 @@ def factor_natural(cable, b, j, ta, ka, tb, kb, t, k):
     e0, e1 = natural_curvature.triple(n, ta, ka), natural_curvature.triple(n, tb, kb)
     on_c, on_e = natural_curvature.discrete_gradient(c0, c1, e0, e1)
     cc, ce, ec = natural_curvature.discrete_jacobian(c0, c1, e0, e1)
-    kn, nt = natural_curvature.cross(kb, n), natural_curvature.cross(n, tb)
+    kn, nt = cross(kb, n), cross(n, tb)
     more = combined(4.0 * cc, tb, 2.0 * ce, kn)
     for i in range(3):
         f[j, X1 + i] = f[j, X1 + i] + more[i]
         f[j, Y1 + i] = f[j, Y1 + i] + 2.0 * ce * nt[i]
     f[j, UNIT] = f[j, UNIT] + on_c
-    store_three(f[j], KN, natural_curvature.cross(k, n))
-    store_three(f[j], NT, natural_curvature.cross(n, t))
+    store_three(f[j], KN, cross(k, n))
+    store_three(f[j], NT, cross(n, t))
     store_three(f[j], XE, combined(2.0 * ec, tb, 0.0, tb))
     store_three(f[j], SKEW, combined(0.5 * on_e, n, 0.0, n))
 

@@ -8,8 +8,7 @@ from numba import float64, int64, void
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, STRIDED, STRIDED_WHOLES, part, piece
 from dlo_sim.engine.arrays import MARGIN, cable_at
 from dlo_sim.engine.grasps import turned
-from dlo_sim.terms.natural_curvature import cross
-from dlo_sim.terms.viscosity import combined, dot
+from dlo_sim.terms.vectors import combined, cross, dot
 
 
 @part

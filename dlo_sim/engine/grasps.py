@@ -19,8 +19,7 @@ from numba import float64, types
 
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import BISHOP, VECTOR
-from dlo_sim.terms.natural_curvature import cross
-from dlo_sim.terms.viscosity import dot
+from dlo_sim.terms.vectors import cross, dot
 
 ACTIVE, START, DURATION, POSITION, FRAME, TURN, ATTACHMENT, DIRECTION, TWIST = (
     *(0, 1, 2, 3, 12),

@@ -5,7 +5,7 @@ A band matrix has seven diagonals: entry (i, i + k - 3) is at [k, MARGIN + i].
 
 from __future__ import annotations
 
-from numba import float64, void
+from numba import float64
 
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, zero
@@ -153,7 +153,7 @@ def weight_energy(cable, x):
     return lane_sum(energy), lane_sum(large)
 
 
-@piece(void, CABLE, LINES)
+@part
 def solve_mass(cable, x):
     """x <- M^-1 x by forward and back substitution; lines interleave, which hides latencies."""
     factors, lines, dim = cable.linear.factors, cable.lines, cable.dim

@@ -14,8 +14,7 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, LINES, MARGIN
 from dlo_sim.engine.grasps import component
-from dlo_sim.terms.natural_curvature import cross
-from dlo_sim.terms.viscosity import dot
+from dlo_sim.terms.vectors import cross, dot
 
 TORQUE, FREQUENCY = 3, 6  # entries of a load behind its force
 

@@ -31,7 +31,7 @@ from dlo_sim.engine.spans import (
 )
 from dlo_sim.engine.term import ENERGY, FORCE
 from dlo_sim.terms import material_frame, natural_curvature
-from dlo_sim.terms.viscosity import combined, dot
+from dlo_sim.terms.vectors import combined, cross, dot
 
 
 @part
@@ -112,7 +112,7 @@ def natural_force(cable, x0, x1, turn, push, out):
             on_t = (zero(), zero(), zero())
             on_angle = zero()
             if follows:
-                across0, across1 = natural_curvature.cross(ta, ka), natural_curvature.cross(tb, kb)
+                across0, across1 = cross(ta, ka), cross(tb, kb)
                 n0, n1, on_t, on_angle = material_frame.discrete_gradient(
                     n0, material_frame.unit(tangent_at(r, xi)),
                     integrated(1.0 / s, angle0, xi), integrated(1.0 / s, angle1, xi),
@@ -127,8 +127,8 @@ def natural_force(cable, x0, x1, turn, push, out):
             if push:
                 n = combined(0.5, n0, 0.5, n1)
                 on_t = combined(on_e, on_t, 2.0 * on_c, t)
-                on_t = combined(1.0, on_t, on_e, natural_curvature.cross(k, n))
-                on_k = combined(on_e, natural_curvature.cross(n, t), 0.0, t)
+                on_t = combined(1.0, on_t, on_e, cross(k, n))
+                on_k = combined(on_e, cross(n, t), 0.0, t)
                 g0 = add_sample(g0, on_t[0], s * on_k[0], xi)
                 g1 = add_sample(g1, on_t[1], s * on_k[1], xi)
                 g2 = add_sample(g2, on_t[2], s * on_k[2], xi)

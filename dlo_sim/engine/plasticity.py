@@ -34,8 +34,7 @@ from dlo_sim.engine.arrays import PLASTIC, PLASTICITY, cable_at
 from dlo_sim.engine.spans import bending_at, curve, store_three, tangent_at, three
 from dlo_sim.engine.term import ENERGY, FLOW
 from dlo_sim.terms.material_frame import unit
-from dlo_sim.terms.natural_curvature import cross
-from dlo_sim.terms.viscosity import combined, dot
+from dlo_sim.terms.vectors import combined, cross, dot
 
 TINY = 1e-300
 # Entries of `state.plastic` at a quadrature point: plastic curvature p from 0, and from here the

@@ -34,7 +34,7 @@ from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
 from dlo_sim.engine.band import invert_in_place
 from dlo_sim.engine.grasps import component, moves, place, prescribed_place, rates, turned
 from dlo_sim.engine.lines import add, kinetic
-from dlo_sim.terms.natural_curvature import cross
+from dlo_sim.terms.vectors import cross
 
 # -- values and shifts --------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, sqrt, zero
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine.arrays import MARGIN
+from dlo_sim.terms.vectors import dot
 
 
 @part
@@ -71,12 +72,6 @@ def store_three(row, k, v):
     row[k] = v[0]
     row[k + 1] = v[1]
     row[k + 2] = v[2]
-
-
-@part
-def dot(a, b):
-    """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @part

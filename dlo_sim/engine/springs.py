@@ -9,10 +9,10 @@ the work of the grasps in the energy balance.
 
 from __future__ import annotations
 
-from numba import boolean, float64, void
+from numba import float64, void
 
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN
+from dlo_sim.engine.arrays import CABLE, MARGIN
 from dlo_sim.engine.grasps import component, direction_at, moves, prescribed_place
 
 ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
@@ -44,7 +44,7 @@ def push(cable, k, f, out):
         out[line, c + q] += springs.weights[k, q] * f
 
 
-@piece(void, CABLE, LINES, float64, boolean, LINES)
+@part
 def spring_force(cable, x, share, rolling, out):
     """out += forces of the springs, with anchors at the share `share` of their motion in the step.
 

@@ -64,28 +64,24 @@ from dlo_sim.methods.works import NATURAL, evaluate, turn_natural_shape
 def turn_to(address, t):
     """Set the directions of the constraint rows, and S^-1, to those of the grasps at time t."""
     cable = cable_at(address)
-    if cable.rows.count:
-        set_targets(cable, t)
-        take_directions(cable)
+    set_targets(cable, t)
+    take_directions(cable)
 
 
 @piece(void, int64, float64)
 def place_held(address, t):
     """Project the configuration onto the constraints at time t, in the metric of the mass M."""
+    turn_to(address, t)
     cable = cable_at(address)
-    if cable.rows.count:
-        set_targets(cable, t)
-        take_directions(cable)
-        target_residuals(cable, cable.state.direction, cable.state.x)
-        add_shifts(cable, 1.0, cable.state.x)
+    target_residuals(cable, cable.state.direction, cable.state.x)
+    add_shifts(cable, 1.0, cable.state.x)
 
 
 @piece(void, int64)
 def keep_free_motion(address):
     """w <- P w, for a `state.w` that holds velocities."""
     cable = cable_at(address)
-    if cable.rows.count:
-        project(cable, cable.state.w, cable.work.multipliers)
+    project(cable, cable.state.w, cable.work.multipliers)
 
 
 @piece(void, int64, float64, ARRAY_2D)

@@ -18,7 +18,7 @@ from dlo_sim.engine.account import update_account
 from dlo_sim.engine.arrays import DAMPED, DIVERGED, OK, cable_at, records_at
 from dlo_sim.engine.assembly import flow
 from dlo_sim.engine.lines import add, form, mass_of
-from dlo_sim.engine.rows import carry
+from dlo_sim.engine.rows import carry, grasps_move
 from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.works import estimate_pending_work, evaluate, has_work
@@ -45,7 +45,8 @@ def decay_flow(cable, dt):
 def drift(cable, t, dt):
     """Drift over dt to time t (`rows.carry`), and move the anchors of springs."""
     carry(cable, cable.state.x, cable.state.w, t, dt)
-    move_anchors(cable, t)
+    if grasps_move(cable):
+        move_anchors(cable, t)
 
 
 @piece(COUNTS, int64, ARRAY, ARRAY, int64, int64, float64, int64, int64)

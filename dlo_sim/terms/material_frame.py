@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import sqrt
 from dlo_sim.compiling.pieces import part
-from dlo_sim.terms.natural_curvature import cross
-from dlo_sim.terms.viscosity import combined, dot
+from dlo_sim.terms.vectors import combined, cross, dot
 
 
 @part

@@ -8,12 +8,7 @@ from __future__ import annotations
 
 from dlo_sim.compiling.lanes import sqrt
 from dlo_sim.compiling.pieces import part
-
-
-@part
-def cross(a, b):
-    """a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+from dlo_sim.terms.vectors import cross
 
 
 @part

@@ -15,7 +15,7 @@ GJ (gamma^2 / 2 - theta' gamma), which is here. Three dimensions only.
 from __future__ import annotations
 
 from dlo_sim.compiling.pieces import part
-from dlo_sim.terms.natural_curvature import cross
+from dlo_sim.terms.vectors import cross
 
 
 @part

@@ -57,6 +57,18 @@ def sum_of(values, count):
 numbers_at = group_at(Numbers)
 
 
+def run(script, **variables):
+    """A script that may import this file, in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=os.path.dirname(__file__),
+        env=os.environ | variables,
+    )
+
+
 @pytest.fixture
 def numbers():
     made = Numbers({"n": 4})
@@ -77,17 +89,14 @@ def test_a_piece_of_a_term_is_loaded_with_the_term(numbers):
 
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="asks for machine code")
 def test_without_the_term_it_is_not():
-    script = (
+    done = run(
         "from test_pieces import entry, first_plus, last_and_count\n"
         "entry.code(3)\n"
         "print(first_plus._address[0] != 0, last_and_count._address[0] != 0)\n"
         "entry.code(4)\n"
         "print(last_and_count._address[0] != 0)\n"
     )
-    here = os.path.dirname(__file__)
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=here
-    )
+    assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["True", "False", "True"]
 
 
@@ -97,19 +106,12 @@ def test_a_copy_in_another_process_is_the_same_piece():
 
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="numpy checks other bounds")
 def test_every_index_is_checked_on_demand():
-    script = (
+    done = run(
         "import numpy as np\n"
         "from test_pieces import sum_of\n"
         "print(sum_of(np.ones(3), 3))\n"
-        "sum_of(np.ones(3), 4)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=os.path.dirname(__file__),
-        env=os.environ | {"DLO_SIM_CHECK": "1"},
+        "sum_of(np.ones(3), 4)\n",
+        DLO_SIM_CHECK="1",
     )
     assert done.stdout.strip() == "3.0" and done.returncode == 1
     assert "IndexError: index outside of dimension 0" in done.stderr
