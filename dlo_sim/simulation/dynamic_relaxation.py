@@ -7,10 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.engine.arrays import OK
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.stepper import Loop
+from dlo_sim.simulation.stepper import Stepper
 
 RESTS = 3
 FREQUENCY = 6  # row of a load, after force and moment
@@ -18,8 +16,7 @@ FREQUENCY = 6  # row of a load, after force and moment
 
 def relax_in_time(
     cable: Cable,
-    loop: Loop,
-    step: float,
+    stepper: Stepper,
     stop: Callable[[], None],
     tolerance: float,
     max_steps: int,
@@ -28,10 +25,9 @@ def relax_in_time(
 
     Whenever the kinetic energy falls, `stop` takes the velocity away, until the cable moves by less
     than `tolerance` [of the length, or of 1 rad] between two stops three times in a row. Where it
-    does not within `max_steps` steps of `step` [s], it is left as it was.
+    does not within `max_steps` steps, it is left as it was.
     """
     state, inputs = cable.state.copy(), cable.inputs.copy()
-    nothing = Recorder(cable.model, np.zeros(0))
     peak, still = 0.0, 0
     try:
         if cable.loads.size:
@@ -39,7 +35,7 @@ def relax_in_time(
         stop()
         resting = cable.x.copy()
         for _ in range(max_steps):
-            if loop(cable, 0, 1, step, nothing)[0] != OK:
+            if not stepper.run(0, 1).status.ok:
                 break
             kinetic = cable.kinetic()
             if kinetic > peak:

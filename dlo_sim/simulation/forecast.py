@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline, rotations
+from dlo_sim.core import arguments, bspline
 from dlo_sim.core.strain import strain
-from dlo_sim.simulation.ends import NEAR, apart
+from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report
-from dlo_sim.simulation.view import CableView
 
 Array = NDArray[np.float64]
 EVERY = 0.02  # [s] between two shapes of a forecast
@@ -67,18 +66,14 @@ class Forecast:
         return float(self.curvature.max(initial=0.0))
 
 
-Follow = Callable[[ArrayLike, Mapping[str, ArrayLike], ArrayLike], tuple[Report, Recorder]]
-
-
-def forecast(simulator: CableView, record_along: Follow, plan: Plan, every: float) -> Forecast:
-    """Advance a simulator along a plan; see `Simulator.forecast`.
+def checked_plan(plan: Plan, every: float) -> tuple[Array, Array]:
+    """Times of the poses of a plan and of the shapes along it [s], both counted from the present.
 
     Args:
-        record_along: the simulator's method of that name.
         every: time between two shapes [s].
 
     Raises:
-        TypeError, ValueError: as `Simulator.forecast`.
+        TypeError, ValueError: no plan, times that do not begin at 0, or too many shapes or none.
     """
     arguments.instance("plan", plan, Plan, "dlo_sim.Plan(times, poses)")
     arguments.instance("poses", plan.poses, dict, "{'start': numbers (T, 7)}")
@@ -88,15 +83,6 @@ def forecast(simulator: CableView, record_along: Follow, plan: Plan, every: floa
         raise ValueError(
             f"times: begin with {times[:1].tolist()}; a plan begins at 0 s, the present"
         )
-    poses = {name: simulator.path(name, rows, len(times)) for name, rows in plan.poses.items()}
-    for name, rows in poses.items():
-        first = rows[0, :3], rotations.normalized(rows[0, 3:])
-        way, turn = apart(simulator.end_pose(name), *first)
-        if way > NEAR * simulator.scene.cable.length or turn > NEAR:
-            raise ValueError(
-                f"poses of {name}: begin {way:.3g} m and {turn:.3g} rad away from the end "
-                f"effector; begin at end_pose('{name}')"
-            )
     if times[-1] > MOST_SHAPES * every > 0.0:
         least = times[-1] / MOST_SHAPES
         raise ValueError(
@@ -104,18 +90,19 @@ def forecast(simulator: CableView, record_along: Follow, plan: Plan, every: floa
         )
     if not 0.0 < every <= times[-1]:
         raise ValueError(f"every: {every:g} s; give one above 0 s, up to the {times[-1]:g} s")
-    samples = every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)
-    now, scene = simulator.time, simulator.scene
-    report, recorder = record_along(now + times, poses, np.minimum(now + samples, now + times[-1]))
+    return times, every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)
+
+
+def forecast_of(scene: Scene, report: Report, recorder: Recorder, times: Array) -> Forecast:
+    """The shapes that were recorded along a plan, at these times from its beginning [s]."""
     u = np.linspace(0.0, scene.cable.length, scene.outputs.centerline_samples)
-    knots, place = simulator.model.knots, recorder.points[:, :, :3]
-    shape, cable = strain(knots, u), scene.cable
+    model, place = recorder.model, recorder.points[:, :, :3]
+    shape, cable = strain(model.knots, u), scene.cable
     return Forecast(
-        times=samples[: recorder.count],
+        times=times[: recorder.count],
         control_points=recorder.control_points,
         u=u,
-        centerline=bspline.evaluate(np.eye(simulator.model.n), knots, u) @ place
-        + simulator.model.origin,
+        centerline=bspline.evaluate(np.eye(model.n), model.knots, u) @ place + model.origin,
         curvature=shape.curvature(place),
         tension=None if scene.without_tension else shape.tension(place, cable.EA, cable.EI),
         report=report,

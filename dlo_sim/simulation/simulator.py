@@ -1,4 +1,9 @@
-"""The simulator: one cable that can be stepped, loaded, moved by its ends, and observed."""
+"""The simulator: one cable of one scene, with everything that may be done to it and read from it.
+
+Its attributes are the scene, the arrays of the cable (`Cable`), the end effectors and their motions
+(`EndDrive`), and the method's steps (`Stepper`). Positions in the arrays are relative to the origin
+of the model; those that callers give and get are in the world.
+"""
 
 from __future__ import annotations
 
@@ -13,32 +18,77 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline
-from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.core import arguments, bspline, rotations
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
+from dlo_sim.core.strain import strain
+from dlo_sim.engine.arrays import ENERGIES, MATERIAL, PLASTICITY, TORSION
+from dlo_sim.engine.frames import curve_frames
+from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.needs import Needs, moments_may_come, needs_of, needs_of_load
+from dlo_sim.scene.holders import Grasp
+from dlo_sim.scene.needs import (
+    Needs,
+    inextensible,
+    moments_may_come,
+    needs_of,
+    needs_of_end,
+    needs_of_load,
+)
 from dlo_sim.simulation import following, optional_terms
+from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.ends import EndDrive, Waiting
-from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, forecast
+from dlo_sim.simulation.coiling import coiling_warning
+from dlo_sim.simulation.ends import NEAR, EndDrive, Waiting, apart
+from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_plan, forecast_of
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
-from dlo_sim.simulation.geometry import Geometries, Pose, geometries_of, moved, origin_of
-from dlo_sim.simulation.guarded_loop import GuardedLoop
-from dlo_sim.simulation.inputs import CableInputs
+from dlo_sim.simulation.geometry import (
+    NEAREST,
+    Geometries,
+    Geometry,
+    Pose,
+    geometries_of,
+    known_holder,
+    moved,
+    origin_of,
+)
+from dlo_sim.simulation.holding import holding_of
+from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.natural_shape import (
+    has_natural_shape,
+    local_turn,
+    natural_rows,
+    rows_in_frames,
+    turned_rows,
+    unslipped,
+    weighted,
+)
 from dlo_sim.simulation.placement import place
+from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.report import Report, Status, explained, newton_note
+from dlo_sim.simulation.report import (
+    Energy,
+    Report,
+    Status,
+    UndefinedTorsion,
+    balance_warning,
+    explained,
+    newton_note,
+)
 from dlo_sim.simulation.resolution import continued, resolved
 from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.symmetry import is_bent, release_from_line, steps_between_looks
-from dlo_sim.simulation.transfer import carry_samples
+from dlo_sim.simulation.transfer import carry_inputs, carry_samples
 
 Array = NDArray[np.float64]
+Basis = tuple[NDArray[np.int64], Array, Array]
 CHUNK = 4096  # steps of a long advance after which the state is kept in case of a failure
+NOTABLE = 1e4  # energy exchanged, in floors of the account: as of a motion by 1e-4 lengths a second
+MOST_BASES = 16  # sets of material coordinates whose basis values are kept
 
 
 @dataclass(frozen=True)
@@ -58,12 +108,13 @@ class Snapshot:
     waiting: Waiting = field(default_factory=dict)
 
 
-class Simulator(CableInputs):
-    """A cable of one scene.
+class Simulator:
+    """A cable of one scene that is stepped, loaded, moved by its ends, and observed.
 
     Attributes:
         scene: with the number of control points and the knots that were chosen where it left them
-            open; resolution: why, one line. choice: method and step.
+            open; resolution: why, one line. choice: method, step and the reason for them. cable:
+            the arrays.
 
     Args:
         scene: what to simulate, from `dlo_sim.load_scene`.
@@ -101,7 +152,7 @@ class Simulator(CableInputs):
         self._frame_axis = np.eye(3)[np.argmin(np.abs(self._geometries["start"].tangent))]
         self._ends = EndDrive(scene, self._geometries, model.knots)
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
-        self._bases = {}
+        self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
         self._fill_inputs()
         lay = self._lay_natural_shape if self._lays_natural_shape else None
@@ -110,18 +161,230 @@ class Simulator(CableInputs):
         frequency = with_grasps_and_contact(scene, model, frequency)
         self.choice = choose(scene, frequency, unchecked_step)
         self._needs = needs.stepped(self.choice.method.family == IMPLICIT)
-        self._stepper = Stepper(scene, self.choice)
-        self._look_every = steps_between_looks(self.choice.step, self._stepper.guard_steps)
-        self._loop = GuardedLoop(self.cable, self._stepper)
+        self._stepper = Stepper(scene, self.cable, self.choice.method, self.choice.step)
+        self._look_every = steps_between_looks(self.choice.step, self._stepper.check_every)
         self.cable.open_account(self.scene)
         started = time.perf_counter()
-        self._loop.advance(0, 0, None)
+        self._stepper.advance(0, 0)
         self._initial = self.snapshot()
         if moments_may_come(scene):
             self._load_twist()
         self.compile_seconds = time.perf_counter() - started
 
-    # -- change ---------------------------------------------------------------------------------
+    # -- what it is -------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]: whole steps since the start."""
+        return self._steps * self.choice.step if self._steps else 0.0
+
+    @property
+    def steps(self) -> int:
+        """Whole steps since the start."""
+        return self._steps
+
+    @property
+    def step(self) -> float:
+        """Step tau [s]."""
+        return self.choice.step
+
+    @property
+    def method(self) -> str:
+        """Name of the integrator."""
+        return self.choice.method.name
+
+    @property
+    def model(self) -> Model:
+        """Constant arrays of the scene."""
+        return self.cable.model
+
+    @property
+    def active_terms(self) -> tuple[str, ...]:
+        """Terms that the compiled step contains."""
+        return self._needs.active
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Terms that the step does not contain, with the reason."""
+        return dict(self._needs.left_out)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is missing because of terms that the scene needs but are switched off, and what the
+        model cannot show in its present state, one line each.
+        """
+        tolerance, account = self.scene.integrator.tolerance, self.cable.account
+        notable = account.exchanged > NOTABLE * account.floor
+        error = self.energy_error if notable else 0.0
+        lines = (
+            coiling_warning(self.scene, self.cable),
+            balance_warning(self.choice.method, tolerance, error),
+        )
+        return (*self._needs.warnings, *filter(None, lines))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for readers of the results, one line each."""
+        torsion = self.undefined_torsion
+        return (*self.warnings, *([torsion.note] if torsion.worst else []))
+
+    # -- shape and motion -------------------------------------------------------------------------
+
+    @property
+    def control_points(self) -> Array:
+        """Control points (x, y, z [m], theta [rad]), shape (n_u, 4), a copy."""
+        return self.model.in_world(self.cable.points)
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities of the control points [m/s, rad/s], shape (n_u, 4)."""
+        return self.model.to_columns(self.cable.velocities(self.time), rest=False)
+
+    @property
+    def greville(self) -> Array:
+        """Material coordinate [m] of each control point (Greville abscissa), shape (n_u,)."""
+        return self._greville.copy()
+
+    def centerline(self, u: ArrayLike) -> Array:
+        """Points of the cable [m] at material coordinates u [m] in [0, L], shape (len(u), 3).
+
+        Raises:
+            TypeError, ValueError: not such numbers.
+        """
+        columns, values, _ = self._basis(_coordinates(u))
+        points = self.cable.points[:, :3].take(columns, axis=0)
+        return np.einsum("mk,mkd->md", values, points) + self.model.origin
+
+    def tension(self, u: ArrayLike) -> Array:
+        """Tension EA (|r'| - 1) - EI kappa^2 [N] at u, shape (len(u),), without damping forces.
+
+        Interpolated linearly between the means of the knot spans; negative under compression.
+
+        Raises:
+            TypeError, ValueError: as `centerline`; the shape does not determine the tension.
+        """
+        if self.scene.without_tension:
+            raise ValueError(f"tension: {self.scene.without_tension}")
+        shape, cable = strain(self.model.knots, _coordinates(u)), self.scene.cable
+        return shape.tension(self.cable.points[:, :3], cable.EA, cable.EI)
+
+    def curvature(self, u: ArrayLike) -> Array:
+        """Curvature [1/m] at u, shape (len(u),), 0 or more.
+
+        Raises:
+            TypeError, ValueError: as `centerline`.
+        """
+        return strain(self.model.knots, _coordinates(u)).curvature(self.cable.points[:, :3])
+
+    def frames(self, u: ArrayLike) -> Array:
+        """Material frames at u as quaternions x, y, z, w, shape (len(u), 4); x axis = tangent.
+
+        Raises:
+            TypeError, ValueError: as `centerline`.
+        """
+        basis = self._basis(_coordinates(u))
+        poses = np.empty((len(basis[0]), 7))
+        self._write_poses(self.cable.points, basis, poses)
+        return poses[:, 3:]
+
+    def control_poses(self, out: Array) -> None:
+        """Write into out, shape (n_u, 7), every control point [m] with the material frame at its
+        material coordinate, quaternion x, y, z, w.
+
+        Raises:
+            TypeError: out is not such an array of doubles, contiguous and writeable.
+        """
+        shape = self.model.n, 7
+        fits = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
+        if not (fits and out.flags.c_contiguous and out.flags.writeable):
+            raise TypeError(f"out: needs np.empty({shape}), got {arguments.given(out)}")
+        points = self.cable.points
+        self._write_poses(points, self._basis(self._greville), out)
+        out[:, :3] = points[:, :3] + self.model.origin
+
+    def _basis(self, u: Array) -> Basis:
+        """Indices of the active control points, basis values and derivatives at u, each (m, 4);
+        cached.
+        """
+        key = u.tobytes()
+        table = self._bases.get(key)
+        if table is None:
+            first, values = bspline.active_basis(self.model.knots, u)
+            _, slopes = bspline.active_basis(self.model.knots, u, 1)
+            table = (first[:, None] + np.arange(bspline.ACTIVE), values, slopes)
+            if len(self._bases) >= MOST_BASES:
+                self._bases.clear()
+            self._bases[key] = table
+        return table
+
+    def _write_poses(self, points: Array, basis: Basis, out: Array) -> None:
+        """Points of the curve and material frames, whose second axis at the start is fixed in the
+        start's end effector, into out, shape (m, 7).
+        """
+        self.cable.call(curve_frames, points, *basis, self.time, self._frame_axis, out)
+
+    # -- energies and forces ----------------------------------------------------------------------
+
+    def energy(self) -> Energy:
+        """Energies of the present state."""
+        e = dict(zip(ENERGIES, self.cable.potentials().tolist(), strict=True))
+        return Energy(
+            kinetic=self.cable.kinetic(self.cable.velocities(self.time)),
+            stretch=e["stretch"],
+            bend=e["bend"] + e["plasticity"],
+            twist=e["twist"] + e["torsion"],
+            gravity=e["gravity"],
+            spring=e["spring"],
+            contact=e["contact"],
+        )
+
+    @property
+    def energy_error(self) -> float:
+        """Largest |energy - work done + energy lost| so far, as a share of the energy exchanged."""
+        cable, account = self.cable, self.cable.account
+        worst, exchanged = float(account.error), float(account.exchanged)
+        if not self._stepper.checked(self._steps):
+            error, present = cable.balance()
+            worst, exchanged = max(worst, error), max(exchanged, present)
+        return worst / max(exchanged, float(account.floor))
+
+    @property
+    def undefined_torsion(self) -> UndefinedTorsion:
+        """At how many samples the Frenet torsion was undefined in the run so far."""
+        if not self.model.has(TORSION):
+            return UndefinedTorsion(0, 0, 0.0, 0, 0.0)
+        account = self.cable.account
+        return UndefinedTorsion(
+            samples=int(np.count_nonzero(self.model.rule.weights)),
+            last=int(account.torsion_last),
+            mean=float(account.torsion_sum / max(account.torsion_looks, 1.0)),
+            worst=int(account.torsion_worst),
+            floor=self.scene.curvature_floor,
+        )
+
+    @property
+    def plastic_work(self) -> float:
+        """Energy [J] that plastic bending has dissipated since the start, and what rotating the
+        plastic curvature with the tangent took from the stored energy, which may be negative.
+        """
+        return float(self.cable.account.plastic_work)
+
+    def reaction(self, end: str) -> tuple[Array, Array]:
+        """Force [N] and moment [N m] ON THE CABLE BY the end effector, world frame, each (3,).
+
+        The moment is about the attachment point; it is zero if neither a clamp nor a spring holds
+        the direction. The inertia and weight of the end's point mass are included.
+        """
+        wrench = np.array(self.reaction_wrench(end))
+        return wrench[:3], wrench[3:]
+
+    def reaction_wrench(self, end: str) -> tuple[float, ...]:
+        """`reaction` as six floats: force, then moment."""
+        number = list(self.scene.holders).index(known_holder(self.scene, end))
+        keeps_length = self.choice.method.family == CONSTRAINED
+        return tuple(reaction(self.cable, self.time, number, keeps_length).tolist())
+
+    # -- steps ------------------------------------------------------------------------------------
 
     def advance(self, duration: float) -> Report:
         """Advance by `duration` [s] in whole steps; the remainder is carried over to the next call.
@@ -152,7 +415,7 @@ class Simulator(CableInputs):
         evaluations = 0
         while done < steps:
             piece = min(CHUNK, steps - done, self._steps_of_motions(), self._steps_to_look())
-            status, made, used, worst = self._loop.advance(self._steps, piece, recorder)
+            status, made, used, worst = self._stepper.advance(self._steps, piece, recorder)
             self._steps += made
             done += made
             evaluations += used
@@ -237,13 +500,11 @@ class Simulator(CableInputs):
         while done < len(motions) and status.ok:
             piece = slice(done, done + self._steps_to_look())
             natural = moments, turns[piece]
-            made = self._loop.advance_along(self._steps, recorder, motions[piece], natural)
+            made = self._stepper.advance_along(self._steps, recorder, motions[piece], natural)
             self._steps += made.steps
-            done, evaluations, status = (
-                done + made.steps,
-                evaluations + made.evaluations,
-                made.status,
-            )
+            done += made.steps
+            evaluations += made.evaluations
+            status = made.status
             if made.steps:
                 self._look()
         self._ends.restored()
@@ -261,7 +522,249 @@ class Simulator(CableInputs):
             TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
         """
         future = deepcopy(self)
-        return forecast(future, future.record_along, plan, every)
+        times, samples = checked_plan(plan, every)
+        poses = {name: self.path(name, rows, len(times)) for name, rows in plan.poses.items()}
+        for name, rows in poses.items():
+            first = rows[0, :3], rotations.normalized(rows[0, 3:])
+            way, turn = apart(self.end_pose(name), *first)
+            if way > NEAR * self.scene.cable.length or turn > NEAR:
+                raise ValueError(
+                    f"poses of {name}: begin {way:.3g} m and {turn:.3g} rad away from the end "
+                    f"effector; begin at end_pose('{name}')"
+                )
+        now = self.time
+        at = np.minimum(now + samples, now + times[-1])
+        report, recorder = future.record_along(now + times, poses, at)
+        return forecast_of(self.scene, report, recorder, samples)
+
+    def _steps_to_look(self) -> int:
+        """Number of steps up to the next look at a straight cable; many where it is bent: it will
+        not be exactly straight so soon.
+        """
+        if is_bent(self.cable):
+            return CHUNK
+        return self._look_every - self._steps % self._look_every
+
+    def _look(self) -> None:
+        """Look at a straight cable where it is time to."""
+        if self._steps % self._look_every == 0:
+            release_from_line(self.cable, self.scene)
+
+    def _steps_of_motions(self) -> int:
+        """Number of steps that the present motions of the end effectors last."""
+        steps = self._ends.steps_until_begin(self.time, self.step)
+        if steps == 0:
+            self._ends.lead_over(self.time, self.step)
+            self._natural_shape_moves()
+        return CHUNK if steps is None else max(steps, 1)
+
+    # -- loads and end effectors ------------------------------------------------------------------
+
+    def set_load(
+        self, name: str, force: ArrayLike | None = None, torque: ArrayLike | None = None
+    ) -> None:
+        """Set force [N] and moment [N m] of a load, world frame, ON the cable, until changed.
+
+        Raises:
+            TypeError, ValueError: no such load, or not three finite numbers.
+        """
+        arguments.one_of("load", name, self._load_index)
+        push = _three(f"force of {name}", force, "N")
+        turn = _three(f"torque of {name}", torque, "N m")
+        self._extend(needs_of_load(self._needs, self.scene, push, turn))
+        row = self.cable.loads[self._load_index[name]]
+        if push is not None:
+            row[:3] = push
+        if turn is not None:
+            row[3:6] = turn
+        row[6] = 0.0
+
+    def end_pose(self, end: str) -> tuple[Array, Array]:
+        """End-effector pose at the present time: position [m] (3,), quaternion x, y, z, w (4,)."""
+        position, orientation = self._ends.pose(end, self.time)
+        return position + self.model.origin, orientation
+
+    def path(self, name: str, given: ArrayLike, count: int) -> Array:
+        """Check poses (count, 7), or pairs of points (count, 2, 3), of an end effector.
+
+        Returns:
+            Poses, shape (count, 7).
+
+        Raises:
+            TypeError, ValueError: no such end effector, or not such poses.
+        """
+        orientation = self.end_pose(known_holder(self.scene, name))[1]
+        tangent = self._geometries[name].tangent
+        return following.checked_poses(name, given, count, orientation, tangent)
+
+    def set_end(
+        self,
+        end: str,
+        position: ArrayLike | None = None,
+        orientation: ArrayLike | None = None,
+        tangent: ArrayLike | None = None,
+    ) -> None:
+        """Put an end effector at a pose from now on, at rest.
+
+        Args:
+            position: [m]; default: where it is. orientation: quaternion x, y, z, w; default: as it
+            is. tangent: direction of the cable at this end instead of an orientation.
+
+        Raises:
+            TypeError, ValueError: no end, or not a pose.
+        """
+        if position is not None:
+            place = arguments.numbers(f"position of {end}", position, (3,), "m")
+            position = place - self.model.origin
+        self._put_end(end, position, orientation, tangent)
+
+    def set_motion(self, end: str, motion: EndMotion) -> None:
+        """Let an end effector follow a motion; afterwards it rests at its last pose.
+
+        The motion begins now or later (it may be given up to a step late), where the end effector
+        is at that time: `set_end` is for jumps. Until then the motions given before go on, so that
+        several can be given at once, of any duration (`EndMotion.then`); what they prescribe from
+        then on is dropped.
+
+        Raises:
+            TypeError, ValueError: no end, no motion, or one that begins before now or elsewhere.
+        """
+        self._ends.check_motion(end, self.time, motion, self.step, self.model.origin)
+        motion = motion.moved(-self.model.origin)
+        if not self._ends.follow_later(end, self.time, motion):
+            self._ends.follow(end, self.time, motion)
+        self._extend(self._needs_moved(end))
+        self._natural_shape_moves()
+
+    def _put_end(
+        self,
+        end: str,
+        position: ArrayLike | None,
+        orientation: ArrayLike | None,
+        tangent: ArrayLike | None = None,
+    ) -> None:
+        """`set_end` to a position in the cable's coordinates."""
+        before = self._ends.state_of(end)
+        self._ends.place(end, self.time, position, orientation, tangent)
+        # What the jump brings in begins where the end was: its springs do work on the way.
+        needs, after = self._needs_moved(end), self._ends.state_of(end)
+        self._ends.set_state(end, before)
+        self._extend(needs)
+        self._ends.set_state(end, after)
+        self._natural_shape_moves()
+        if self.choice.method.family not in (IMPLICIT, CONSTRAINED):
+            # Implicit steps account for the jump exactly, and constraints need a step to follow.
+            self.cable.jump(self.time, lambda points: self._ends.put(points, self.time))
+
+    def _needs_moved(self, end: str) -> Needs:
+        """What a moved end needs: the drive itself, the third coordinate, twist."""
+        first = self._geometries[end].position
+        leaves_plane = not self._ends.stays_in_plane(end, self.model.axes, first)
+        twists = not self._needs.twist and self._ends.twists(end)
+        return needs_of_end(self._needs, self.scene, leaves_plane=leaves_plane, twists=twists)
+
+    def _needs_along(self, end: str, path: Array) -> Needs:
+        """Needs once an end effector moves along a path of poses, shape (K, 7)."""
+        turned = rotations.multiply(path[:, 3:], rotations.conjugate(path[0, 3:]))
+        turns = rotations.to_rotation_vector(turned)
+        across = [axis for axis in range(3) if axis not in self.model.axes]
+        leaves = bool(across) and bool(
+            np.ptp(path[:, across]) > 0.0 or np.abs(turns[:, list(self.model.axes)]).max() > 1e-12
+        )
+        rolls = self.scene.holders[end].holds_roll
+        twists = rolls and bool(np.abs(turns @ self._ends.tangent(end, self.time)).max() > 1e-12)
+        return needs_of_end(self._needs, self.scene, leaves_plane=leaves, twists=twists)
+
+    # -- grasps -----------------------------------------------------------------------------------
+
+    def take(self, grasp: str, at: float | None = None) -> None:
+        """Let a grasp take the cable: from now on what it holds moves with its gripper.
+
+        The cable stays where it is; only the velocity of what is held becomes the gripper's, and
+        the energy of that is booked as work of the end effectors.
+
+        Args:
+            at: where on the cable, 0 at start, 1 at end, negative: nearest to the gripper; default:
+                as the scene says.
+
+        Raises:
+            TypeError, ValueError: no grasp, one that holds the cable, or no place on the cable.
+        """
+        self._hold(grasp, self._geometry_taken(grasp, at))
+
+    def check_take(self, grasp: str, at: float | None = None) -> None:
+        """Refuse what `take` would refuse now.
+
+        Raises:
+            TypeError, ValueError: as `take`.
+        """
+        self._held_with(grasp, self._geometry_taken(grasp, at))
+
+    def release(self, grasp: str) -> None:
+        """Let a grasp release the cable; its gripper goes on as it does.
+
+        Raises:
+            TypeError, ValueError: no grasp, or one that does not hold the cable.
+        """
+        self._known_grasp(grasp)
+        if self._geometries[grasp].u is None:
+            raise ValueError(f"grasp '{grasp}': does not hold the cable; take it before")
+        self._hold(grasp, replace(self._geometries[grasp], u=None))
+
+    def _known_grasp(self, name: str) -> Grasp:
+        known = [grasp.name for grasp in self.scene.grasps]
+        return self.scene.grasp(arguments.one_of("grasp", name, known))
+
+    def _geometry_taken(self, grasp: str, at: float | None) -> Geometry:
+        """How a grasp would hold the cable if it took it now."""
+        scene_grasp = self._known_grasp(grasp)
+        if self._geometries[grasp].u is not None:
+            raise ValueError(f"grasp '{grasp}': holds the cable already; release it before")
+        share = scene_grasp.at if at is None else arguments.number("at", at, "from -1 to 1")
+        if not -1.0 <= share <= 1.0:
+            raise ValueError(f"at: needs a number from 0 to 1, or below for nearest, got {share!r}")
+        u = share * self.scene.cable.length
+        position, orientation = self._ends.pose(grasp, self.time)
+        if share < 0.0:
+            places = np.linspace(0.0, self.scene.cable.length, NEAREST)
+            away = np.linalg.norm(self.centerline(places) - self.model.origin - position, axis=1)
+            u = float(places[np.argmin(away)])
+        columns, values, slopes = self._basis(np.array([u]))
+        points = self.cable.points[columns[0], :3]
+        tangent = slopes[0] @ points
+        tangent = rotations.rotate(rotations.conjugate(orientation), tangent)
+        tangent /= np.linalg.norm(tangent)
+        return Geometry(position, orientation, values[0] @ points, tangent, u)
+
+    def _hold(self, grasp: str, geometry: Geometry) -> None:
+        """Hold the cable as a grasp does from now on; what that changes in energy is its work."""
+        geometries = self._held_with(grasp, geometry)
+        self.cable.settle(self.time)
+        before = self.cable.present_energy()
+        self._ends.hold(grasp, geometry)
+        if geometry.u is not None:
+            angle = self._angle_at(geometry.u, self.cable.points)
+            self._ends.count_from(grasp, self.time, angle)
+        self._replace(self._needs, geometries)
+        self.cable.account.drive_work += self.cable.present_energy() - before
+
+    def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
+        """All that holds the cable, with a grasp like this.
+
+        Raises:
+            SceneError: it holds what is held already.
+        """
+        geometries = {**self._geometries, grasp: geometry}
+        model = self.model
+        holding_of(self.scene, geometries, model.knots, model.axes, model.twist)
+        return geometries
+
+    def _angle_at(self, u: float, points: Array) -> float:
+        """Twist angle [rad] of control points (n, 4) at u [m]."""
+        columns, values, _ = self._basis(np.array([u]))
+        return float(values[0] @ points[columns[0], 3])
+
+    # -- state ------------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
         """The present state, from which `restore` continues bit for bit."""
@@ -313,34 +816,6 @@ class Simulator(CableInputs):
         place[:, :3] -= self._origin
         self._begin(place, rates)
 
-    def _begin(self, points: ArrayLike, rates: ArrayLike | None) -> None:
-        """`start_from` control points in the cable's coordinates."""
-        place = self.model.own_columns("control points", points)
-        speed = np.zeros_like(place)
-        if rates is not None:
-            speed = self.model.own_columns("velocities", rates, rest=False)
-        before = self.snapshot()
-        given = place.copy()
-        self._ends.take_frame_turns(self.cable.frame_turn)
-        self._ends.put(place, 0.0)
-        self.cable.put(place, speed, 0.0)
-        if self._lays_natural_shape:
-            self._lay_natural_shape()
-        shifted = np.abs(self.cable.points - given).max()
-        self.cable.open_account(self.scene)
-        if not math.isfinite(self.cable.account.energy_start):
-            self.restore(before)
-            raise ValueError("control points: have no finite energy; neighbours must not coincide")
-        self._steps, self._remainder = 0, 0.0
-        self._initial = self.snapshot()
-        if shifted > 1e-9 * self.scene.cable.length:
-            warnings.warn(
-                "control points: those held by the ends differ from the held poses by "
-                f"{shifted:.3g} m (or rad) and were moved back; start from `control_points`, or "
-                "move the ends with set_end first",
-                stacklevel=2,
-            )
-
     def start_from_points(
         self,
         points: ArrayLike,
@@ -369,6 +844,72 @@ class Simulator(CableInputs):
         place, rates = cable_through(self.scene, self._ends, self._geometries, self.model, *given)
         twist = self.control_points[:, 3:]
         self._begin(np.hstack([place, twist]), np.hstack([rates, np.zeros_like(twist)]))
+
+    def _begin(self, points: ArrayLike, rates: ArrayLike | None) -> None:
+        """`start_from` control points in the cable's coordinates."""
+        place = self.model.own_columns("control points", points)
+        speed = np.zeros_like(place)
+        if rates is not None:
+            speed = self.model.own_columns("velocities", rates, rest=False)
+        before = self.snapshot()
+        given = place.copy()
+        self._ends.take_frame_turns(self.cable.frame_turn)
+        self._ends.put(place, 0.0)
+        self.cable.put(place, speed, 0.0)
+        if self._lays_natural_shape:
+            self._lay_natural_shape()
+        shifted = np.abs(self.cable.points - given).max()
+        self.cable.open_account(self.scene)
+        if not math.isfinite(self.cable.account.energy_start):
+            self.restore(before)
+            raise ValueError("control points: have no finite energy; neighbours must not coincide")
+        self._steps, self._remainder = 0, 0.0
+        self._initial = self.snapshot()
+        if shifted > 1e-9 * self.scene.cable.length:
+            warnings.warn(
+                "control points: those held by the ends differ from the held poses by "
+                f"{shifted:.3g} m (or rad) and were moved back; start from `control_points`, or "
+                "move the ends with set_end first",
+                stacklevel=2,
+            )
+
+    def correct(self, shift: ArrayLike, speed: ArrayLike) -> float:
+        """Add to the positions [m] and velocities [m/s] of the control points, shapes (n_u, 3).
+
+        What is held stays where it is held. The energy that this puts in, which is returned [J], is
+        booked as work of the loads.
+
+        Raises:
+            TypeError, ValueError: not such numbers, or a shape without a finite energy; a method
+                whose constraints keep the length.
+        """
+        if inextensible(self.scene):
+            raise ValueError("correct: breaks the constraints of rattle; use energy_momentum")
+        points, rates, cable = self.cable.points, self.velocities, self.cable
+        shape = len(points), 3
+        points[:, :3] += arguments.numbers("shift", shift, shape, "m")
+        rates[:, :3] += arguments.numbers("speed", speed, shape, "m/s")
+        cable.settle(self.time)
+        before, kept = cable.present_energy(), (cable.state.copy(), cable.inputs.copy())
+        lost = cable.account.dissipated
+        self._ends.take_frame_turns(cable.frame_turn)
+        self._ends.put(points, self.time)
+        cable.put(points, rates, self.time, follow=True)
+        work = cable.present_energy() - before + cable.account.dissipated - lost
+        if not math.isfinite(work):
+            cable.state[:], cable.inputs[:] = kept
+            raise ValueError(
+                "shift, speed: give a shape without a finite energy; give smaller ones"
+            )
+        cable.account.load_work += work
+        return float(work)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Connect the end effectors of a copy to the copy's own arrays."""
+        self.__dict__.update(state)
+        self._ends.live_in(self.cable.motion)
+
+    # -- another scene ----------------------------------------------------------------------------
 
     def reconfigured(self, scene: Scene) -> Simulator:
         """A simulator of another scene that starts with this one's shape, motion and ends.
@@ -425,42 +966,6 @@ class Simulator(CableInputs):
         self.cable.open_account(self.scene)
         self._initial = self.snapshot()
 
-    # -- inside ---------------------------------------------------------------------------------
-
-    def _steps_to_look(self) -> int:
-        """Number of steps up to the next look at a straight cable; many where it is bent: it will
-        not be exactly straight so soon.
-        """
-        if is_bent(self.cable):
-            return CHUNK
-        return self._look_every - self._steps % self._look_every
-
-    def _look(self) -> None:
-        """Look at a straight cable where it is time to."""
-        if self._steps % self._look_every == 0:
-            release_from_line(self.cable, self.scene)
-
-    def _steps_of_motions(self) -> int:
-        """Number of steps that the present motions of the end effectors last."""
-        steps = self._ends.steps_until_begin(self.time, self.step)
-        if steps == 0:
-            self._ends.lead_over(self.time, self.step)
-            self._natural_shape_moves()
-        return CHUNK if steps is None else max(steps, 1)
-
-    def _load_twist(self) -> None:
-        """Load the code of the twist that a moment brings: a tick must not have to compile it."""
-        needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
-        if needs.twist and not self._needs.twist:
-            self._extend(needs)
-            self._loop.advance(0, 0, None)
-            self.restore(self._initial)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Connect the end effectors of a copy to the copy's own arrays."""
-        self.__dict__.update(state)
-        self._ends.live_in(self.cable.motion)
-
     def _take_over_grasps(self, other: Simulator) -> list[str]:
         """Hold what the other simulator's grasps hold, as far as the scene agrees; returns the
         names of the grasps that still have to take the cable.
@@ -480,3 +985,114 @@ class Simulator(CableInputs):
             self._geometries = held
             self._rebuild(self._needs)
         return taking
+
+    # -- natural shape ----------------------------------------------------------------------------
+
+    @property
+    def _turn_of_start(self) -> Array:
+        """Rotation matrix of the start's end effector, in the coordinates of the lines."""
+        orientation = self._ends.orientation("start", self.time)
+        return local_turn(rotations.to_matrix(orientation), self.model.axes)
+
+    def _natural_shape_moves(self) -> None:
+        """Turn the natural shape with the start's end effector, which does the work."""
+        if self._turning is not None:
+            self.cable.turn_natural(self._turning, self._turn_of_start)
+
+    @property
+    def _lays_natural_shape(self) -> bool:
+        """Whether the natural shape follows the cable, all of it or that of its plastic part."""
+        return self.model.has(MATERIAL) or self.model.has(PLASTICITY)
+
+    def _has_natural_shape_of(self, other: Simulator) -> bool:
+        """Whether `carry_samples` took over the same natural shape from another simulator."""
+        terms = MATERIAL | PLASTICITY
+        same_terms = self.cable.terms & terms == other.cable.terms & terms
+        scenes = self.scene, other.scene
+        shapes = {(scene.cable.natural_shape, scene.cable.rest_curvature_axis) for scene in scenes}
+        shares = self.model.elastic_share, other.model.elastic_share
+        return same_terms and len(shapes) == 1 and (min(shares) > 0.0 or max(shares) == 0.0)
+
+    def _lay_natural_shape(self) -> None:
+        """The natural shape along the present shape, and plastic flow as if bent in one motion."""
+        model, start = self.model, self.end_pose("start")[1]
+        frames = self.frames(np.append(0.0, model.sample_shares.ravel() * self.scene.cable.length))
+        samples = frames[1:].reshape(*model.rule.xi.shape, 4)
+        if model.has(MATERIAL):
+            rows = rows_in_frames(self._natural, start, frames[0], samples)
+            self.cable.natural = weighted(model, rows)
+        else:
+            rows = turned_rows(self._natural, self._turn_of_start)
+        if model.has(PLASTICITY):
+            tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
+            self.cable.plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
+            self.cable.flow()
+        self.cable.open_frame()
+
+    # -- arrays -----------------------------------------------------------------------------------
+
+    def _fill_inputs(self) -> None:
+        """Loads, motions, anchors and natural shape of the scene in the arrays of the cable."""
+        cable, model = self.cable, self.model
+        for row, load in zip(cable.loads, self.scene.loads, strict=False):
+            if load.signal != "none":
+                row[:3], row[3:6] = load.force, load.torque
+            row[6] = load.frequency if load.signal == "sine" else 0.0
+        self._ends.live_in(cable.motion)
+        self._ends.pull_springs(self.cable, self.time)
+        cable.point_grasps(self.time if self._steps else 0.0)
+        self._natural = np.zeros((*model.rule.xi.shape, 4))
+        if has_natural_shape(self.scene, model):
+            self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
+        self._turning = None
+        if has_natural_shape(self.scene, model) and not model.has(MATERIAL):
+            rows = weighted(model, self._natural)
+            self._turning = to_blocks(rows)
+            cable.natural = turned_rows(rows, self._turn_of_start)
+            between_steps.turn_natural.load()  # a tick must not have to compile it
+
+    def _load_twist(self) -> None:
+        """Load the code of the twist that a moment brings: a tick must not have to compile it."""
+        needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
+        if needs.twist and not self._needs.twist:
+            self._extend(needs)
+            self._stepper.advance(0, 0)
+            self.restore(self._initial)
+
+    def _extend(self, needs: Needs) -> None:
+        """Activate the terms that these needs add; the state is kept."""
+        lines = (self._needs.axes, self._needs.twist, self._needs.loads)
+        if (needs.axes, needs.twist, needs.loads) == lines:
+            self._needs = needs
+            return
+        self._replace(needs, self._geometries)
+
+    def _replace(self, needs: Needs, geometries: Geometries) -> None:
+        """Continue with other needs or grasps from the present state."""
+        points, rates = self.cable.points, self.velocities
+        self._ends.take_frame_turns(self.cable.frame_turn)
+        old = self.cable
+        self._geometries = geometries
+        self._rebuild(needs)
+        carry_inputs(old, self.cable)
+        self.cable.put(points, rates)
+        carry_samples(old, self.cable)
+        self.cable.continue_account(old)
+
+    def _rebuild(self, needs: Needs) -> None:
+        """Arrays and step of other needs; their state is empty."""
+        self._needs = needs
+        model = build_model(self.scene, needs, self._geometries, origin=self._origin)
+        self.cable = Cable(model)
+        self._fill_inputs()
+        self._stepper = Stepper(self.scene, self.cable, self.choice.method, self.choice.step)
+
+
+def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:
+    """Three finite numbers, or None."""
+    return None if value is None else arguments.numbers(name, value, (3,), unit)
+
+
+def _coordinates(u: ArrayLike) -> Array:
+    """Material coordinates given by a caller, checked to be numbers."""
+    return arguments.numbers("u", u, (None,), "m, from 0 to the length")

@@ -54,7 +54,7 @@ from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.soundness import unexplained_stretch
-from dlo_sim.simulation.stepper import loop_of
+from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.terms import span_guard
 
 Array = NDArray[np.float64]
@@ -126,8 +126,8 @@ def follow(
 def find_inextensible(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
     """Whether a cable of constant length came to rest by steps in time."""
     step = min(0.5 / max(largest_frequency(scene, cable), 1e-3), 5e-3)
-    loop = loop_of(METHODS["rattle"], scene)
-    return relax_in_time(cable, loop, step, lambda: _stop(scene, ends, cable, lay), *INEXTENSIBLE)
+    steps = Stepper(scene, cable, METHODS["rattle"], step)
+    return relax_in_time(cable, steps, lambda: _stop(scene, ends, cable, lay), *INEXTENSIBLE)
 
 
 class _Way:
@@ -404,9 +404,9 @@ def _with_twist(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> 
     cable.state[:] = before
     _nudge_twist(cable)
     _put(ends, cable, lay)
-    loop = loop_of(METHODS["energy_momentum"], scene)
     step = SHARE_OF_TIME * _time_scale(scene)
-    if relax_in_time(cable, loop, step, lambda: _stop(scene, ends, cable, lay), *EXTENSIBLE):
+    steps = Stepper(scene, cable, METHODS["energy_momentum"], step)
+    if relax_in_time(cable, steps, lambda: _stop(scene, ends, cable, lay), *EXTENSIBLE):
         return True
     cable.state[:] = alternated
     return False

@@ -1,158 +1,210 @@
-"""Selects and calls the compiled loop of a scene's method."""
+"""Steps a cable with the compiled loop of one method, and never shows a diverged state.
+
+A state with a large error of the energy balance is not shown: after a failed advance the last good
+state is restored, and where smaller steps may help, the failed step is repeated with them.
+"""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.compiling.pieces import Piece
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.engine.account import DIVERGED_SHARE
+from dlo_sim.engine.arrays import GUARDED
 from dlo_sim.methods import implicit, rattle, runge_kutta, splitting, zhai
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.recorder import Recorder
-from dlo_sim.simulation.selection import Choice
+from dlo_sim.simulation.report import Status
 
 Array = NDArray[np.float64]
 NaturalAlong = tuple[Array, Array]
 """What `simulation.following.natural_along` returns."""
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
+GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
+SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
+RETRIES = (2, 4, 8, 16, 32, 64)  # numbers of smaller steps that replace a failed one
+_STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
 
 
-class Loop(Protocol):
-    """The time loop of a family of methods."""
+class Advance(NamedTuple):
+    """Outcome of an advance.
 
-    def __call__(
-        self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
-    ) -> tuple[int, int, int]:
-        """Take steps of `tau` [s]; returns (status, steps done, force evaluations or Newton
-        iterations).
-        """
+    Attributes:
+        status: ok, or why it failed. steps: whole steps up to the state that is kept.
+        evaluations: force evaluations, or Newton iterations. worst: control point where it failed.
+    """
 
-
-class _Explicit:
-    """A loop that checks the energy every GUARD_STEPS steps."""
-
-    def __init__(self, loop: Any, *own: Any) -> None:
-        self._loop, self._own = loop, own
-
-    def __call__(
-        self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
-    ) -> tuple[int, int, int]:
-        given = first, steps, tau, GUARD_STEPS, recorder.address
-        status, done, evaluations = cable.call(self._loop, *self._own, *given)
-        return status, done, evaluations
-
-
-class _Implicit:
-    """A loop that checks the energy after every step."""
-
-    def __init__(self, method: Method, scene: Scene) -> None:
-        constants = alpha_constants(method, scene.integrator.spectral_radius)
-        self._own = (
-            constants,
-            np.array(method.substeps),
-            method.conserves_energy,
-            scene.integrator.tolerance,
-            implicit.MAX_HALVINGS,
-        )
-
-    def __call__(
-        self, cable: Cable, first: int, steps: int, tau: float, recorder: Recorder
-    ) -> tuple[int, int, int]:
-        given = first, steps, tau, recorder.address
-        status, done, iterations = cable.call(implicit.advance_implicit, *self._own, *given)
-        return status, done, iterations
-
-    def along(
-        self,
-        cable: Cable,
-        first: int,
-        tau: float,
-        recorder: Recorder,
-        motions: Array,
-        natural: NaturalAlong,
-    ) -> tuple[int, int, int]:
-        """The same with separate motions for every step."""
-        given = first, tau, recorder.address, motions, *natural
-        status, done, iterations = cable.call(implicit.advance_along, *self._own, *given)
-        return status, done, iterations
-
-
-def loop_of(method: Method, scene: Scene) -> Loop:
-    """The loop of a method."""
-    if method.family == SPLITTING:
-        weights = np.array(method.drift_weights), np.array(method.kick_weights)
-        return _Explicit(splitting.advance_splitting, *weights)
-    if method.family == RUNGE_KUTTA:
-        table, nodes = _butcher_table(method)
-        return _Explicit(runge_kutta.advance_runge_kutta, table, nodes)
-    if method.family == ZHAI:
-        return _Explicit(zhai.advance_zhai, *method.zhai_pair)
-    if method.family == CONSTRAINED:
-        return _Explicit(rattle.advance_rattle)
-    return _Implicit(method, scene)
+    status: Status
+    steps: int
+    evaluations: int
+    worst: int = 0
 
 
 class Stepper:
-    """Calls one method's loop on the arrays of a cable."""
+    """Steps of `step` [s] of one method on the arrays of a cable.
 
-    def __init__(self, scene: Scene, choice: Choice) -> None:
-        self.family = choice.method.family
-        self.step = choice.step
-        self._loop = loop_of(choice.method, scene)
+    Attributes:
+        method, step: of the steps. check_every: steps between two checks of the energy by the
+            compiled loop: 1 for an implicit method, else GUARD_STEPS.
+    """
 
-    @property
-    def guard_steps(self) -> int:
-        """Steps between two checks of the energy."""
-        return 1 if self.family == IMPLICIT else GUARD_STEPS
+    def __init__(self, scene: Scene, cable: Cable, method: Method, step: float) -> None:
+        self.method, self.step = method, step
+        self.check_every = 1 if method.family == IMPLICIT else GUARD_STEPS
+        self._cable = cable
+        self._loop, self._constants = _loop_of(method, scene)
+        self._kept = np.empty_like(cable.state)  # allocated once, not in every advance
+        self._unrecorded = Recorder(cable.model, np.zeros(0))
+        if method.family != IMPLICIT:
+            # What keeps spans from turning over is a hundred times as stiff as the cable, more than
+            # explicit steps bear; `soundness` tells of folds instead.
+            cable.terms &= ~GUARDED
 
-    def looked_at(self, step: int) -> bool:
-        """Whether the loop checks the energy after step number `step`."""
-        return self.family == IMPLICIT or step % GUARD_STEPS == 0
+    def checked(self, step: int) -> bool:
+        """Whether the compiled loop checks the energy after step number `step`."""
+        return step % self.check_every == 0
 
-    def jump(self, cable: Cable, ends: EndDrive, time: float) -> None:
-        """Move the cable at once to ends that were set to new poses.
-
-        Only explicit methods without constraints need it: implicit steps account for the jump
-        exactly, and constraints need a step to follow.
-        """
-        if self.family in (SPLITTING, RUNGE_KUTTA, ZHAI):
-            cable.jump(time, lambda points: ends.put(points, time))
-
-    def last_look(self, step: int) -> int:
-        """The last step up to `step` after which the loop checks the energy."""
-        return step if self.family == IMPLICIT else step - step % GUARD_STEPS
-
-    def until_look(self, step: int) -> int:
-        """Number of explicit steps from `step` to the next check of the energy."""
-        return GUARD_STEPS - step % GUARD_STEPS
+    def advance(self, first: int, steps: int, recorder: Recorder | None = None) -> Advance:
+        """Advance by whole steps from step `first`; after a failure restore the last good state."""
+        recorder = self._unrecorded if recorder is None else recorder
+        self._kept[:] = self._cable.state
+        done = self.run(first, steps, recorder)
+        status = done.status
+        if status.ok and not self._sane(first + done.steps):
+            status = Status.DIVERGED
+        if status.ok:
+            return done
+        worst = self._worst_point(status)
+        made = self._redo(first, done.steps)
+        reached = (first + made + 1e-9) * self.step
+        recorder.forget(int(np.searchsorted(recorder.times, reached, side="right")))
+        redone, used = self._retry(status, first + made, recorder)
+        if redone:
+            status, made = Status.OK, made + 1
+        return Advance(status, made, done.evaluations + used, worst)
 
     def advance_along(
-        self, cable: Cable, first: int, recorder: Recorder, motions: Array, natural: NaturalAlong
-    ) -> tuple[int, int, int]:
-        """As `advance`, with separate motions for every step; implicit methods only.
+        self, first: int, recorder: Recorder, motions: Array, natural: NaturalAlong
+    ) -> Advance:
+        """Advance with separate motions for every step; implicit methods only.
+
+        Needs no guard: implicit steps check the energy themselves, and a failed one is undone.
 
         Args:
             motions: of the grasps, shape (steps, grasps, MOTION_SIZE).
             natural: from `simulation.following.natural_along`.
         """
-        assert isinstance(self._loop, _Implicit)
-        return self._loop.along(cable, first, self.step, recorder, motions, natural)
+        given = first, self.step, recorder.address, motions, *natural
+        return self._called(implicit.advance_along, *given)
 
-    def advance(
-        self, cable: Cable, first: int, steps: int, recorder: Recorder, finer: int = 1
-    ) -> tuple[int, int, int]:
-        """Advance; returns (status, steps done, force evaluations or Newton iterations).
+    def run(
+        self, first: int, steps: int, recorder: Recorder | None = None, finer: int = 1
+    ) -> Advance:
+        """Advance without looking at the result; a failed advance leaves the state as it is.
 
-        Every step is divided into `finer` smaller ones; steps done counts the smaller ones.
+        Every step is divided into `finer` smaller ones, which the result counts.
         """
-        return self._loop(cable, first * finer, steps * finer, self.step / finer, recorder)
+        recorder = self._unrecorded if recorder is None else recorder
+        checks = () if self.method.family == IMPLICIT else (GUARD_STEPS,)
+        given = first * finer, steps * finer, self.step / finer, *checks, recorder.address
+        return self._called(self._loop, *given)
+
+    def _called(self, loop: Piece, *given: Any) -> Advance:
+        code, steps, evaluations = self._cable.call(loop, *self._constants, *given)
+        return Advance(_STATUS[code], steps, evaluations)
+
+    def _sane(self, step: int) -> bool:
+        """Whether the state may be shown; explicit loops check the energy only every few steps."""
+        position = self._cable.x
+        if not math.isfinite(np.vdot(position, position)):  # half the time of isfinite().all()
+            return False
+        if self.checked(step):
+            return True
+        share = self._cable.share_open()
+        if share > DIVERGED_SHARE:
+            # Right after an impact little energy has been exchanged, and near the stability limit
+            # the error of a stable method exceeds half of it for a few steps. Unlike the error of a
+            # diverging run, it does not keep growing.
+            return share <= GROSS_SHARE and self._passes_next_check(step)
+        return not math.isnan(share)
+
+    def _passes_next_check(self, step: int) -> bool:
+        """Whether the loop passes its next check of the energy; the state is left unchanged."""
+        now = self._cable.state.copy()
+        done = self.run(step, GUARD_STEPS - step % GUARD_STEPS)
+        self._cable.state[:] = now
+        return done.status.ok
+
+    def _redo(self, first: int, made: int) -> int:
+        """Undo a failed advance and repeat it up to its last good state; returns its steps."""
+        last_check = first + made - (first + made) % self.check_every
+        for good in (made, last_check - first):
+            self._cable.state[:] = self._kept
+            if good > 0:
+                self.run(first, good)
+                if self._sane(first + good):
+                    return good
+        self._cable.state[:] = self._kept
+        return 0
+
+    def _retry(self, status: Status, step: int, recorder: Recorder) -> tuple[bool, int]:
+        """Repeat one step as smaller ones where that may help.
+
+        It does not help an explicit method that diverged, since its energy has grown for many
+        steps, or an implicit one that did not converge, which has already halved the step.
+
+        Returns:
+            Whether it succeeded, and the force evaluations or Newton iterations used.
+        """
+        helps = IMPLICIT if status is Status.DIVERGED else CONSTRAINED
+        if self.method.family != helps or self._cable.share_open() > SOUND_SHARE:
+            return False, 0
+        self._kept[:] = self._cable.state
+        sample, evaluations = recorder.count, 0
+        for finer in RETRIES:
+            done = self.run(step, 1, recorder, finer)
+            evaluations += done.evaluations
+            if done.status.ok and self._sane(step + 1):
+                return True, evaluations
+            self._cable.state[:] = self._kept
+            recorder.forget(sample)
+        return False, evaluations
+
+    def _worst_point(self, status: Status) -> int:
+        """Control point with the largest unbalanced force, or the fastest one, of a failed step."""
+        size = np.abs(self._cable.w).max(axis=0)
+        if status is Status.NOT_CONVERGED and self.method.family == IMPLICIT:
+            size = np.abs(self._cable.unbalanced).max(axis=1)
+        return int(np.argmax(np.nan_to_num(size, nan=np.inf)))
 
 
-def alpha_constants(method: Method, spectral_radius: float) -> np.ndarray:
+def _loop_of(method: Method, scene: Scene) -> tuple[Piece, tuple[Any, ...]]:
+    """The compiled loop of a method, and the constants that it takes first."""
+    if method.family == SPLITTING:
+        weights = np.array(method.drift_weights), np.array(method.kick_weights)
+        return splitting.advance_splitting, weights
+    if method.family == RUNGE_KUTTA:
+        return runge_kutta.advance_runge_kutta, _butcher_table(method)
+    if method.family == ZHAI:
+        return zhai.advance_zhai, method.zhai_pair
+    if method.family == CONSTRAINED:
+        return rattle.advance_rattle, ()
+    return implicit.advance_implicit, (
+        _alpha_constants(method, scene.integrator.spectral_radius),
+        np.array(method.substeps),
+        method.conserves_energy,
+        scene.integrator.tolerance,
+        implicit.MAX_HALVINGS,
+    )
+
+
+def _alpha_constants(method: Method, spectral_radius: float) -> Array:
     """theta, mass weight, beta, gamma and inertia of an implicit method (`methods.implicit`).
 
     theta = 1 - alpha_f, mass weight = alpha_m, beta and gamma of Newmark's formulas, and
@@ -169,7 +221,7 @@ def alpha_constants(method: Method, spectral_radius: float) -> np.ndarray:
     return np.array([1.0 - alpha_f, alpha_m, beta, 0.5 - alpha_m + alpha_f, inertia])
 
 
-def _butcher_table(method: Method) -> tuple[np.ndarray, np.ndarray]:
+def _butcher_table(method: Method) -> tuple[Array, Array]:
     """Rows a_ij, followed by the row b_j, shape (s + 1, s), and the nodes c_i of the stages."""
     stages = len(method.stage_weights)
     table = np.zeros((stages + 1, stages))

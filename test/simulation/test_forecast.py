@@ -8,7 +8,6 @@ from cables import SOFT, simulator
 
 from dlo_sim import Plan
 from dlo_sim.core import rotations
-from dlo_sim.simulation.forecast import forecast
 from dlo_sim.simulation.recorder import Recorder
 
 TIMES = np.linspace(0.0, 0.6, 13)
@@ -73,13 +72,14 @@ def test_a_copy_from_another_process_goes_on_with_the_same_bits():
     assert np.array_equal(sim.cable.state, other.cable.state)
 
 
-def test_one_that_fails_before_its_first_shape_says_so_itself():
+def test_one_that_fails_before_its_first_shape_says_so_itself(monkeypatch):
     sim = moving()
 
-    def failing(times, poses, samples):
-        return sim.advance_steps(0), Recorder(sim.model, np.zeros(0))
+    def failing(future, times, poses, samples):
+        return future.advance_steps(0), Recorder(future.model, np.zeros(0))
 
-    found = forecast(sim, failing, plan_of(sim), 0.1)
+    monkeypatch.setattr(type(sim), "record_along", failing)
+    found = sim.forecast(plan_of(sim), 0.1)
     assert found.centerline.shape == (0, len(found.u), 3)
     assert found.largest_curvature == 0.0
     assert found.peak_tension == -np.inf

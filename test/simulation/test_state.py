@@ -217,7 +217,7 @@ def test_a_step_that_gains_energy_is_done_in_smaller_ones(monkeypatch):
     for _ in range(20):
         assert pieces.advance_steps(1).status.ok
     assert same(everything(sim), everything(pieces))
-    monkeypatch.setattr("dlo_sim.simulation.guarded_loop.RETRIES", ())
+    monkeypatch.setattr("dlo_sim.simulation.stepper.RETRIES", ())
     report = without.advance_steps(20)
     assert report.status is Status.DIVERGED
     assert report.steps < 20

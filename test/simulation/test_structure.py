@@ -18,8 +18,8 @@ from cables import (
 
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.simulation.guarded_loop import GuardedLoop
 from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.stepper import Stepper
 
 # Methods whose step depends on the state alone; Zhai's and generalised-alpha carry accelerations
 # along, and the inextensible method lives on a constraint.
@@ -218,7 +218,7 @@ def test_linear_stability_of_the_whole_cable(method, monkeypatch):
 
     Beyond it a simulator takes a step back that begins to grow.
     """
-    monkeypatch.setattr(GuardedLoop, "_sane", lambda loop, step: True)
+    monkeypatch.setattr(Stepper, "_sane", lambda loop, step: True)
     limit = simulator(SOFT, FLAT, n=5, method=method.name).choice.limit
     bench = Bench(SOFT, FLAT, n=5)
     free = bench.free_motions(0.0)
