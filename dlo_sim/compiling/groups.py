@@ -190,7 +190,9 @@ class Group:
 
     Args:
         sizes: of the named dimensions. memory: where the arrays of real numbers are to lie, as many
-            numbers as `room` says; default: allocated. given: groups that are not to be made.
+            numbers as `room` says of `most`; default: allocated. most: largest sizes for which this
+            memory has room, default `sizes`; where an array begins depends on these only. given:
+            groups that are not to be made.
     """
 
     fields: ClassVar[dict[str, Field]] = {}
@@ -205,12 +207,17 @@ class Group:
         cls.kind = GroupKind(cls.__name__, members)
 
     def __init__(
-        self, sizes: Mapping[str, int], memory: Array | None = None, **given: Group | None
+        self,
+        sizes: Mapping[str, int],
+        memory: Array | None = None,
+        most: Mapping[str, int] | None = None,
+        **given: Group | None,
     ) -> None:
         self.sizes = dict(sizes)
+        most = sizes if most is None else most
         for name, group in self.groups.items():
             setattr(self, name, given[name] if name in given else group(sizes))
-        memory = aligned_zeros(self.room(sizes)) if memory is None else memory
+        memory = aligned_zeros(self.room(most)) if memory is None else memory
         at = 0
         for name, field in self.fields.items():
             if isinstance(field, (Number, Whole)):
@@ -222,7 +229,7 @@ class Group:
                 continue
             count = math.prod(shape)
             setattr(self, name, self._array(field, memory[at : at + count].reshape(shape)))
-            at += _whole_vectors(count)
+            at += _whole_vectors(math.prod(field.shape(most)))
 
     @staticmethod
     def _array(field: Field, array: Any) -> Any:

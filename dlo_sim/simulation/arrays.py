@@ -9,6 +9,8 @@ from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core.bspline import DEGREE
 from dlo_sim.engine import arrays
 from dlo_sim.engine.arrays import MARGIN, PADDING
+from dlo_sim.scene.description import Scene
+from dlo_sim.scene.needs import inextensible, plasticity_wanted
 
 Array = NDArray[np.float64]
 
@@ -71,6 +73,28 @@ def sizes_of(
         "saddle_padded": saddle + 2 * PADDING if constraints else 0,
         "saddle_responses": rows if constraints else 0,
     }
+
+
+def most_sizes(scene: Scene, n: int, samples: int) -> dict[str, int]:
+    """Sizes with room for whatever may become active while a cable of the scene runs: motion in
+    space, twist, every grasp, all loads. Memory of these sizes is allocated once.
+    """
+    holders, curved = len(scene.holders), scene.cable.shaped or plasticity_wanted(scene)
+    return sizes_of(
+        terms=arrays.BISHOP | arrays.CURVED * curved | arrays.PLASTICITY * plasticity_wanted(scene),
+        dim=3,
+        twist=True,
+        n=n,
+        samples=samples,
+        points=3 * holders,  # a position, r' and a twist angle each
+        rows=6 * holders,
+        border=6 * holders,
+        springs=7 * holders,  # on three axes, on three components of r', on the twist
+        grasps=holders,
+        loads=len(scene.loads),
+        planes=len(scene.obstacles),
+        constraints=n - 1 if inextensible(scene) else 0,
+    )
 
 
 def without_margins(lines: Array, n: int) -> Array:

@@ -11,7 +11,7 @@ from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
-from dlo_sim.simulation.arrays import sizes_of, to_blocks, without_margins
+from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import holding_of
@@ -59,7 +59,9 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    model = Model(arrays, knots, rule, axes, twist, holding, scene.cable.EA, bending, rest, origin)
+    most = most_sizes(scene, n, rule.xi.shape[1])
+    stiffness = scene.cable.EA, bending
+    model = Model(arrays, most, knots, rule, axes, twist, holding, *stiffness, rest, origin)
     _Filling(scene, needs, model).fill()
     return model
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,31 +27,68 @@ CREEP = 1e-6  # cable lengths per second; the account's floor is the energy of s
 class Cable:
     """A model with its inputs, state and working memory, all zero at first.
 
+    The memory has room for all that may become active while the cable runs; the arrays are views of
+    the active part, so that an activation (`activate`) only changes their shapes.
+
     Attributes:
         arrays: all arrays by name. Their constants are those of the model.
         inputs: the numbers of `arrays.inputs`, changed by callers. state: those of `arrays.state`,
             changed by steps; a copy of them is a snapshot.
+        x: positions, a view of shape (lines, n). w: projected velocity w = P v (`engine.rows`).
     """
 
     def __init__(self, model: Model) -> None:
+        self._left_out = 0  # bits of terms that the method leaves out
         self._allocate(model)
 
     def _allocate(self, model: Model) -> None:
-        sizes = model.arrays.sizes
-        self.model, self.arrays = model, copy(model.arrays)
         self.inputs, self.state = map(aligned_zeros, model.rooms)
-        self.arrays.inputs = Inputs(sizes, self.inputs)
-        self.arrays.state = State(sizes, self.state)
-        self.arrays.work = Work(sizes)
+        self._working_memory = aligned_zeros(Work.room(model.most))
+        self._show(model)
+
+    def _show(self, model: Model) -> None:
+        """Make the arrays those of a model of the same scene; the numbers of inputs and state stay
+        where they are.
+        """
+        sizes, most = model.arrays.sizes, model.most
+        self._working_memory[:] = 0.0
+        self.model, self.arrays = model, copy(model.arrays)
+        self.arrays.inputs = Inputs(sizes, self.inputs, most)
+        self.arrays.state = State(sizes, self.state, most)
+        self.arrays.work = Work(sizes, self._working_memory, most)
+        self.arrays.terms &= ~self._left_out
+        self.x, self.w = self.shown(self.arrays.state.x), self.shown(self.arrays.state.w)
+
+    def activate(self, model: Model) -> None:
+        """Go over to a model of the same scene with other lines, terms, or grasps.
+
+        Inputs, plastic and natural curvature, and the energy balance stay. The rest of the state is
+        zero and still to be set: anchors, directions, positions and velocities (`put`).
+        """
+        kept = [array.copy() for array in self._lasting]
+        pending = self.account.pending
+        self.state[:] = 0.0
+        self._show(model)
+        for array, values in zip(self._lasting, kept, strict=True):
+            array[...] = values
+        self.account.load_work += pending
+        self._forget_history()
+
+    @property
+    def _lasting(self) -> tuple[Array, ...]:
+        """What other lines, terms or grasps leave as it is."""
+        state = self.arrays.state
+        balance = numbers_of(state.balance)
+        return balance, state.energy, state.energy_begin, state.natural, state.plastic
 
     def __getstate__(self) -> tuple[Model, int, Array, Array]:
         """What a copy needs; it has arrays of its own."""
-        return self.model, self.terms, self.inputs, self.state
+        return self.model, self._left_out, self.inputs, self.state
 
     def __setstate__(self, kept: tuple[Model, int, Array, Array]) -> None:
-        model, terms, inputs, state = kept
+        model, self._left_out, inputs, state = kept
         self._allocate(model)
-        self.terms, self.inputs[:], self.state[:] = terms, inputs, state
+        self.inputs[:], self.state[:] = inputs, state
 
     def call(self, entry: Piece, *arguments: Any) -> Any:
         """Call compiled code on this cable; `entry` takes its address, then the arguments."""
@@ -65,20 +101,16 @@ class Cable:
 
     @property
     def terms(self) -> int:
-        """Bits of the active terms, at first those of the model."""
+        """Bits of the active terms: those of the model but for what is left out."""
         return int(self.arrays.terms)
 
-    @terms.setter
-    def terms(self, bits: int) -> None:
-        self.arrays.terms = bits
+    def leave_out(self, bits: int) -> None:
+        """Leave terms out from now on."""
+        self._left_out |= bits
+        self.arrays.terms &= ~bits
         self.arrays.pack_anew()
 
     # -- views ----------------------------------------------------------------------------------
-
-    @cached_property
-    def x(self) -> Array:
-        """Positions, a view of shape (lines, n)."""
-        return self.shown(self.arrays.state.x)
 
     @property
     def points(self) -> Array:
@@ -86,11 +118,6 @@ class Cable:
         out = self.model.blank.copy()
         self.call(control_points, out)
         return out
-
-    @cached_property
-    def w(self) -> Array:
-        """Projected velocity w = P v (`engine.rows`), a view of shape (lines, n)."""
-        return self.shown(self.arrays.state.w)
 
     @property
     def motion(self) -> Array:
@@ -224,14 +251,6 @@ class Cable:
         state.energy[:] = state.energy_begin[:] = 0.0
         state.balance.floor = 0.5 * cable.mu * cable.length * (CREEP * cable.length) ** 2
         self.call(between_steps.open_account)
-
-    def continue_account(self, other: Cable) -> None:
-        """Continue the energy account of another cable."""
-        state, before = self.arrays.state, other.arrays.state
-        numbers_of(state.balance)[:] = numbers_of(before.balance)
-        state.energy[:], state.energy_begin[:] = before.energy, before.energy_begin
-        state.balance.load_work += before.balance.pending
-        self._forget_history()
 
     def _forget_history(self) -> None:
         """Set the numbers that are zero without earlier steps."""

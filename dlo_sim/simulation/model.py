@@ -22,7 +22,8 @@ class Model:
     """Constants of a scene; never changed after building.
 
     Attributes:
-        arrays: those of its cables, without inputs, state and work.
+        arrays: those of its cables, without inputs, state and work. most: largest sizes that their
+            dimensions can take while a cable of the scene runs (`arrays.most_sizes`).
         knots: clamped knot vector, shape (n + 4,). rule: quadrature.
         axes: world axis of every spatial line. twist: whether a twist line follows.
         holding: held points, constraint rows and springs.
@@ -35,6 +36,7 @@ class Model:
     """
 
     arrays: CableArrays
+    most: dict[str, int]
     knots: Array
     rule: quadrature.Quadrature
     axes: tuple[int, ...]
@@ -62,11 +64,17 @@ class Model:
     @property
     def rooms(self) -> tuple[int, int]:
         """Numbers in the inputs and in the state of a cable."""
-        return Inputs.room(self.arrays.sizes), State.room(self.arrays.sizes)
+        return Inputs.room(self.most), State.room(self.most)
 
     def has(self, bit: int) -> bool:
         """Whether the term with this bit is active."""
         return bool(self.arrays.sizes["terms"] & bit)
+
+    @property
+    def spring_places(self) -> list[tuple[int, int, bool]]:
+        """What each spring holds: grasp, column of x, y, z, theta, and whether r' there."""
+        springs = self.holding.springs
+        return [(one.grasp, self.columns[one.line], one.tangent) for one in springs]
 
     @cached_property
     def blank(self) -> Array:

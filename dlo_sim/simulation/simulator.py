@@ -82,7 +82,7 @@ from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.simulation.symmetry import is_bent, release_from_line, steps_between_looks
-from dlo_sim.simulation.transfer import carry_inputs, carry_samples
+from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array, Array]
@@ -154,7 +154,9 @@ class Simulator:
         self._load_index = {load.name: k for k, load in enumerate(scene.loads)}
         self._bases: dict[bytes, Basis] = {}
         self._steps, self._remainder = 0, 0.0
-        self._fill_inputs()
+        self._fill_loads()
+        self._hold_cable()
+        self._turn_natural_shape()
         lay = self._lay_natural_shape if self._lays_natural_shape else None
         place(scene, self._geometries, self._ends, self.cable, lay)
         frequency = largest_frequency(scene, self.cable)
@@ -488,7 +490,7 @@ class Simulator:
         paths = {name: following.on_grid(grid, stamps, given) for name, given in rows.items()}
         for name, path in paths.items():
             self._put_end(name, path[0, :3], path[0, 3:])
-            self._extend(self._needs_along(name, path))
+            self._need(self._needs_along(name, path))
         cable = self.cable  # after set_end, which may have activated more terms
         recorder = Recorder(self.model, wanted)
         motions = np.repeat(cable.motion[None], len(grid) - 1, axis=0)
@@ -571,7 +573,7 @@ class Simulator:
         arguments.one_of("load", name, self._load_index)
         push = _three(f"force of {name}", force, "N")
         turn = _three(f"torque of {name}", torque, "N m")
-        self._extend(needs_of_load(self._needs, self.scene, push, turn))
+        self._need(needs_of_load(self._needs, self.scene, push, turn))
         row = self.cable.loads[self._load_index[name]]
         if push is not None:
             row[:3] = push
@@ -633,7 +635,7 @@ class Simulator:
         motion = motion.moved(-self.model.origin)
         if not self._ends.follow_later(end, self.time, motion):
             self._ends.follow(end, self.time, motion)
-        self._extend(self._needs_moved(end))
+        self._need(self._needs_moved(end))
         self._natural_shape_moves()
 
     def _put_end(
@@ -649,7 +651,7 @@ class Simulator:
         # What the jump brings in begins where the end was: its springs do work on the way.
         needs, after = self._needs_moved(end), self._ends.state_of(end)
         self._ends.set_state(end, before)
-        self._extend(needs)
+        self._need(needs)
         self._ends.set_state(end, after)
         self._natural_shape_moves()
         if self.choice.method.family not in (IMPLICIT, CONSTRAINED):
@@ -745,7 +747,7 @@ class Simulator:
         if geometry.u is not None:
             angle = self._angle_at(geometry.u, self.cable.points)
             self._ends.count_from(grasp, self.time, angle)
-        self._replace(self._needs, geometries)
+        self._activate(self._needs, geometries)
         self.cable.account.drive_work += self.cable.present_energy() - before
 
     def _held_with(self, grasp: str, geometry: Geometry) -> Geometries:
@@ -793,7 +795,11 @@ class Simulator:
         self._remainder = snapshot.remainder
         if snapshot.needs != self._needs or snapshot.geometries is not self._geometries:
             self._geometries, self._origin = snapshot.geometries, snapshot.origin
-            self._rebuild(snapshot.needs)
+            self.cable.activate(
+                build_model(self.scene, snapshot.needs, self._geometries, origin=self._origin)
+            )
+            self._hold_cable()
+            self._turn_natural_shape()
         self._needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
@@ -947,7 +953,7 @@ class Simulator:
             points, rates = (bspline.interpolate(new.knots, values) for values in there)
         self._ends.take_over(other._ends, other.time, other.cable.frame_turn, way)
         if any(self._ends.twists(name) for name in self.scene.holders):
-            self._extend(self._needs.with_twist(self.scene))
+            self._need(self._needs.with_twist(self.scene))
         taking = self._take_over_grasps(other)
         for name, holder in self.scene.holders.items():
             at = self._geometries[name].u
@@ -982,8 +988,7 @@ class Simulator:
                 held[name] = replace(held[name], u=None)
                 taking += [name] * grasp.taken
         if self.scene.grasps:
-            self._geometries = held
-            self._rebuild(self._needs)
+            self._activate(self._needs, held)
         return taking
 
     # -- natural shape ----------------------------------------------------------------------------
@@ -1031,16 +1036,22 @@ class Simulator:
 
     # -- arrays -----------------------------------------------------------------------------------
 
-    def _fill_inputs(self) -> None:
-        """Loads, motions, anchors and natural shape of the scene in the arrays of the cable."""
-        cable, model = self.cable, self.model
-        for row, load in zip(cable.loads, self.scene.loads, strict=False):
+    def _fill_loads(self) -> None:
+        """Loads of the scene in the inputs of the cable."""
+        for row, load in zip(self.cable.loads, self.scene.loads, strict=False):
             if load.signal != "none":
                 row[:3], row[3:6] = load.force, load.torque
             row[6] = load.frequency if load.signal == "sine" else 0.0
-        self._ends.live_in(cable.motion)
+
+    def _hold_cable(self) -> None:
+        """Let the end effectors and grasps hold the cable where they are now."""
+        self._ends.live_in(self.cable.motion)
         self._ends.pull_springs(self.cable, self.time)
-        cable.point_grasps(self.time if self._steps else 0.0)
+        self.cable.point_grasps(self.time if self._steps else 0.0)
+
+    def _turn_natural_shape(self) -> None:
+        """Let a natural shape that is not in the material frame turn with the start."""
+        cable, model = self.cable, self.model
         self._natural = np.zeros((*model.rule.xi.shape, 4))
         if has_natural_shape(self.scene, model):
             self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
@@ -1055,37 +1066,34 @@ class Simulator:
         """Load the code of the twist that a moment brings: a tick must not have to compile it."""
         needs = needs_of_load(self._needs, self.scene, None, np.ones(3))
         if needs.twist and not self._needs.twist:
-            self._extend(needs)
+            self._need(needs)
             self._stepper.advance(0, 0)
             self.restore(self._initial)
 
-    def _extend(self, needs: Needs) -> None:
-        """Activate the terms that these needs add; the state is kept."""
+    def _need(self, needs: Needs) -> None:
+        """Activate the terms and lines that these needs add; the state is kept."""
         lines = (self._needs.axes, self._needs.twist, self._needs.loads)
         if (needs.axes, needs.twist, needs.loads) == lines:
             self._needs = needs
-            return
-        self._replace(needs, self._geometries)
+        else:
+            self._activate(needs, self._geometries)
 
-    def _replace(self, needs: Needs, geometries: Geometries) -> None:
-        """Continue with other needs or grasps from the present state."""
-        points, rates = self.cable.points, self.velocities
-        self._ends.take_frame_turns(self.cable.frame_turn)
-        old = self.cable
-        self._geometries = geometries
-        self._rebuild(needs)
-        carry_inputs(old, self.cable)
-        self.cable.put(points, rates)
-        carry_samples(old, self.cable)
-        self.cable.continue_account(old)
-
-    def _rebuild(self, needs: Needs) -> None:
-        """Arrays and step of other needs; their state is empty."""
-        self._needs = needs
-        model = build_model(self.scene, needs, self._geometries, origin=self._origin)
-        self.cable = Cable(model)
-        self._fill_inputs()
-        self._stepper = Stepper(self.scene, self.cable, self.choice.method, self.choice.step)
+    def _activate(self, needs: Needs, geometries: Geometries) -> None:
+        """Go on with other needs or grasps from the present state."""
+        cable, points, rates = self.cable, self.cable.points, self.velocities
+        pulled = dict(zip(self.model.spring_places, cable.anchors.tolist(), strict=True))
+        in_material_frame = self.model.has(MATERIAL)
+        self._ends.take_frame_turns(cable.frame_turn)
+        self._needs, self._geometries = needs, geometries
+        cable.activate(build_model(self.scene, needs, geometries, origin=self._origin))
+        self._hold_cable()
+        for k, held in enumerate(self.model.spring_places):
+            cable.anchors[k] = pulled.get(held, cable.anchors[k])
+        self._turn_natural_shape()
+        cable.put(points, rates)
+        if self.model.has(MATERIAL) and not in_material_frame:
+            self._lay_natural_shape()
+        cable.flow()
 
 
 def _three(name: str, value: ArrayLike | None, unit: str) -> Array | None:

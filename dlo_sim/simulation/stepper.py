@@ -64,7 +64,7 @@ class Stepper:
         if method.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
             # explicit steps bear; `soundness` tells of folds instead.
-            cable.terms &= ~GUARDED
+            cable.leave_out(GUARDED)
 
     def checked(self, step: int) -> bool:
         """Whether the compiled loop checks the energy after step number `step`."""

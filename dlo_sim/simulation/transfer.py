@@ -1,4 +1,4 @@
-"""A state and its inputs taken over into a model with other arrays."""
+"""Plastic and natural curvature of one cable at the samples of another."""
 
 from __future__ import annotations
 
@@ -10,20 +10,6 @@ from dlo_sim.simulation.cable import Cable
 
 Array = NDArray[np.float64]
 TINY = 1e-300
-
-
-def carry_inputs(old: Cable, new: Cable) -> None:
-    """Loads and anchors of springs."""
-    if len(old.loads) and len(new.loads):
-        new.loads[:] = old.loads
-    places = {
-        (spring.grasp, old.model.columns[spring.line], spring.tangent): k
-        for k, spring in enumerate(old.model.holding.springs)
-    }
-    for k, spring in enumerate(new.model.holding.springs):
-        known = places.get((spring.grasp, new.model.columns[spring.line], spring.tangent))
-        if known is not None:
-            new.anchors[k] = old.anchors[known]
 
 
 def carry_samples(old: Cable, new: Cable) -> None:

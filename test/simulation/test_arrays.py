@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from cables import FULL, SOFT, Bench
+from cables import FULL, SOFT, Bench, simulator
 
 from dlo_sim.engine.arrays import GUARDED
 from dlo_sim.simulation.arrays import from_blocks, to_blocks
@@ -66,7 +66,7 @@ def test_whole_vectors_stay_within_the_rows_of_a_matrix(method):
 
 @pytest.mark.parametrize("how", COPIES)
 def test_a_copy_has_arrays_of_its_own(cable, how):
-    cable.terms &= ~GUARDED
+    cable.leave_out(GUARDED)
     address, energies = cable.address, cable.potentials()
     other = COPIES[how](cable)
     assert other.address != address and other.terms == cable.terms
@@ -82,7 +82,7 @@ def test_terms_of_a_cable_reach_its_functions_and_no_other_cable():
     folded = np.zeros((8, 4))
     folded[:, 0] = bench.greville * np.where(np.arange(8) == 4, -1.0, 1.0)
     guarded = bench.potential(folded)
-    bench.cable.terms &= ~GUARDED
+    bench.cable.leave_out(GUARDED)
     assert bench.potential(folded) < guarded and bench.model.has(GUARDED)
     assert type(bench.cable)(bench.model).terms & GUARDED
 
@@ -95,3 +95,13 @@ def test_blocks_hold_the_values_of_spans_in_their_lanes(spans):
     assert (blocks[0, 2, 1, 0], blocks[-1, 2, 1, (spans - 1) % 8]) == tuple(values[[0, -1], 2, 1])
     assert (blocks == 5.0).sum() == 12 * (-spans % 8)
     assert np.array_equal(from_blocks(blocks, spans), values)
+
+
+def test_what_becomes_active_changes_shapes_and_not_the_memory():
+    """A push out of the plane makes no other arrays: state and inputs stay where they are."""
+    sim = simulator(SOFT, {"loads.names": [], "terms.twist": "auto"})
+    cable, state, inputs = sim.cable, sim.cable.state, sim.cable.inputs
+    assert len(cable.x) == 2
+    sim.set_end("start", position=[0.0, 0.1, 0.0])
+    assert sim.cable is cable and cable.state is state and cable.inputs is inputs
+    assert np.shares_memory(cable.x, state) and len(cable.x) == 3

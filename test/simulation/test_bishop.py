@@ -373,7 +373,7 @@ def test_it_goes_on_where_terms_come_in():
     for sim in sims:
         turn(sim, "end", [3.0, 1.0, -0.5], 1.0)
         sim.advance(1.5)
-    sims[1]._replace(sims[1]._needs, sims[1]._geometries)
+    sims[1]._activate(sims[1]._needs, sims[1]._geometries)
     before, after = (sim.energy().twist for sim in sims)
     assert after == pytest.approx(before, rel=2e-3)
     for sim in sims:
