@@ -32,7 +32,7 @@ ARROWS = {
         "tuning",
     },
     "view": {"core", "replay", "scene", "session", "simulation"},
-    "doctor": {"compiling", "ros", "scene", "session", "simulation"},
+    "doctor": {"compiling", "process", "ros", "scene", "session", "simulation"},
     "demo": {"core", "process", "replay", "scene", "session", "view"},
     "cli": {
         *("batch", "compiling", "core", "demo", "doctor", "identification", "process", "replay"),

@@ -17,9 +17,8 @@ from functools import partial
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
-from dlo_sim.process.children import children
+from dlo_sim.process.children import children, processors
 from dlo_sim.process.stopping import cleanup
-from dlo_sim.simulation.processors import processors
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

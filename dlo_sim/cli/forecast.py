@@ -76,7 +76,6 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from dlo_sim.replay.planned import PlanError, read_plan
-    from dlo_sim.simulation.accuracy import estimated
     from dlo_sim.simulation.error_estimate import error_along
     from dlo_sim.simulation.simulator import Simulator
 
@@ -91,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
             begin = {name: (pose[:3], pose[3:]) for name, pose in first.items()}
             simulator = Simulator(scene, begin)
             found = simulator.forecast(plan, options.every)
-            if estimated(scene) and len(found.times):
+            if scene.estimates_errors and len(found.times):
                 error, advice = error_along(simulator, found.centerline, along)
                 accuracy = {"error_estimate": error.numbers, "advice": advice}
         except (PlanError, ValueError) as refusal:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dlo_sim import __version__
 from dlo_sim.doctor.finding import Finding, note, ok, problem
-from dlo_sim.simulation.processors import processors
+from dlo_sim.process.children import processors
 
 _CACHE_CURE = "set DLO_SIM_CACHE to a directory of your own"
 _LAST_DOMAIN, _LAST_SAFE_DOMAIN = 232, 101

@@ -22,7 +22,6 @@ from dlo_sim.identification.problem import (
 from dlo_sim.identification.scores import Score, mean_score, reaction, score
 from dlo_sim.replay.comparison import AxisComparison
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.accuracy import estimated
 from dlo_sim.simulation.report import DiscretizationError
 
 TRAINING, LEFT_OUT, ALL = "training pieces", "left-out pieces", "all pieces, fitted to all"
@@ -116,7 +115,7 @@ def identify(
     for failure in failures:
         tell(f"the fitted scene fails in {failure}; its last good shape counts from there on")
     error, advice = None, ""
-    if estimated(found.scene) and not failures:
+    if found.scene.estimates_errors and not failures:
         error, advice = position_error(found.scene, pieces, last, workers, found.sensor)
     shape = {"initial.shape": asked.get("initial.shape", scene.initial.shape)}
     if not any(found.scene.cable.rest_curvature_2):

@@ -15,7 +15,6 @@ from dlo_sim.identification.measurement import START_FRAMES, Recording
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.simulation.error_estimate import POINTS, error_along
-from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.report import DiscretizationError
 from dlo_sim.simulation.simulator import Simulator
 
@@ -116,7 +115,7 @@ def load_on_robot(scene: Scene, knots: Array, times: Array, path: Array) -> Arra
     """
     ends = np.array([scene.start.mass, scene.end.mass])
     shares = (knots[bspline.DEGREE + 1 :] - knots[: -bspline.DEGREE - 1]) / (bspline.DEGREE + 1)
-    (drag, alpha), masses = external_rates(scene), scene.cable.mu * shares
+    (drag, alpha), masses = scene.decay_rates, scene.cable.mu * shares
     dragged = drag * masses
     masses[[0, -1]] += ends
     dragged[[0, -1]] += alpha * ends

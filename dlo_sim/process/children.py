@@ -58,3 +58,10 @@ def children() -> SpawnContext:
     They are not forked: threads of this process (numba's, ROS's) would not survive that.
     """
     return _Children()
+
+
+def processors() -> int:
+    """Number of logical cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on every platform
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -104,6 +104,29 @@ class Scene:
         return 0.0 if self.terms.damping == "off" else self.damping.drag_across
 
     @property
+    def decay_rates(self) -> tuple[float, float]:
+        """Rates [1/s] at which external damping lets the momenta of centreline and twist decay:
+        alpha + c / mu with the air drag c along the cable, and alpha; 0 without damping.
+
+        Air drag is a force per length and speed of the centreline. It has no torque about the
+        centreline, so it does not damp twist. The excess of the drag across the cable is assembled
+        with the forces (`engine.drag`).
+        """
+        if self.terms.damping == "off":
+            return 0.0, 0.0
+        alpha = self.damping.mass
+        along = self.damping.air_drag * self.damping.air_drag_ratio
+        return alpha + along / self.cable.mu, alpha
+
+    @property
+    def estimates_errors(self) -> bool:
+        """Whether the error of a prediction is estimated, as long as there is time for it. With
+        `auto` not where measured points correct the prediction: they do not correct finer runs.
+        """
+        wanted = self.accuracy.estimate
+        return wanted == "on" or (wanted == "auto" and self.measured.type == "none")
+
+    @property
     def contact_stiffness(self) -> float:
         """Contact force per length of cable and penetration depth [N/m^2]: as given, or such that
         the weight on earth leads to the penetration DEPTH."""

@@ -18,7 +18,6 @@ from dlo_sim.session.observer import Observer
 from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.topics import InputTopic
 from dlo_sim.session.waiting import LoadSchedule, TakeMessage, Waiting
-from dlo_sim.simulation.accuracy import estimated
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
@@ -170,7 +169,7 @@ class Drive:
         if saved is not None:
             for name, path in self.paths.items():
                 path.skip_to(origin, *self.simulator.end_pose(name))
-        if estimated(self.scene) and not self._too_slow:
+        if self.scene.estimates_errors and not self._too_slow:
             self.estimate = companions(self.simulator, None if saved is not None else poses)
 
     def clear(self) -> None:
@@ -319,7 +318,7 @@ class Drive:
             return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
-        estimate = companions(simulator) if estimated(scene) else None
+        estimate = companions(simulator) if scene.estimates_errors else None
         return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:

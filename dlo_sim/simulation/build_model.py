@@ -12,7 +12,6 @@ from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
 from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
-from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import Model
@@ -217,7 +216,7 @@ class _Filling:
         point mass: drag and mass have the same shape there.
         """
         scene, linear, physics = self._scene, self._arrays.linear, self._arrays.physics
-        centerline, alpha = external_rates(scene)
+        centerline, alpha = scene.decay_rates
         drag = (centerline - alpha) * scene.cable.mu * gram
         for kind, band in enumerate(masses):
             self._matrix(linear.damping[kind], alpha * band + (0.0 if kind else drag))

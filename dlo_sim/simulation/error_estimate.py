@@ -40,16 +40,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.core.methods import IMPLICIT
+from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import plasticity_wanted
-from dlo_sim.simulation.accuracy import (
-    MOST_CONTROL_POINTS,
-    advice,
-    bent_off_knots,
-    space_order,
-)
+from dlo_sim.scene.needs import needs_of, plasticity_wanted
+from dlo_sim.scene.parameters import PARAMETERS
 from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note
@@ -65,6 +60,17 @@ TIME_FACTOR = 2  # refinement of the companions
 SPACE_FACTOR = 1.5
 SPACE_FACTOR_OFF_KNOTS = 3.0  # where a grasp holds the direction of the cable
 SHORT = 0.1  # of the accurate step; below it the time error is below 1 % of accuracy.target
+MOST_CONTROL_POINTS = next(
+    int(row.high or 0) for row in PARAMETERS if row.key == "discretization.control_points"
+)
+# EA h^2 / EI of a knot span h above which stretching by span was more accurate for strongly bent
+# cables (cantilever of the work-precision study: 225 to 3600).
+THIN = 200.0
+SMALL = 0.25  # of the target: a part of the error below it can stay as it is
+_SPARE = 1.2  # safety factor of the advice, so that the error ends up below the target
+# The same for where in its span a grasp is: errors with the grasp on a knot were 1.3 to 1.7 times
+# those with it amid a span, for equal spans.
+_UNEVEN = 1.7
 
 _Place = Callable[[Scene], Simulator]
 _Finer = tuple[dict[str, object], int, float]
@@ -343,7 +349,7 @@ def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
     scene = original.scene
     choice = scene.discretization
     spans = choice.control_points - bspline.DEGREE
-    factor = SPACE_FACTOR_OFF_KNOTS if bent_off_knots(scene) else SPACE_FACTOR
+    factor = SPACE_FACTOR_OFF_KNOTS if _bent_off_knots(scene) else SPACE_FACTOR
     finer = min(math.ceil(factor * spans), MOST_CONTROL_POINTS - bspline.DEGREE)
     if finer <= spans:
         raise SceneError(f"discretization.control_points: {choice.control_points} is the most")
@@ -353,7 +359,7 @@ def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
     }
     if choice.quadrature == "uniform":
         values["discretization.samples"] = max(choice.samples, 2 * finer)
-    gain = (finer / spans) ** space_order(scene)
+    gain = (finer / spans) ** _space_order(scene)
     per_step = 1
     if original.choice.method.family != IMPLICIT:
         limit = place(scene.with_values(values | {"integrator.step": 0.0})).choice.limit
@@ -361,3 +367,93 @@ def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
         per_step = math.ceil(original.step / safe - 1e-6)
         values["integrator.step"] = original.step / per_step
     return values, per_step, gain / (gain - 1.0)
+
+
+def _bent_off_knots(scene: Scene) -> bool:
+    """Whether a grasp holds the direction of the cable, now or when it is taken.
+
+    The curvature jumps at such a grasp, which is usually no knot: the error decreases with the
+    first power of the span, and unevenly, by where in its span the grasp is.
+    """
+    return any(grasp.holds_direction for grasp in scene.grasps)
+
+
+def _space_order(scene: Scene) -> int:
+    """Order of convergence in the number of spans."""
+    return 1 if _bent_off_knots(scene) else 2
+
+
+def advice(scene: Scene, method: str, step: float, order: int, error: DiscretizationError) -> str:
+    """An estimated error that exceeds the target, and settings that would do, one line; else empty.
+
+    Args:
+        scene: as it was simulated. method, step: with this method and this step [s].
+        order: of convergence in time.
+    """
+    target = scene.accuracy.target
+    if error.unknown:
+        return f"the position error is unknown: {error.unknown}"
+    if error.total <= target:
+        return ""
+    if not math.isfinite(error.total):
+        return "the position error is too large to be estimated; shorten integrator.step"
+    smaller = min(error.time, error.space)
+    allowed = (target - smaller if smaller < SMALL * target else 0.5 * target) / _SPARE
+    cures = []
+    if error.space > allowed:
+        uneven = _UNEVEN if _bent_off_knots(scene) else 1.0
+        finer = (uneven * error.space / allowed) ** (1.0 / _space_order(scene))
+        cures.append(_cure_in_space(scene, method, finer))
+    if error.time > allowed:
+        shorter = step / (error.time / allowed) ** (1.0 / order)
+        cures.append(f"lower integrator.step to {_rounded_down(shorter):g} s")
+    if error.time < error.space:
+        cures[0] += "; discretization.stretch: span may do as well, since the cable is thin" * (
+            _locks(scene) and len(cures) == 1
+        )
+    most = "space" if error.space >= error.time else "time"
+    return (
+        f"position error of some {error.total:.2g} m exceeds accuracy.target {target:g} m, mostly "
+        f"of {most}; {' and '.join(cures)}"
+    )
+
+
+def _cure_in_space(scene: Scene, method: str, finer: float) -> str:
+    """The change of the scene by which spans are so many times shorter."""
+    choice = scene.discretization
+    spans = (choice.control_points - bspline.DEGREE) * finer
+    number = math.ceil(spans) + bspline.DEGREE
+    if number > MOST_CONTROL_POINTS:
+        return (
+            f"raise accuracy.target, since {number} control points would be needed and "
+            f"{MOST_CONTROL_POINTS} are the most"
+        )
+    cure = f"raise discretization.control_points to {number}"
+    samples = 2 * (number - bspline.DEGREE)
+    if choice.quadrature == "uniform" and choice.samples < samples:
+        cure += f" and discretization.samples to {samples}"
+    if scene.integrator.step and METHODS[method].family != IMPLICIT:
+        cure += " and set integrator.step to 0"  # a shorter one is stable
+    return cure
+
+
+def _rounded_down(step: float) -> float:
+    """With two digits."""
+    digit = 10.0 ** (math.floor(math.log10(step)) - 1)
+    return math.floor(step / digit + 1e-9) * digit
+
+
+def _locks(scene: Scene) -> bool:
+    """Whether the cable is so thin for its spans that stretching at every sample may keep it from
+    bending freely (locking), and discretization.stretch can be set to span.
+    """
+    needs, cable = needs_of(scene), scene.cable
+    span = cable.length / max(scene.discretization.control_points - 3, 1)
+    thin = needs.stretch and needs.bend and cable.EA * span**2 > THIN * cable.EI
+    if not thin or scene.discretization.stretch_by_span:
+        return False
+    try:
+        scene.with_values({"discretization.stretch": "span"})
+    except SceneError:
+        return False
+    return True

@@ -66,23 +66,32 @@ class Forecast:
         return float(self.curvature.max(initial=0.0))
 
 
-def checked_plan(plan: Plan, every: float) -> tuple[Array, Array]:
-    """Times of the poses of a plan and of the shapes along it [s], both counted from the present.
-
-    Args:
-        every: time between two shapes [s].
+def checked_times(plan: Plan) -> Array:
+    """Times of the poses of a plan [s].
 
     Raises:
-        TypeError, ValueError: no plan, times that do not begin at 0, or too many shapes or none.
+        TypeError, ValueError: no plan, or times that do not begin at 0.
     """
     arguments.instance("plan", plan, Plan, "dlo_sim.Plan(times, poses)")
     arguments.instance("poses", plan.poses, dict, "{'start': numbers (T, 7)}")
-    every = arguments.number("every", every, "s, above 0")
     times = arguments.numbers("times", plan.times, (None,), "s")
     if not times.size or times[0] != 0.0:
         raise ValueError(
             f"times: begin with {times[:1].tolist()}; a plan begins at 0 s, the present"
         )
+    return times
+
+
+def shape_times(times: Array, every: float) -> Array:
+    """Times of the shapes along a plan [s].
+
+    Args:
+        times: of its poses. every: time between two shapes [s].
+
+    Raises:
+        TypeError, ValueError: no number, or one that gives too many shapes or none.
+    """
+    every = arguments.number("every", every, "s, above 0")
     if times[-1] > MOST_SHAPES * every > 0.0:
         least = times[-1] / MOST_SHAPES
         raise ValueError(
@@ -90,7 +99,7 @@ def checked_plan(plan: Plan, every: float) -> tuple[Array, Array]:
         )
     if not 0.0 < every <= times[-1]:
         raise ValueError(f"every: {every:g} s; give one above 0 s, up to the {times[-1]:g} s")
-    return times, every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)
+    return every * np.arange(1, math.floor(times[-1] / every + 1e-9) + 1)
 
 
 def forecast_of(scene: Scene, report: Report, recorder: Recorder, times: Array) -> Forecast:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass, spectrum
+from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine.arrays import CONTACT, MATERIAL, STATIC_TWIST, TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import STIFFEST
 from dlo_sim.simulation.holding import stiffness_of_roll
-from dlo_sim.simulation.inextensible import gradients as length_gradients
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -100,6 +100,21 @@ def _held_rows(cable: Cable) -> Array:
     return np.array(rows).reshape(len(rows), model.n * dim)
 
 
+def _length_gradients(cable: Cable) -> Array:
+    """Gradients of the length constraints at the present configuration, times the cable length.
+
+    Shape (n - 1, n dim), the spatial unknowns ordered by control point.
+    """
+    model = cable.model
+    dim, n = len(model.axes), model.n
+    rows = np.zeros((n - 1, n, dim))
+    for j, gram in enumerate(constraint_gram(model.knots)):
+        first = min(max(j - 1, 0), n - 4)
+        here = slice(first, first + 4)
+        rows[j, here] = model.knots[-1] * gram @ cable.x[:dim, here].T
+    return rows.reshape(n - 1, n * dim)
+
+
 def _dense(cable: Cable, constrained: bool) -> float:
     model = cable.model
     dim, n = len(model.axes), model.n
@@ -109,7 +124,7 @@ def _dense(cable: Cable, constrained: bool) -> float:
         inertia[d::dim, d::dim] = mass.dense(model.mass(d))
     rows = _held_rows(cable)
     if constrained:
-        rows = np.concatenate((rows, length_gradients(cable)))
+        rows = np.concatenate((rows, _length_gradients(cable)))
     return spectrum.largest_of_dense(stiffness, inertia, rows)
 
 

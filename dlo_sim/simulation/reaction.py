@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.engine.reaction import add_wrench
+from dlo_sim.methods import rattle
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.inextensible import held_force
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ def reaction(cable: Cable, t: float, grasp: int, keeps_length: bool) -> Array:
     """
     rows = _OF_LAST_STEP
     if not cable.account.has_reaction:
-        rows = held_force(cable, t) if keeps_length else cable.held_force(t)
+        rows = _held_with_constraints(cable, t) if keeps_length else cable.held_force(t)
     points = cable.points
     about = points[-grasp, :3] if grasp < 2 else _place_of(cable.model, grasp, points)
     wrench = np.zeros(6)
@@ -42,3 +42,24 @@ def _place_of(model: Model, grasp: int, points: Array) -> Array:
     if not places:
         return np.zeros(3)
     return np.array(places[0].weights) @ points[places[0].first : places[0].first + 4, :3]
+
+
+def _held_with_constraints(cable: Cable, t: float) -> Array:
+    """Forces of the grasps on the constraint rows at time t, shape (rows,), where the forces of the
+    length constraints act too.
+    """
+    force = cable.forces(t, cable.velocities(t))
+    held = cable.held_force(t, force)
+    model = cable.model
+    acceleration = cable.free_acceleration(force, keep=False)
+    shifts = cable.shifts
+    for k, row in enumerate(model.holding.rows):
+        shift = held[k] * shifts[row.point]
+        if row.line >= 0:
+            acceleration[row.line] += shift
+        else:
+            acceleration[: len(model.axes)] += np.outer(cable.directions[k], shift)
+    lines = cable.padded(force)
+    v = cable.padded(cable.velocities(t))
+    cable.call(rattle.add_constraint_force, v, cable.padded(acceleration), lines)
+    return cable.held_force(t, cable.shown(lines))

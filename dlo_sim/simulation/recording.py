@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.strain import strain
 from dlo_sim.scene.description import Scene
-from dlo_sim.simulation.accuracy import estimated
 from dlo_sim.simulation.error_estimate import ErrorEstimate
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import Report, Status, newton_note
-from dlo_sim.simulation.run_time_estimate import LONG, run_time_estimate
+from dlo_sim.simulation.selection import less_work
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.soundness import judged
 
@@ -25,6 +24,9 @@ Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # share of a step or sample interval that counts as round-off
 _PARTS = 100  # parts of a run whose Newton iterations are assessed separately
 _FEWEST_STEPS = 256  # of a part: calling the stepping loop costs some 10 us
+LONG = 5.0  # [s]: remaining time from which an estimate of it is shown
+_UNITS = (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
+_SMALL = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 _BRIEF, _TOO_LONG = 0.05, 0.2  # [s]: after a shorter call twice the steps, after a longer one half
 
 
@@ -120,7 +122,9 @@ def record(
     """
     began = time.perf_counter()
     simulator = Simulator(scene)
-    return record_simulator(simulator, duration, every, progress, began, estimated(scene), tell)
+    return record_simulator(
+        simulator, duration, every, progress, began, scene.estimates_errors, tell
+    )
 
 
 def record_simulator(
@@ -256,7 +260,7 @@ def _run(
         if tell is not None and wall >= _BRIEF:
             left = wall * (total / simulator.steps - 1.0)
             if left > LONG:
-                tell(run_time_estimate(simulator, total, left))
+                tell(_run_time_estimate(simulator, total, left))
             tell = None
 
 
@@ -265,3 +269,26 @@ def energies_at(times: Array, energies: Array, step: float, every: float) -> Arr
     if every >= step:
         return energies
     return np.interp(times, np.ceil(times / step - _ROUNDING) * step, energies)
+
+
+def _run_time_estimate(simulator: Simulator, steps: int, seconds: float) -> str:
+    """One line: the number of steps, their approximate time, and a method with less work if any.
+
+    Args:
+        steps: of the whole run. seconds: approximate time that is left.
+    """
+    line = f"{steps} steps of {_shown(simulator.step, _SMALL)}, about {_shown(seconds, _UNITS)}"
+    other = less_work(simulator.scene, simulator.choice)
+    if other is None:
+        return line
+    fewer = max(round(steps * simulator.step / other.step), 1)
+    return (
+        f"{line}; {other.method.name} would take {fewer} steps of {_shown(other.step, _SMALL)} "
+        "(--set integrator.method=auto --set integrator.step=0)"
+    )
+
+
+def _shown(seconds: float, units: tuple[tuple[str, float], ...]) -> str:
+    """A time in the largest unit that does not exceed it."""
+    name, size = next((unit for unit in units if seconds >= unit[1]), units[-1])
+    return f"{seconds / size:.3g} {name}"

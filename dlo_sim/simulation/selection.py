@@ -13,7 +13,6 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of, plasticity_wanted
 from dlo_sim.simulation import optional_terms
-from dlo_sim.simulation.external_damping import external_rates
 from dlo_sim.simulation.holding import stiffness_of_roll
 
 SAFETY = 0.9  # of the linear stability limit, for steps chosen automatically
@@ -188,7 +187,7 @@ def _method(scene: Scene, name: str) -> Method:
 
 def _step_limit(scene: Scene, method: Method, frequency: float) -> float:
     """Largest stable step [s] of the linearised scene."""
-    rates = set(external_rates(scene))
+    rates = set(scene.decay_rates)
     return min(_damped_limit(method, frequency, rate) for rate in rates)
 
 
@@ -221,7 +220,7 @@ def _automatic(scene: Scene, frequency: float) -> tuple[str, str]:
     stiffest = max(waves, key=lambda name: waves[name])
     stiff = f"stiff in {stiffest}: an explicit step would have to be below {limit:.2g} s"
     second, fourth = METHODS["energy_momentum"], METHODS["energy_momentum_4"]
-    composable = not any(external_rates(scene)) and not plasticity_wanted(scene)
+    composable = not any(scene.decay_rates) and not plasticity_wanted(scene)
     if composable and _cost(scene, fourth) < WORTH_COMPOSING * _cost(scene, second):
         return fourth.name, f"{stiff}; accuracy.target {scene.accuracy.target:g} m wants order 4"
     return second.name, stiff

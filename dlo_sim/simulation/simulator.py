@@ -37,11 +37,23 @@ from dlo_sim.scene.needs import (
 )
 from dlo_sim.simulation import following, optional_terms
 from dlo_sim.simulation.arrays import to_blocks
+from dlo_sim.simulation.buckling import (
+    coiling_warning,
+    is_bent,
+    release_from_line,
+    steps_between_looks,
+)
 from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.coiling import coiling_warning
 from dlo_sim.simulation.ends import NEAR, EndDrive, Waiting, apart
-from dlo_sim.simulation.forecast import EVERY, Forecast, Plan, checked_plan, forecast_of
+from dlo_sim.simulation.forecast import (
+    EVERY,
+    Forecast,
+    Plan,
+    checked_times,
+    forecast_of,
+    shape_times,
+)
 from dlo_sim.simulation.frequency import largest_frequency, with_grasps_and_contact
 from dlo_sim.simulation.geometry import (
     NEAREST,
@@ -64,7 +76,6 @@ from dlo_sim.simulation.natural_shape import (
     unslipped,
     weighted,
 )
-from dlo_sim.simulation.placement import place
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import (
@@ -80,8 +91,8 @@ from dlo_sim.simulation.resolution import continued, resolved
 from dlo_sim.simulation.selection import check_named_method, choose
 from dlo_sim.simulation.soundness import judged, unexplained_stretch
 from dlo_sim.simulation.start_from_points import cable_through
+from dlo_sim.simulation.statics import place
 from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.simulation.symmetry import is_bent, release_from_line, steps_between_looks
 from dlo_sim.simulation.transfer import carry_samples
 
 Array = NDArray[np.float64]
@@ -524,7 +535,7 @@ class Simulator:
             TypeError, ValueError: as `follow`, or a plan that does not begin at the present poses.
         """
         future = deepcopy(self)
-        times, samples = checked_plan(plan, every)
+        times = checked_times(plan)
         poses = {name: self.path(name, rows, len(times)) for name, rows in plan.poses.items()}
         for name, rows in poses.items():
             first = rows[0, :3], rotations.normalized(rows[0, 3:])
@@ -534,7 +545,7 @@ class Simulator:
                     f"poses of {name}: begin {way:.3g} m and {turn:.3g} rad away from the end "
                     f"effector; begin at end_pose('{name}')"
                 )
-        now = self.time
+        samples, now = shape_times(times, every), self.time
         at = np.minimum(now + samples, now + times[-1])
         report, recorder = future.record_along(now + times, poses, at)
         return forecast_of(self.scene, report, recorder, samples)

@@ -1,13 +1,15 @@
-"""Static equilibrium of a scene, for its first shape.
+"""The first shape of a cable: straight, an arc, or in static equilibrium under its loads.
 
-`find` starts where the ends are easy to reach: on a sagging arc between ends not nearer than EASY
-of the length of cable between them, on the way from the straight cable to where the scene has them.
-It then moves and turns the ends along that way, in steps that adapt themselves. So the shape is the
-one that grippers reach that move together from the straight cable, where there are several: from
-an arc at the end of the way, 16 of 130 everyday scenes ended in another one. The cable is at rest
-under its loads after every step of the way.
+`place` is the entry. The search for an equilibrium follows a way: it starts where the ends are easy
+to reach, on a sagging arc between ends not nearer than EASY of the length of cable between them, on
+the way from the straight cable to where the scene has them. It then moves and turns the ends along
+that way, in steps that adapt themselves, and the cable is at rest under its loads after every step.
+So where there are several equilibria, it finds the one that grippers reach that move together from
+the straight cable: from an arc at the end of the way, 16 of 130 everyday scenes ended in another
+one.
 
-The cable descends from its first guess by backward Euler steps of the gradient flow,
+At each place of the way the cable descends from its first guess by backward Euler steps of the
+gradient flow (`relax`),
     M (q1 - q0) / s = f(q1),
 whose pseudo-time s grows as long as Newton's method converges, so that the descent ends in Newton's
 method and does not stop at unstable shapes on the way.
@@ -20,14 +22,14 @@ system itself predicted (the mixed iteration of Magisano, Leonetti & Garcea 2017
 Meth. Eng. 109, 1237-1262): the same equations and the same solution, found in a handful of
 iterations whatever the stiffness.
 
-Twist and shape are solved for in turn, or else by steps in time (`dynamic_relaxation`), as are the
-shapes of inextensible cables.
+Twist and shape are solved for in turn. Where that fails, and for inextensible cables, dynamic
+relaxation finds the equilibrium: steps in time with kinetic damping (Cundall 1976).
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -39,21 +41,24 @@ from dlo_sim.core.methods import METHODS
 from dlo_sim.engine.arrays import (
     ANY_STRETCH,
     BISHOP,
+    CONTACT,
+    CURVED,
     GRAVITY,
     MATERIAL,
     PLASTICITY,
     SPAN_STRETCH,
 )
+from dlo_sim.methods import rattle
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.scene.needs import inextensible
+from dlo_sim.scene.needs import frenet_wanted, inextensible, needs_of
+from dlo_sim.simulation.build_model import build_model
 from dlo_sim.simulation.cable import Cable
-from dlo_sim.simulation.dynamic_relaxation import relative_movement, relax_in_time
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.resolution import resolved
-from dlo_sim.simulation.soundness import unexplained_stretch
+from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
 from dlo_sim.simulation.stepper import Stepper
 from dlo_sim.terms import span_guard
 
@@ -61,6 +66,8 @@ Array = NDArray[np.float64]
 FORMS = np.array(span_guard.FORMS)[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
 WEIGHTS = np.array(span_guard.WEIGHTS)
 Lay = Callable[[], None]
+
+PLACES = 101  # places of the cable that are checked for being inside obstacles
 
 EASY = 0.8  # distance of the ends, in lengths of the cable between them, where the search begins
 STEPS = 2  # from there, unless more are needed
@@ -77,10 +84,6 @@ NUDGE = 1e-6  # of the length
 STEADY = 1e5  # pseudo-time of the stiffness that must be positive at rest, in `_Search.patient`
 CONVERGED = 1e-4  # last correction of a step, as a share of the step
 
-SHARE_OF_TIME = 0.01  # step of the relaxation in time, relative to `_time_scale`
-LONGEST = 1.0  # [s], time scale of a cable without weight or stiffness
-EXTENSIBLE = 1e-8, 5_000  # tolerance and most steps of `relax_in_time`
-INEXTENSIBLE = 1e-7, 40_000
 MAX_ALTERNATIONS = 80
 CONTRACTION = 0.7  # of the movement by one alternation, or the next ones turn half as far
 DAMPED = 0.98  # of the movement by one of those, or the next ones turn half as far again
@@ -88,46 +91,341 @@ LEAST_SHARE = 0.03  # of the twist that the present shape asks for
 TWIST_NUDGE = 1e-3  # [rad]
 SETTLED = 1e-9  # movement by an alternation, relative to the length or 1 rad
 
+SHARE_OF_TIME = 0.01  # step of the dynamic relaxation, relative to `_time_scale`
+LONGEST = 1.0  # [s], time scale of a cable without weight or stiffness
+EXTENSIBLE = 1e-8, 5_000  # tolerance and most steps of the dynamic relaxation
+INEXTENSIBLE = 1e-7, 40_000
+RESTS = 3  # stops in a row within the tolerance
+FREQUENCY = 6  # row of a load, after force and moment
 
-def find(
-    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
+
+def place(
+    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None = None
 ) -> None:
-    """Put an extensible cable into equilibrium, with its twist. `lay` aligns the natural shape with
-    the present shape and lets plastic flow follow; None if there is neither.
+    """Put a cable into the scene's first shape, at rest.
 
-    Where the twist is not found, the cable is only placed close to rest, with a UserWarning.
+    Without equilibrium it is straight, or an arc where its ends are nearer than its length; or
+    where the arc would leave a clamp backwards, the shape of grippers that moved together. Where
+    the twist that a natural shape causes is not found, the cable is only placed close to rest, with
+    a UserWarning.
+
+    Args:
+        lay: aligns the natural shape with the material frames of the present shape and lets plastic
+            flow follow; None if there is neither.
 
     Raises:
-        SceneError: none was found.
+        SceneError: no equilibrium was found, an inextensible cable cannot reach both ends, or the
+            cable begins in an obstacle.
     """
-    if not follow(scene, geometries, ends, cable, lay):
-        raise SceneError(cause(scene, cable))
-    if not cable.model.has(BISHOP):
-        relax_twist(cable)
-    elif not _with_twist(scene, ends, cable, lay):
-        what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
+    _FirstShape(scene, geometries, ends, cable, lay).place()
+
+
+class _FirstShape:
+    """The search for the first shape of one cable."""
+
+    def __init__(
+        self, scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
+    ) -> None:
+        self._scene, self._geometries = scene, geometries
+        self._ends, self._cable, self._lay = ends, cable, lay
+        self._flow = lay if cable.model.has(PLASTICITY) else None  # after each step of a search
+
+    def place(self) -> None:
+        """See the function `place`."""
+        scene, cable = self._scene, self._cable
+        points = np.zeros((cable.model.n, 4))
+        points[:, :3] = first_shape(scene, self._geometries, cable.model.knots)
+        backwards = leaves_clamp_backwards(points, self._ends)
+        self._ends.put(points, 0.0, anew=True)
+        cable.put(points, np.zeros_like(points), 0.0)
+        if self._lay:
+            self._lay()
+        resting = _wants_equilibrium(scene, self._geometries)
+        if resting and frenet_wanted(scene):
+            raise SceneError(
+                "initial.shape: no equilibrium is available with terms.twist frenet; use straight"
+            )
+        if inextensible(scene):
+            self._place_inextensible(resting)
+        elif resting:
+            self._find()
+        elif backwards and not frenet_wanted(scene) and not self._follow():
+            # An arc that is folded at a clamp would stay so, but no other shape was found.
+            cable.put(points, np.zeros_like(points), 0.0)
+        if self._lay:
+            self._lay()
+        points = cable.points
+        self._check_obstacles(points[:, :3])
+        cable.put(points, np.zeros_like(points))
+
+    def _find(self) -> None:
+        """Put an extensible cable into equilibrium, with its twist.
+
+        Where the twist is not found, the cable is only placed close to rest, with a UserWarning.
+
+        Raises:
+            SceneError: none was found.
+        """
+        cable = self._cable
+        if not self._follow():
+            raise SceneError(_cause(self._scene, cable))
+        if not cable.model.has(BISHOP):
+            relax_twist(cable)
+        elif not self._with_twist():
+            what = "natural shape causes" if cable.model.has(MATERIAL) else "moments cause"
+            warnings.warn(
+                f"initial.shape: the search for the twist that the {what} did not converge; the "
+                "cable moves after the start: let it come to rest, or check cable.shear_modulus",
+                stacklevel=2,
+            )
+
+    def _place_inextensible(self, resting: bool) -> None:
+        """Bring a cable of constant length to that length, and with `resting` into equilibrium."""
+        scene, cable = self._scene, self._cable
+        if resting:
+            self._relax_elastic_twin()
+        if not cable.call(rattle.to_rest_length):
+            apart = float(np.linalg.norm(cable.points[-1, :3] - cable.points[0, :3]))
+            raise SceneError(
+                "integrator.method: rattle keeps the cable at its length, "
+                f"{scene.cable.length:.6g} m, which does not fit between its ends, {apart:.6g} m "
+                "apart; move the ends or use energy_momentum and terms.stretch auto"
+            )
+        if resting:
+            step = min(0.5 / max(largest_frequency(scene, cable), 1e-3), 5e-3)
+            if not self._relax_in_time("rattle", step, *INEXTENSIBLE):
+                raise SceneError(_cause(scene, cable))
+
+    def _relax_elastic_twin(self) -> None:
+        """Take over the equilibrium with the true axial stiffness, which is close to that of the
+        inextensible cable.
+        """
+        cable = self._cable
+        elastic = self._scene.with_values(
+            {"integrator.method": "energy_momentum", "terms.stretch": "auto"}
+        )
+        origin = cable.model.origin
+        twin = Cable(build_model(elastic, needs_of(elastic), self._geometries, origin))
+        twin.inputs[:] = cable.inputs
+        twin.point_grasps(0.0)
+        if twin.anchors.size:
+            twin.anchors[:] = cable.anchors
+        points = cable.points
+        twin.put(points, np.zeros_like(points))
+        if twin.model.has(CURVED):
+            twin.natural = cable.natural
+        relax(twin)
+        relax_twist(twin)
+        cable.x[:] = twin.x
+        cable.open_frame()
+
+    def _check_obstacles(self, points: Array) -> None:
+        """Refuse a cable that begins deeper in an obstacle than it is thick: it would be flung
+        out.
+        """
+        scene, model = self._scene, self._cable.model
+        if not model.has(CONTACT):
+            return
+        u = np.linspace(0.0, scene.cable.length, PLACES)
+        line = bspline.evaluate(points, model.knots, u)
+        for obstacle in scene.obstacles:
+            depth = -(line + model.origin - np.array(obstacle.position)) @ np.array(obstacle.normal)
+            worst = int(np.argmax(depth))
+            if depth[worst] > scene.cable.diameter:
+                raise SceneError(
+                    f"obstacles.{obstacle.name}.position: the cable begins {depth[worst]:.3g} m "
+                    f"inside it, at {u[worst]:.3g} m; move the obstacle or the cable's ends"
+                )
+
+    # -- along the way of the ends, for the twist as it is ----------------------------------------
+
+    def _follow(self) -> bool:
+        """Whether an extensible cable came into equilibrium for the twist as it is, in the shape
+        that grippers reach that move together from the straight cable.
+        """
+        way = _Way(self._scene, self._geometries, self._cable.model.axes)
+        return any(self._follow_from(way, begin) for begin in (way.easy, 0.0))
+
+    def _follow_from(self, way: _Way, begin: float) -> bool:
+        """Whether the search from a share of the way on ended in equilibrium."""
+        cable = self._cable
+        points = np.zeros((cable.model.n, 4))
+        points[:, :3] = first_shape(self._scene, way.at(begin), cable.model.knots)
+        self._put_on(way, begin, points, anew=True)
+        if not self._rests(begin):
+            self._place_ends(way, 1.0)
+            return False
+        share, step = begin, (1.0 - begin) / STEPS
+        shape = cable.points
+        last: tuple[Array, float] | None = None  # changes of shape and share by the last step
+        while share < 1.0:
+            there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
+            guess = shape.copy()
+            if last is None:
+                u = bspline.greville(cable.model.knots)
+                for axis in range(3):
+                    guess[:, axis] -= (there - share) * np.interp(u, way.u, way.back[:, axis])
+            else:
+                guess += (there - share) / last[1] * last[0]
+            before = cable.state.copy()
+            self._put_on(way, there, guess)
+            if self._rests(there):
+                last = cable.points - shape, there - share
+                share, shape = there, cable.points
+                continue
+            cable.state[:] = before
+            last, step = None, 0.4 * step
+            if step < LEAST_STEP:
+                self._place_ends(way, 1.0)
+                return False
+        return True
+
+    def _place_ends(self, way: _Way, share: float) -> None:
+        """Put what holds the cable at a share of the way."""
+        for name, geometry in way.at(share).items():
+            self._ends.rest_at(name, geometry.position, geometry.orientation)
+        self._cable.motion[:] = self._ends.motion
+        self._ends.pull_springs(self._cable, 0.0)
+        self._cable.point_grasps(0.0)
+
+    def _put_on(self, way: _Way, share: float, points: Array, anew: bool = False) -> None:
+        """Put the cable at rest at a share of the way."""
+        self._place_ends(way, share)
+        self._ends.put(points, 0.0, anew)
+        self._cable.put(points, np.zeros_like(points), 0.0, follow=self._lay is None)
+        if self._lay:
+            self._lay()
+
+    def _rests(self, share: float) -> bool:
+        """Whether an equilibrium was found for the twist as it is, with plastic flow up to it at
+        the end of the way, whose local stretch its tension explains.
+        """
+        cable = self._cable
+        _nudge(cable)
+        found = relax(cable, rest=ROUGH) if share < 1.0 else self._relax_with_flow()
+        return found and not unexplained_stretch(cable.model, cable.points, self._ends)
+
+    def _relax_with_flow(self) -> bool:
+        """`relax` with plastic flow. Where that fails, as for stiff wires, with the flow up to the
+        first guess and a UserWarning.
+        """
+        begin = self._cable.state.copy()
+        if relax(self._cable, self._flow):
+            return True
+        self._cable.state[:] = begin
+        if self._flow is None or not relax(self._cable):
+            return False
         warnings.warn(
-            f"initial.shape: the search for the twist that the {what} did not converge; the cable "
-            "moves after the start: let it come to rest, or check cable.shear_modulus",
+            "initial.shape: the search with plastic flow did not converge; the cable moves after "
+            "the start: let it come to rest, or raise plasticity.hardening",
             stacklevel=2,
         )
+        return True
 
+    # -- with the twist that acts on the shape ----------------------------------------------------
 
-def follow(
-    scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
-) -> bool:
-    """Whether an extensible cable came into equilibrium for the twist as it is, in the shape that
-    grippers reach that move together from the straight cable.
-    """
-    way = _Way(scene, geometries, ends, cable, lay)
-    return any(way.follow(begin) for begin in way.beginnings())
+    def _with_twist(self) -> bool:
+        """Whether shape and twist that acts on the shape are in stable equilibrium together: found
+        by solving for them in turn, or else by steps in time. Where both fail, the cable has the
+        shape of the last search that succeeded.
+        """
+        cable = self._cable
+        before = cable.state.copy()
+        if self._in_turn():
+            return True
+        alternated = cable.state.copy()
+        cable.state[:] = before
+        _nudge_twist(cable)
+        self._stop()
+        step = SHARE_OF_TIME * _time_scale(self._scene)
+        if self._relax_in_time("energy_momentum", step, *EXTENSIBLE):
+            return True
+        cable.state[:] = alternated
+        return False
 
+    def _in_turn(self) -> bool:
+        """Solve in turn for the twist and for the shape; whether that converged. The state is that
+        of the last search that succeeded.
 
-def find_inextensible(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
-    """Whether a cable of constant length came to rest by steps in time."""
-    step = min(0.5 / max(largest_frequency(scene, cable), 1e-3), 5e-3)
-    steps = Stepper(scene, cable, METHODS["rattle"], step)
-    return relax_in_time(cable, steps, lambda: _stop(scene, ends, cable, lay), *INEXTENSIBLE)
+        A cable whose natural shape turns it about its own axis may be at the top of a ridge, which
+        is not seen in the stiffness at fixed twist: it is nudged once, and must come back or find
+        another shape.
+        """
+        cable = self._cable
+        last, found, share = np.inf, cable.state.copy(), 1.0
+        nudged = not cable.model.has(MATERIAL)
+        for _ in range(MAX_ALTERNATIONS):
+            before = cable.x.copy()
+            if not relax_twist(cable):
+                return self._lay is None
+            if self._lay is None and _relative_movement(cable, before) < SETTLED:
+                return True
+            cable.x[-1] = before[-1] + share * (cable.x[-1] - before[-1])
+            self._stop()
+            if not relax(cable, self._flow):
+                break
+            moved = _relative_movement(cable, before) / share
+            if moved < SETTLED and nudged:
+                return True
+            if moved < SETTLED:
+                nudged, last, found = True, np.inf, cable.state.copy()
+                _nudge_twist(cable)
+                self._stop()
+                continue
+            if moved > (CONTRACTION if share == 1.0 else DAMPED) * last:
+                share *= 0.5
+                if share < LEAST_SHARE:
+                    break
+            last, found = moved, cable.state.copy()
+        cable.state[:] = found
+        return False
+
+    def _stop(self) -> None:
+        """Take the velocity away, with the ends where they are held."""
+        points = self._cable.points
+        self._ends.put(points, 0.0)
+        self._cable.put(points, np.zeros_like(points))
+        if self._lay:
+            self._lay()
+
+    # -- by steps in time -------------------------------------------------------------------------
+
+    def _relax_in_time(self, method: str, step: float, tolerance: float, max_steps: int) -> bool:
+        """Let the cable come to rest from its present shape; whether it did. Sine loads are left
+        out.
+
+        Whenever the kinetic energy falls, the velocity is taken away, until the cable moves by less
+        than `tolerance` [of the length, or of 1 rad] between two stops RESTS times in a row. Where
+        it does not within `max_steps` steps of `step` [s], it is left as it was.
+        """
+        cable = self._cable
+        stepper = Stepper(self._scene, cable, METHODS[method], step)
+        state, inputs = cable.state.copy(), cable.inputs.copy()
+        peak, still = 0.0, 0
+        try:
+            if cable.loads.size:
+                cable.loads[cable.loads[:, FREQUENCY] > 0.0, :FREQUENCY] = 0.0
+            self._stop()
+            cable.open_account(self._scene)
+            resting = cable.x.copy()
+            for _ in range(max_steps):
+                if not stepper.run(0, 1).status.ok:
+                    break
+                kinetic = cable.kinetic()
+                if kinetic > peak:
+                    peak = kinetic
+                    continue
+                self._stop()
+                cable.open_account(self._scene)
+                still = still + 1 if _relative_movement(cable, resting) < tolerance else 0
+                if still == RESTS:
+                    return True
+                resting[:] = cable.x
+                peak = 0.0
+        finally:
+            cable.inputs[:] = inputs
+        cable.state[:] = state
+        return False
 
 
 class _Way:
@@ -136,24 +434,58 @@ class _Way:
 
     The straight cable points from the first to the last held point; if they coincide, as the
     tangents do on average; if only one point is held, along gravity.
+
+    Attributes:
+        u: material coordinates of the held points [m], shape (places,). back: from where they are
+            at share 1 to share 0 [m], shape (places, 3).
+        easy: the largest share at which the ends are easy to reach.
     """
 
-    def __init__(
-        self, scene: Scene, geometries: Geometries, ends: EndDrive, cable: Cable, lay: Lay | None
-    ) -> None:
-        self._scene, self._ends, self._cable, self._lay = scene, ends, cable, lay
-        self._geometries = geometries
+    def __init__(self, scene: Scene, geometries: Geometries, axes: tuple[int, ...]) -> None:
+        self._scene, self._geometries, self._axes = scene, geometries, axes
         self._places = held_places(scene, geometries)
-        self._u = np.array([u for u, _ in self._places])
-        held = {name: geo for name, geo in geometries.items() if geo.u is not None}
+        self.u = np.array([u for u, _ in self._places])
         direction = self._direction()
-        at = np.array([geo.attachment for _, geo in self._places])
-        line = np.outer(self._u, direction)
-        self._back = line - line.mean(axis=0) - (at - at.mean(axis=0))  # from share 1 to share 0
+        at = np.array([geometry.attachment for _, geometry in self._places])
+        line = np.outer(self.u, direction)
+        self.back = line - line.mean(axis=0) - (at - at.mean(axis=0))
         self._turns = {
-            name: self._turn(direction, rotations.rotate(geo.orientation, geo.tangent))
-            for name, geo in held.items()
+            name: self._turn(direction, rotations.rotate(geometry.orientation, geometry.tangent))
+            for name, geometry in geometries.items()
+            if geometry.u is not None
         }
+        self.easy = self._easy()
+
+    def at(self, share: float) -> Geometries:
+        """What holds the cable at a share of the way."""
+        moved = dict(self._geometries)
+        back = {geometry.u: way for (_, geometry), way in zip(self._places, self.back, strict=True)}
+        for name, turn in self._turns.items() if share < 1.0 else ():
+            geo = self._geometries[name]
+            orientation = rotations.multiply(
+                rotations.from_rotation_vector((share - 1.0) * turn), geo.orientation
+            )
+            shift = (1.0 - share) * back.get(geo.u, np.zeros(3))
+            arm = rotations.rotate(
+                rotations.conjugate(geo.orientation), geo.attachment - geo.position
+            )
+            attachment = geo.attachment + shift
+            position = attachment - rotations.rotate(orientation, arm)
+            moved[name] = replace(
+                geo, position=position, orientation=orientation, attachment=attachment
+            )
+        return moved
+
+    def _easy(self) -> float:
+        share = 1.0
+        for k, ((begin, one), (end, other)) in enumerate(pairwise(self._places)):
+            gap, back = other.attachment - one.attachment, self.back[k + 1] - self.back[k]
+            # |gap + (1 - share) back| = EASY (end - begin)
+            a, b = back @ back, gap @ back
+            c = gap @ gap - (EASY * (end - begin)) ** 2
+            if c < 0.0:
+                share = min(share, 1.0 - float((np.sqrt(b * b - a * c) - b) / a))
+        return share
 
     def _direction(self) -> Array:
         length, (_, first), (_, last) = self._scene.cable.length, self._places[0], self._places[-1]
@@ -176,117 +508,27 @@ class _Way:
         axis = np.cross(direction, tangent)
         angle = float(np.arctan2(np.linalg.norm(axis), direction @ tangent))
         if np.linalg.norm(axis) < 1e-9:
-            missing = [k for k in range(3) if k not in self._cable.model.axes]
-            least = np.eye(3)[np.argmin(np.abs(direction))]
+            missing = [k for k in range(3) if k not in self._axes]
             axis = np.eye(3)[missing[0]] if missing else np.cross(self._scene.gravity, direction)
             if np.linalg.norm(axis) < 1e-9:
-                axis = np.cross(direction, least)
+                axis = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
         return np.asarray(axis * (angle / np.linalg.norm(axis)))
 
-    def beginnings(self) -> Iterator[float]:
-        """Shares of the way from which to search: the farthest that is easy, then the straight
-        cable.
-        """
-        share = 1.0
-        for k, ((begin, one), (end, other)) in enumerate(pairwise(self._places)):
-            gap, back = other.attachment - one.attachment, self._back[k + 1] - self._back[k]
-            # |gap + (1 - share) back| = EASY (end - begin)
-            a, b = back @ back, gap @ back
-            c = gap @ gap - (EASY * (end - begin)) ** 2
-            if c < 0.0:
-                share = min(share, 1.0 - float((np.sqrt(b * b - a * c) - b) / a))
-        yield share
-        yield 0.0
 
-    def follow(self, begin: float) -> bool:
-        """Whether the search from a share of the way on ended in equilibrium."""
-        points = np.zeros((self._cable.model.n, 4))
-        knots = self._cable.model.knots
-        points[:, :3] = first_shape(self._scene, self._at(begin), knots)
-        self._put(points, begin, anew=True)
-        if not self._rests(begin):
-            self._place(1.0)
-            return False
-        share, step = begin, (1.0 - begin) / STEPS
-        path = [(share, self._cable.points)]
-        while share < 1.0:
-            there = share + step if share + step < 1.0 - LEAST_STEP else 1.0
-            before = self._cable.state.copy()
-            self._put(self._predicted(path, there), there)
-            if self._rests(there):
-                path = [path[-1], (there, self._cable.points)]
-                share = there
-                continue
-            self._cable.state[:] = before
-            path, step = path[-1:], 0.4 * step
-            if step < LEAST_STEP:
-                self._place(1.0)
-                return False
-        return True
-
-    def _predicted(self, path: list[tuple[float, Array]], share: float) -> Array:
-        """Control points at a share of the way: a line through the last two, or the last shape with
-        the displacement of the held points interpolated along the cable.
-        """
-        (last, shape), (former, earlier) = path[-1], path[0]
-        points = shape.copy()
-        if former < last:
-            points += (share - last) / (last - former) * (shape - earlier)
-        else:
-            u = bspline.greville(self._cable.model.knots)
-            for axis in range(3):
-                points[:, axis] -= (share - last) * np.interp(u, self._u, self._back[:, axis])
-        return points
-
-    def _at(self, share: float) -> Geometries:
-        """What holds the cable at a share of the way."""
-        moved = dict(self._geometries)
-        back = {geo.u: way for (_, geo), way in zip(self._places, self._back, strict=True)}
-        for name, turn in self._turns.items() if share < 1.0 else ():
-            geo = self._geometries[name]
-            orientation = rotations.multiply(
-                rotations.from_rotation_vector((share - 1.0) * turn), geo.orientation
-            )
-            shift = (1.0 - share) * back.get(geo.u, np.zeros(3))
-            arm = rotations.rotate(
-                rotations.conjugate(geo.orientation), geo.attachment - geo.position
-            )
-            attachment = geo.attachment + shift
-            position = attachment - rotations.rotate(orientation, arm)
-            moved[name] = replace(
-                geo, position=position, orientation=orientation, attachment=attachment
-            )
-        return moved
-
-    def _place(self, share: float) -> None:
-        """Put what holds the cable at a share of the way."""
-        for name, geometry in self._at(share).items():
-            self._ends.rest_at(name, geometry.position, geometry.orientation)
-        self._cable.motion[:] = self._ends.motion
-        self._ends.pull_springs(self._cable, 0.0)
-        self._cable.point_grasps(0.0)
-
-    def _put(self, points: Array, share: float, anew: bool = False) -> None:
-        """Put the cable at rest at a share of the way."""
-        self._place(share)
-        self._ends.put(points, 0.0, anew)
-        self._cable.put(points, np.zeros_like(points), 0.0, follow=self._lay is None)
-        if self._lay:
-            self._lay()
-
-    def _rests(self, share: float) -> bool:
-        """Whether an equilibrium was found for the twist as it is, with plastic flow up to it
-        (`_relax_with_flow`) at the end of the way, whose local stretch its tension explains.
-        """
-        _nudge(self._cable)
-        if share < 1.0:
-            found = relax(self._cable, rest=ROUGH)
-        else:
-            found = _relax_with_flow(self._cable, self._lay)
-        return found and not unexplained_stretch(self._cable.model, self._cable.points, self._ends)
+def _wants_equilibrium(scene: Scene, geometries: Geometries) -> bool:
+    """Whether the first shape is the one at rest: as the scene says, or for a cable that is held at
+    places which are nearer together or farther apart than it is long.
+    """
+    if scene.initial.shape != "auto":
+        return scene.initial.shape == "equilibrium"
+    for (begin, one), (end, other) in pairwise(held_places(scene, geometries)):
+        gap = float(np.linalg.norm(other.attachment - one.attachment))
+        if abs(gap - (end - begin)) > 1e-6 * (end - begin):
+            return True
+    return False
 
 
-def cause(scene: Scene, cable: Cable) -> str:
+def _cause(scene: Scene, cable: Cable) -> str:
     """A line that says that no equilibrium was found, why, and what helps."""
     begin, model = "initial.shape: no equilibrium found", cable.model
     weight = scene.cable.mu * scene.cable.length + scene.start.mass + scene.end.mass
@@ -314,26 +556,6 @@ def cause(scene: Scene, cable: Cable) -> str:
             f"discretization.control_points to 0, which chooses {number}"
         )
     return f"{begin}; use straight, and let the cable come to rest"
-
-
-def _relax_with_flow(cable: Cable, lay: Lay | None) -> bool:
-    """Whether an equilibrium was found for the twist as it is, with plastic flow up to it. Where
-    the search with flow fails, as for stiff wires, with the flow up to the first guess and a
-    UserWarning.
-    """
-    begin = cable.state.copy()
-    flow = _flow(cable, lay)
-    if relax(cable, flow):
-        return True
-    cable.state[:] = begin
-    if flow is None or not relax(cable):
-        return False
-    warnings.warn(
-        "initial.shape: the search with plastic flow did not converge; the cable moves after the "
-        "start: let it come to rest, or raise plasticity.hardening",
-        stacklevel=2,
-    )
-    return True
 
 
 def relax(
@@ -392,63 +614,6 @@ def relax_twist(cable: Cable) -> bool:
     return True
 
 
-def _with_twist(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
-    """Whether shape and twist that acts on the shape are in stable equilibrium together: found by
-    solving for them in turn, or else by steps in time. Where both fail, the cable has the shape of
-    the last search that succeeded.
-    """
-    before = cable.state.copy()
-    if _in_turn(ends, cable, lay):
-        return True
-    alternated = cable.state.copy()
-    cable.state[:] = before
-    _nudge_twist(cable)
-    _put(ends, cable, lay)
-    step = SHARE_OF_TIME * _time_scale(scene)
-    steps = Stepper(scene, cable, METHODS["energy_momentum"], step)
-    if relax_in_time(cable, steps, lambda: _stop(scene, ends, cable, lay), *EXTENSIBLE):
-        return True
-    cable.state[:] = alternated
-    return False
-
-
-def _in_turn(ends: EndDrive, cable: Cable, lay: Lay | None) -> bool:
-    """Solve in turn for the twist and for the shape; whether that converged. The state is that of
-    the last search that succeeded.
-
-    A cable whose natural shape turns it about its own axis may be at the top of a ridge, which is
-    not seen in the stiffness at fixed twist: it is nudged once, and must come back or find another
-    shape.
-    """
-    last, found, share = np.inf, cable.state.copy(), 1.0
-    nudged = not cable.model.has(MATERIAL)
-    for _ in range(MAX_ALTERNATIONS):
-        before = cable.x.copy()
-        if not relax_twist(cable):
-            return lay is None
-        if lay is None and relative_movement(cable, before) < SETTLED:
-            return True
-        cable.x[-1] = before[-1] + share * (cable.x[-1] - before[-1])
-        _put(ends, cable, lay)
-        if not relax(cable, _flow(cable, lay)):
-            break
-        moved = relative_movement(cable, before) / share
-        if moved < SETTLED and nudged:
-            return True
-        if moved < SETTLED:
-            nudged, last, found = True, np.inf, cable.state.copy()
-            _nudge_twist(cable)
-            _put(ends, cable, lay)
-            continue
-        if moved > (CONTRACTION if share == 1.0 else DAMPED) * last:
-            share *= 0.5
-            if share < LEAST_SHARE:
-                break
-        last, found = moved, cable.state.copy()
-    cable.state[:] = found
-    return False
-
-
 def _nudge(cable: Cable) -> None:
     """Move the spatial lines by a little that has no symmetry, and is the same for any knots: a
     cable that may buckle to either side goes to the same one whatever the resolution.
@@ -474,24 +639,11 @@ def _nudge_twist(cable: Cable) -> None:
     cable.x[-1][free] += TWIST_NUDGE * np.sin(2.0 * along + 0.5)[free]
 
 
-def _flow(cable: Cable, lay: Lay | None) -> Lay | None:
-    """What a search does after each step."""
-    return lay if cable.model.has(PLASTICITY) else None
-
-
-def _put(ends: EndDrive, cable: Cable, lay: Lay | None) -> None:
-    """Put the cable at rest, with its ends where they are held."""
-    points = cable.points
-    ends.put(points, 0.0)
-    cable.put(points, np.zeros_like(points))
-    if lay:
-        lay()
-
-
-def _stop(scene: Scene, ends: EndDrive, cable: Cable, lay: Lay | None) -> None:
-    """Take the velocity away, and open a new energy account."""
-    _put(ends, cable, lay)
-    cable.open_account(scene)
+def _relative_movement(cable: Cable, before: Array) -> float:
+    """Largest movement from configuration `before`, relative to the length or 1 rad."""
+    moved = np.abs(cable.x - before).max(axis=1)
+    dim = len(cable.model.axes)
+    return float(max(moved[:dim].max() / cable.model.knots[-1], moved[dim:].max(initial=0.0)))
 
 
 def _time_scale(scene: Scene) -> float:

@@ -12,8 +12,7 @@ from session_bench import FREE, MS, SECOND
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.session import Session
-from dlo_sim.simulation.accuracy import advice
-from dlo_sim.simulation.error_estimate import ErrorEstimate
+from dlo_sim.simulation.error_estimate import ErrorEstimate, advice
 from dlo_sim.simulation.report import DiscretizationError
 
 T0 = 100 * SECOND

@@ -5,7 +5,7 @@ import pytest
 from cables import simulator
 
 from dlo_sim.core.end_motion import EndMotion
-from dlo_sim.simulation import symmetry
+from dlo_sim.simulation import buckling
 from dlo_sim.simulation.forecast import Plan
 
 # Euler's load of the clamped-free column: pi^2 EI / (4 L^2) = 0.0493 N
@@ -131,8 +131,8 @@ def test_a_load_below_a_gripper_that_drops_goes_slack():
 
 def test_a_cable_that_is_not_straight_or_hangs_is_left_alone(monkeypatch):
     calls = []
-    push = symmetry._unstable
-    monkeypatch.setattr(symmetry, "_unstable", lambda cable: calls.append(1) or push(cable))
+    push = buckling._unstable
+    monkeypatch.setattr(buckling, "_unstable", lambda cable: calls.append(1) or push(cable))
     hanging = simulator(COLUMN, {"gravity": [0.0, 0.0, 9.81], "initial.shape": "equilibrium"})
     hanging.advance(0.1)
     bent = pressed(3.0, **{"start.tangent": [0.6, 0.0, 0.8]})

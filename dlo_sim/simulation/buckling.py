@@ -1,4 +1,4 @@
-"""A straight cable pushed along itself: the little that lets it buckle.
+"""Buckling of a straight cable: what lets it leave the line, and what a model cannot show of it.
 
 Where a cable is exactly straight, nothing has a component across it, and it stays straight for
 ever, however large the compression. A real one leaves the line as soon as the compression exceeds
@@ -9,15 +9,20 @@ get velocities across the line, of fixed random directions: so small that they m
 PUSH of the accuracy asked for in the time in which the fastest mode grows e-fold, and without
 momentum, so that they do not show in the reactions. Their energy counts as work of the loads. A
 cable that bears its compression, or is not straight, is left alone.
+
+Under torsion a straight cable coils, which only twist that acts on the shape shows; for other
+models of twist there is a warning.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dlo_sim.core import bspline, mass
-from dlo_sim.engine.arrays import ANY_STRETCH
+from dlo_sim.engine.arrays import ANY_STRETCH, BISHOP, TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 
@@ -116,3 +121,30 @@ def _unstable(cable: Cable) -> bool:
         cable.add_moment_stiffness()
     unknowns = np.zeros(cable.model.n * len(cable.model.axes))
     return cable.solve_held(unknowns) > 0
+
+
+def coiling_warning(scene: Scene, cable: Cable) -> str:
+    """One line if the twisting moment exceeds the buckling moment of a straight cable, else empty.
+
+    A straight cable of length L without tension coils under a moment of 2 pi EI / L (Greenhill
+    1883, ends free to turn); tension T raises it to 2 sqrt(EI (T + (pi / L)^2 EI)). The moment is
+    GJ times the mean of theta'. T is EA times the strain of the chord, zero for a slack cable.
+    Always empty if twist acts on the shape.
+    """
+    model, material = cable.model, scene.cable
+    if not model.twist or model.has(TORSION) or model.has(BISHOP):
+        return ""
+    theta, points = cable.x[-1], cable.x[:-1]
+    moment = abs(theta[-1] - theta[0]) * material.GJ / material.length
+    stretched = math.dist(points[:, 0], points[:, -1]) / material.length
+    tension = material.EA * max(stretched - 1.0, 0.0)
+    limit = 2.0 * math.sqrt(
+        material.EI * (tension + (math.pi / material.length) ** 2 * material.EI)
+    )
+    if moment <= limit:
+        return ""
+    return (
+        f"twisting moment of {moment:.3g} N m: a straight cable would coil from {limit:.3g} N m, "
+        f"which only twist that acts on the shape shows; set terms.twist to auto, or turn the ends "
+        f"less"
+    )
