@@ -28,7 +28,7 @@ def table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
 
 def parameters() -> str:
     """The parameter table."""
-    from dlo_sim.scene.parameters import markdown_table
+    from dlo_sim.scene.description import markdown_table
 
     return markdown_table()
 

@@ -8,8 +8,8 @@ import shlex
 import pytest
 
 from dlo_sim.cli.main import SUBCOMMANDS, _parser
+from dlo_sim.scene.description import scene_parameters
 from dlo_sim.scene.loading import load_scene, scene_from_values, shipped_scenes
-from dlo_sim.scene.parameters import scene_parameters
 from dlo_sim.session.topics import input_topics, output_topics, plan_topics
 
 

@@ -5,7 +5,7 @@ import dataclasses
 
 from dlo_sim.cli.arguments import Parser
 from dlo_sim.cli.output import print_json
-from dlo_sim.scene.parameters import markdown_table, placeholder_parameters
+from dlo_sim.scene.description import markdown_table, placeholder_parameters
 
 HELP = "list all parameters with type, default, unit, range and meaning"
 

@@ -19,8 +19,7 @@ from typing import Any, NoReturn
 from ruamel.yaml import YAML
 
 from dlo_sim.process.stopping import cleanup
-from dlo_sim.scene.loading import find_scene
-from dlo_sim.scene.node_blocks import is_for_node, nodes_with_parameters
+from dlo_sim.scene.loading import find_scene, is_for_node, nodes_with_parameters
 from dlo_sim.scene.plain_yaml import parse_yaml, read_text
 from dlo_sim.scene.refusal import SceneError, brief
 

@@ -13,11 +13,9 @@ from dlo_sim.process import stopping
 from dlo_sim.ros.arguments import NodeArguments
 from dlo_sim.ros.cable_node import CableNode, ManagedCableNode
 from dlo_sim.ros.guarded_node import GuardedNode
-from dlo_sim.scene.checking import check_names, check_value
 from dlo_sim.scene.description import is_node_key, scene_parameters
-from dlo_sim.scene.loading import overridden, scene_file_values
-from dlo_sim.scene.node_blocks import NODE_NAME
-from dlo_sim.scene.parameter import Parameter
+from dlo_sim.scene.loading import NODE_NAME, overridden, scene_file_values
+from dlo_sim.scene.parameter import Parameter, check_names, check_value
 from dlo_sim.scene.refusal import SceneError, brief
 from dlo_sim.session.cdr import DiagnosticStatus, encode_diagnostic_array
 from dlo_sim.session.diagnostics import ERROR

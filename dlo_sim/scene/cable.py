@@ -1,7 +1,6 @@
 """The cable, its loads and obstacles: groups of parameters in SI units.
 
-A field's annotation gives the type, `parameter(...)` the default, description, unit and bounds; ROS
-declarations, checks and the reference in config/README.md are generated from them.
+ROS declarations, checks and the reference in config/README.md are generated from them.
 """
 
 import math
@@ -10,73 +9,54 @@ from dataclasses import dataclass
 from dlo_sim.scene.parameter import parameter
 
 Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 ORIGIN = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Cable:
-    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter."""
+    """Material and cross-section. Direct values of 0 are derived from moduli, density, diameter.
 
-    length: float = parameter(1.0, "Rest length L.", "m", (1.0e-4, 1.0e4))
-    diameter: float = parameter(0.005, "Diameter D of the round section.", "m", (1.0e-6, 1.0))
-    density: float = parameter(1200.0, "Density rho.", "kg/m^3", (1.0e-2, 1.0e5))
-    youngs_modulus: float = parameter(1.0e7, "Young's modulus E.", "Pa", (1.0, 1.0e13))
-    shear_modulus: float = parameter(3.5e6, "Shear modulus G.", "Pa", (1.0, 1.0e13))
-    linear_density: float = parameter(
-        0.0,
-        "Mass per length mu; 0 = rho pi D^2 / 4. The polar inertia per length is mu D^2 / 8.",
-        "kg/m",
-        (0.0, 1.0e4),
-    )
-    axial_stiffness: float = parameter(
-        0.0,
-        "EA; 0 = E pi D^2 / 4, as of a solid section, also if bending_stiffness is given.",
-        "N",
-        (0.0, 1.0e14),
-    )
-    bending_stiffness: float = parameter(
-        0.0,
-        "EI; 0 = E pi D^4 / 64, as of a solid section, also if axial_stiffness is given.",
-        "N m^2",
-        (0.0, 1.0e12),
-    )
-    torsional_stiffness: float = parameter(
-        0.0,
-        "GJ; 0 = 2 G / E EI, as of an isotropic section (G pi D^4 / 32 if it is solid).",
-        "N m^2",
-        (0.0, 1.0e12),
-    )
-    rest_curvature: tuple[float, ...] = parameter(
-        (0.0,),
-        "Natural curvature at equally spaced points from start to end, interpolated linearly; one "
-        "value = constant.",
-        "1/m",
-        (-1.0e5, 1.0e5),
-    )
-    rest_curvature_axis: Vector = parameter(
-        (0.0, 1.0, 0.0),
-        "Axis about which the unloaded cable is bent: a unit vector in the frame of the start end "
-        "effector, normal to the cable where it leaves the start. Where twist acts on the shape "
-        "it follows the material frame along the cable. Positive curvature rotates the tangent "
-        "about it by the right-hand rule.",
-        "",
-        (-1.0, 1.0),
-    )
+    Parameters:
+        length: Rest length L.
+        diameter: Diameter D of the round section.
+        density: Density rho.
+        youngs_modulus: Young's modulus E.
+        shear_modulus: Shear modulus G.
+        linear_density: Mass per length mu; 0 = rho pi D^2 / 4. The polar inertia per length is mu
+            D^2 / 8.
+        axial_stiffness: EA; 0 = E pi D^2 / 4, as of a solid section, also if bending_stiffness is
+            given.
+        bending_stiffness: EI; 0 = E pi D^4 / 64, as of a solid section, also if axial_stiffness is
+            given.
+        torsional_stiffness: GJ; 0 = 2 G / E EI, as of an isotropic section (G pi D^4 / 32 if it is
+            solid).
+        rest_curvature: Natural curvature at equally spaced points from start to end, interpolated
+            linearly; one value = constant.
+        rest_curvature_axis: Axis about which the unloaded cable is bent: a unit vector in the frame
+            of the start end effector, normal to the cable where it leaves the start. Where twist
+            acts on the shape it follows the material frame along the cable. Positive curvature
+            rotates the tangent about it by the right-hand rule.
+        rest_curvature_2: Natural curvature in the second plane, in the same format: about the axis
+            tangent x rest_curvature_axis, with the tangent where the cable leaves the start.
+        rest_twist: Twist rate of the unloaded cable, in the same format; needs terms.twist auto,
+            bishop or quasistatic.
+    """
 
-    rest_curvature_2: tuple[float, ...] = parameter(
-        (0.0,),
-        "Natural curvature in the second plane, in the same format: about the axis tangent x "
-        "rest_curvature_axis, with the tangent where the cable leaves the start.",
-        "1/m",
-        (-1.0e5, 1.0e5),
-    )
-    rest_twist: tuple[float, ...] = parameter(
-        (0.0,),
-        "Twist rate of the unloaded cable, in the same format; needs terms.twist auto, bishop or "
-        "quasistatic.",
-        "rad/m",
-        (-1.0e5, 1.0e5),
-    )
+    length: float = parameter(1.0, "m", (1.0e-4, 1.0e4))
+    diameter: float = parameter(0.005, "m", (1.0e-6, 1.0))
+    density: float = parameter(1200.0, "kg/m^3", (1.0e-2, 1.0e5))
+    youngs_modulus: float = parameter(1.0e7, "Pa", (1.0, 1.0e13))
+    shear_modulus: float = parameter(3.5e6, "Pa", (1.0, 1.0e13))
+    linear_density: float = parameter(0.0, "kg/m", (0.0, 1.0e4))
+    axial_stiffness: float = parameter(0.0, "N", (0.0, 1.0e14))
+    bending_stiffness: float = parameter(0.0, "N m^2", (0.0, 1.0e12))
+    torsional_stiffness: float = parameter(0.0, "N m^2", (0.0, 1.0e12))
+    rest_curvature: tuple[float, ...] = parameter((0.0,), "1/m", (-1.0e5, 1.0e5))
+    rest_curvature_axis: Vector = parameter((0.0, 1.0, 0.0), "", (-1.0, 1.0))
+
+    rest_curvature_2: tuple[float, ...] = parameter((0.0,), "1/m", (-1.0e5, 1.0e5))
+    rest_twist: tuple[float, ...] = parameter((0.0,), "rad/m", (-1.0e5, 1.0e5))
 
     @property
     def natural_shape(self) -> tuple[tuple[float, ...], ...]:
@@ -147,35 +127,29 @@ class Cable:
 
 @dataclass(frozen=True)
 class Damping:
-    """Rayleigh damping and air drag."""
+    """Rayleigh damping and air drag.
 
-    mass: float = parameter(
-        0.0, "Rayleigh alpha: force -alpha M v on the cable.", "1/s", (0.0, 1.0e6)
-    )
-    stiffness: float = parameter(0.0, "Rayleigh beta: internal damping beta K.", "s", (0.0, 1.0e3))
-    stretch: float = parameter(
-        0.0, "Added to damping.stiffness for stretching only.", "s", (0.0, 1.0e3)
-    )
-    bend: float = parameter(0.0, "Added to damping.stiffness for bending only.", "s", (0.0, 1.0e3))
-    thinning: float = parameter(
-        0.0,
-        "Rate thinning of bending damping, as from friction between strands: it is multiplied by "
-        "1 / sqrt(1 + (thinning w)^2), with the rate of curvature w.",
-        "m s",
-        (0.0, 1.0e6),
-    )
-    twist: float = parameter(
-        0.0, "Added to damping.stiffness for twisting only.", "s", (0.0, 1.0e3)
-    )
-    air_drag: float = parameter(
-        0.0, "Linear drag: force per unit length and unit speed.", "N s/m^2", (0.0, 1.0e6)
-    )
-    air_drag_ratio: float = parameter(
-        1.0,
-        "Ratio of tangential to normal drag: 1 = isotropic, 0.5 = a thin cylinder in slow flow.",
-        "",
-        (0.0, 1.0),
-    )
+    Parameters:
+        mass: Rayleigh alpha: force -alpha M v on the cable.
+        stiffness: Rayleigh beta: internal damping beta K.
+        stretch: Added to damping.stiffness for stretching only.
+        bend: Added to damping.stiffness for bending only.
+        thinning: Rate thinning of bending damping, as from friction between strands: it is
+            multiplied by 1 / sqrt(1 + (thinning w)^2), with the rate of curvature w.
+        twist: Added to damping.stiffness for twisting only.
+        air_drag: Linear drag: force per unit length and unit speed.
+        air_drag_ratio: Ratio of tangential to normal drag: 1 = isotropic, 0.5 = a thin cylinder in
+            slow flow.
+    """
+
+    mass: float = parameter(0.0, "1/s", (0.0, 1.0e6))
+    stiffness: float = parameter(0.0, "s", (0.0, 1.0e3))
+    stretch: float = parameter(0.0, "s", (0.0, 1.0e3))
+    bend: float = parameter(0.0, "s", (0.0, 1.0e3))
+    thinning: float = parameter(0.0, "m s", (0.0, 1.0e6))
+    twist: float = parameter(0.0, "s", (0.0, 1.0e3))
+    air_drag: float = parameter(0.0, "N s/m^2", (0.0, 1.0e6))
+    air_drag_ratio: float = parameter(1.0, "", (0.0, 1.0))
 
     @property
     def internal(self) -> Vector:
@@ -194,63 +168,57 @@ class Plasticity:
     """Plastic bending, or friction between strands of a cable, which slip at the yield curvature.
 
     Beyond it, the share `hardening` of the bending stiffness remains.
+
+    Parameters:
+        yield_curvature: Curvature beyond which bending is plastic, or at which strands slip; 0 =
+            always elastic.
+        hardening: Ratio of tangent to elastic bending stiffness beyond yield (linear kinematic
+            hardening); cable.bending_stiffness is the elastic one, of small motion.
     """
 
-    yield_curvature: float = parameter(
-        0.0,
-        "Curvature beyond which bending is plastic, or at which strands slip; 0 = always elastic.",
-        "1/m",
-        (0.0, 1.0e5),
-    )
-    hardening: float = parameter(
-        0.0,
-        "Ratio of tangent to elastic bending stiffness beyond yield (linear kinematic hardening); "
-        "cable.bending_stiffness is the elastic one, of small motion.",
-        "",
-        (0.0, 0.999),
-    )
+    yield_curvature: float = parameter(0.0, "1/m", (0.0, 1.0e5))
+    hardening: float = parameter(0.0, "", (0.0, 0.999))
 
 
 @dataclass(frozen=True)
 class Torsion:
-    """Frenet torsion."""
+    """Frenet torsion.
 
-    curvature_floor: float = parameter(
-        0.0,
-        "For terms.twist frenet: curvature below which the torsion of the centerline is undefined "
-        "and suppressed; 0 = 1 % of the curvature of the cable closed to a ring.",
-        "1/m",
-        (0.0, 1.0e5),
-    )
+    Parameters:
+        curvature_floor: For terms.twist frenet: curvature below which the torsion of the centerline
+            is undefined and suppressed; 0 = 1 % of the curvature of the cable closed to a ring.
+    """
+
+    curvature_floor: float = parameter(0.0, "1/m", (0.0, 1.0e5))
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Frictionless contact between the cable and obstacles."""
+    """Frictionless contact between the cable and obstacles.
 
-    stiffness: float = parameter(
-        0.0,
-        "Contact force per unit length and penetration depth; 0 = chosen so that a resting cable "
-        "penetrates by a thousandth of its diameter under earth gravity.",
-        "N/m^2",
-        (0.0, 1.0e12),
-    )
+    Parameters:
+        stiffness: Contact force per unit length and penetration depth; 0 = chosen so that a resting
+            cable penetrates by a thousandth of its diameter under earth gravity.
+    """
+
+    stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A body at rest that the cable cannot enter."""
+    """A body at rest that the cable cannot enter.
+
+    Parameters:
+        shape: plane: the half-space below the plane through position, normal to the obstacle's z
+            axis.
+        position: A point on its surface.
+        orientation: Quaternion x, y, z, w of its axes, world frame.
+    """
 
     name: str
-    shape: str = parameter(
-        "plane",
-        "plane: the half-space below the plane through position, normal to the obstacle's z axis.",
-        choices=("plane",),
-    )
-    position: Vector = parameter(ORIGIN, "A point on its surface.", "m", (-1.0e8, 1.0e8))
-    orientation: tuple[float, float, float, float] = parameter(
-        (0.0, 0.0, 0.0, 1.0), "Quaternion x, y, z, w of its axes, world frame.", "", (-1.0, 1.0)
-    )
+    shape: str = parameter("plane", choices=("plane",))
+    position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
+    orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
 
     @property
     def normal(self) -> Vector:
@@ -262,55 +230,36 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Load:
-    """A force or wrench on the cable, from a topic or from a signal."""
+    """A force or wrench on the cable, from a topic or from a signal.
+
+    Parameters:
+        topic: Topic of the load; empty without a signal = `~/<name>/wrench` or `~/<name>/force`
+            (for a load named `force` of type force: `~/force`).
+        type: Message type: WrenchStamped, or Vector3Stamped (a force).
+        position: Location on the cable: 0 at start, 1 at end; the default for a load named `start`
+            is 0.0.
+        timeout: Time without messages after which the load is removed; 0 = never.
+        sign: 1: messages give the load exerted on the cable by the end effector; -1: the opposite.
+        frame: Frame of messages without a frame_id: the name in `start.frame`, `end.frame` or
+            `grasps.<name>.frame` for a sensor that turns with that end effector, or `frame_id`, or,
+            with inputs.tf, any frame of tf2; empty = `frame_id`, which is said when it is used.
+        signal: Load without a topic: constant, or force and torque times sin(2 pi frequency t).
+        force: Force of the signal, world frame.
+        torque: Torque of the signal, world frame.
+        frequency: Frequency of a sine.
+    """
 
     name: str
-    topic: str = parameter(
-        "",
-        "Topic of the load; empty without a signal = `~/<name>/wrench` or `~/<name>/force` "
-        "(for a load named `force` of type force: `~/force`).",
-        read_only=True,
-    )
-    type: str = parameter(
-        "wrench",
-        "Message type: WrenchStamped, or Vector3Stamped (a force).",
-        choices=("wrench", "force"),
-        read_only=True,
-    )
-    position: float = parameter(
-        1.0,
-        "Location on the cable: 0 at start, 1 at end; the default for a load named `start` is 0.0.",
-        "",
-        (0.0, 1.0),
-    )
-    timeout: float = parameter(
-        0.5,
-        "Time without messages after which the load is removed; 0 = never.",
-        "s",
-        (0.0, 3600.0),
-    )
-    sign: float = parameter(
-        1.0,
-        "1: messages give the load exerted on the cable by the end effector; -1: the opposite.",
-        "",
-        (-1.0, 1.0),
-        choices=(1.0, -1.0),
-    )
-    frame: str = parameter(
-        "",
-        "Frame of messages without a frame_id: the name in `start.frame`, `end.frame` or "
-        "`grasps.<name>.frame` for a sensor that turns with that end effector, or `frame_id`, or, "
-        "with inputs.tf, any frame of tf2; empty = `frame_id`, which is said when it is used.",
-    )
-    signal: str = parameter(
-        "none",
-        "Load without a topic: constant, or force and torque times sin(2 pi frequency t).",
-        choices=("none", "constant", "sine"),
-        read_only=True,
-    )
-    force: Vector = parameter(ORIGIN, "Force of the signal, world frame.", "N", (-1.0e9, 1.0e9))
-    torque: Vector = parameter(ORIGIN, "Torque of the signal, world frame.", "N m", (-1.0e9, 1.0e9))
-    frequency: float = parameter(1.0, "Frequency of a sine.", "Hz", (1.0e-6, 1.0e4))
+    topic: str = parameter("", read_only=True)
+    type: str = parameter("wrench", choices=("wrench", "force"), read_only=True)
+    position: float = parameter(1.0, "", (0.0, 1.0))
+    timeout: float = parameter(0.5, "s", (0.0, 3600.0))
+    sign: float = parameter(1.0, "", (-1.0, 1.0), choices=(1.0, -1.0))
+    frame: str = parameter("")
+    signal: str = parameter("none", choices=("none", "constant", "sine"), read_only=True)
+    force: Vector = parameter(ORIGIN, "N", (-1.0e9, 1.0e9))
+    torque: Vector = parameter(ORIGIN, "N m", (-1.0e9, 1.0e9))
+    frequency: float = parameter(1.0, "Hz", (1.0e-6, 1.0e4))
 
     @property
     def input_topic(self) -> str:

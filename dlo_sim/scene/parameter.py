@@ -1,16 +1,31 @@
-"""Parameters as fields of dataclasses: each field carries its description, unit and bounds.
+"""Parameters as fields of dataclasses, from which checks, ROS declarations and tables are made.
 
-    length: float = parameter(1.0, "Rest length L.", "m", (1.0e-4, 1.0e4))
+    @dataclass(frozen=True)
+    class Cable:
+        '''Material and cross-section.
 
-A group of parameters is a dataclass of such fields; a key is a path of attributes. A field that
+        Parameters:
+            length: Rest length L.
+        '''
+
+        length: float = parameter(1.0, "m", (1.0e-4, 1.0e4))
+
+A group of parameters is such a dataclass: the annotation gives the type, `parameter(...)` the
+default, unit and bounds, the docstring the description. A key is a path of attributes. A field that
 holds a tuple of groups with names (`loads`) has the key `loads.names` and a block for each name.
+`check_value` checks one value; every refusal is one line that names the key, the value and the
+cure.
 """
 
-from collections.abc import Iterator, Mapping
+import inspect
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from typing import Any, Literal, TypeVar, get_args
 
-from dlo_sim.scene.refusal import shown
+from dlo_sim.scene.refusal import SceneError, brief, nearest, refusal, shown
 
 Kind = Literal["double", "integer", "bool", "string", "double_array", "bool_array", "string_array"]
 Scalar = float | int | bool | str
@@ -19,6 +34,8 @@ Group = TypeVar("Group")
 
 _KINDS: dict[Any, Kind] = {float: "double", int: "integer", bool: "bool", str: "string"}
 _ARRAYS: dict[Any, Kind] = {float: "double_array", bool: "bool_array"}
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_LONGEST_TEXT = 255
 
 
 @dataclass(frozen=True)
@@ -76,7 +93,6 @@ class Parameter:
 
 def parameter(
     default: Any,
-    description: str,
     unit: str = "",
     bounds: tuple[float, float] | None = None,
     *,
@@ -91,27 +107,28 @@ def parameter(
         auto: number that the word `auto` stands for.
     """
     low, high = bounds or (None, None)
-    words = {"description": description, "unit": unit, "read_only": read_only, "auto": auto}
-    limits = {"low": low, "high": high, "choices": choices}
-    return field(default=default, metadata={**words, **limits})
+    limits = {"low": low, "high": high, "choices": choices, "auto": auto}
+    return field(default=default, metadata={"unit": unit, "read_only": read_only, **limits})
 
 
 def parameters_of(group: Any, prefix: str = "") -> Iterator[Parameter]:
     """The parameters of a group and its subgroups, each with its present value as default."""
+    texts = _descriptions(type(group))  # type: ignore[arg-type]
     for member in fields(group):
         key, value = f"{prefix}{member.name}", getattr(group, member.name)
+        facts = {"description": texts.get(member.name, ""), **member.metadata}
         if is_dataclass(value):
             yield from parameters_of(value, f"{key}.")
         elif _holds_groups(member):
             names = tuple(item.name for item in value)
-            yield Parameter(f"{key}.names", "string_array", names, **member.metadata)
+            yield Parameter(f"{key}.names", "string_array", names, **facts)
             for item in value:
                 yield from parameters_of(item, f"{key}.{item.name}.")
         elif member.metadata:
             element, *more = get_args(member.type) or (None,)
             kind = _KINDS[member.type] if element is None else _ARRAYS[element]
             length = None if element is None or more == [...] else 1 + len(more)
-            yield Parameter(key, kind, value, length=length, **member.metadata)
+            yield Parameter(key, kind, value, length=length, **facts)
 
 
 def with_parameters(group: Group, values: Mapping[str, Any], prefix: str = "") -> Group:
@@ -130,6 +147,146 @@ def with_parameters(group: Group, values: Mapping[str, Any], prefix: str = "") -
     return replace(group, **changes)  # type: ignore[type-var]
 
 
+@cache
+def _descriptions(group: type) -> dict[str, str]:
+    """Parameter -> description, from the docstrings of a class and of those that it extends."""
+    texts: dict[str, str] = {}
+    for one in reversed(group.__mro__):
+        _, _, listed = inspect.cleandoc(one.__doc__ or "").partition("Parameters:\n")
+        for entry in re.split(r"\n(?=    \w)", listed):
+            name, _, text = entry.partition(":")
+            texts[name.strip()] = " ".join(text.split())
+    return texts
+
+
 def _holds_groups(member: Field[Any]) -> bool:
     element, *_ = get_args(member.type) or (None,)
     return is_dataclass(element)
+
+
+def check_value(row: Parameter, value: object) -> Value:
+    """The value converted to this parameter's type: float, int, bool, str or a tuple of them.
+
+    Integers become floats for a double; NumPy and `array` values count as lists.
+
+    Raises:
+        SceneError: wrong type, not finite, out of range, wrong number of elements.
+    """
+    plain = value.tolist() if hasattr(value, "tolist") else value
+    if plain is None:
+        raise SceneError(f"{row.key}: no value given; give {_wanted(row)} or leave the key out")
+    if not row.is_array:
+        return _check_element(row, plain, row.key)
+    if isinstance(plain, str) or not isinstance(plain, Sequence):
+        raise refusal(row.key, plain, f"is not a list; give {_wanted(row)}")
+    if row.length is not None and len(plain) != row.length:
+        raise refusal(
+            row.key,
+            plain,
+            f"has {len(plain)} elements; give {row.length}, like {shown(row.default)}",
+        )
+    elements = tuple(_check_element(row, item, f"{row.key}[{i}]") for i, item in enumerate(plain))
+    return elements  # type: ignore[return-value]
+
+
+def _wanted(row: Parameter) -> str:
+    """The expected value of a parameter, as text."""
+    if not row.is_array:
+        return _wanted_element(row)
+    count = "" if row.length is None else f"{row.length} "
+    return f"a list of {count}values ({_wanted_element(row)} each), like {shown(row.default)}"
+
+
+def _wanted_element(row: Parameter) -> str:
+    if row.choices:
+        return f"one of {row.allowed}"
+    kinds = {"double": "a number", "integer": "a whole number", "bool": "true or false"}
+    one = kinds.get(row.element_kind, "a text")
+    return f"{one} in {row.unit}" if row.unit else one
+
+
+def _check_element(row: Parameter, value: object, key: str) -> float | int | bool | str:
+    if row.element_kind == "bool":
+        if not isinstance(value, bool):
+            raise refusal(key, value, "is not a boolean; give true or false")
+        return value
+    if row.element_kind == "string":
+        return _check_text(row, value, key)
+    return _check_number(row, value, key)
+
+
+def _check_text(row: Parameter, value: object, key: str) -> str:
+    if isinstance(value, bool) and {"on", "off"} <= set(row.choices):
+        # YAML 1.1 readers, ROS among them, read an unquoted on/off as a boolean.
+        value = "on" if value else "off"
+    if not isinstance(value, str):
+        raise refusal(key, value, f"is not a text; give {_wanted_element(row)} (in quotes)")
+    if row.choices and value not in row.choices:
+        hint = nearest(value, [str(choice) for choice in row.choices])
+        raise refusal(key, value, f"is unknown; give {_wanted_element(row)}{hint}")
+    if len(value) > _LONGEST_TEXT or not value.isprintable():
+        raise refusal(key, value, f"is not a name; give up to {_LONGEST_TEXT} printable letters")
+    return value
+
+
+def _check_number(row: Parameter, value: object, key: str) -> float | int:
+    if value == "auto" and row.auto is not None:
+        return row.auto
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise refusal(key, value, f"is not a number; give {_wanted_element(row)}")
+    if row.element_kind == "integer" and not isinstance(value, int):
+        raise refusal(key, value, "is not a whole number; write it without a decimal point")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise refusal(key, value, f"is not finite; give {_wanted_element(row)}")
+    low = -math.inf if row.low is None else row.low
+    high = math.inf if row.high is None else row.high
+    if not low <= value <= high and value != row.auto:
+        unit = f" {row.unit}" if row.unit else ""
+        raise refusal(key, value, f"is out of range; give {row.allowed}{unit}")
+    if row.choices and value not in row.choices:
+        raise refusal(key, value, f"is not possible; give {_wanted_element(row)}")
+    return value if row.element_kind == "integer" else float(value)
+
+
+def check_names(key: str, names: Sequence[str], reserved: Sequence[str] = ()) -> None:
+    """Refuse duplicates and names that cannot be part of a key.
+
+    Raises:
+        SceneError: naming the first invalid one.
+    """
+    for name in names:
+        taken = ("names", *reserved)
+        if not _NAME.fullmatch(name) or name in taken:
+            raise refusal(
+                key,
+                name,
+                f"is not a name; use letters, digits and _ (but not {', '.join(map(repr, taken))})",
+            )
+        if list(names).count(name) > 1:
+            raise refusal(key, name, "is there twice; give each its own name")
+
+
+def unknown_key(key: str, value: object, known: Mapping[str, Parameter]) -> SceneError:
+    """The refusal of a key that is not a parameter: a group, an unnamed load, a misspelling."""
+    members = [name for name in known if name.startswith(f"{key}.")]
+    if members:
+        return refusal(key, value, f"stands for a group of keys; give {members[0]} and so on")
+    parts = key.split(".")
+    if len(parts) == 3 and f"{parts[0]}.names" in known:
+        group, name, _ = parts
+        if not any(row.startswith(f"{group}.{name}.") for row in known):
+            return SceneError(
+                f"{key}: {brief(value)} belongs to a name that is not in {group}.names; "
+                f"add '{name}' to {group}.names"
+            )
+    return SceneError(f"{key}: {brief(value)} is for no known key{nearest(key, known)}")
+
+
+def markdown_row(row: Parameter) -> str:
+    """A row of the parameter table as GitHub markdown."""
+    kind = row.kind.replace("_array", "[]")
+    if row.length is not None:
+        kind = kind.replace("[]", f"[{row.length}]")
+    meaning = row.description + (" *Read-only.*" if row.read_only else "")
+    cells = (f"`{row.key}`", kind, f"`{shown(row.default)}`", row.unit, row.allowed, meaning)
+    return "| " + " | ".join(cells) + " |"

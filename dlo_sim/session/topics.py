@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.node_blocks import NODE_NAME
+from dlo_sim.scene.loading import NODE_NAME
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session import cdr
 

@@ -41,10 +41,9 @@ from numpy.typing import ArrayLike, NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
-from dlo_sim.scene.description import Scene
+from dlo_sim.scene.description import PARAMETERS, Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.scene.needs import needs_of, plasticity_wanted
-from dlo_sim.scene.parameters import PARAMETERS
 from dlo_sim.simulation.geometry import Pose
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import DiscretizationError, Report, newton_note

@@ -10,7 +10,7 @@ import pytest
 
 import dlo_sim
 from dlo_sim.cli.main import SUBCOMMANDS, main
-from dlo_sim.scene.parameters import PARAMETERS, markdown_table
+from dlo_sim.scene.description import PARAMETERS, markdown_table
 
 
 def test_version(capsys):

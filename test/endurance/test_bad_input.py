@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from dlo_sim.replay.bags import BagError, BagWriter
 from dlo_sim.replay.replay import ReplayError, replay_bag
+from dlo_sim.scene.description import PARAMETERS
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.scene.parameters import PARAMETERS
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr_points import PointCloudEncoder
 from dlo_sim.session.plans import Plans

@@ -12,7 +12,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-from dlo_sim.scene.node_blocks import is_for_node
+from dlo_sim.scene.loading import is_for_node
 
 NODES = [("/", "dlo_sim"), ("/left", "dlo_sim"), ("/left/arm", "dlo_sim"), ("/", "right")]
 PATTERNS = [

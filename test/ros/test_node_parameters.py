@@ -21,8 +21,8 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 
+from dlo_sim.scene.description import scene_parameters
 from dlo_sim.scene.loading import scene_from_values, scene_values
-from dlo_sim.scene.parameters import scene_parameters
 from dlo_sim.simulation.simulator import Simulator
 
 ROWS = {row.key: row for row in scene_parameters(("tip", "force"))}

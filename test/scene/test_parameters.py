@@ -2,9 +2,8 @@
 
 import pytest
 
-from dlo_sim.scene.checking import check_value
-from dlo_sim.scene.parameter import Parameter
-from dlo_sim.scene.parameters import markdown_table, scene_parameters
+from dlo_sim.scene.description import markdown_table, scene_parameters
+from dlo_sim.scene.parameter import Parameter, check_value
 
 TABLE = scene_parameters(("tip",))
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dlo_sim.ros.arguments import read_arguments
+from dlo_sim.scene.description import scene_parameters
 from dlo_sim.scene.loading import load_scene, parse_assignment
-from dlo_sim.scene.parameters import scene_parameters
 from dlo_sim.scene.refusal import SceneError
 
 # Nine lists of nine, each within the next: 607 bytes stand for 4e8 texts.

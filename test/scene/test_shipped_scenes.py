@@ -5,8 +5,8 @@ import math
 import pytest
 from ruamel.yaml import YAML
 
+from dlo_sim.scene.description import scene_parameters
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
-from dlo_sim.scene.parameters import scene_parameters
 
 NAMES = sorted(shipped_scenes())
 
