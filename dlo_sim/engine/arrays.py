@@ -3,10 +3,10 @@
 A *line* holds one coordinate of all control points: two or three of x, y, z (`axes`), then the
 twist angle theta where there is twist. Control point i is column MARGIN + i, and zeros on both
 sides let whole vectors be loaded there. A *block* is LANES neighbouring knot spans, the lanes of a
-vector. A *row* is one scalar equality constraint by which a grasp prescribes the cable
-(`engine.rows`); border rows, at places between control points, are the last ones. Band matrices go
-over all spatial unknowns, control point i and line d at i dim + d; entry (r, c) is at
-[r, c - r + 4 dim - 1].
+vector. A *row* is one scalar equality constraint by which a grasp prescribes the cable, or two
+branches stay together (`engine.rows`); border rows, at places between control points, are the last
+rigid ones. Band matrices go over all spatial unknowns, control point i and line d at i dim + d;
+entry (r, c) is at [r, c - r + 4 dim - 1].
 """
 
 from __future__ import annotations
@@ -94,39 +94,37 @@ class Linear(Group):
 
 
 class Points(Group):
-    """Places where the cable is held: sums of four control points with basis values b."""
+    """Places where the cable is held: sums of four control points with basis values b; of two
+    branches, sums over four control points of each.
+    """
 
     first = Wholes("points")  # control point
+    other = Wholes("points")  # first of another branch, or -1
     own = Wholes("points")  # control point that coincides with it, or -1
     twist = Wholes("points")  # 1 on the twist line, 0 in space
     weights = Reals("points", 4)  # b
-    sum = Reals("points")  # of b: 1 for a position, 0 for r'
+    other_weights = Reals("points", 4)  # b on the other branch
+    sum = Reals("points")  # of b: 1 for a position, 0 for r' or between two branches
     shift = Reals("points", "columns")  # M^-1 b
     product = Reals("points", "points")  # b of the first . M^-1 b of the second
 
 
 class Rows(Group):
-    """Constraint rows: direction . (sum_k b_k x_k) = target."""
+    """Constraint rows: direction . (sum_k b_k x_k) = target. The first `count` are rigid; the other
+    ones are springs, which give: they pull with stiffness (target - value).
+    """
 
     count = Whole()
-    border = Whole()  # how many, the last ones, are at places between control points
+    border = Whole()  # how many, the last rigid ones, are at places between control points
+    springs = Whole()
+    joints = Whole()  # how many, the first springs, are between two branches
     point = Wholes("rows")
-    grasp = Wholes("rows")
+    grasp = Wholes("rows")  # -1 between two branches
     line = Wholes("rows")  # that it prescribes, -1 if its direction turns with its grasp
     body = Reals("rows", 3)  # that direction in the frame of the grasp
-
-
-class Springs(Group):
-    """Places that a grasp holds through a stiffness."""
-
-    count = Whole()
-    first = Wholes("springs")  # control point
-    grasp = Wholes("springs")
-    line = Wholes("springs")
-    position = Wholes("springs")  # 1 for a position or the twist angle, 0 for r'
-    weights = Reals("springs", 4)
-    stiffness = Reals("springs")  # [N/m], or [N m/rad] of r' and of the twist
-    xi = Reals("springs")  # local coordinate of a roll spring
+    stiffness = Reals("rows")  # [N/m], or [N m/rad] of r' and of the twist
+    aims = Wholes("rows")  # 1 if the target is the direction of the grasp
+    xi = Reals("rows")  # local coordinate of a roll spring
 
 
 class Loads(Group):
@@ -164,14 +162,14 @@ class State(Group):
     loaded = Reals("lines", "columns")  # load forces of the last evaluation
     counted = Reals("lines", "columns")  # positions up to which the account has the work
     reference = Reals("bishop_lines", "columns")  # positions at the end of the last step
-    direction = Reals("rows", 3)  # of the rows, by line
-    inverse = Reals("rows", "rows")  # S^-1 along these directions (`engine.rows`)
-    pull = Reals("rows")  # S^-1 B M^-1 f, force of the cable on the grasps, last evaluation
-    moved = Reals("rows")  # prescribed displacement since then
-    reaction = Reals("rows")  # mean force over the last step
-    rates_before = Reals("rows")  # target rates of the last velocity correction (`rattle`)
-    anchor = Reals("springs")  # target value of each spring
-    anchor_counted = Reals("springs")  # target values up to which the account has the work
+    direction = Reals("rigid", 3)  # of the rows, by line
+    inverse = Reals("rigid", "rigid")  # S^-1 along these directions (`engine.rows`)
+    pull = Reals("rigid")  # S^-1 B M^-1 f, force of the cable on the grasps, last evaluation
+    moved = Reals("rigid")  # prescribed displacement since then
+    reaction = Reals("rigid")  # mean force over the last step
+    rates_before = Reals("rigid")  # target rates of the last velocity correction (`rattle`)
+    anchor = Reals("springs")  # target of each spring
+    anchor_counted = Reals("springs")  # targets up to which the account has the work
     frame_turn = Reals("frame_grasps")  # lag of the frame of theta behind the grasp's [rad]
     matrix = Reals("unknowns", "width")  # LU factors of the last Newton matrix
     energy = Reals(len(ENERGIES))  # potential energies [J]
@@ -213,11 +211,11 @@ class Work(Group):
     v0 = Reals("lines", "columns")
     v1 = Reals("lines", "columns")
     before = Reals("lines", "columns")  # positions at the start of a step with a sample time
-    rates = Reals("rows")  # of the targets, or residuals of the constraints
-    targets = Reals("rows")
-    ahead = Reals("rows", 3)  # directions at a requested time
-    system = Reals("rows", "rows")  # S
-    multipliers = Reals("rows")  # S^-1 times `rates`
+    rates = Reals("rigid")  # of the targets, or residuals of the constraints
+    targets = Reals("rigid")
+    ahead = Reals("rigid", 3)  # directions at a requested time
+    system = Reals("rigid", "rigid")  # S
+    multipliers = Reals("rigid")  # S^-1 times `rates`
     energies = Reals(len(ENERGIES) + 1)  # by term; last the sum of |summands| of the weight
     results = Numbers("kinetic", "total", "lost")  # [J]
     # twist relative to the Bishop frame
@@ -234,10 +232,10 @@ class Work(Group):
     damping = Reals("lines", "columns")  # damping force
     inertia = Reals("lines", "columns")
     travel = Reals("lines", "columns")  # P (q1 - q0), the change of the free motion
-    old_direction = Reals("rows", 3)  # at the start of the step
-    old_inverse = Reals("rows", "rows")
-    middle_direction = Reals("rows", 3)
-    row_force = Reals("rows")  # reactions
+    old_direction = Reals("rigid", 3)  # at the start of the step
+    old_inverse = Reals("rigid", "rigid")
+    middle_direction = Reals("rigid", 3)
+    row_force = Reals("rigid")  # reactions
     band = Reals("unknowns", "width")
     residual = Reals("padded")  # all unknowns, from PADDING on
     unbalanced = Reals("unknowns")  # right-hand side of the last correction
@@ -250,14 +248,14 @@ class Work(Group):
     flow_moments = Lanes(4, 3)
     pairs = Reals(16, groups.LANES)  # entries between two control points, of each span
     shares = Lanes("samples")
-    border_force = Reals("border", "seen")  # F, without unknowns that other rows fix
-    border_push = Reals("border", "seen")  # F with them
-    border_condition = Reals("border", "seen")  # C
-    border_gram = Reals("border", "border")  # (F F^T)^-1
-    border_shift = Reals("border", "padded")  # Z, from PADDING on
-    border_system = Reals("border", "border")  # (C Z)^-1
+    border_force = Reals("bordered", 2, "seen")  # F, without unknowns that other rows fix
+    border_push = Reals("bordered", 2, "seen")  # F with them
+    border_condition = Reals("bordered", 2, "seen")  # C
+    border_gram = Reals("border", "border")  # (F F^T)^-1 of the rigid rows
+    border_shift = Reals("bordered", "padded")  # Z, from PADDING on
+    border_system = Reals("bordered", "bordered")  # (C Z + compliance)^-1
     border_spare = Reals("unknowns")
-    border_value = Reals("border")
+    border_value = Reals("bordered")
     # twist line of implicit steps
     twist_latest = Reals("lines", "columns")
     twist_rest = Reals("lines", "columns")
@@ -301,7 +299,6 @@ class CableArrays(Group):
     linear: Linear
     points: Points
     rows: Rows
-    springs: Springs
     loads: Loads
     planes: Planes
     length_gram = Reals("constraints", 16)  # of an inextensible cable: 4 x 4 matrix of each

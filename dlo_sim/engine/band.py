@@ -6,15 +6,18 @@ are rotated into the frame of the clamp, tangent first: the equations with the d
 constraint forces, the unknowns with the directions at the end of the step. Each constraint row
 then fixes a single unknown.
 
-A row at a place between control points couples four of them, so it cannot be imposed by fixing
-single unknowns. These rows, the last ones, border the matrix. Let K be the band matrix with all
-other constraints imposed, and let F and C be the border rows with their directions at the middle
-and at the end of the step, in the frames of the clamps. The constraint forces act along F^T, the
-constraints are C y = 0, and a Newton correction y for the residual r is
+A row at a place between control points couples four of them, and a joint four of each branch, so
+it cannot be imposed by fixing single unknowns. These rows border the matrix. Let K be the band
+matrix with all other constraints imposed, and let F and C be the border rows with their directions
+at the middle and at the end of the step, in the frames of the clamps. The constraint forces act
+along F^T, the constraints are C y = 0, and a Newton correction y for the residual r is
     K y = r + F^T f,   C y = 0:   y = (1 - Z (C Z)^-1 C) K^-1 r,   Z = K^-1 F^T.
+A joint that gives, a spring of stiffness k between two branches, lies outside the band. Its change
+of force f = - k C y gives the same with C Z + 1 / k in place of C Z.
+
 Adding multiples of F^T C to K does not change y. It is done because K is singular if only border
 rows support a cable at rest; with it, negative pivots count the unstable modes within the
-constraints.
+constraints. Rigid joints lack it: statics of branches that only joints support is not available.
 
 The part of r in the range of F^T is balanced by the forces of the grasps, the multipliers
 f = - (F F^T)^-1 F r, and so does not belong to the residual.
@@ -22,7 +25,7 @@ f = - (F F^T)^-1 F r, and so does not belong to the residual.
 
 from __future__ import annotations
 
-from numba import boolean, int64, void
+from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane
@@ -72,18 +75,18 @@ def add_lines(cable, matrix, scale, band):
 
 @part
 def add_springs(cable, scale, band):
-    """band += scale times the stiffness of all springs except roll springs."""
-    dim, springs = cable.dim, cable.springs
+    """band += scale times the stiffness of all springs except roll springs and joints."""
+    dim, rows, points = cable.dim, cable.rows, cable.points
     half = 4 * dim - 1
-    for s in range(springs.count):
-        line, weights = springs.line[s], springs.weights[s]
+    for row in range(rows.count + rows.joints, rows.count + rows.springs):
+        line, point = rows.line[row], rows.point[row]
         if line == dim:
             continue
         for k in range(4):
-            r = (springs.first[s] + k) * dim + line
+            r = (points.first[point] + k) * dim + line
             for other in range(4):
-                value = weights[k] * weights[other]
-                band[r, (other - k) * dim + half] += scale * springs.stiffness[s] * value
+                value = points.weights[point, k] * points.weights[point, other]
+                band[r, (other - k) * dim + half] += scale * rows.stiffness[row] * value
 
 
 # -- constraint rows at control points -----------------------------------------------------------
@@ -305,50 +308,83 @@ def substitute_eight(band, size, dim, sides):
 
 
 @part
-def border_begin(cable, k):
-    """First of the 4 dim unknowns that border row k couples."""
-    rows = cable.rows
-    return cable.dim * cable.points.first[rows.point[rows.count - rows.border + k]]
+def bordered(cable):
+    """Number of border rows: rigid ones between control points, then joints that give."""
+    return cable.rows.border + cable.rows.joints
 
 
 @part
-def along(row, y, begin):
-    """Product of a border row of F or C with the unknowns from y[begin] on."""
+def border_row(cable, k):
+    """Constraint row of border row k."""
+    return cable.rows.count - cable.rows.border + k
+
+
+@part
+def windows(cable, k):
+    """Places that border row k couples: 1, or 2 between branches."""
+    return 2 if cable.points.other[cable.rows.point[border_row(cable, k)]] >= 0 else 1
+
+
+@part
+def window(cable, k, w):
+    """First of the 4 dim unknowns of border row k at its place w."""
+    point = cable.rows.point[border_row(cable, k)]
+    return cable.dim * (cable.points.other[point] if w == 1 else cable.points.first[point])
+
+
+@part
+def along(cable, matrix, k, y, begin):
+    """Product of border row k of F or C with the unknowns y[begin], y[begin + 1], ..."""
     value = 0.0
-    for r in range(len(row)):
-        value += row[r] * y[begin + r]
+    for w in range(windows(cable, k)):
+        at = begin + window(cable, k, w)
+        for r in range(matrix.shape[2]):
+            value += matrix[k, w, r] * y[at + r]
     return value
+
+
+@part
+def spread(cable, matrix, k, scale, y, begin):
+    """Add `scale` times border row k of F to the unknowns y[begin], y[begin + 1], ..."""
+    for w in range(windows(cable, k)):
+        at = begin + window(cable, k, w)
+        for r in range(matrix.shape[2]):
+            y[at + r] += scale * matrix[k, w, r]
 
 
 @part
 def write_border(cable, directions, free, out):
     """Write the border rows with directions (rows, 3), in the frames of the clamps, to `out`
-    (border, 4 dim). `free`: zero at the unknowns that other constraint rows fix.
+    (border, places, 4 dim). `free`: zero at the unknowns that other constraint rows fix.
     """
-    dim, rows, spare = cable.dim, cable.rows, cable.work.border_spare
-    for k in range(rows.border):
-        row, begin = rows.count - rows.border + k, border_begin(cable, k)
-        line, weights = rows.line[row], cable.points.weights[rows.point[row]]
+    dim, rows, points, spare = cable.dim, cable.rows, cable.points, cable.work.border_spare
+    for k in range(bordered(cable)):
+        row = border_row(cable, k)
+        line, point = rows.line[row], rows.point[row]
         for r in range(cable.n * dim):
             spare[r] = 0.0
-        for j in range(4):
-            for d in range(dim):
-                along_d = 1.0 if d == line else 0.0
-                if line < 0:
-                    along_d = directions[row, d]
-                spare[begin + j * dim + d] = along_d * weights[j]
+        for w in range(windows(cable, k)):
+            begin = window(cable, k, w)
+            for j in range(4):
+                weight = points.other_weights[point, j] if w == 1 else points.weights[point, j]
+                for d in range(dim):
+                    along_d = 1.0 if d == line else 0.0
+                    if line < 0:
+                        along_d = directions[row, d]
+                    spare[begin + j * dim + d] = along_d * weight
         turn_vector(cable, directions, YES, spare, 0)
         if free:
             clear_held(cable, spare, 0)
-        for r in range(4 * dim):
-            out[k, r] = spare[begin + r]
+        for w in range(windows(cable, k)):
+            for r in range(4 * dim):
+                out[k, w, r] = spare[window(cable, k, w) + r]
 
 
 @piece(void, CABLE, LINES, LINES)
 def set_border(cable, pushed, kept):
     """Set F with the directions `pushed`, C with the directions `kept`, and (F F^T)^-1."""
     work, border = cable.work, cable.rows.border
-    if border == 0:
+    if bordered(cable) == 0:
         return
     write_border(cable, pushed, NO, work.border_push)
     write_border(cable, pushed, YES, work.border_force)
@@ -357,14 +393,10 @@ def set_border(cable, pushed, kept):
     for r in range(cable.n * cable.dim):
         spare[r] = 0.0
     for k in range(border):
-        begin, force = border_begin(cable, k), work.border_force[k]
-        for r in range(len(force)):
-            spare[begin + r] = force[r]
+        spread(cable, work.border_force, k, 1.0, spare, 0)
         for j in range(border):
-            product = along(work.border_force[j], spare, border_begin(cable, j))
-            work.border_gram[j, k] = product
-        for r in range(len(force)):
-            spare[begin + r] = 0.0
+            work.border_gram[j, k] = along(cable, work.border_force, j, spare, 0)
+        spread(cable, work.border_force, k, -1.0, spare, 0)
     invert_in_place(work.border_gram)
 
 
@@ -387,11 +419,15 @@ def invert_in_place(a):
 
 @piece(void, CABLE, LINES)
 def stiffen_border(cable, band):
-    """Add F^T C to the band matrix, each row scaled to the largest diagonal entry where it acts."""
+    """Add F^T C of the rigid rows at one place to the band matrix, each scaled to the largest
+    diagonal entry where it acts.
+    """
     half = 4 * cable.dim - 1
     for k in range(cable.rows.border):
-        begin = border_begin(cable, k)
-        f, c = cable.work.border_force[k], cable.work.border_condition[k]
+        if windows(cable, k) == 2:  # outside the band
+            continue
+        begin = window(cable, k, 0)
+        f, c = cable.work.border_force[k][0], cable.work.border_condition[k][0]
         stiffness, norm = 0.0, 0.0
         for r in range(len(f)):
             stiffness = max(stiffness, abs(band[begin + r, half]))
@@ -401,37 +437,37 @@ def stiffen_border(cable, band):
                 band[begin + r, q - r + half] += stiffness / norm * f[r] * c[q]
 
 
-@piece(void, CABLE, LINES)
-def solve_border(cable, band):
-    """Compute Z = K^-1 F^T and (C Z)^-1 with the LU factors of K."""
-    work, size, border = cable.work, cable.n * cable.dim, cable.rows.border
-    for k in range(border):
-        z, force = work.border_shift[k], work.border_force[k]
-        begin = PADDING + border_begin(cable, k)
+@piece(void, CABLE, LINES, float64)
+def solve_border(cable, band, share):
+    """Compute Z = K^-1 F^T and (C Z + compliance)^-1 with the LU factors of K. `share`: of the
+    stiffness of joints in the matrix, as of the other springs.
+    """
+    work, rows, size = cable.work, cable.rows, cable.n * cable.dim
+    for k in range(bordered(cable)):
+        z = work.border_shift[k]
         for r in range(size):
             z[PADDING + r] = 0.0
-        for r in range(len(force)):
-            z[begin + r] = force[r]
+        spread(cable, work.border_force, k, 1.0, z, PADDING)
         substitute(band, size, cable.dim, z)
-        for j in range(border):
-            product = along(work.border_condition[j], z, PADDING + border_begin(cable, j))
-            work.border_system[j, k] = product
+        for j in range(bordered(cable)):
+            work.border_system[j, k] = along(cable, work.border_condition, j, z, PADDING)
+        if k >= rows.border:
+            work.border_system[k, k] += 1.0 / (share * rows.stiffness[border_row(cable, k)])
     invert_in_place(work.border_system)
 
 
 @piece(void, CABLE, VECTOR)
 def keep_border(cable, y):
-    """Project a correction onto the constraints of the border rows: y <- (1 - Z (C Z)^-1 C) y.
-
-    Unknown r is y[PADDING + r].
+    """Let a correction y, of which unknown r is y[PADDING + r], keep the border rows:
+    y <- (1 - Z (C Z + compliance)^-1 C) y.
     """
-    work, border = cable.work, cable.rows.border
+    work, count = cable.work, bordered(cable)
     values = work.border_value
-    for k in range(border):
-        values[k] = along(work.border_condition[k], y, PADDING + border_begin(cable, k))
-    for k in range(border):
+    for k in range(count):
+        values[k] = along(cable, work.border_condition, k, y, PADDING)
+    for k in range(count):
         share = 0.0
-        for j in range(border):
+        for j in range(count):
             share += work.border_system[k, j] * values[j]
         z = work.border_shift[k]
         for r in range(PADDING, PADDING + cable.n * cable.dim):
@@ -440,21 +476,19 @@ def keep_border(cable, y):
 
 @part
 def balance_border(cable, residual, forces):
-    """Remove from the residual, whose unknown r is residual[PADDING + r], the part that border
-    rows balance; write their forces to the entries of `forces` (rows,).
+    """Remove from the residual, whose unknown r is residual[PADDING + r], the part that rigid
+    border rows balance; write their forces to the entries of `forces` (rows,).
 
     These forces also act on unknowns that other rows fix, so this comes before the reactions there
     are read from the residual.
     """
-    work, rows = cable.work, cable.rows
+    work, border = cable.work, cable.rows.border
     values = work.border_value
-    for k in range(rows.border):
-        values[k] = along(work.border_force[k], residual, PADDING + border_begin(cable, k))
-    for k in range(rows.border):
-        force, begin = 0.0, PADDING + border_begin(cable, k)
-        for j in range(rows.border):
+    for k in range(border):
+        values[k] = along(cable, work.border_force, k, residual, PADDING)
+    for k in range(border):
+        force = 0.0
+        for j in range(border):
             force -= work.border_gram[k, j] * values[j]
-        forces[rows.count - rows.border + k] = force
-        push = work.border_push[k]
-        for r in range(len(push)):
-            residual[begin + r] += push[r] * force
+        forces[border_row(cable, k)] = force
+        spread(cable, work.border_push, k, force, residual, PADDING)

@@ -35,7 +35,7 @@ from dlo_sim.engine.spans import (
     tangent_at,
     three,
 )
-from dlo_sim.engine.springs import rolls, spring_value
+from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
 from dlo_sim.engine.term import ENERGY, FLOW, FORCE
 from dlo_sim.engine.torsion import angle_block
 from dlo_sim.terms import bishop
@@ -324,20 +324,22 @@ def follow_springs(cable, psi, x):
     """Transform the anchors of the roll springs to the new frame of theta. The change of spring
     energy, by the error of psi and by the path of the tangent, counts as work of the grasp.
     """
-    springs, state = cable.springs, cable.state
-    for k in range(springs.count):
+    rows, points, state = cable.rows, cable.points, cable.state
+    for k in range(rows.springs):
         if rolls(cable, k):
-            grasp, span, xi = springs.grasp[k], springs.first[k], springs.xi[k]
+            row = row_of(cable, k)
+            grasp, point, xi = rows.grasp[row], rows.point[row], rows.xi[row]
+            span = points.first[point]
             begin = first_direction(cable.inputs.motion[grasp])
             old = span_tangent(cable, state.reference, span, xi)
             turned, share = area(begin, old, span_tangent(cable, x, span, xi)), 0.0
             for q in range(4):
-                share += springs.weights[k, q] * psi[MARGIN + span + q]
+                share += points.weights[point, q] * psi[MARGIN + span + q]
             moved = frame_turned(cable, x, span, xi, share) - turned
             value = spring_value(cable, k, x)
             before = state.anchor[k] - (value - share)
             after = state.anchor[k] + moved - value
-            work = 0.5 * springs.stiffness[k] * (after - before) * (after + before)
+            work = 0.5 * spring_stiffness(cable, k) * (after - before) * (after + before)
             state.balance.drive_work += work
             state.frame_turn[grasp] += moved
             state.anchor[k] += moved

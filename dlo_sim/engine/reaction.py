@@ -9,7 +9,7 @@ from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, part, piece
 from dlo_sim.engine.arrays import cable_at
 from dlo_sim.engine.bishop import edge, span_tangent
 from dlo_sim.engine.grasps import component
-from dlo_sim.engine.springs import rolls, spring_value
+from dlo_sim.engine.springs import rolls, row_of, spring_stiffness, spring_value
 
 
 @part
@@ -71,13 +71,14 @@ def add_row_forces(cable, grasp, given, points, about, out):
 @part
 def add_spring_forces(cable, grasp, points, about, out):
     """The part of the springs in `add_wrench`."""
-    springs, x = cable.springs, cable.state.x
-    for k in range(springs.count):
-        if springs.grasp[k] != grasp:
+    rows, x = cable.rows, cable.state.x
+    for k in range(rows.springs):
+        row = row_of(cable, k)
+        if rows.grasp[row] != grasp:
             continue
-        f = springs.stiffness[k] * (cable.state.anchor[k] - spring_value(cable, k, x))
+        first, weights = cable.points.first[rows.point[row]], cable.points.weights[rows.point[row]]
+        f = spring_stiffness(cable, k) * (cable.state.anchor[k] - spring_value(cable, k, x))
         if rolls(cable, k):
-            add_moment(cable, f, span_tangent(cable, x, springs.first[k], springs.xi[k]), out)
+            add_moment(cable, f, span_tangent(cable, x, first, rows.xi[row]), out)
         else:
-            axis = cable.axes[springs.line[k]]
-            add_force(springs.weights[k], points, springs.first[k], f, axis, about, out)
+            add_force(weights, points, first, f, cable.axes[rows.line[row]], about, out)

@@ -1,8 +1,9 @@
 """Constraint rows, by which grasps prescribe the cable: direction . sum_k b_k x_k = target.
 
 The point of a row is four basis values b at a material coordinate (summing to 1 for a position, to
-0 for r'), or a single control point. A row is a point, a grasp and a direction, which is an axis or
-turns with the grasp. A fixed end is up to three rows at the first control point. A clamp has in
+0 for r'), a single control point, or the difference of such sums on two branches, which a rigid
+joint keeps at zero. A row is a point, a grasp and a direction, which is an axis or turns with the
+grasp. A fixed end is up to three rows at the first control point. A clamp has in
 addition two rows at the second one, normal to its tangent; the distance along the tangent stays
 free. A grasp along the cable has the same rows with basis values.
 
@@ -43,13 +44,16 @@ from dlo_sim.terms.vectors import cross
 def point_value(cable, point, line, x):
     """sum_k b_k x_k of a point on one line of x."""
     points = cable.points
-    own = points.own[point]
+    own, other = points.own[point], points.other[point]
     if own >= 0:
         return x[line, MARGIN + own]
     c = MARGIN + points.first[point]
     value = points.weights[point, 0] * x[line, c]
     for k in range(1, 4):
         value += points.weights[point, k] * x[line, c + k]
+    if other >= 0:
+        for k in range(4):
+            value += points.other_weights[point, k] * x[line, MARGIN + other + k]
     return value
 
 
@@ -237,6 +241,9 @@ def set_targets(cable, t):
     rows, work = cable.rows, cable.work
     for k in range(rows.count):
         line, share = rows.line[k], cable.points.sum[rows.point[k]]
+        if rows.grasp[k] < 0:  # two branches stay together
+            work.targets[k] = 0.0
+            continue
         a = prescribed_place(cable, rows.grasp[k], t)
         target = 0.0
         if line == cable.dim:
@@ -257,7 +264,7 @@ def target_rates(cable, x, t):
     """work.rates = rates of the targets at time t, for the configuration x."""
     rows = cable.rows
     for k in range(rows.count):
-        moving = moves(cable.inputs.motion[rows.grasp[k]])
+        moving = rows.grasp[k] >= 0 and moves(cable.inputs.motion[rows.grasp[k]])
         cable.work.rates[k] = target_rate(cable, k, x, t) if moving else 0.0
 
 

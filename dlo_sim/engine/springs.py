@@ -1,10 +1,11 @@
-"""Springs, by which a compliant grasp holds the cable: force k (anchor - sum_q b_q x_q).
+"""Springs: constraint rows that give, by which a compliant grasp holds the cable, and flexible
+joints between branches: force k (anchor - sum_q b_q x_q) along a line.
 
-A position spring acts along one axis, and its anchor is the attachment point of the grasp. A
-tangent spring has the slopes b'_q, and its anchor is the grasp's direction d: its energy
-k/2 |r' - d|^2 is k (1 - cos) of the angle between them, since |r'| is close to 1. A roll spring
-acts on the twist angle; its anchor is the prescribed angle. The work of moving anchors belongs to
-the work of the grasps in the energy balance.
+The anchor is the row's target. A position spring acts along one axis, and its anchor is the
+attachment point of the grasp. A tangent spring has the slopes b'_q, and its anchor is the grasp's
+direction d: its energy k/2 |r' - d|^2 is k (1 - cos) of the angle between them, since |r'| is close
+to 1. A roll spring acts on the twist angle; its anchor is the prescribed angle. A joint has the
+anchor zero. The work of moving anchors belongs to the work of the grasps in the energy balance.
 """
 
 from __future__ import annotations
@@ -14,34 +15,46 @@ from numba import float64, void
 from dlo_sim.compiling.pieces import part, piece
 from dlo_sim.engine.arrays import CABLE, MARGIN
 from dlo_sim.engine.grasps import component, direction_at, moves, prescribed_place
+from dlo_sim.engine.rows import point_value
 
 ROLL_DAMPING = 0.5  # damping over stiffness, in units of the step
 
 
 @part
+def row_of(cable, k):
+    """Constraint row of spring k."""
+    return cable.rows.count + k
+
+
+@part
 def rolls(cable, k):
     """Whether spring k is a roll spring."""
-    return cable.springs.line[k] == cable.dim
+    return cable.rows.line[row_of(cable, k)] == cable.dim
+
+
+@part
+def spring_stiffness(cable, k):
+    """Stiffness of spring k [N/m], or [N m/rad] of r' and of the twist."""
+    return cable.rows.stiffness[row_of(cable, k)]
 
 
 @part
 def spring_value(cable, k, x):
     """sum_q b_q x_q of spring k."""
-    springs = cable.springs
-    line, c = springs.line[k], MARGIN + springs.first[k]
-    value = 0.0
-    for q in range(4):
-        value += springs.weights[k, q] * x[line, c + q]
-    return value
+    row = row_of(cable, k)
+    return point_value(cable, cable.rows.point[row], cable.rows.line[row], x)
 
 
 @part
 def push(cable, k, f, out):
-    """out += b_q f on the four coordinates of spring k."""
-    springs = cable.springs
-    line, c = springs.line[k], MARGIN + springs.first[k]
+    """out += b_q f on the coordinates of spring k."""
+    row, points = row_of(cable, k), cable.points
+    point, line = cable.rows.point[row], cable.rows.line[row]
     for q in range(4):
-        out[line, c + q] += springs.weights[k, q] * f
+        out[line, MARGIN + points.first[point] + q] += points.weights[point, q] * f
+    if points.other[point] >= 0:
+        for q in range(4):
+            out[line, MARGIN + points.other[point] + q] += points.other_weights[point, q] * f
 
 
 @part
@@ -53,11 +66,11 @@ def spring_force(cable, x, share, rolling, out):
     stiff one then does not ring.
     """
     now, old = cable.state.anchor, cable.state.anchor_counted
-    for k in range(cable.springs.count):
+    for k in range(cable.rows.springs):
         if rolls(cable, k) != rolling:
             continue
         anchor = now[k] if share == 1.0 else old[k] + share * (now[k] - old[k])
-        f = cable.springs.stiffness[k] * (anchor - spring_value(cable, k, x))
+        f = spring_stiffness(cable, k) * (anchor - spring_value(cable, k, x))
         push(cable, k, f, out)
 
 
@@ -68,11 +81,11 @@ def roll_loss(cable, change):
     """
     state = cable.state
     lost, driven = 0.0, 0.0
-    for k in range(cable.springs.count):
+    for k in range(cable.rows.springs):
         if rolls(cable, k):
             moved = state.anchor[k] - state.anchor_counted[k]
             behind = moved - spring_value(cable, k, change)
-            moment = ROLL_DAMPING * cable.springs.stiffness[k] * behind
+            moment = ROLL_DAMPING * spring_stiffness(cable, k) * behind
             lost += moment * behind
             driven += moment * moved
     return lost, driven
@@ -81,21 +94,22 @@ def roll_loss(cable, change):
 @part
 def add_roll_stiffness(cable, matrix):
     """matrix += stiffness of the roll springs; the lower diagonals, entry (i + k, i) at [k, i]."""
-    springs = cable.springs
-    for k in range(springs.count):
+    points = cable.points
+    for k in range(cable.rows.springs):
         if rolls(cable, k):
-            b, begin = springs.weights[k], springs.first[k]
+            point = cable.rows.point[row_of(cable, k)]
+            b, begin = points.weights[point], points.first[point]
             for p in range(4):
                 for q in range(p + 1):
-                    matrix[p - q, begin + q] += springs.stiffness[k] * (b[p] * b[q])
+                    matrix[p - q, begin + q] += spring_stiffness(cable, k) * (b[p] * b[q])
 
 
 @part
 def add_roll_change(cable, moved, out):
     """out += change of the moments of the roll springs by a change `moved` of the twist line."""
-    for k in range(cable.springs.count):
+    for k in range(cable.rows.springs):
         if rolls(cable, k):
-            stiffness = cable.springs.stiffness[k]
+            stiffness = spring_stiffness(cable, k)
             push(cable, k, -stiffness * spring_value(cable, k, moved), out)
 
 
@@ -103,9 +117,9 @@ def add_roll_change(cable, moved, out):
 def spring_energy(cable, x):
     """Elastic energy of the springs [J]."""
     energy = 0.0
-    for k in range(cable.springs.count):
+    for k in range(cable.rows.springs):
         apart = spring_value(cable, k, x) - cable.state.anchor[k]
-        energy += 0.5 * cable.springs.stiffness[k] * apart * apart
+        energy += 0.5 * spring_stiffness(cable, k) * apart * apart
     return energy
 
 
@@ -114,8 +128,9 @@ def target_of(cable, k, t):
     """Anchor of spring k at time t: twist angle of its grasp [rad], or one coordinate of its
     attachment point [m] or of its direction.
     """
-    line, grasp = cable.springs.line[k], cable.springs.grasp[k]
-    if not cable.springs.position[k]:
+    row = row_of(cable, k)
+    line, grasp = cable.rows.line[row], cable.rows.grasp[row]
+    if cable.rows.aims[row]:
         return component(direction_at(cable.inputs.motion[grasp], t), cable.axes[line])
     a = prescribed_place(cable, grasp, t)
     return a[3] if line == cable.dim else component(a, cable.axes[line])
@@ -124,8 +139,9 @@ def target_of(cable, k, t):
 @piece(void, CABLE, float64)
 def move_anchors(cable, t):
     """Set the anchors of moving grasps to their values at time t."""
-    for k in range(cable.springs.count):
-        if moves(cable.inputs.motion[cable.springs.grasp[k]]):
+    for k in range(cable.rows.springs):
+        grasp = cable.rows.grasp[row_of(cable, k)]
+        if grasp >= 0 and moves(cable.inputs.motion[grasp]):
             cable.state.anchor[k] = target_of(cable, k, t)
 
 
@@ -135,22 +151,22 @@ def anchor_work(cable, x0, x1):
     k (mean anchor - mean value) (change of the anchor), exact if both change linearly in time.
     """
     done = 0.0
-    for k in range(cable.springs.count):
+    for k in range(cable.rows.springs):
         now, old = cable.state.anchor[k], cable.state.anchor_counted[k]
         value = spring_value(cable, k, x0) + spring_value(cable, k, x1)
-        done += 0.5 * cable.springs.stiffness[k] * (now - old) * (now + old - value)
+        done += 0.5 * spring_stiffness(cable, k) * (now - old) * (now + old - value)
     return done
 
 
 @part
 def accept_anchors(cable):
     """The energy account contains the work of the anchors up to their present values."""
-    for k in range(cable.springs.count):
+    for k in range(cable.rows.springs):
         cable.state.anchor_counted[k] = cable.state.anchor[k]
 
 
 @part
 def restore_anchors(cable):
     """Take back the motion of the anchors in a rejected step."""
-    for k in range(cable.springs.count):
+    for k in range(cable.rows.springs):
         cable.state.anchor[k] = cable.state.anchor_counted[k]

@@ -160,7 +160,7 @@ def solve_held(address, unknowns):
     stiffen_border(cable, band)
     if not eliminate(band, size, dim):
         return -1
-    solve_border(cable, band)
+    solve_border(cable, band, 1.0)
     for r in range(size):
         z[PADDING + r] = y[r]
     turn_vector(cable, directions, YES, z, PADDING)

@@ -70,6 +70,7 @@ from dlo_sim.engine.band import (
     add_lines,
     add_springs,
     balance_border,
+    bordered,
     clamps_here,
     clear_band,
     clear_held,
@@ -425,7 +426,7 @@ def newton_matrix(cable, t, tau, a, theta, rate, discrete):
     state.balance.matrix_weight = 0.0
     if not eliminate(matrix, cable.n * cable.dim, cable.dim):
         return False
-    solve_border(cable, matrix)
+    solve_border(cable, matrix, theta)
     state.balance.matrix_weight = a
     return True
 
@@ -771,7 +772,7 @@ def may_keep(cable, a):
     """
     balance = cable.state.balance
     made = balance.matrix_weight == a
-    return made and balance.matrix_wait == 0.0 and cable.rows.border == 0
+    return made and balance.matrix_wait == 0.0 and bordered(cable) == 0
 
 
 @part

@@ -63,7 +63,7 @@ def evaluate(cable, t):
     if works:
         if is_counted:
             done = -0.5 * (half + pulled(cable, state.moved))
-            if cable.springs.count:
+            if cable.rows.springs:
                 done += anchor_work(cable, counted, x)
             balance.drive_work += done
         reset_work(cable)
@@ -89,7 +89,7 @@ def estimate_pending_work(cable):
         done = -pulled(cable, state.moved)
         if cable.loads.count:
             done += force_work(state.loaded, state.x, state.counted)
-        if cable.springs.count:
+        if cable.rows.springs:
             done += anchor_work(cable, state.counted, state.x)
         state.balance.pending = done
 

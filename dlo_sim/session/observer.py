@@ -120,11 +120,7 @@ class Observer(Waiting[Points]):
         n = simulator.model.n
         u = np.linspace(0.0, length, _PLACES)
         self._basis = bspline.evaluate(np.eye(n), knots, u)
-        held = [
-            np.eye(n)[point.first : point.first + bspline.ACTIVE].T @ np.array(point.weights)
-            for point in simulator.model.holding.points
-            if not point.twist
-        ]
+        held = [point.values(n) for point in simulator.model.holding.rigid_points]
         self._filter = ErrorFilter(
             *(simulator.greville, np.reshape(held, (-1, n)), given.error),
             *(given.alike_along * length, given.alike_for, given.noise),

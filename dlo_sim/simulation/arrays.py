@@ -23,9 +23,10 @@ def sizes_of(
     n: int,
     samples: int,
     points: int,
-    rows: int,
+    rigid: int,
     border: int,
     springs: int,
+    joints: int,
     grasps: int,
     loads: int,
     planes: int,
@@ -34,7 +35,9 @@ def sizes_of(
     """Sizes of all dimensions that `engine.arrays` names.
 
     Args:
-        terms: bits of the active terms. constraints: of the length, 0 if the cable is extensible.
+        terms: bits of the active terms. rigid: rows, of which `border` between control points;
+            springs: other rows, of which `joints` between two branches. constraints: of the length,
+            0 if the cable is extensible.
     """
     lines, unknowns = dim + twist, n * dim
     blocks, columns = -(-(n - DEGREE) // LANES), LANES * (-(-n // LANES) + 1)
@@ -51,9 +54,12 @@ def sizes_of(
         "samples": samples,
         "columns": columns,
         "points": points,
-        "rows": rows,
+        "rows": rigid + springs,
+        "rigid": rigid,
         "border": border,
         "springs": springs,
+        "joints": joints,
+        "bordered": border + joints,
         "grasps": grasps,
         "loads": loads,
         "planes": planes,
@@ -71,7 +77,7 @@ def sizes_of(
         "plastic_blocks": blocks * plastic,
         "saddle_rows": saddle,
         "saddle_padded": saddle + 2 * PADDING if constraints else 0,
-        "saddle_responses": rows if constraints else 0,
+        "saddle_responses": rigid if constraints else 0,
     }
 
 
@@ -86,10 +92,11 @@ def most_sizes(scene: Scene, n: int, samples: int) -> dict[str, int]:
         twist=True,
         n=n,
         samples=samples,
-        points=3 * holders,  # a position, r' and a twist angle each
-        rows=6 * holders,
+        points=6 * holders,  # a position, r' and a twist angle each, rigid or through springs
+        rigid=6 * holders,
         border=6 * holders,
         springs=7 * holders,  # on three axes, on three components of r', on the twist
+        joints=0,
         grasps=holders,
         loads=len(scene.loads),
         planes=len(scene.obstacles),

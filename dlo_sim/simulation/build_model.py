@@ -44,9 +44,10 @@ def build_model(
         n=n,
         samples=rule.xi.shape[1],
         points=len(holding.points),
-        rows=len(holding.rows),
+        rigid=len(holding.rows),
         border=holding.border,
         springs=len(holding.springs),
+        joints=holding.joints,
         grasps=len(geometries),
         loads=len(scene.loads) if needs.loads else 0,
         planes=len(scene.obstacles) * needs.contact,
@@ -133,8 +134,7 @@ class _Filling:
         inertia = scene.cable.polar_inertia
         if model.has(bits.STATIC_TWIST):
             free = not any(point.twist for point in model.holding.points)
-            sprung = any(spring.point.twist for spring in model.holding.springs)
-            inertia *= FREE_STATIC if free and not sprung else STATIC
+            inertia *= FREE_STATIC if free else STATIC
         masses = [space] + [inertia * gram] * model.twist
         for kind, band in enumerate(masses):
             self._matrix(linear.mass[kind], band)
@@ -152,8 +152,7 @@ class _Filling:
                 self._inside(linear.greville)[:] = shares
         if self._needs.damping:
             self._damping(masses, gram)
-        self._held(masses)
-        self._springs()
+        self._rows(masses)
         if inextensible(scene):
             self._arrays.length_gram[:] = constraint_gram(model.knots).reshape(-1, 16)
         self._loads()
@@ -224,29 +223,23 @@ class _Filling:
         linear.decay[: len(self._axes)] = centerline
         linear.decay[len(self._axes) :] = alpha
 
-    def _held(self, masses: list[Array]) -> None:
+    def _rows(self, masses: list[Array]) -> None:
         holding, points, rows = self._model.holding, self._arrays.points, self._arrays.rows
-        vectors = np.zeros((len(holding.points), self._model.n))
+        values = np.array([one.values(self._model.n) for one in holding.points])
+        values = values.reshape(-1, self._model.n)
         shifts = self._inside(points.shift)
         for p, point in enumerate(holding.points):
             points.first[p], points.own[p], points.twist[p] = point.first, point.own, point.twist
-            points.weights[p], points.sum[p] = point.weights, sum(point.weights)
-            vectors[p, point.first : point.first + 4] = point.weights
-            shifts[p] = np.linalg.solve(mass.dense(masses[point.twist]), vectors[p])
-        points.product[:] = vectors @ shifts.T
-        rows.count, rows.border = len(holding.rows), holding.border
-        for k, row in enumerate(holding.rows):
+            points.other[p], points.other_weights[p] = point.other, point.other_weights
+            points.weights[p] = point.weights
+            points.sum[p] = sum(point.weights) if point.other < 0 else 0.0
+            shifts[p] = np.linalg.solve(mass.dense(masses[point.twist]), values[p])
+        points.product[:] = values @ shifts.T
+        rows.count = len(holding.rows)
+        for k, row in enumerate([*holding.rows, *holding.springs]):
             rows.point[k], rows.grasp[k], rows.line[k] = row.point, row.grasp, row.line
-            rows.body[k] = row.body
-
-    def _springs(self) -> None:
-        springs = self._arrays.springs
-        springs.count = len(self._model.holding.springs)
-        for k, spring in enumerate(self._model.holding.springs):
-            springs.first[k], springs.grasp[k] = spring.point.first, spring.grasp
-            springs.line[k], springs.position[k] = spring.line, not spring.tangent
-            springs.weights[k], springs.stiffness[k] = spring.point.weights, spring.stiffness
-            springs.xi[k] = bspline.locate(self._model.knots, spring.u)[1]
+            rows.body[k], rows.stiffness[k], rows.aims[k] = row.body, row.stiffness, row.aims
+            rows.xi[k] = bspline.locate(self._model.knots, row.u)[1]
 
     def _loads(self) -> None:
         loads, knots = self._arrays.loads, self._model.knots

@@ -139,7 +139,7 @@ class EndDrive:
         model, names = cable.model, list(self._rows)
         for k, spring in enumerate(model.holding.springs):
             target = self.place_at(names[spring.grasp], t)
-            if spring.tangent:
+            if spring.aims:
                 target = self.tangent(names[spring.grasp], t)
             cable.anchors[k] = target[model.columns[spring.line]]
         cable.arrays.state.anchor_counted[:] = cable.anchors

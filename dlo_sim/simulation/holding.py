@@ -30,50 +30,65 @@ RIGID = 1e4  # stiffness of a roll held without a spring, in torsional stiffness
 LEAST_APART = 0.02
 
 
+Weights = tuple[float, float, float, float]
+
+
 @dataclass(frozen=True)
 class Point:
     """A held point: four basis values from control point `first` on.
 
-    own: the control point if it is a single one, else -1. twist: on the twist line.
+    Attributes:
+        own: the control point if it is a single one, else -1. twist: on the twist line.
+        other, other_weights: between two branches, control point and basis values on the other one,
+            with the opposite sign.
     """
 
     first: int
-    weights: tuple[float, float, float, float]
+    weights: Weights
     own: int = -1
     twist: bool = False
+    other: int = -1
+    other_weights: Weights = (0.0, 0.0, 0.0, 0.0)
+
+    def values(self, n: int) -> Array:
+        """Basis values at all control points, shape (n,)."""
+        out = np.zeros(n)
+        out[self.first : self.first + 4] = self.weights
+        if self.other >= 0:
+            out[self.other : self.other + 4] += self.other_weights
+        return out
 
 
 @dataclass(frozen=True)
 class Row:
-    """One held direction of a point: that of a line, or `body` in the grasp's frame (line -1)."""
+    """A constraint row: one direction of a point, that of a line, or `body` in the grasp's frame
+    (line -1).
+
+    Attributes:
+        point: index in `Holding.points`. grasp: -1 between two branches.
+        stiffness: of a spring [N/m], of r' or the twist [N m/rad]; infinite: the row is rigid.
+        aims: whether a spring for r' aims at the direction of its grasp. u: material coordinate of
+            a roll spring [m].
+    """
 
     point: int
     grasp: int
     line: int
     body: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Spring:
-    """A position on a line held through a stiffness [N/m], or (`tangent`) r' [N m/rad], or on the
-    twist line the angle at the material coordinate u [m] (stiffness in N m/rad).
-    """
-
-    point: Point
-    grasp: int
-    line: int
-    stiffness: float
-    tangent: bool = False
+    stiffness: float = np.inf
+    aims: bool = False
     u: float = 0.0
 
 
 @dataclass
 class Holding:
-    """Held points, constraint rows and springs. Grasp g is the g-th of `Scene.holders`."""
+    """Held points and constraint rows: rigid ones, those between control points last; and springs,
+    those between branches first. Grasp g is the g-th of `Scene.holders`.
+    """
 
     points: list[Point] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
-    springs: list[Spring] = field(default_factory=list)
+    springs: list[Row] = field(default_factory=list)
 
     def hold(self, point: Point) -> int:
         """Add a point; returns its index."""
@@ -82,18 +97,34 @@ class Holding:
 
     @property
     def border(self) -> int:
-        """Number of rows at points between control points; they are the last ones."""
+        """Number of rigid rows at points between control points; they are the last ones."""
         return sum(self.points[row.point].own < 0 for row in self.rows)
+
+    @property
+    def joints(self) -> int:
+        """Number of springs between branches; they are the first ones."""
+        return sum(self.points[spring.point].other >= 0 for spring in self.springs)
+
+    @property
+    def rigid_points(self) -> list[Point]:
+        """Points in space that rigid rows hold."""
+        held = sorted({row.point for row in self.rows})
+        return [self.points[k] for k in held if not self.points[k].twist]
+
+    @property
+    def roll_springs(self) -> list[Row]:
+        """Springs on the twist line."""
+        return [spring for spring in self.springs if self.points[spring.point].twist]
 
     def roll_stiffness(self, n: int) -> Array:
         """Stiffness matrix of the springs on the twist line, lower diagonals, shape (4, n)."""
         band = np.zeros((4, n))
-        for spring in self.springs:
-            if spring.point.twist:
-                weights, first = np.array(spring.point.weights), spring.point.first
-                for k in range(4):
-                    here = slice(first, first + 4 - k)
-                    band[k, here] += spring.stiffness * weights[k:] * weights[: 4 - k]
+        for spring in self.roll_springs:
+            point = self.points[spring.point]
+            weights, first = np.array(point.weights), point.first
+            for k in range(4):
+                here = slice(first, first + 4 - k)
+                band[k, here] += spring.stiffness * weights[k:] * weights[: 4 - k]
         return band
 
 
@@ -114,8 +145,8 @@ def holding_of(
     """
     n = scene.discretization.control_points
     holding, ends = Holding(), _end_springs(scene, geometries)
-    directions: list[Spring] = []
-    between: list[Spring] = []
+    directions: list[Row] = []
+    between: list[Row] = []
     for grasp, (name, holder) in enumerate(scene.holders.items()):
         geometry, is_end = geometries[name], name in scene.ends
         if geometry.u is None:
@@ -135,18 +166,18 @@ def holding_of(
         if holder.clamped and is_end and twist:
             holding.rows.append(Row(holding.hold(replace(spot, twist=True)), grasp, len(axes)))
         if is_end:
-            holding.springs += _springs(spot, grasp, ends[grasp], axes)
+            holding.springs += _springs(holding, spot, grasp, ends[grasp], axes)
         else:
-            between += _springs(spot, grasp, holder.spring, axes)
+            between += _springs(holding, spot, grasp, holder.spring, axes)
             _check_independent(holding, name, geometry.u, scene)
         if holder.holds_direction:
             place, slope = _between(knots, geometry.u)
             stiffness = [holder.tangent_spring] * 3
-            directions += _springs(slope, grasp, stiffness, axes, tangent=True)
+            directions += _springs(holding, slope, grasp, stiffness, axes, aims=True)
             roll = stiffness_of_roll(holder, scene)
             if twist and roll:
-                turning = replace(place, twist=True)
-                directions.append(Spring(turning, grasp, len(axes), roll, False, geometry.u))
+                point = holding.hold(replace(place, twist=True))
+                directions.append(Row(point, grasp, len(axes), stiffness=roll, u=geometry.u))
     holding.springs += directions + between
     return holding
 
@@ -167,10 +198,9 @@ def _check_independent(holding: Holding, name: str, u: float, scene: Scene) -> N
     """
     n = scene.discretization.control_points
     span = scene.cable.length / (n - bspline.DEGREE)
-    spots = [point for point in holding.points if not point.twist]
-    rows = np.zeros((len(spots), n))
-    for row, point in zip(rows, spots, strict=True):
-        row[point.first : point.first + 4] = np.array(point.weights) / np.linalg.norm(point.weights)
+    spots = holding.rigid_points
+    rows = np.array([point.values(n) for point in spots]).reshape(-1, n)
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     if len(spots) > n or np.linalg.svd(rows, compute_uv=False)[-1] < LEAST_APART:
         raise SceneError(
             f"grasps.{name}.at: the cable is held at {u:.6g} m already, or nearer to it than knot "
@@ -180,16 +210,20 @@ def _check_independent(holding: Holding, name: str, u: float, scene: Scene) -> N
 
 
 def _springs(
+    holding: Holding,
     point: Point,
     grasp: int,
     by_axis: Sequence[float],
     axes: tuple[int, ...],
-    tangent: bool = False,
-) -> list[Spring]:
+    aims: bool = False,
+) -> list[Row]:
+    """Springs along the axes where the stiffness is not zero."""
+    lines = [line for line, axis in enumerate(axes) if by_axis[axis]]
+    if not lines:
+        return []
+    held = holding.hold(point)
     return [
-        Spring(point, grasp, line, float(by_axis[axis]), tangent)
-        for line, axis in enumerate(axes)
-        if by_axis[axis]
+        Row(held, grasp, line, stiffness=float(by_axis[axes[line]]), aims=aims) for line in lines
     ]
 
 

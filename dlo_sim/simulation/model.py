@@ -74,7 +74,7 @@ class Model:
     def spring_places(self) -> list[tuple[int, int, bool]]:
         """What each spring holds: grasp, column of x, y, z, theta, and whether r' there."""
         springs = self.holding.springs
-        return [(one.grasp, self.columns[one.line], one.tangent) for one in springs]
+        return [(one.grasp, self.columns[one.line], one.aims) for one in springs]
 
     @cached_property
     def blank(self) -> Array:

@@ -36,8 +36,8 @@ def _place_of(model: Model, grasp: int, points: Array) -> Array:
 
     Zeros if it holds only a direction: its moment is then the same about any point.
     """
-    held = [model.holding.points[row.point] for row in model.holding.rows if row.grasp == grasp]
-    held += [spring.point for spring in model.holding.springs if spring.grasp == grasp]
+    rows = [*model.holding.rows, *model.holding.springs]
+    held = [model.holding.points[row.point] for row in rows if row.grasp == grasp]
     places = [point for point in held if abs(sum(point.weights)) > 0.5]
     if not places:
         return np.zeros(3)

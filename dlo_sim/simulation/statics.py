@@ -607,7 +607,7 @@ def relax_twist(cable: Cable) -> bool:
     if not model.twist:
         return False
     free = ~model.held_mask()[-1]
-    if free.all() and not any(spring.point.twist for spring in model.holding.springs):
+    if free.all() and not model.holding.roll_springs:
         return False
     stiffness = mass.dense(model.twisting_stiffness)[np.ix_(free, free)]
     cable.x[-1][free] += np.linalg.solve(stiffness, cable.forces()[-1][free])
