@@ -58,6 +58,7 @@ class Mesh(Group):
     bending = Lanes("blocks")  # EI [N m^2]
     xi = Lanes("blocks", "samples")  # local coordinate, -1 to 1
     weight = Lanes("blocks", "samples")  # of the quadrature [m]
+    branch = Wholes("n")  # of each control point
 
 
 class Physics(Group):

@@ -288,6 +288,21 @@ def substitute_rows(band, size, half, x):
         x[at] = value * row[half]
 
 
+@piece(void, LINES, int64, int64, VECTOR)
+def substitute_transposed(band, size, dim, x):
+    """Solution with the transposed matrix, as `substitute`: K^T = U^T L^T."""
+    half = 4 * dim - 1
+    for r in range(size):
+        row, at = band[r], PADDING + r
+        x[at] *= row[half]
+        for k in range(1, half + 1):
+            x[at + k] -= row[half + k] * x[at]
+    for r in range(size - 1, -1, -1):
+        row, at = band[r], PADDING + r
+        for k in range(half):
+            x[at - half + k] -= row[k] * x[at]
+
+
 @part
 def substitute_eight(band, size, dim, sides):
     """`substitute` for eight right-hand sides, the lanes of `sides` (size,); no padding needed."""
@@ -472,6 +487,23 @@ def keep_border(cable, y):
         z = work.border_shift[k]
         for r in range(PADDING, PADDING + cable.n * cable.dim):
             y[r] -= share * z[r]
+
+
+@piece(void, CABLE, VECTOR)
+def keep_border_transposed(cable, y):
+    """The transpose of `keep_border`: y <- (1 - C^T (C Z + compliance)^-T Z^T) y."""
+    work, count = cable.work, bordered(cable)
+    values = work.border_value
+    for k in range(count):
+        z, value = work.border_shift[k], 0.0
+        for r in range(PADDING, PADDING + cable.n * cable.dim):
+            value += z[r] * y[r]
+        values[k] = value
+    for k in range(count):
+        share = 0.0
+        for j in range(count):
+            share += work.border_system[j, k] * values[j]
+        spread(cable, work.border_condition, k, -share, y, PADDING)
 
 
 @part

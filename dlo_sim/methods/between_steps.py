@@ -25,10 +25,12 @@ from dlo_sim.engine.band import (
     eliminate,
     hold,
     keep_border,
+    keep_border_transposed,
     set_border,
     solve_border,
     stiffen_border,
     substitute,
+    substitute_transposed,
     turn_vector,
 )
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START, place
@@ -144,10 +146,10 @@ def moment_stiffness(address):
     add_load_stiffness(cable, cable.state.x, 0.0, 1.0, cable.work.band)
 
 
-@piece(int64, int64, ARRAY)
-def solve_held(address, unknowns):
-    """Solve K y = unknowns (n dim,) in place with the constraint rows imposed; K in `work.band` is
-    overwritten.
+@piece(int64, int64, ARRAY, boolean)
+def solve_held(address, unknowns, transposed):
+    """Solve K y = unknowns (n dim,), or K^T y = unknowns, in place with the constraint rows
+    imposed; K in `work.band` is overwritten.
 
     Returns the number of negative pivots, for a symmetric matrix that of negative eigenvalues, or
     -1 if a pivot is not usable.
@@ -164,9 +166,14 @@ def solve_held(address, unknowns):
     for r in range(size):
         z[PADDING + r] = y[r]
     turn_vector(cable, directions, YES, z, PADDING)
-    clear_held(cable, z, PADDING)
-    substitute(band, size, dim, z)
-    keep_border(cable, z)
+    if transposed:
+        keep_border_transposed(cable, z)
+        substitute_transposed(band, size, dim, z)
+        clear_held(cable, z, PADDING)
+    else:
+        clear_held(cable, z, PADDING)
+        substitute(band, size, dim, z)
+        keep_border(cable, z)
     turn_vector(cable, directions, NO, z, PADDING)
     negative = 0
     for r in range(size):

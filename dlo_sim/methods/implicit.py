@@ -545,6 +545,8 @@ def turned_over(cable):
     jump, shortest = 0.0, np.inf
     found = False
     for c in range(MARGIN, MARGIN + cable.n - 1):
+        if cable.mesh.branch[c - MARGIN] != cable.mesh.branch[c - MARGIN + 1]:
+            continue
         along, length = 0.0, 0.0
         for d in range(cable.dim):
             edge = start[d, c + 1] - start[d, c]

@@ -66,6 +66,33 @@ def build_model(
     return model
 
 
+def held_values(model: Model) -> Array:
+    """Basis values b of the held points, shape (points, n)."""
+    values = [point.values(model.n) for point in model.holding.points]
+    return np.reshape(values, (-1, model.n))
+
+
+def fill_rows(model: Model, values: Array, shifts: Array) -> None:
+    """Write held points and constraint rows to the arrays of a model.
+
+    Args:
+        values: b of the points (`held_values`). shifts: M^-1 b, of the same shape.
+    """
+    holding, points, rows = model.holding, model.arrays.points, model.arrays.rows
+    for p, point in enumerate(holding.points):
+        points.first[p], points.own[p], points.twist[p] = point.first, point.own, point.twist
+        points.other[p], points.other_weights[p] = point.other, point.other_weights
+        points.weights[p] = point.weights
+        points.sum[p] = sum(point.weights) if point.other < 0 else 0.0
+    without_margins(points.shift, model.n)[:] = shifts
+    points.product[:] = values @ shifts.T
+    rows.count = len(holding.rows)
+    for k, row in enumerate([*holding.rows, *holding.springs]):
+        rows.point[k], rows.grasp[k], rows.line[k] = row.point, row.grasp, row.line
+        rows.body[k], rows.stiffness[k], rows.aims[k] = row.body, row.stiffness, row.aims
+        rows.xi[k] = row.xi
+
+
 # Share of the polar inertia that a cable with quasistatic twist keeps, because it could not be
 # inverted without: too little to matter in the energy account; more where nothing holds the roll.
 STATIC, FREE_STATIC = 1e-24, 1e-9
@@ -152,7 +179,12 @@ class _Filling:
                 self._inside(linear.greville)[:] = shares
         if self._needs.damping:
             self._damping(masses, gram)
-        self._rows(masses)
+        values = held_values(model)
+        shifts = np.empty_like(values)
+        for twist in range(1 + model.twist):
+            rows = [point.twist == twist for point in model.holding.points]
+            shifts[rows] = model.mass_solutions(values[rows], twist)
+        fill_rows(model, values, shifts)
         if inextensible(scene):
             self._arrays.length_gram[:] = constraint_gram(model.knots).reshape(-1, 16)
         self._loads()
@@ -222,24 +254,6 @@ class _Filling:
         physics.beta_stretch, physics.beta_bend, physics.beta_twist = scene.damping.internal
         linear.decay[: len(self._axes)] = centerline
         linear.decay[len(self._axes) :] = alpha
-
-    def _rows(self, masses: list[Array]) -> None:
-        holding, points, rows = self._model.holding, self._arrays.points, self._arrays.rows
-        values = np.array([one.values(self._model.n) for one in holding.points])
-        values = values.reshape(-1, self._model.n)
-        shifts = self._inside(points.shift)
-        for p, point in enumerate(holding.points):
-            points.first[p], points.own[p], points.twist[p] = point.first, point.own, point.twist
-            points.other[p], points.other_weights[p] = point.other, point.other_weights
-            points.weights[p] = point.weights
-            points.sum[p] = sum(point.weights) if point.other < 0 else 0.0
-            shifts[p] = np.linalg.solve(mass.dense(masses[point.twist]), values[p])
-        points.product[:] = values @ shifts.T
-        rows.count = len(holding.rows)
-        for k, row in enumerate([*holding.rows, *holding.springs]):
-            rows.point[k], rows.grasp[k], rows.line[k] = row.point, row.grasp, row.line
-            rows.body[k], rows.stiffness[k], rows.aims[k] = row.body, row.stiffness, row.aims
-            rows.xi[k] = bspline.locate(self._model.knots, row.u)[1]
 
     def _loads(self) -> None:
         loads, knots = self._arrays.loads, self._model.knots

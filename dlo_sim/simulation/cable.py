@@ -336,13 +336,13 @@ class Cable:
         """Add the (unsymmetric) stiffness of the moments at time zero to the band matrix."""
         self.call(between_steps.moment_stiffness)
 
-    def solve_held(self, unknowns: Array) -> int:
-        """Solve band x = unknowns in place with the constraint rows fixed.
+    def solve_held(self, unknowns: Array, transposed: bool = False) -> int:
+        """Solve band x = unknowns, or band^T x = unknowns, in place with the constraint rows fixed.
 
         Returns:
             The number of negative pivots, or -1 if a pivot is not usable.
         """
-        return int(self.call(between_steps.solve_held, unknowns))
+        return int(self.call(between_steps.solve_held, unknowns, transposed))
 
     def free_acceleration(self, force: Array, keep: bool = True) -> Array:
         """P M^-1 f of forces f, shape (lines, n); M^-1 f if `keep` is false."""

@@ -67,8 +67,8 @@ class Row:
     Attributes:
         point: index in `Holding.points`. grasp: -1 between two branches.
         stiffness: of a spring [N/m], of r' or the twist [N m/rad]; infinite: the row is rigid.
-        aims: whether a spring for r' aims at the direction of its grasp. u: material coordinate of
-            a roll spring [m].
+        aims: whether a spring for r' aims at the direction of its grasp. xi: local coordinate of a
+            roll spring in its knot span, -1 to 1.
     """
 
     point: int
@@ -77,7 +77,7 @@ class Row:
     body: tuple[float, float, float] = (0.0, 0.0, 0.0)
     stiffness: float = np.inf
     aims: bool = False
-    u: float = 0.0
+    xi: float = 0.0
 
 
 @dataclass
@@ -177,7 +177,8 @@ def holding_of(
             roll = stiffness_of_roll(holder, scene)
             if twist and roll:
                 point = holding.hold(replace(place, twist=True))
-                directions.append(Row(point, grasp, len(axes), stiffness=roll, u=geometry.u))
+                xi = float(bspline.locate(knots, geometry.u)[1])
+                directions.append(Row(point, grasp, len(axes), stiffness=roll, xi=xi))
     holding.springs += directions + between
     return holding
 

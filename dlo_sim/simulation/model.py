@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.core import arguments, bspline, quadrature
+from dlo_sim.core import arguments, bspline, mass, quadrature
 from dlo_sim.engine.arrays import PLASTICITY, CableArrays, Inputs, State
 from dlo_sim.simulation.arrays import without_margins
 from dlo_sim.simulation.holding import Holding
@@ -128,6 +128,11 @@ class Model:
     def mass(self, line: int) -> Array:
         """Mass matrix of one line, lower diagonals, shape (4, n)."""
         return self._lower(self.arrays.linear.mass[int(line >= len(self.axes))])
+
+    def mass_solutions(self, values: Array, twist: int) -> Array:
+        """M^-1 b for rows b, shape (m, n), with the mass matrix of space or of the twist line."""
+        matrix = mass.dense(self._lower(self.arrays.linear.mass[twist]))
+        return np.asarray(np.linalg.solve(matrix, values.T).T)
 
     @property
     def twisting_stiffness(self) -> Array:

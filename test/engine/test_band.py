@@ -51,15 +51,17 @@ def kept(bench):
     return np.linalg.svd(rows)[2][len(rows) :].T
 
 
+@pytest.mark.parametrize("transposed", [False, True], ids=["", "transposed"])
 @pytest.mark.parametrize("n", [4, 5, 11, 20])
 @pytest.mark.parametrize("scene", SCENES)
-def test_system_is_solved_with_what_is_held_kept(scene, n):
+def test_system_is_solved_with_what_is_held_kept(scene, n, transposed):
     """Z^T K Z y = Z^T r with the columns of Z that span what is free."""
     bench = Bench(SCENES[scene], n=n)
     full = system(bench)
+    full = full.T if transposed else full
     right = np.random.default_rng(n).normal(size=len(full))
     x = right.copy()
-    assert bench.cable.solve_held(x) == 0
+    assert bench.cable.solve_held(x, transposed) == 0
     basis = kept(bench)
     expected = basis @ np.linalg.solve(basis.T @ full @ basis, basis.T @ right)
     assert np.abs(x - expected).max() < 1e-12 * np.abs(expected).max()

@@ -1,0 +1,202 @@
+"""Several branches in one set of arrays, and what joins them."""
+
+import numpy as np
+import pytest
+from cables import scene_of
+
+from dlo_sim.core import bspline
+from dlo_sim.core.methods import METHODS
+from dlo_sim.simulation.branches import Joint, joined
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.simulator import Simulator
+from dlo_sim.simulation.stepper import Stepper
+
+WIRE = {
+    "cable.diameter": 0.01,
+    "cable.linear_density": 0.1,
+    "cable.axial_stiffness": 2e3,
+    "cable.bending_stiffness": 0.01,
+    "start.fixed": [True] * 3,
+    "end.fixed": [False] * 3,
+    "initial.shape": "straight",
+    "terms.out_of_plane": "on",
+    "discretization.control_points": 13,
+    "discretization.stretch": "sample",
+}
+
+
+class Branched:
+    """Branches, each first placed as a cable of its own, on one set of arrays."""
+
+    def __init__(self, scenes, joints, method="energy_momentum", step=1e-3):
+        self.parts = [Simulator(scene) for scene in scenes]
+        self.cable = Cable(joined([part.model for part in self.parts], joints))
+        self.stepper = Stepper(scenes[0], self.cable, METHODS[method], step)
+        self.cable.motion[:] = np.concatenate([part.cable.motion for part in self.parts])
+        loads = [part.cable.loads for part in self.parts]
+        self.cable.loads[:] = np.concatenate(loads)
+        self.cable.point_grasps(0.0)
+        self.steps = 0
+        self.put(np.concatenate([part.cable.points for part in self.parts]))
+
+    def put(self, points, rates=None):
+        self.cable.put(points, np.zeros_like(points) if rates is None else rates)
+        self.cable.open_account(self.parts[0].scene)
+
+    def advance(self, steps):
+        done = self.stepper.advance(self.steps, steps)
+        assert done.status.ok and done.steps == steps
+        self.steps += steps
+
+    def branch(self, k):
+        begin = sum(part.model.n for part in self.parts[:k])
+        return self.cable.points[begin : begin + self.parts[k].model.n, :3]
+
+    def at(self, k, u, order=0):
+        column, values = bspline.active_basis(self.parts[k].model.knots, [u], order)
+        return values[0] @ self.branch(k)[column[0] : column[0] + 4]
+
+
+def whole_and_cut(method, step, **more):
+    """A cable of 1 m clamped at its start and pinned at its end, and the same cut at 0.4 m, at a
+    knot, with joints that keep r, r' and r'' together: the same space of curves."""
+    soft = {"cable.axial_stiffness": 60.0, "integrator.method": method, "integrator.step": step}
+    values = WIRE | soft | more | {"end.fixed": [True] * 3, "end.position": [0.95, 0.0, 0.1]}
+    held = {"start.clamped": True, "start.tangent": [1.0, 0.0, 0.0]}
+    whole = scene_of(values, held, {"cable.length": 1.0})
+    loose = {"end.fixed": [False] * 3}
+    begin = {"start.fixed": [False] * 3, "start.position": [0.4, 0.0, 0.0], "cable.length": 0.6}
+    first = scene_of(values, held, loose, {"cable.length": 0.4}, n=7)
+    second = scene_of(values, begin, n=9)
+    sim = Simulator(whole)
+    cut = Branched([first, second], [Joint((0, 1), (0.4, 0.0), (0, 1, 2))], method, step)
+    stepper = Stepper(whole, sim.cable, METHODS[method], step)
+    return sim, stepper, cut
+
+
+@pytest.mark.parametrize("method, step", [("energy_momentum", 2e-3), ("velocity_verlet", 2e-5)])
+def test_a_cable_cut_in_two_and_joined_moves_as_uncut(method, step):
+    """To round-off, as long as the motion does not amplify it."""
+    sim, stepper, cut = whole_and_cut(method, step, **{"integrator.tolerance": 1e-13})
+    knots, u = sim.model.knots, np.linspace(0.0, 1.0, 41)
+    shape = sim.cable.points.copy()
+    bump = np.sin(np.pi * np.arange(len(shape)) / (len(shape) - 1)) ** 2
+    shape[:, :3] += bump[:, None] * [0.0, 0.05, -0.1]
+    shape[:2, :3] = sim.cable.points[:2, :3]
+    sim.cable.put(shape, np.zeros_like(shape))
+    sim.cable.open_account(sim.scene)
+    pieces = []
+    for k, begin in enumerate((0.0, 0.4)):
+        own = cut.parts[k].model
+        greville = bspline.greville(own.knots) + begin
+        pieces.append(bspline.interpolate(own.knots, bspline.evaluate(shape, knots, greville)))
+    cut.put(np.concatenate(pieces))
+    start = bspline.evaluate(shape[:, :3], knots, u)
+    steps = round(0.2 / step)
+    assert stepper.advance(0, steps).steps == steps
+    cut.advance(steps)
+    expected = bspline.evaluate(sim.cable.points[:, :3], knots, u)
+    got = [cut.at(0, min(one, 0.4)) if one <= 0.4 else cut.at(1, one - 0.4) for one in u]
+    assert np.abs(expected - start).max() > 0.05
+    assert np.abs(np.array(got) - expected).max() < 1e-10
+
+
+def three_strings(**more):
+    """Ends on a circle of 0.4 m, strings of 0.5 m, 0.5 N/m, hinged where they meet."""
+    scenes = []
+    for angle in (0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0):
+        place = 0.4 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        values = {
+            "cable.length": 0.5,
+            "cable.linear_density": 0.5 / 9.81,
+            "cable.axial_stiffness": 3e3,
+            "cable.bending_stiffness": 1e-6,
+            "cable.diameter": 0.004,
+            "damping.mass": 4.0,
+            "discretization.control_points": 25,
+            "discretization.stretch": "span",
+            "start.position": place.tolist(),
+            "end.position": [0.0, 0.0, -0.3],
+        }
+        scenes.append(scene_of(WIRE, values, more))
+    return scenes
+
+
+def test_three_heavy_strings_hang_as_catenaries():
+    """Far ends on a circle of 0.4 m, arms of 0.5 m, 0.5 N/m, 0.3 N where they meet: each arm is a
+    catenary with a horizontal force of 0.2995 N, a sag of 0.2898 m and 0.4607 N at its far end."""
+    scenes = three_strings()
+    scenes[0] = scenes[0].with_values({"end.mass": 0.3 / 9.81})
+    joints = [Joint((0, k), (0.5, 0.5)) for k in (1, 2)]
+    tree = Branched(scenes, joints, step=5e-3)
+    tree.advance(2000)
+    sag = -tree.at(0, 0.5)[2]
+    assert sag == pytest.approx(0.2898, rel=5e-3)
+    for k in range(3):
+        np.testing.assert_allclose(tree.at(k, 0.5), tree.at(0, 0.5), atol=1e-12)
+    forces = tree.cable.arrays.state.reaction[:9].reshape(3, 3)
+    np.testing.assert_allclose(np.linalg.norm(forces, axis=1), 0.4607, rtol=5e-3)
+    np.testing.assert_allclose(np.linalg.norm(forces[:, :2], axis=1), 0.2995, rtol=5e-3)
+
+
+@pytest.mark.parametrize("method, step", [("energy_momentum", 1e-3), ("velocity_verlet", 1e-5)])
+@pytest.mark.parametrize("stiffness", [np.inf, 50.0], ids=["rigid", "giving"])
+def test_the_energy_of_joined_branches_is_kept(method, step, stiffness):
+    joints = [Joint((0, k), (0.5, 0.5), stiffness=stiffness) for k in (1, 2)]
+    tree = Branched(three_strings(**{"damping.mass": 0.0}), joints, method, step)
+    tree.advance(round(0.5 / step))
+    limit = 1e-6 if method == "energy_momentum" else 1e-3
+    assert tree.cable.account.exchanged > 1e-2 and tree.cable.share_open() < limit
+    apart = max(np.linalg.norm(tree.at(k, 0.5) - tree.at(0, 0.5)) for k in (1, 2))
+    assert apart < 1e-10 if stiffness == np.inf else apart > 1e-4
+
+
+def test_a_joint_that_gives_is_drawn_apart_by_what_hangs_on_it():
+    """A branch on a joint of 20 N/m hangs lower by its weight over the stiffness."""
+    values = {"cable.length": 0.3, "damping.mass": 8.0, "integrator.tolerance": 1e-13}
+    first = scene_of(WIRE, values, {"end.position": [0.0, 0.0, -0.3]}, n=7)
+    hanging = {"start.fixed": [False] * 3, "start.position": [0.0, 0.0, -0.3]}
+    second = scene_of(WIRE, values, hanging, {"end.position": [0.0, 0.0, -0.6]}, n=7)
+    pair = Branched([first, second], [Joint((0, 1), (0.3, 0.0), stiffness=20.0)], step=1e-3)
+    pair.advance(5000)
+    apart = pair.at(0, 0.3) - pair.at(1, 0.0)
+    np.testing.assert_allclose(apart, [0.0, 0.0, 0.1 * 0.3 * 9.81 / 20.0], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("transposed", [False, True], ids=["", "transposed"])
+@pytest.mark.parametrize("stiffness", [np.inf, 20.0], ids=["rigid", "giving"])
+def test_the_system_of_joined_branches_is_that_of_dense_algebra(stiffness, transposed):
+    """Z^T (K + k b^T b) Z y = Z^T r with the columns of Z that span what is free."""
+    joints = [Joint((0, k), (0.5, 0.2 * k), stiffness=stiffness) for k in (1, 2)]
+    tree = Branched(three_strings(), joints)
+    cable, model = tree.cable, tree.cable.model
+    n, half, rng = model.n, 11, np.random.default_rng(4)
+    branch = cable.arrays.mesh.branch
+    near = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= 3
+    alike = np.kron(near & np.equal.outer(branch, branch), np.ones((3, 3)))
+    full = (rng.normal(size=(3 * n, 3 * n)) + 40.0 * np.eye(3 * n)) * alike
+    cable.band[:] = 0.0
+    for r in range(3 * n):
+        low, high = max(0, r - half), min(3 * n, r + half + 1)
+        cable.band[r, low - r + half : high - r + half] = full[r, low:high]
+    held = model.holding
+    rows = np.array([np.kron(held.points[r.point].values(n), np.eye(3)[r.line]) for r in held.rows])
+    for spring in held.springs:
+        b = np.kron(held.points[spring.point].values(n), np.eye(3)[spring.line])
+        full += spring.stiffness * np.outer(b, b)
+    assert len(held.springs) == (0 if stiffness == np.inf else 6)
+    right = rng.normal(size=3 * n)
+    got = right.copy()
+    assert cable.solve_held(got, transposed) >= 0
+    full = full.T if transposed else full
+    free = np.linalg.svd(rows)[2][len(rows) :].T
+    expected = free @ np.linalg.solve(free.T @ full @ free, free.T @ right)
+    assert np.abs(got - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_branches_must_be_alike():
+    scenes = three_strings()
+    planar = scene_of(WIRE, {"terms.out_of_plane": "auto"})
+    for other in (planar, scenes[0].with_values({"terms.bend": "off"})):
+        with pytest.raises(ValueError, match="branches: need the same lines, terms"):
+            joined([Simulator(scenes[0]).model, Simulator(other).model], [])
