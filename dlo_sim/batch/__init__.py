@@ -1,4 +1,4 @@
-"""Many independent computations: who does them, and many cables at once.
+"""Many independent computations on several processes or machines.
 
 The public names are in `__all__`; importing the room loads no compiler.
 """
@@ -7,8 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dlo_sim.batch.batch import BatchResult, simulate_batch
-    from dlo_sim.batch.forecasts import forecast_batch
+    from dlo_sim.batch.batch import BatchResult, forecast_batch, simulate_batch
 
 __all__ = ["BatchResult", "forecast_batch", "simulate_batch"]
 
@@ -17,5 +16,4 @@ def __getattr__(name: str) -> Any:
     """A public name, loaded when first asked for."""
     if name not in __all__:
         raise AttributeError(f"module 'dlo_sim.batch' has no attribute '{name}'")
-    home = "forecasts" if name == "forecast_batch" else "batch"
-    return getattr(import_module(f"dlo_sim.batch.{home}"), name)
+    return getattr(import_module("dlo_sim.batch.batch"), name)

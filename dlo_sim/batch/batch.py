@@ -1,4 +1,7 @@
-"""Many cables at once: `simulate_batch`. Who computes what never changes a number."""
+"""Many cables at once (`simulate_batch`), and many plans for one cable (`forecast_batch`).
+
+The results do not depend on which process computes what.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +18,13 @@ from dlo_sim.batch.workers import Workers, open_workers
 from dlo_sim.core import arguments
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
+from dlo_sim.simulation.forecast import EVERY, Forecast, Plan
 from dlo_sim.simulation.recording import energies_at, record_simulator, sample_times
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
+_TOGETHER = 16  # plans that a worker gets at a time
 Start = tuple[ArrayLike, ArrayLike]
 Given = TypeVar("Given")
 Path = tuple[ArrayLike, Mapping[str, ArrayLike]]
@@ -29,7 +34,7 @@ Asked = tuple[int, Scene, Start | None, Path | None]
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What came of every scene, in their order.
+    """Outcomes of all scenes, in their order.
 
     Attributes:
         time: of the samples [s], shape (T,).
@@ -101,7 +106,10 @@ def simulate_batch(
     opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
     with opened as crew:
         runs = list(crew.map(partial(_run, duration, every), asked))
-    return _gathered(runs, sample_times(duration, every))
+    entries: dict[str, Any] = {name: np.array([run[name] for run in runs]) for name in runs[0]}
+    for name in ("status", "message", "method"):
+        entries[name] = tuple(run[name] for run in runs)
+    return BatchResult(time=sample_times(duration, every), **entries)
 
 
 def _check(scenes: Sequence[Scene], duration: float, every: float) -> None:
@@ -141,23 +149,10 @@ def _each(
     return [None] * len(scenes) if given is None else given
 
 
-@dataclass(frozen=True)
-class _Run:
-    """What came of one scene: its entries of `BatchResult`."""
-
-    control_points: Array
-    energy: Array
-    samples: int
-    energy_error: float
-    status: str
-    message: str
-    method: str
-    step: float
-    simulated: float
-
-
-def _run(duration: float, every: float, asked: Asked) -> _Run:
-    """The run of one scene; after its last good state that state is repeated."""
+def _run(duration: float, every: float, asked: Asked) -> dict[str, Any]:
+    """The entries of one scene in `BatchResult`; after its last good state that state is
+    repeated.
+    """
     k, scene, start, path = asked
     try:
         simulator = Simulator(scene)
@@ -174,17 +169,17 @@ def _run(duration: float, every: float, asked: Asked) -> _Run:
     else:
         points, energy, status, message = _along(simulator, duration, every, path, k)
     repeated, last = len(sample_times(duration, every)) - len(points), simulator.control_points
-    return _Run(
-        control_points=np.concatenate([points, np.repeat(last[None], repeated, axis=0)]),
-        energy=np.concatenate([energy, np.repeat(energy[-1:], repeated)]),
-        samples=len(points),
-        energy_error=simulator.energy_error,
-        status=status,
-        message=message,
-        method=simulator.method,
-        step=simulator.step,
-        simulated=simulator.time,
-    )
+    return {
+        "control_points": np.concatenate([points, np.repeat(last[None], repeated, axis=0)]),
+        "samples": len(points),
+        "energy": np.concatenate([energy, np.repeat(energy[-1:], repeated)]),
+        "energy_error": simulator.energy_error,
+        "status": status,
+        "message": message,
+        "method": simulator.method,
+        "step": simulator.step,
+        "simulated": simulator.time,
+    }
 
 
 def _along(
@@ -209,16 +204,38 @@ def _along(
     return points, energies, report.status.name.lower(), report.message
 
 
-def _gathered(runs: Sequence[_Run], time: Array) -> BatchResult:
-    return BatchResult(
-        time=time,
-        control_points=np.stack([run.control_points for run in runs]),
-        samples=np.array([run.samples for run in runs]),
-        energy=np.stack([run.energy for run in runs]),
-        energy_error=np.array([run.energy_error for run in runs]),
-        status=tuple(run.status for run in runs),
-        message=tuple(run.message for run in runs),
-        method=tuple(run.method for run in runs),
-        step=np.array([run.step for run in runs]),
-        simulated=np.array([run.simulated for run in runs]),
-    )
+def forecast_batch(
+    simulator: Simulator,
+    plans: Sequence[Plan],
+    every: float = EVERY,
+    *,
+    workers: Workers | None = None,
+    processes: int | None = None,
+    scheduler: str | None = None,
+) -> list[Forecast]:
+    """What `Simulator.forecast` gives for each plan, in their order.
+
+    Args:
+        workers, processes, scheduler: as of `simulate_batch`.
+
+    Raises:
+        TypeError, ValueError: as `Simulator.forecast`, with the number of the plan.
+    """
+    numbered = list(enumerate(plans))
+    pieces = [numbered[k : k + _TOGETHER] for k in range(0, len(plans), _TOGETHER)]
+    opened = open_workers(scheduler, processes) if workers is None else nullcontext(workers)
+    with opened as crew:
+        done = crew.map(partial(_forecasts, simulator, every), pieces)
+        return [found for part in done for found in part]
+
+
+def _forecasts(
+    simulator: Simulator, every: float, plans: Sequence[tuple[int, Plan]]
+) -> list[Forecast]:
+    found = []
+    for k, plan in plans:
+        try:
+            found.append(simulator.forecast(plan, every))
+        except (TypeError, ValueError) as refusal:
+            raise type(refusal)(f"plan {k}: {refusal}") from None
+    return found

@@ -1,7 +1,7 @@
-"""Who does independent pieces of work: this process, processes of this machine, a Dask cluster.
+"""Independent pieces of work, in this process, in processes of this machine, or on a Dask cluster.
 
 The pieces are calls of one importable function. Their results come back in the order of the items
-and do not depend on who did them.
+and do not depend on which process computed them.
 """
 
 from __future__ import annotations

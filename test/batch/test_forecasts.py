@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlo_sim import Plan, Simulator, load_scene
-from dlo_sim.batch.forecasts import forecast_batch
+from dlo_sim.batch import forecast_batch
 
 
 @pytest.fixture(scope="module")
