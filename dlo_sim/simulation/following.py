@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import arguments, rotations
 from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.engine import grasps
-from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.natural_shape import local_turn
 
 Array = NDArray[np.float64]
 
@@ -143,20 +140,3 @@ def motions_along(present: Array, grid: Array, path: Array) -> Array:
     angle = 2.0 * np.arctan2(0.5 * np.sinc(half / np.pi) * along, np.cos(half))
     rows[1:, grasps.TWIST] += np.cumsum(angle)[:-1]
     return rows
-
-
-def natural_along(model: Model, rows: Array | None, motions: Array) -> tuple[Array, Array]:
-    """A natural shape that turns with the end effector of the start, for `Stepper.advance_along`.
-
-    Args:
-        rows: weighted, in the frame of that end effector, as `to_blocks` makes them.
-
-    Returns:
-        The rows, and the rotation matrix of every step, shape (steps, 9); no rows without such a
-        shape.
-    """
-    if rows is None:
-        return np.zeros((0, 0, 4, LANES)), np.zeros((len(motions), 9))
-    frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
-    turns = np.array([local_turn(one, model.axes) for one in frames])
-    return rows, turns.reshape(-1, 9)

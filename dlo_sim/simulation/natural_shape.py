@@ -1,5 +1,9 @@
-"""Natural curvature and rest twist of a scene at the samples of its model: rows of the curvature
-vector [1/m] (3) and the twist [rad/m], shape (spans, samples, 4).
+"""Natural and plastic curvature of a simulated cable, and how they move with it.
+
+The natural shape of a scene is rows of the curvature vector [1/m] (3) and the twist [rad/m] at the
+samples of its model, shape (spans, samples, 4), in the frame of the start's end effector. Where
+twist acts on the shape it follows the material frames along the cable; else it turns with the
+start's end effector as a whole.
 """
 
 from __future__ import annotations
@@ -7,19 +11,108 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_sim.compiling.lanes import LANES
 from dlo_sim.core import rotations
-from dlo_sim.engine.arrays import CURVED, MATERIAL
+from dlo_sim.engine import grasps
+from dlo_sim.engine.arrays import CURVED, MATERIAL, PLASTICITY
+from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
+from dlo_sim.simulation.arrays import to_blocks
+from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.model import Model
 
 Array = NDArray[np.float64]
 LEAST_ACROSS = 1e-3  # share of the axis
 
 
-def has_natural_shape(scene: Scene, model: Model) -> bool:
-    """Whether the cable is bent or twisted at rest, apart from what plastic flow makes of it."""
-    return model.has(CURVED) and scene.cable.shaped
+class NaturalShape:
+    """The natural shape of a scene in the arrays of its cable.
+
+    Args:
+        tangent: of the cable in the frame of the start's end effector. orientation: of that end
+            effector, quaternion x, y, z, w.
+
+    Attributes:
+        follows: whether it follows the cable, all of it or that of its plastic part, so that `lay`
+            must be called after a change of the shape that is no motion.
+
+    Raises:
+        SceneError: the axis of the curvature lies along the cable.
+    """
+
+    def __init__(self, scene: Scene, cable: Cable, tangent: Array, orientation: Array) -> None:
+        self._scene, self._cable, model = scene, cable, cable.model
+        self._rows = np.zeros((*model.rule.xi.shape, 4))
+        self._turning: Array | None = None  # rows that turn with the start, as `turn_natural` wants
+        self.follows = model.has(MATERIAL) or model.has(PLASTICITY)
+        if not (model.has(CURVED) and scene.cable.shaped):
+            return
+        self._rows = natural_rows(scene, model, tangent)
+        if not model.has(MATERIAL):
+            rows = weighted(model, self._rows)
+            self._turning = to_blocks(rows)
+            cable.natural = turned_rows(rows, self._turn(orientation))
+            between_steps.turn_natural.load()  # a tick must not have to compile it
+
+    def turn(self, orientation: Array) -> None:
+        """Turn with the start's end effector, which does the work."""
+        if self._turning is not None:
+            self._cable.turn_natural(self._turning, self._turn(orientation))
+
+    def turns_along(self, motions: Array) -> tuple[Array, Array]:
+        """What turns with the start's end effector, for `Stepper.advance_along`.
+
+        Args:
+            motions: of the end effectors in every step, shape (steps, holders, MOTION_SIZE).
+
+        Returns:
+            The rows, and the rotation matrix of every step, shape (steps, 9); no rows if nothing
+            turns.
+        """
+        if self._turning is None:
+            return np.zeros((0, 0, 4, LANES)), np.zeros((len(motions), 9))
+        frames = motions[:, 0, grasps.FRAME : grasps.TURN].reshape(-1, 3, 3)
+        turns = np.array([local_turn(one, self._cable.model.axes) for one in frames])
+        return self._turning, turns.reshape(-1, 9)
+
+    @property
+    def places(self) -> Array:
+        """Material coordinates [m] whose material frames `lay` needs: the start and the samples."""
+        return np.append(0.0, self._cable.model.sample_shares.ravel() * self._scene.cable.length)
+
+    def lay(self, orientation: Array, frames: Array) -> None:
+        """Lay it along the present shape, with plastic flow as if bent in one motion.
+
+        Args:
+            orientation: of the start's end effector. frames: at `places`, quaternions (m, 4).
+        """
+        cable, model = self._cable, self._cable.model
+        samples = frames[1:].reshape(*model.rule.xi.shape, 4)
+        if model.has(MATERIAL):
+            rows = rows_in_frames(self._rows, orientation, frames[0], samples)
+            cable.natural = weighted(model, rows)
+        else:
+            rows = turned_rows(self._rows, self._turn(orientation))
+        if model.has(PLASTICITY):
+            tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
+            cable.plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
+            cable.flow()
+        cable.open_frame()
+
+    def equals(self, other: NaturalShape) -> bool:
+        """Whether `transfer.carry_samples` takes over the same natural shape from the other one."""
+        both = self, other
+        terms = {one._cable.terms & (MATERIAL | PLASTICITY) for one in both}
+        cables = (one._scene.cable for one in both)
+        shapes = {(cable.natural_shape, cable.rest_curvature_axis) for cable in cables}
+        shares = [one._cable.model.elastic_share for one in both]
+        same = len(terms) == len(shapes) == 1
+        return same and (min(shares) > 0.0 or max(shares) == 0.0)
+
+    def _turn(self, orientation: Array) -> Array:
+        """Rotation matrix of the start's end effector, in the coordinates of the lines."""
+        return local_turn(rotations.to_matrix(orientation), self._cable.model.axes)
 
 
 def natural_rows(scene: Scene, model: Model, tangent: Array) -> Array:

@@ -22,9 +22,8 @@ from dlo_sim.core import arguments, bspline, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
 from dlo_sim.core.strain import strain
-from dlo_sim.engine.arrays import ENERGIES, MATERIAL, PLASTICITY, TORSION
+from dlo_sim.engine.arrays import ENERGIES, MATERIAL, TORSION
 from dlo_sim.engine.frames import curve_frames
-from dlo_sim.methods import between_steps
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import (
@@ -36,7 +35,6 @@ from dlo_sim.scene.needs import (
     needs_of_load,
 )
 from dlo_sim.simulation import following, optional_terms
-from dlo_sim.simulation.arrays import to_blocks
 from dlo_sim.simulation.buckling import (
     coiling_warning,
     is_bent,
@@ -67,15 +65,7 @@ from dlo_sim.simulation.geometry import (
 )
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import Model
-from dlo_sim.simulation.natural_shape import (
-    has_natural_shape,
-    local_turn,
-    natural_rows,
-    rows_in_frames,
-    turned_rows,
-    unslipped,
-    weighted,
-)
+from dlo_sim.simulation.natural_shape import NaturalShape
 from dlo_sim.simulation.reaction import reaction
 from dlo_sim.simulation.recorder import Recorder
 from dlo_sim.simulation.report import (
@@ -167,8 +157,8 @@ class Simulator:
         self._steps, self._remainder = 0, 0.0
         self._fill_loads()
         self._hold_cable()
-        self._turn_natural_shape()
-        lay = self._lay_natural_shape if self._lays_natural_shape else None
+        self._shape_naturally()
+        lay = self._lay_natural_shape if self._natural.follows else None
         place(scene, self._geometries, self._ends, self.cable, lay)
         frequency = largest_frequency(scene, self.cable)
         frequency = with_grasps_and_contact(scene, model, frequency)
@@ -427,7 +417,7 @@ class Simulator:
             raise ValueError("recorder: is of another model; make a new one of the present model")
         evaluations = 0
         while done < steps:
-            piece = min(CHUNK, steps - done, self._steps_of_motions(), self._steps_to_look())
+            piece = self._until_look(min(CHUNK, steps - done, self._steps_of_motions()))
             status, made, used, worst = self._stepper.advance(self._steps, piece, recorder)
             self._steps += made
             done += made
@@ -435,7 +425,7 @@ class Simulator:
             if made:
                 self._look()
             if self._ends.waiting and self._ends.begin_motions(self.time):
-                self._natural_shape_moves()
+                self._turn_natural_shape()
             if not status.ok:
                 message = (
                     f"{explained(status, self.choice.method)} (at {self.time:.6g} s, "
@@ -508,10 +498,10 @@ class Simulator:
         for name, path in paths.items():
             row = list(self.scene.holders).index(name)
             motions[:, row] = following.motions_along(cable.motion[row], grid, path)
-        moments, turns = following.natural_along(self.model, self._turning, motions)
+        moments, turns = self._natural.turns_along(motions)
         done, evaluations, status = 0, 0, Status.OK
         while done < len(motions) and status.ok:
-            piece = slice(done, done + self._steps_to_look())
+            piece = slice(done, done + self._until_look(min(CHUNK, len(motions) - done)))
             natural = moments, turns[piece]
             made = self._stepper.advance_along(self._steps, recorder, motions[piece], natural)
             self._steps += made.steps
@@ -550,13 +540,12 @@ class Simulator:
         report, recorder = future.record_along(now + times, poses, at)
         return forecast_of(self.scene, report, recorder, samples)
 
-    def _steps_to_look(self) -> int:
-        """Number of steps up to the next look at a straight cable; many where it is bent: it will
+    def _until_look(self, steps: int) -> int:
+        """At most `steps`, and none beyond the next look at a straight cable. One that is bent will
         not be exactly straight so soon.
         """
-        if is_bent(self.cable):
-            return CHUNK
-        return self._look_every - self._steps % self._look_every
+        left = self._look_every - self._steps % self._look_every
+        return steps if steps <= left or is_bent(self.cable) else left
 
     def _look(self) -> None:
         """Look at a straight cable where it is time to."""
@@ -568,7 +557,7 @@ class Simulator:
         steps = self._ends.steps_until_begin(self.time, self.step)
         if steps == 0:
             self._ends.lead_over(self.time, self.step)
-            self._natural_shape_moves()
+            self._turn_natural_shape()
         return CHUNK if steps is None else max(steps, 1)
 
     # -- loads and end effectors ------------------------------------------------------------------
@@ -647,7 +636,7 @@ class Simulator:
         if not self._ends.follow_later(end, self.time, motion):
             self._ends.follow(end, self.time, motion)
         self._need(self._needs_moved(end))
-        self._natural_shape_moves()
+        self._turn_natural_shape()
 
     def _put_end(
         self,
@@ -664,7 +653,7 @@ class Simulator:
         self._ends.set_state(end, before)
         self._need(needs)
         self._ends.set_state(end, after)
-        self._natural_shape_moves()
+        self._turn_natural_shape()
         if self.choice.method.family not in (IMPLICIT, CONSTRAINED):
             # Implicit steps account for the jump exactly, and constraints need a step to follow.
             self.cable.jump(self.time, lambda points: self._ends.put(points, self.time))
@@ -694,7 +683,7 @@ class Simulator:
         """Let a grasp take the cable: from now on what it holds moves with its gripper.
 
         The cable stays where it is; only the velocity of what is held becomes the gripper's, and
-        the energy of that is booked as work of the end effectors.
+        the energy of that counts as work of the end effectors.
 
         Args:
             at: where on the cable, 0 at start, 1 at end, negative: nearest to the gripper; default:
@@ -810,7 +799,7 @@ class Simulator:
                 build_model(self.scene, snapshot.needs, self._geometries, origin=self._origin)
             )
             self._hold_cable()
-            self._turn_natural_shape()
+            self._shape_naturally()
         self._needs = snapshot.needs  # equal needs may have different warnings
         self.cable.state[:] = snapshot.state
         self.cable.inputs[:] = snapshot.inputs
@@ -873,7 +862,7 @@ class Simulator:
         self._ends.take_frame_turns(self.cable.frame_turn)
         self._ends.put(place, 0.0)
         self.cable.put(place, speed, 0.0)
-        if self._lays_natural_shape:
+        if self._natural.follows:
             self._lay_natural_shape()
         shifted = np.abs(self.cable.points - given).max()
         self.cable.open_account(self.scene)
@@ -893,8 +882,8 @@ class Simulator:
     def correct(self, shift: ArrayLike, speed: ArrayLike) -> float:
         """Add to the positions [m] and velocities [m/s] of the control points, shapes (n_u, 3).
 
-        What is held stays where it is held. The energy that this puts in, which is returned [J], is
-        booked as work of the loads.
+        What is held stays where it is held. The energy that this puts in, which is returned [J],
+        counts as work of the loads.
 
         Raises:
             TypeError, ValueError: not such numbers, or a shape without a finite energy; a method
@@ -975,7 +964,7 @@ class Simulator:
         self.cable.point_grasps(0.0)
         self.cable.put(points, rates, 0.0)
         carry_samples(other.cable, self.cable)
-        if self._lays_natural_shape and not self._has_natural_shape_of(other):
+        if self._natural.follows and not self._natural.equals(other._natural):
             self._lay_natural_shape()
         self.cable.flow()
         for grasp in taking:
@@ -1002,49 +991,6 @@ class Simulator:
             self._activate(self._needs, held)
         return taking
 
-    # -- natural shape ----------------------------------------------------------------------------
-
-    @property
-    def _turn_of_start(self) -> Array:
-        """Rotation matrix of the start's end effector, in the coordinates of the lines."""
-        orientation = self._ends.orientation("start", self.time)
-        return local_turn(rotations.to_matrix(orientation), self.model.axes)
-
-    def _natural_shape_moves(self) -> None:
-        """Turn the natural shape with the start's end effector, which does the work."""
-        if self._turning is not None:
-            self.cable.turn_natural(self._turning, self._turn_of_start)
-
-    @property
-    def _lays_natural_shape(self) -> bool:
-        """Whether the natural shape follows the cable, all of it or that of its plastic part."""
-        return self.model.has(MATERIAL) or self.model.has(PLASTICITY)
-
-    def _has_natural_shape_of(self, other: Simulator) -> bool:
-        """Whether `carry_samples` took over the same natural shape from another simulator."""
-        terms = MATERIAL | PLASTICITY
-        same_terms = self.cable.terms & terms == other.cable.terms & terms
-        scenes = self.scene, other.scene
-        shapes = {(scene.cable.natural_shape, scene.cable.rest_curvature_axis) for scene in scenes}
-        shares = self.model.elastic_share, other.model.elastic_share
-        return same_terms and len(shapes) == 1 and (min(shares) > 0.0 or max(shares) == 0.0)
-
-    def _lay_natural_shape(self) -> None:
-        """The natural shape along the present shape, and plastic flow as if bent in one motion."""
-        model, start = self.model, self.end_pose("start")[1]
-        frames = self.frames(np.append(0.0, model.sample_shares.ravel() * self.scene.cable.length))
-        samples = frames[1:].reshape(*model.rule.xi.shape, 4)
-        if model.has(MATERIAL):
-            rows = rows_in_frames(self._natural, start, frames[0], samples)
-            self.cable.natural = weighted(model, rows)
-        else:
-            rows = turned_rows(self._natural, self._turn_of_start)
-        if model.has(PLASTICITY):
-            tangents = rotations.rotate(samples.reshape(-1, 4), np.array([1.0, 0.0, 0.0]))
-            self.cable.plastic = unslipped(model, rows, tangents.reshape(*rows.shape[:2], 3))
-            self.cable.flow()
-        self.cable.open_frame()
-
     # -- arrays -----------------------------------------------------------------------------------
 
     def _fill_loads(self) -> None:
@@ -1060,18 +1006,22 @@ class Simulator:
         self._ends.pull_springs(self.cable, self.time)
         self.cable.point_grasps(self.time if self._steps else 0.0)
 
+    def _shape_naturally(self) -> None:
+        """Write the natural shape of the scene to the arrays, turned with the start."""
+        tangent = self._geometries["start"].tangent
+        self._natural = NaturalShape(self.scene, self.cable, tangent, self._start_orientation)
+
     def _turn_natural_shape(self) -> None:
-        """Let a natural shape that is not in the material frame turn with the start."""
-        cable, model = self.cable, self.model
-        self._natural = np.zeros((*model.rule.xi.shape, 4))
-        if has_natural_shape(self.scene, model):
-            self._natural = natural_rows(self.scene, model, self._geometries["start"].tangent)
-        self._turning = None
-        if has_natural_shape(self.scene, model) and not model.has(MATERIAL):
-            rows = weighted(model, self._natural)
-            self._turning = to_blocks(rows)
-            cable.natural = turned_rows(rows, self._turn_of_start)
-            between_steps.turn_natural.load()  # a tick must not have to compile it
+        """Turn the natural shape with the start's end effector, which does the work."""
+        self._natural.turn(self._start_orientation)
+
+    def _lay_natural_shape(self) -> None:
+        """Lay the natural shape along the present shape."""
+        self._natural.lay(self._start_orientation, self.frames(self._natural.places))
+
+    @property
+    def _start_orientation(self) -> Array:
+        return self._ends.orientation("start", self.time)
 
     def _load_twist(self) -> None:
         """Load the code of the twist that a moment brings: a tick must not have to compile it."""
@@ -1100,7 +1050,7 @@ class Simulator:
         self._hold_cable()
         for k, held in enumerate(self.model.spring_places):
             cable.anchors[k] = pulled.get(held, cable.anchors[k])
-        self._turn_natural_shape()
+        self._shape_naturally()
         cable.put(points, rates)
         if self.model.has(MATERIAL) and not in_material_frame:
             self._lay_natural_shape()

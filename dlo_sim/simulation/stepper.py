@@ -24,7 +24,7 @@ from dlo_sim.simulation.report import Status
 
 Array = NDArray[np.float64]
 NaturalAlong = tuple[Array, Array]
-"""What `simulation.following.natural_along` returns."""
+"""What `NaturalShape.turns_along` returns."""
 GUARD_STEPS = 16  # explicit steps between two checks of the energy
 GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error are never shown
 SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
@@ -98,7 +98,7 @@ class Stepper:
 
         Args:
             motions: of the grasps, shape (steps, grasps, MOTION_SIZE).
-            natural: from `simulation.following.natural_along`.
+            natural: from `NaturalShape.turns_along`.
         """
         given = first, self.step, recorder.address, motions, *natural
         return self._called(implicit.advance_along, *given)
