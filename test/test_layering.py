@@ -56,7 +56,7 @@ FOREIGN = {
     "rclpy": {"ros"},
     **dict.fromkeys(ROS_MESSAGES, {"ros"}),
     "tf2_ros": {"ros/transforms.py"},
-    "rosbags": {"replay/bags.py"},
+    "rosbags": {"replay/bags.py", "session/cdr.py"},
     "matplotlib": {"studies", "demo", "view/film.py"},
     "mpl_toolkits": {"view/film.py"},
     "ruamel": {"scene", "cli", "ros"},
@@ -183,19 +183,17 @@ def test_help_needs_no_compiler():
     assert not loaded & {"numpy", "numba", "rclpy", "rosbags", "matplotlib"}
 
 
-def test_nothing_outside_its_room_loads_ros_or_bags():
-    bags = "dlo_sim.replay.bags"
-    names = [
-        name
-        for name in MODULES
-        if room(name) not in ("ros", "demo", "view") and name not in (bags, "dlo_sim.__main__")
-    ]
+def test_nothing_outside_its_room_loads_ros():
+    names = [name for name in MODULES if room(name) != "ros" and name != "dlo_sim.__main__"]
     assert len(names) > 10
-    users = {name for name in names if bags in imported(name)}
-    others = "\n".join(f"import {name}" for name in names if name not in users)
-    assert not loaded_after(others) & {"rclpy", "rosbags", *ROS_MESSAGES}
-    everything = "\n".join(f"import {name}" for name in [*names, bags])
+    everything = "\n".join(f"import {name}" for name in names)
     assert not loaded_after(everything) & {"rclpy", *ROS_MESSAGES}
+
+
+def test_only_rooms_with_messages_load_rosbags():
+    above = {"session", "replay", "identification", "ros", "studies", "view", "doctor", "demo"}
+    names = [name for name in MODULES if room(name) not in above and name != "dlo_sim.__main__"]
+    assert not loaded_after("\n".join(f"import {name}" for name in names)) & {"rosbags"}
 
 
 def test_unknown_name_of_the_package_is_refused():

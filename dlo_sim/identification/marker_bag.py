@@ -16,14 +16,10 @@ from dlo_sim.identification.measurement import (
     shares_along,
 )
 from dlo_sim.replay.bags import Bag, BagError, topic_list
-from dlo_sim.session import cdr, cdr_points
+from dlo_sim.session import cdr
 
 Array = NDArray[np.float64]
-DECODERS = {
-    cdr.POSE_ARRAY: cdr_points.decode_pose_positions,
-    cdr.MARKER_ARRAY: cdr_points.decode_marker_array,
-    cdr.POINT_CLOUD: cdr_points.decode_point_cloud,
-}
+MARKERS = (cdr.POSE_ARRAY, cdr.MARKER_ARRAY, cdr.POINT_CLOUD)
 
 
 def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
@@ -51,7 +47,7 @@ def read_marker_bag(path: Path, topics: Mapping[str, str]) -> Recording:
         name = names[message.topic]
         try:
             if name == "markers":
-                stamp, _, points = DECODERS[message.type](message.data)
+                stamp, _, points = cdr.decode_points(message.type, message.data)
                 stamped[name].append((stamp, checked_points(f"{path}: {message.topic}", points)))
             else:
                 found = cdr.decode(message.type, message.data)
@@ -82,9 +78,7 @@ def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     kinds = {topic: types[0] for topic, types in bag.topics.items()}
     chosen = {}
     for name, topic in topics.items():
-        wanted = {"markers": tuple(DECODERS), "force": (cdr.WRENCH_STAMPED,)}.get(
-            name, (cdr.POSE_STAMPED,)
-        )
+        wanted = {"markers": MARKERS, "force": (cdr.WRENCH_STAMPED,)}.get(name, (cdr.POSE_STAMPED,))
         if kinds.get(topic) not in wanted:
             raise MeasurementError(
                 f"--topic {name}={topic}: the bag has no such topic of type {' or '.join(wanted)}; "
@@ -94,7 +88,7 @@ def _chosen(bag: Bag, topics: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     if {"markers", "force"} <= set(chosen):
         raise MeasurementError("--topic markers and --topic force: name one of them")
     if not {"markers", "force"} & set(chosen):
-        markers = [topic for topic, kind in kinds.items() if kind in DECODERS]
+        markers = [topic for topic, kind in kinds.items() if kind in MARKERS]
         forces = [topic for topic, kind in kinds.items() if kind == cdr.WRENCH_STAMPED]
         name, found = ("markers", markers) if markers else ("force", forces)
         if len(found) != 1:

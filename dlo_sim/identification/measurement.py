@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import rotations
 from dlo_sim.core.two_points import poses_of_two_points
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.pose_smoothing import Pose, SmoothedPoses
+from dlo_sim.session.gripper_path import Pose, SmoothedPoses
 
 Array = NDArray[np.float64]
 START_FRAMES = 2  # from which the simulation of a recording starts

@@ -28,7 +28,7 @@ from dlo_sim.replay import storage
 from dlo_sim.replay.metadata import read_metadata
 from dlo_sim.replay.storage import DamagedFile, Record
 from dlo_sim.scene.refusal import one_line
-from dlo_sim.session.cdr import BOOL, MARKER_ARRAY, TF_MESSAGE, DecodeError, Reader
+from dlo_sim.session import cdr
 
 Storage = Literal["mcap", "sqlite3"]
 
@@ -314,16 +314,8 @@ class BagWriter:
 
 def _stamp(record: Record) -> int | None:
     """Stamp of a message [ns], of the first one in a list of them; None = it has none."""
-    if record.type == BOOL:
-        return None
-    try:
-        reader = Reader(record.data)
-        if record.type in (TF_MESSAGE, MARKER_ARRAY) and reader.whole() == 0:
-            return None
-        stamp_ns, _ = reader.header()
-    except DecodeError:
-        return None
-    return stamp_ns if 0 <= stamp_ns < _END_OF_TIME else 0
+    stamp_ns = cdr.stamp_of(record.type, record.data)
+    return stamp_ns if stamp_ns is None or 0 <= stamp_ns < _END_OF_TIME else 0
 
 
 def _reason(error: Exception) -> str:

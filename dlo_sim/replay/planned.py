@@ -18,7 +18,8 @@ from dlo_sim.replay.bags import Bag, BagError, is_bag, topic_list
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.plain_yaml import FileRefused, parse_yaml, read_text
 from dlo_sim.session import cdr
-from dlo_sim.session.content import ContentCheck, Refused
+from dlo_sim.session.diagnostics import Refused
+from dlo_sim.session.intake import ContentCheck
 from dlo_sim.session.plans import Trajectory, check_plan, check_speed, decode_trajectory
 from dlo_sim.session.topics import InputTopic, input_topics, resolved
 

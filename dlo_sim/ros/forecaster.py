@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING
 
 from dlo_sim.process.children import children
 from dlo_sim.session.cdr import DiagnosticStatus
-from dlo_sim.session.diagnostics import OK, WARN, topic_status
-from dlo_sim.session.forecasts import Answer, answer
+from dlo_sim.session.diagnostics import OK, WARN, Refused, TopicRecord, topic_status
 from dlo_sim.session.outputs import OutgoingMessage
-from dlo_sim.session.plans import Plans
+from dlo_sim.session.plans import Answer, answer, check_method, request
 from dlo_sim.session.session import Session
 from dlo_sim.simulation.forecast import Plan
 
@@ -138,12 +137,17 @@ class Forecaster:
         topic: name of ~/plan on the wire.
         count: processes.
 
+    Attributes:
+        record: counts the plans.
+
     Raises:
         SceneError: the method of the session follows no plans.
     """
 
     def __init__(self, session: Session, topic: str, count: int) -> None:
-        self._plans = Plans(session, topic)
+        check_method(session.scene, session.simulator.method)
+        self._session = session
+        self.record = TopicRecord(topic, occasional=True)
         self._waiting: Queue[bytes] = Queue(_MOST_WAITING)
         self._answers: SimpleQueue[Answer] = SimpleQueue()
         example = pickle.dumps(session.simulator)
@@ -155,27 +159,27 @@ class Forecaster:
 
     def accept(self, raw: bytes, arrival_ns: int) -> None:
         """Take one serialised plan; the present state goes with it."""
-        if self._waiting.full():  # said without looking at it
-            self._refuse()
-            return
-        planned = self._plans.accept(raw, arrival_ns)
-        if planned is not None:
-            self._waiting.put_nowait(pickle.dumps(planned))
-
-    def _refuse(self) -> None:
-        self._plans.record.refuse(
-            "too_many",
-            f"{self._waiting.maxsize} plans wait; plan less often or raise forecast.processes",
-        )
+        self.record.last_arrival_ns = arrival_ns
+        try:
+            if self._waiting.full():
+                what = f"{self._waiting.maxsize} plans wait; plan less often or raise"
+                raise Refused("too_many", f"{what} forecast.processes")
+            self._waiting.put_nowait(pickle.dumps(request(self._session, raw, arrival_ns)))
+        except Refused as refused:
+            self.record.refuse(refused.reason, refused.detail)
 
     def answers(self) -> Iterator[OutgoingMessage]:
         """Messages about plans that have been forecast since the last call."""
-        with contextlib.suppress(Empty):
-            while True:
-                self._last = self._answers.get_nowait()
-                self._answered += 1
-                self._failed += bool(self._last.problem)
-                yield from self._last.messages
+        while not self._answers.empty():
+            found = self._answers.get_nowait()
+            if found.refused is not None:
+                self.record.refuse(*found.refused)
+                continue
+            self.record.accepted += 1
+            self._last = found
+            self._answered += 1
+            self._failed += bool(found.problem)
+            yield from found.messages
 
     def statuses(self, now_ns: int) -> list[DiagnosticStatus]:
         """For the diagnostics at this time of the clock [ns]."""
@@ -201,7 +205,7 @@ class Forecaster:
         if fresh:
             level, message = WARN, f"{fresh} plans failed, last: {self._last.problem}"
         status = DiagnosticStatus(level, "forecast", message, values)
-        return [status, topic_status(self._plans.record, now_ns)]
+        return [status, topic_status(self.record, now_ns)]
 
     def close(self) -> None:
         """End the processes."""

@@ -30,9 +30,9 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
+from dlo_sim.session.intake import Transforms
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
-from dlo_sim.session.transforms import Transforms
 from dlo_sim.simulation.simulator import Snapshot
 
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase

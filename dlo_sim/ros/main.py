@@ -55,6 +55,8 @@ def _run(arguments: list[str]) -> int:
     except ImportError as error:
         if (error.name or "").startswith("dlo_sim"):
             raise
+        if (error.name or "").startswith("rosbags"):
+            return _refuse("messages need rosbags; install it with: pip install rosbags")
         return _refuse(
             f"the node needs ROS 2, which cannot be imported ({error}); install it with: "
             "pip install 'dlo_sim[ros]', or source your ROS 2 Jazzy"

@@ -16,7 +16,6 @@ from dlo_sim.ros.guarded_node import GuardedNode
 from dlo_sim.ros.status import InputSources
 from dlo_sim.ros.topics import Inputs, input_qos
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr_points import decode_input
 from dlo_sim.session.diagnostics import TopicRecord
 from dlo_sim.session.session import Session
 
@@ -71,7 +70,7 @@ class _Listening:
             self.session.receive(topic, raw, now)
         kind = next(entry.type for entry in self.session.inputs if entry.topic == topic)
         try:
-            self.frames.setdefault(topic, set()).add(decode_input(kind, raw).frame_id)
+            self.frames.setdefault(topic, set()).add(cdr.decode(kind, raw).frame_id)
         except cdr.DecodeError:
             pass  # the session has counted it
 

@@ -13,8 +13,7 @@ from rclpy.subscription import Subscription
 
 from dlo_sim.ros.status import InputSources
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.cdr import BOOL, MARKER_ARRAY
-from dlo_sim.session.cdr_markers import encode_marker_delete_all
+from dlo_sim.session.cdr import BOOL, encode_marker_delete_all
 from dlo_sim.session.outputs import OutgoingMessage
 from dlo_sim.session.topics import DIAGNOSTICS, FORECAST, MARKERS, TF, InputTopic, output_topics
 
@@ -120,8 +119,7 @@ class Outputs:
     def delete_markers(self, stamp_ns: int) -> None:
         """Remove all markers from every viewer."""
         for topic, kind in self._markers.items():
-            array = kind == MARKER_ARRAY
-            data = encode_marker_delete_all(self._frame_id, stamp_ns, array)
+            data = encode_marker_delete_all(kind, self._frame_id, stamp_ns)
             self._publishers[topic].publish(data)
 
     def say_goodbye(self, stamp_ns: int) -> None:

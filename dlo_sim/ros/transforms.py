@@ -11,8 +11,8 @@ from dlo_sim.core.one_rotation import normalized
 from dlo_sim.ros.guarded_node import one_line
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
-from dlo_sim.session.content import Refused
-from dlo_sim.session.transforms import Transform, Transforms
+from dlo_sim.session.diagnostics import Refused
+from dlo_sim.session.intake import Transform, Transforms
 
 
 def tf2_for(scene: Scene) -> Any:

@@ -6,6 +6,7 @@ defines the levels OK, WARN, ERROR, STALE.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,16 +14,16 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
 from dlo_sim.scene.refusal import one_line
-from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.cdr import DiagnosticStatus
-from dlo_sim.simulation.resolution import knot_grading
+from dlo_sim.simulation.report import DiscretizationError
 
 if TYPE_CHECKING:
     from dlo_sim.scene.description import Scene
-    from dlo_sim.session.drive import Drive
+    from dlo_sim.simulation.error_estimate import ErrorEstimate
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 _MOST_ADVICE = 20
+AGAIN = 0.5  # of the target: the error must have fallen below it before an excess counts again
 # So many messages in a row that are ahead of the clock by more than this [ns] are a wrong clock.
 _AHEAD, _MANY = 20_000_000, 50
 
@@ -76,6 +77,14 @@ EVENTS: dict[str, str] = {
 
 ADVICE = ("slow_poses", "no_frame", "units", "clock_ahead")
 """Events that say what should be set otherwise; a replay repeats what they say."""
+
+
+class Refused(Exception):
+    """Why a message is not used: a reason (`REASONS`) and one line of detail."""
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(reason, detail)
+        self.reason, self.detail = reason, detail
 
 
 class SessionStatus(Enum):
@@ -194,6 +203,79 @@ class Journal:
         return total
 
 
+class Accuracy:
+    """Compares the estimated error of a session with its target.
+
+    Attributes:
+        warning: the excess and its cure, one line; empty while the error is acceptable.
+        largest: the largest errors so far; None if none were estimated.
+        advice: the cure for them; empty if they are acceptable.
+    """
+
+    def __init__(self, scene: Scene, journal: Journal) -> None:
+        self._note = journal.event
+        self._target = scene.accuracy.target
+        self._estimate: ErrorEstimate | None = None  # of the present
+        self._last: ErrorEstimate | None = None  # also once there is no time for it any more
+        self._exceeded = False
+        self.largest: DiscretizationError | None = None
+
+    def look(self, estimate: ErrorEstimate | None) -> None:
+        """Compare the largest error of the last second with the target; None: no estimate."""
+        self._estimate = estimate
+        if estimate is None:
+            self._exceeded = False
+            return
+        error = estimate.recent
+        exceeds = error.total > self._target
+        self._keep_largest(estimate)
+        if exceeds and not self._exceeded:
+            self._exceeded = True
+            self._note("inaccurate", estimate.advice(error))
+        elif error.total < AGAIN * self._target:
+            self._exceeded = False
+
+    @property
+    def warning(self) -> str:
+        """The present error and what helps, if it exceeds the target; made when it is asked for."""
+        estimate = self._estimate
+        if estimate is None or estimate.recent.total <= self._target:
+            return ""
+        return estimate.advice(estimate.recent)
+
+    @property
+    def advice(self) -> str:
+        """The same for the largest error so far."""
+        if self._last is None or self.largest is None:
+            return ""
+        return self._last.advice(self.largest)
+
+    def values(self) -> list[tuple[str, str]]:
+        """Keys and values for the diagnostics."""
+        if self._estimate is None:
+            return [("error estimate [m]", "off")]
+        error = self._estimate.recent
+        return [
+            ("error estimate [m]", _shown(error.total)),
+            ("time error [m]", _shown(error.time)),
+            ("space error [m]", _shown(error.space)),
+            ("accuracy target [m]", f"{self._target:g}"),
+        ]
+
+    def _keep_largest(self, estimate: ErrorEstimate) -> None:
+        error, before = estimate.recent, self.largest
+        if before is None:
+            self.largest = error
+        elif error.time > before.time or error.space > before.space:
+            parts = max(error.time, before.time), max(error.space, before.space)
+            self.largest = DiscretizationError(*parts, error.unknown or before.unknown)
+        self._last = estimate
+
+
+def _shown(error: float) -> str:
+    return f"{error:.3g}" if math.isfinite(error) else "unknown"
+
+
 def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
     """Status of one input topic at this clock time [ns].
 
@@ -225,78 +307,3 @@ def topic_status(record: TopicRecord, now_ns: int) -> DiagnosticStatus:
     if record.last_refusal:
         values.append(("last refusal", record.last_refusal))
     return DiagnosticStatus(level, f"input {record.topic}", message, tuple(values))
-
-
-def _density(scene: Scene) -> str:
-    """Density of the knots at the start and the end in excess of 1, and the length over which it
-    decays as a share of the cable's, by which a reader of control points finds the curve.
-    """
-    start, end, reach = knot_grading(scene)
-    return f"{start:.17g} {end:.17g} {reach / scene.cable.length:.17g}"
-
-
-def session_status(
-    journal: Journal,
-    status: SessionStatus,
-    message: str,
-    drive: Drive,
-    accuracy: Accuracy,
-    *,
-    latency: float,
-    lag: float,
-    delay: float | None,
-    offset: float,
-) -> DiagnosticStatus:
-    """Status of the session itself: state, time, energy, lag, counts of events.
-
-    Args:
-        message: one line, takes precedence over other texts; may be empty.
-        accuracy: the estimated error and its warning.
-        latency: time by which the wanted state is behind the clock [s].
-        lag: longest time since the last report by which the state was behind the wanted one [s].
-        delay: age of the state's stamp [s], after which inputs take effect; None before the cable
-            is placed.
-        offset: clock minus stamps [s].
-    """
-    simulator, fresh = drive.simulator, journal.fresh_events()
-    warnings, energy = simulator.warnings, simulator.energy()
-    level, text = OK, message or status.value
-    if status is SessionStatus.FAILED:
-        level = ERROR
-    elif drive.unresolved:
-        level, text = ERROR, message or drive.unresolved
-    elif delay is None or lag > drive.scene.inputs.catch_up:
-        level = WARN
-    elif accuracy.warning:
-        level, text = WARN, message or accuracy.warning
-    elif fresh:
-        level, text = WARN, message or journal.last_event
-    elif warnings:  # last, because they are permanent and would hide what is new
-        level, text = WARN, message or warnings[0]
-    values = [
-        ("status", status.value),
-        ("simulated time [s]", f"{simulator.time:.6f}"),
-        ("step [s]", f"{simulator.step:.9g}"),
-        ("method", simulator.method),
-        ("control points", str(len(simulator.greville))),
-        (KNOTS, _density(simulator.scene)),
-        ("active terms", ", ".join(simulator.active_terms)),
-        ("left out", "; ".join(f"{name}: {why}" for name, why in simulator.left_out.items())),
-        ("warnings", "; ".join(warnings)),
-        ("energy [J]", f"{energy.total:.9g}"),
-        ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
-        *accuracy.values(),
-        ("latency [s]", f"{latency:.3f}"),
-        ("lag [s]", f"{lag:.3f}"),
-        ("inputs act after [s]", "never" if delay is None else f"{delay:.4f}"),
-        ("skipped [s]", f"{journal.skipped_ns * 1e-9:.3f}"),
-        ("clock minus stamps [s]", f"{offset:.9g}"),
-        ("messages used", str(journal.accepted)),
-        ("messages refused", str(sum(journal.refused.values()))),
-        *((f"event {name}", str(count)) for name, count in sorted(journal.events.items())),
-    ]
-    if journal.last_event:
-        values.append(("last event", journal.last_event))
-    if drive.observer is not None:
-        values += drive.observer.values()
-    return DiagnosticStatus(level, "session", text, tuple(values))

@@ -1,8 +1,9 @@
 """One simulator on the grid of its steps; end motions and inputs are applied at exactly the steps
 where they begin.
 
-`session.py` decides how far it advances. When an input acts is decided here, from stamps only, so
-that the same messages give the same bits however the advance is divided into ticks.
+The drive owns time: `session.py` says how far it advances, the queues hand out what is due, and
+from here it goes into the simulator. When an input acts is decided here, from stamps only, so that
+the same messages give the same bits however the advance is divided into ticks.
 """
 
 from __future__ import annotations
@@ -11,17 +12,27 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from dlo_sim.core import rotations
 from dlo_sim.scene.description import Scene
-from dlo_sim.session.accuracy import companions
-from dlo_sim.session.gripper_path import GripperPath, Segment
+from dlo_sim.session.diagnostics import Journal
+from dlo_sim.session.gripper_path import (
+    GripperPath,
+    Segment,
+    StepGrid,
+    grid_multiple_at_or_after,
+)
 from dlo_sim.session.observer import Observer
-from dlo_sim.session.step_grid import StepGrid, grid_multiple_at_or_after
 from dlo_sim.session.topics import InputTopic
-from dlo_sim.session.waiting import LoadSchedule, TakeMessage, Waiting
+from dlo_sim.session.waiting import LoadMessage, LoadSchedule, TakeMessage, Waiting
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.error_estimate import ErrorEstimate
+    from dlo_sim.simulation.geometry import Pose
     from dlo_sim.simulation.simulator import Simulator, Snapshot
+
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class Advance(NamedTuple):
@@ -36,7 +47,7 @@ class Advance(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """A simulator of another scene to continue with, and its companions if it has any.
+    """A simulator of another scene to continue with, and the estimate of its error if there is one.
 
     before: the scene that was simulated when this was prepared.
     """
@@ -47,49 +58,55 @@ class Prepared(NamedTuple):
 
 
 class Drive:
-    """A simulator, the paths of its driven ends, the schedules of its inputs, and the grid of its
+    """A simulator, the paths of its driven ends, the queues of its inputs, and the grid of its
     steps.
 
     Args:
         scene: what is simulated.
         factory: builds the simulator: factory(scene, end_poses=None).
-        note: called with the name of an event and one line of text.
+        journal: counts what happens to inputs.
 
     Attributes:
-        scene: what is simulated now.
+        scene: what is simulated now; its grasps are taken or not as messages have told.
         simulator: the simulator; placed by `begin`.
-        estimate: runs its companions; None if it has none.
+        estimate: steps the simulator together with refined ones; None if errors are not estimated.
         unresolved: one line if a shape of the last advance was no cable's
             (`simulation.soundness`), else "".
         observer: corrects the simulator by measurements; None if the scene has no measured points.
         grid: times of the steps; None before `begin`.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        factory: Callable[..., Simulator],
-        note: Callable[[str, str], None],
-    ) -> None:
+    def __init__(self, scene: Scene, factory: Callable[..., Simulator], journal: Journal) -> None:
         self.simulator = factory(scene)
         self.estimate: ErrorEstimate | None = None
         self.unresolved = ""
         self._too_slow = False
         self._rebuilt = False  # whether the simulator's initial state differs from the scene's
         self.scene = scene
-        self._note = note
+        self._note = journal.event
         self._factory = factory
-        self.paths = {k: GripperPath(k, x, note) for k, x in scene.holders.items() if x.driven}
-        self.schedules = {x.name: LoadSchedule(x, note) for x in scene.loads if x.input_topic}
-        self.takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
-        self._timed: list[Waiting[Any]] = [*self.schedules.values(), *self.takes.values()]
+        self.paths = {k: GripperPath(k, x, journal) for k, x in scene.holders.items() if x.driven}
+        self._loads = {x.name: LoadSchedule(x) for x in scene.loads if x.input_topic}
+        self._takes = {g.name: Waiting[TakeMessage]() for g in scene.grasps if g.taken_topic}
+        self._timed: list[Waiting[Any]] = [*self._loads.values(), *self._takes.values()]
         self.observer: Observer | None = None
         if scene.measured.type != "none":
-            self.observer = Observer(scene.measured, note)
+            self.observer = Observer(scene.measured, journal)
             self._timed.append(self.observer)
-        self._inputs: list[Waiting[Any]] = [*self.paths.values(), *self._timed]
+        self._queues: list[Waiting[Any]] = [*self.paths.values(), *self._timed]
         self.grid: StepGrid | None = None
         self._segments: dict[str, Segment] = {}
+
+    def queue(self, entry: InputTopic) -> Waiting[Any]:
+        """The queue into which the accepted messages of an input are put."""
+        if entry.is_pose:
+            return self.paths[entry.target]
+        if entry.kind == "taken":
+            return self._takes[entry.target]
+        if entry.target:
+            return self._loads[entry.target]
+        assert self.observer is not None
+        return self.observer
 
     @property
     def _driven(self) -> Simulator | ErrorEstimate:
@@ -119,24 +136,6 @@ class Drive:
         stamps = [path.next_change_ns() for path in self.paths.values()]
         known = [stamp for stamp in stamps if stamp is not None]
         return max(known, default=wanted_ns) if len(known) == len(stamps) else None
-
-    def add(self, entry: InputTopic, message: Any) -> None:
-        """Take an accepted message of the kind of this input."""
-        self._queue(entry).add(message)
-
-    def passed_ns(self, entry: InputTopic) -> int | None:
-        """Stamp of the last message of this input that has been used [ns], None = none."""
-        return self._queue(entry).passed_ns
-
-    def _queue(self, entry: InputTopic) -> Waiting[Any]:
-        if entry.is_pose:
-            return self.paths[entry.target]
-        if entry.kind == "taken":
-            return self.takes[entry.target]
-        if entry.target:
-            return self.schedules[entry.target]
-        assert self.observer is not None
-        return self.observer
 
     def begin(self, base_ns: int, saved: Snapshot | None = None) -> None:
         """Place the cable at the poses known at `base_ns`; step 0 is at the first multiple of the
@@ -170,11 +169,11 @@ class Drive:
             for name, path in self.paths.items():
                 path.skip_to(origin, *self.simulator.end_pose(name))
         if self.scene.estimates_errors and not self._too_slow:
-            self.estimate = companions(self.simulator, None if saved is not None else poses)
+            self.estimate = _estimate(self.simulator, None if saved is not None else poses)
 
     def clear(self) -> None:
         """Discard the inputs and the grid; the simulator keeps its state until `begin`."""
-        for one in self._inputs:
+        for one in self._queues:
             one.clear()
         self.grid = None
         self.unresolved = ""
@@ -234,11 +233,14 @@ class Drive:
         """
         now_ns, step_ns = self.now_ns, grid.step * 1e9
         if self.observer is not None:
-            self.observer.apply(now_ns, step_ns, self.simulator)
-        if self.takes:
+            for points in self.observer.in_time(now_ns, step_ns):
+                correction = self.observer.correction(points, self.simulator)
+                if correction is not None:
+                    self.observer.work += self.simulator.correct(*correction)
+        if self._takes:
             self._take_and_release(self._told(now_ns))
-        for schedule in self.schedules.values():
-            schedule.apply(now_ns, step_ns, self._driven)
+        for name, schedule in self._loads.items():
+            self._apply_loads(name, schedule, now_ns, step_ns)
         stop = target
         for segment in self._segments.values():
             if segment.last is not None and segment.last < stop:
@@ -248,6 +250,34 @@ class Drive:
             if change is not None and change < grid.time_of(stop):
                 stop = min(stop, max(self.simulator.steps + 1, grid.first_at_or_after(change)))
         return stop
+
+    def _apply_loads(self, name: str, schedule: LoadSchedule, now_ns: int, step_ns: float) -> None:
+        """Apply the newest load that is due, or remove one that has not been renewed in time."""
+        newest: LoadMessage | None = None
+        for newest in schedule.due(now_ns):
+            if now_ns - newest.stamp_ns > step_ns:
+                self._note("late", f"load {name} came after the simulation had passed its stamp")
+        if newest is not None:
+            self._set_load(name, newest)
+        removal_ns = schedule.removal_ns()
+        if removal_ns is not None and now_ns >= removal_ns:
+            schedule.held = None
+            self._driven.set_load(name, force=_ZERO, torque=_ZERO)
+            line = f"load {name}: no message for {schedule.timeout:g} s; removed"
+            self._note("load_removed", line)
+
+    def _set_load(self, name: str, load: LoadMessage) -> None:
+        """Let a load act, turned to the world frame from that of its end effector."""
+        wrench: Any = load.force, load.torque
+        if load.end:
+            wrench = rotations.rotate(self.simulator.end_pose(load.end)[1], np.array(wrench))
+        self._driven.set_load(name, *wrench)
+
+    def _hold_loads(self) -> None:
+        """Let the present loads act on a new simulator."""
+        for name, schedule in self._loads.items():
+            if schedule.held is not None:
+                self._set_load(name, schedule.held)
 
     def skip_to(self, base_ns: int) -> int:
         """Skip the time up to `base_ns`: the state is kept, its time jumps, and ends rejoin their
@@ -282,11 +312,10 @@ class Drive:
             return False
         spared, self._too_slow = self._too_slow, False
         if spared:
-            self.estimate = companions(self.simulator)
+            self.estimate = _estimate(self.simulator)
             for name, segment in self._segments.items():
                 self.estimate.go_on(name, segment.motion)
-            for schedule in self.schedules.values():
-                schedule.resend(self.estimate)
+            self._hold_loads()
         return spared
 
     def shift_time(self, delta_ns: int, inputs: bool) -> None:
@@ -299,7 +328,7 @@ class Drive:
         if self.grid is not None and (inputs or not self.paths):
             self.grid.origin_ns += delta_ns
         if inputs:
-            for one in self._inputs:
+            for one in self._queues:
                 one.shift_time(delta_ns)
 
     def prepare(self, scene: Scene) -> Prepared:
@@ -318,7 +347,7 @@ class Drive:
             return Prepared(self.scene, self.simulator, self.estimate)
         placed = self.grid is not None
         simulator = self.simulator.reconfigured(scene) if placed else self._factory(scene)
-        estimate = companions(simulator) if scene.estimates_errors else None
+        estimate = _estimate(simulator) if scene.estimates_errors else None
         return Prepared(self.scene, simulator, estimate)
 
     def reconfigure(self, scene: Scene, prepared: Prepared) -> None:
@@ -346,14 +375,14 @@ class Drive:
             self._continue_motions(grid, old)
         for name, path in self.paths.items():
             path.configure(scene.holders[name])
-        for name, schedule in self.schedules.items():
+        for name, schedule in self._loads.items():
             schedule.configure(scene.load(name))
-            schedule.resend(self._driven)
+        self._hold_loads()
         self._take_and_release(told)
 
     def _told(self, now_ns: int) -> dict[str, bool]:
         """Grasp -> whether it should hold the cable, from the messages up to a time."""
-        takes = self.takes.items()
+        takes = self._takes.items()
         return {name: message.taken for name, take in takes for message in take.due(now_ns)}
 
     def _take_and_release(self, told: Mapping[str, bool]) -> None:
@@ -382,6 +411,17 @@ class Drive:
             rest = self.paths[name].replan(segment.motion, old.time, grid, last)
             self._segments[name] = rest
             self._driven.set_motion(name, rest.motion)
+
+
+def _estimate(simulator: Simulator, poses: Mapping[str, Pose] | None = None) -> ErrorEstimate:
+    """The estimate of the error of a simulator that was placed at these poses, or (None) that
+    continues from its present state.
+    """
+    from dlo_sim.simulation.error_estimate import ErrorEstimate  # imports the compiler
+
+    if poses is None:
+        return ErrorEstimate.continued(simulator)
+    return ErrorEstimate.placed(simulator, poses)
 
 
 def _taken(scene: Scene) -> dict[str, bool]:

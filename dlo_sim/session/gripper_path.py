@@ -1,8 +1,15 @@
 """From the poses of one end effector to a continuous path, as a sequence of `EndMotion`.
 
-Between the midpoints of consecutive stamps the path is a parabola. For equal intervals it is the
-quadratic B-spline whose control points are the poses: C1, with piecewise constant acceleration, no
-delay for a moving gripper, and a smoothing of only 1/8 of the second difference. With d = target
+SMOOTHING. Poses tracked by a camera have errors of about half a millimetre. That hardly affects
+shapes but spoils forces: at 30 Hz a white noise of 1 mm is an acceleration noise of sqrt(6) mm /
+dt^2 = 2 m/s^2, and the inertia of the whole cable makes it a force noise. With `pose_smoothing` w
+each pose is replaced by the value, at its own stamp, of the parabola that best fits the poses
+within +-w (weights 1 - (t/w)^2). Motion of constant acceleration is unchanged, without a phase lag.
+The cost is latency: a pose is ready when one beyond its window has arrived, or after a silence.
+
+PATH. Between the midpoints of consecutive stamps the path is a parabola. For equal intervals it is
+the quadratic B-spline whose control points are the poses: C1, with piecewise constant acceleration,
+no delay for a moving gripper, and a smoothing of only 1/8 of the second difference. With d = target
 minus present position, v0 = present velocity, v1 = (p_next - p) / dt and the duration h of a
 segment:
     defect c = h (v0 + v1)/2 - d;  end velocity = v1 - c/h;  so the path misses its target by c/2.
@@ -11,15 +18,19 @@ For equal intervals c = 0. For unequal ones the miss decays within one segment i
 one ended, so the path is continuous for any sequence of poses. Knots are rounded up to the
 simulator's steps, so that no step contains two parabolas.
 
-The path is never extrapolated: without the next pose there is no next segment, and the simulation
-waits. After a silence longer than `pose_timeout` the last pose is held as if it were repeated; when
-poses return, the path rejoins them smoothly from the held pose.
+SILENCE. The path is never extrapolated: without the next pose there is no next segment, and the
+simulation waits. After a silence longer than `pose_timeout` the last pose is held as if it were
+repeated; when poses return, they are shifted to the held pose, and the shift fades.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from operator import mul
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,11 +48,9 @@ from dlo_sim.core.one_rotation import (
     turned,
 )
 from dlo_sim.scene.holders import Holder
-from dlo_sim.session.latency import PoseTiming
-from dlo_sim.session.pose_smoothing import Pose, SmoothedPoses
-from dlo_sim.session.rejoining import Shift
-from dlo_sim.session.step_grid import StepGrid
+from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.waiting import Waiting
 
 Array = NDArray[np.float64]
 
@@ -49,6 +58,355 @@ _ZERO: Vector = (0.0, 0.0, 0.0)
 
 # Poses waiting to be used; a paused simulation must not collect them without limit.
 _MOST_WAITING = 5000
+
+# A return to the poses has at most these mean speeds, and lasts at least so long.
+SPEED, TURN, LEAST_TIME = 1.0, 2.0, 0.1  # m/s, rad/s, s
+_NEAR = 1e-9  # m, rad
+
+# What poses need is the second largest of so many intervals: one dropout is no rate.
+_INTERVALS = 10
+# Until so many poses were used, the need is foreseen from those that have come.
+_FORESEEN = 3
+# So many of them that are longer than pose_timeout are a rate, not silences.
+_SILENCES = 3
+# A need that has become less lowers the lag after one to two times this time [ns].
+_CALM = 5 * SECOND
+# Delays are looked at in windows of at least so long [ns] and so many messages. Those that come at
+# once count as one, with the largest of their delays: before them, the path was known no further.
+# The delay of an end is the smallest of the largest of so many windows, so that no hold-up is a
+# delay, but poses that always come in bursts are.
+_AT_ONCE, _WINDOW, _PER_WINDOW, _WINDOWS = SECOND // 50, SECOND // 4, 5, 8
+
+
+@dataclass
+class StepGrid:
+    """Start times of the simulator's steps in the time base.
+
+    Attributes:
+        origin_ns: time base [ns] of step 0.
+        step: duration tau of a step [s].
+    """
+
+    origin_ns: int
+    step: float
+
+    def time_of(self, index: int) -> int:
+        """Time base [ns] at the start of step `index`."""
+        return self.origin_ns + round(index * self.step * 1e9)
+
+    def last_at_or_before(self, base_ns: int) -> int:
+        """The last step index whose start is not after `base_ns`."""
+        index = math.floor((base_ns - self.origin_ns) / (self.step * 1e9))
+        while self.time_of(index + 1) <= base_ns:
+            index += 1
+        while self.time_of(index) > base_ns:
+            index -= 1
+        return index
+
+    def first_at_or_after(self, base_ns: int) -> int:
+        """The first step index whose start is not before `base_ns`."""
+        index = self.last_at_or_before(base_ns)
+        return index if self.time_of(index) == base_ns else index + 1
+
+
+def grid_multiple_at_or_after(base_ns: int, step: float) -> int:
+    """The first multiple of the step [s], rounded to 1 ns, at or after `base_ns` [ns], where a
+    simulation may begin.
+    """
+    step_ns = max(1, round(step * 1e9))
+    return -(-base_ns // step_ns) * step_ns
+
+
+class Pose(NamedTuple):
+    """Stamp in the time base [ns], position [m], orientation as a unit quaternion x, y, z, w."""
+
+    stamp_ns: int
+    position: Vector
+    orientation: Quaternion
+
+    def moved(self, delta_ns: int) -> Pose:
+        """The same pose with its stamp shifted by delta [ns]."""
+        return self._replace(stamp_ns=self.stamp_ns + delta_ns)
+
+
+class SmoothedPoses(Waiting[Pose]):
+    """Poses that wait to be used, and are smoothed as they are taken out.
+
+    A pose is ready once one beyond its window is there; until then messages that come late still
+    find their place in the window.
+
+    Args:
+        half_window_ns: w; 0 = no smoothing.
+        longest_gap_ns: windows do not extend across a longer gap.
+        most: number of newest poses that are kept.
+    """
+
+    def __init__(self, half_window_ns: int, longest_gap_ns: int, most: int = 5000) -> None:
+        self.half_window_ns = half_window_ns
+        self.longest_gap_ns = longest_gap_ns
+        super().__init__(most)
+
+    def clear(self) -> None:
+        """Discard all poses."""
+        super().clear()
+        self._past: deque[Pose] = deque()  # taken, as they were, back to the last window
+        self._settled_ns: int | None = None
+
+    def settle(self) -> None:
+        """Let the poses that are there be taken with incomplete windows."""
+        if self._pending:
+            self._settled_ns = self._pending[-1].stamp_ns
+
+    def shift_time(self, delta_ns: int) -> None:
+        """Shift all stamps by delta [ns]."""
+        super().shift_time(delta_ns)
+        self._past = deque(p.moved(delta_ns) for p in self._past)
+        if self._settled_ns is not None:
+            self._settled_ns += delta_ns
+
+    def next_change_ns(self) -> int | None:
+        """Time base [ns] of the next pose if it is ready; else None."""
+        return self._pending[0].stamp_ns if self._pending and self._ready() else None
+
+    def due(self, now_ns: int) -> Iterator[Pose]:
+        """Take out and yield the ready poses up to a time [ns], the oldest first."""
+        while (change := self.next_change_ns()) is not None and change <= now_ns:
+            yield self.take()
+
+    def take(self) -> Pose:
+        """Take out the next pose, smoothed; it must be ready."""
+        pose = self._pending.popleft()
+        self.passed_ns = pose.stamp_ns
+        if not self.half_window_ns:
+            self._past.clear()
+            return pose
+        before = self._near(pose, reversed(self._past))
+        window = [*reversed(before), pose, *self._near(pose, self._pending)]
+        self._past.append(pose)
+        while pose.stamp_ns - self._past[0].stamp_ns > self.half_window_ns:
+            self._past.popleft()
+        return _fitted(pose, window, self.half_window_ns)
+
+    def _ready(self) -> bool:
+        first_ns, newest_ns = self._pending[0].stamp_ns, self._pending[-1].stamp_ns
+        if not self.half_window_ns or newest_ns - first_ns > self.half_window_ns:
+            return True
+        if self._settled_ns is not None and first_ns <= self._settled_ns:
+            return True
+        gaps = (b.stamp_ns - a.stamp_ns for a, b in pairwise(self._pending))
+        return self.longest_gap_ns < self.half_window_ns and max(gaps, default=0) > (
+            self.longest_gap_ns
+        )
+
+    def _near(self, pose: Pose, others: Iterable[Pose]) -> list[Pose]:
+        """Those of the others, which follow each other away from the pose, in its window."""
+        found: list[Pose] = []
+        last_ns = pose.stamp_ns
+        for other in others:
+            if (
+                abs(other.stamp_ns - pose.stamp_ns) > self.half_window_ns
+                or abs(other.stamp_ns - last_ns) > self.longest_gap_ns
+            ):
+                break
+            last_ns = other.stamp_ns
+            found.append(other)
+        return found
+
+
+def _fitted(pose: Pose, window: list[Pose], half_window_ns: int) -> Pose:
+    """Value at the pose's stamp of the weighted parabola through the poses of its window."""
+    if len(window) < 4:  # a parabola through three points smooths nothing
+        return pose
+    # Slightly wider, so that the weights of poses at the very ends are not zero.
+    scale = 1.0 / (1.001 * half_window_ns)
+    share = weights_of_the_value_at_zero([(p.stamp_ns - pose.stamp_ns) * scale for p in window])
+    position = _weighted(share, [p.position for p in window])
+    middle = pose.orientation
+    if all(p.orientation == middle for p in window):
+        return Pose(pose.stamp_ns, position, middle)
+    turn = _weighted(share, [turn_between(middle, p.orientation) for p in window])
+    return Pose(pose.stamp_ns, position, turned(middle, turn))
+
+
+def _weighted(share: list[float], vectors: list[Vector]) -> Vector:
+    """Weighted sum of vectors."""
+    x, y, z = zip(*vectors, strict=True)
+    return sum(map(mul, share, x)), sum(map(mul, share, y)), sum(map(mul, share, z))
+
+
+def weights_of_the_value_at_zero(times: list[float]) -> list[float]:
+    """Weights g so that g.y = a for the best parabola a + b t + c t^2 through y; |t| < 1.
+
+    With w = 1 - t^2 and the moments m_k = sum w t^k, g_i = w_i (x_0 + x_1 t_i + x_2 t_i^2), where x
+    solves the normal equations [m_(j+k)] x = (1, 0, 0). For nine poses plain floats take a fifth of
+    the time of arrays.
+    """
+    m0 = m1 = m2 = m3 = m4 = 0.0
+    weights = []
+    for t in times:
+        w = 1.0 - t * t
+        wt, wtt = w * t, w * t * t
+        weights.append((w, wt, wtt))
+        m0 += w
+        m1 += wt
+        m2 += wtt
+        m3 += wtt * t
+        m4 += wtt * t * t
+    x0, x1, x2 = m2 * m4 - m3 * m3, m2 * m3 - m1 * m4, m1 * m3 - m2 * m2
+    determinant = m0 * x0 + m1 * x1 + m2 * x2
+    x0, x1, x2 = x0 / determinant, x1 / determinant, x2 / determinant
+    return [x0 * w + x1 * wt + x2 * wtt for w, wt, wtt in weights]
+
+
+class Shift(NamedTuple):
+    """A displacement of poses that fades by 1 - 3 x^2 + 2 x^3, x = (stamp - begin) / duration.
+
+    Attributes:
+        begin_ns: time base [ns]; duration: [s].
+        offset: displacement [m] at the beginning.
+        turn: rotation vector [rad] at the beginning, world frame.
+    """
+
+    begin_ns: int
+    duration: float
+    offset: Vector
+    turn: Vector
+
+    @classmethod
+    def to_present(cls, pose: Pose, position: Vector, orientation: Quaternion) -> Shift | None:
+        """The shift from `pose` at its stamp to the pose of the end; None if they agree."""
+        (x, y, z), (px, py, pz) = position, pose.position
+        offset = (x - px, y - py, z - pz)
+        turn = turn_between(pose.orientation, orientation)
+        distance, angle = math.hypot(*offset), math.hypot(*turn)
+        if distance < _NEAR and angle < _NEAR:
+            return None
+        duration = max(LEAST_TIME, distance / SPEED, angle / TURN)
+        return cls(pose.stamp_ns, duration, offset, turn)
+
+    @property
+    def distance(self) -> float:
+        """Displacement at the beginning [m]."""
+        return math.hypot(*self.offset)
+
+    def weight(self, stamp_ns: int) -> float:
+        """Remaining share of the shift, from 1 to 0."""
+        x = min(1.0, max(0.0, (stamp_ns - self.begin_ns) / (self.duration * SECOND)))
+        return 1.0 - x * x * (3.0 - 2.0 * x)
+
+    def applied(self, pose: Pose) -> Pose:
+        """The displaced pose."""
+        weight = self.weight(pose.stamp_ns)
+        if weight == 0.0:
+            return pose
+        (x, y, z), (ox, oy, oz), (tx, ty, tz) = pose.position, self.offset, self.turn
+        return Pose(
+            pose.stamp_ns,
+            (x + weight * ox, y + weight * oy, z + weight * oz),
+            turned(pose.orientation, (weight * tx, weight * ty, weight * tz)),
+        )
+
+    def moved(self, delta_ns: int) -> Shift:
+        """The same shift with its time shifted by delta [ns]."""
+        return self._replace(begin_ns=self.begin_ns + delta_ns)
+
+
+class PoseTiming:
+    """What the poses of one end effector need."""
+
+    def __init__(self) -> None:
+        self.timeout_ns = self.window_ns = 0
+        self._used: deque[int] = deque(maxlen=_INTERVALS)  # intervals on the path
+        self._intervals: deque[int] = deque(maxlen=_INTERVALS)  # as poses come
+        self._held = self._held_before = self._foreseen = 0
+        self._held_since_ns: int | None = None
+        self.clear()
+
+    def configure(self, timeout_ns: int, window_ns: int) -> None:
+        """Use pose_timeout, as longer intervals are silences, and half the smoothing window."""
+        self.timeout_ns, self.window_ns = timeout_ns, window_ns
+
+    def clear(self) -> None:
+        """Forget the last poses, since stamps or clock have jumped; the rate stays."""
+        self._newest_ns: int | None = None
+        self._delays: list[int] = []
+        self._slot_ns = self._since_ns = self._least_ns = 0
+        self._largest: deque[int] = deque(maxlen=_WINDOWS)
+
+    def accept(self, stamp_ns: int, now_ns: int) -> None:
+        """Note that a pose has come at this time of the time base [ns]."""
+        self._note_delay(now_ns - stamp_ns, now_ns)
+        newest_ns = self._newest_ns
+        if newest_ns is None or stamp_ns > newest_ns:
+            self._newest_ns = stamp_ns
+        if newest_ns is None or stamp_ns <= newest_ns:
+            return
+        interval_ns = stamp_ns - newest_ns
+        self._intervals.append(interval_ns)
+        if len(self._used) < _FORESEEN and interval_ns <= self.timeout_ns:
+            self._foreseen = max(self._foreseen, self._need(interval_ns))
+
+    def use(self, before_ns: int, stamp_ns: int) -> None:
+        """Note that the path goes from one stamp to the next [ns]: none comes between any more."""
+        self._used.append(stamp_ns - before_ns)
+        if len(self._used) >= _FORESEEN:
+            self._foreseen = 0
+        if self._held_since_ns is None or stamp_ns - self._held_since_ns > _CALM:
+            self._held_before, self._held = self._held, 0
+            self._held_since_ns = stamp_ns
+        self._held = max(self._held, self._need(_second_largest(self._used)))
+
+    def _need(self, interval_ns: int) -> int:
+        smoothing = self.window_ns + interval_ns if self.window_ns else 0
+        return interval_ns + interval_ns // 2 + smoothing
+
+    def _note_delay(self, delay_ns: int, now_ns: int) -> None:
+        begun = bool(self._delays or self._largest)
+        self._least_ns = min(delay_ns, self._least_ns) if begun else delay_ns
+        if self._delays and abs(now_ns - self._slot_ns) < _AT_ONCE:
+            self._delays[-1] = max(delay_ns, self._delays[-1])
+            return
+        if len(self._delays) >= _PER_WINDOW and now_ns - self._since_ns >= _WINDOW:
+            self._largest.append(max(self._delays))
+            self._delays = []
+        if not self._delays:
+            self._since_ns = now_ns
+        self._delays.append(delay_ns)
+        self._slot_ns = now_ns
+
+    @property
+    def interval_ns(self) -> int:
+        """The second longest of the last intervals [ns]."""
+        return _second_largest(self._intervals)
+
+    @property
+    def delay_ns(self) -> int:
+        """The usual delay of the messages [ns]."""
+        # A hold-up at the beginning may be the largest of the first window.
+        return max(0, min(self._largest) if len(self._largest) > 1 else self._least_ns)
+
+    @property
+    def need_ns(self) -> int:
+        """The lag that these poses need [ns]; 0 = not known yet."""
+        need = max(self._held, self._held_before, self._foreseen)
+        return need + self.delay_ns if need else 0
+
+    @property
+    def known(self) -> bool:
+        """Whether the rate is seen from more than a few poses."""
+        return len(self._intervals) >= 3
+
+    @property
+    def slower_than_timeout(self) -> bool:
+        """Whether poses often come at longer intervals than pose_timeout."""
+        slow = sum(interval > self.timeout_ns for interval in self._intervals)
+        return slow >= _SILENCES
+
+
+def _second_largest(values: deque[int]) -> int:
+    """The second largest of several values, the largest of fewer than four."""
+    ordered = sorted(values)
+    return ordered[-2 if len(ordered) > 3 else -1] if ordered else 0
 
 
 class Segment(NamedTuple):
@@ -76,7 +434,7 @@ class GripperPath(SmoothedPoses):
     Args:
         end: name of the end, for messages.
         holder: gives pose_timeout and pose_smoothing.
-        note: called with the name of an event and one line of text.
+        journal: counts silences, returns and late poses.
 
     Attributes:
         silent: whether the last pose is being held after a silence.
@@ -84,9 +442,9 @@ class GripperPath(SmoothedPoses):
         timing: how often and how late poses come.
     """
 
-    def __init__(self, end: str, holder: Holder, note: Callable[[str, str], None]) -> None:
+    def __init__(self, end: str, holder: Holder, journal: Journal) -> None:
         self.end = end
-        self._note = note
+        self._note = journal.event
         self.timing = PoseTiming()
         super().__init__(0, 0, _MOST_WAITING)
         self.configure(holder)

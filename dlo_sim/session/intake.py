@@ -10,27 +10,38 @@ from __future__ import annotations
 import math
 from bisect import bisect_right, insort
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from dlo_sim.core.one_rotation import normalized, turn_between
-from dlo_sim.core.rotations import IDENTITY
-from dlo_sim.core.two_points import poses_of_two_points
+from dlo_sim.core.one_rotation import Quaternion, Vector, normalized, turn_between
+from dlo_sim.core.rotations import IDENTITY, multiply, rotate
+from dlo_sim.core.two_points import LEAST_APART, poses_of_two_points
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.cdr import Stamped
-from dlo_sim.session.cdr_points import decode_input
-from dlo_sim.session.content import MILLIMETRES, ContentCheck, Refused, in_millimetres
-from dlo_sim.session.diagnostics import Journal, TopicRecord
-from dlo_sim.session.latency import Latency
+from dlo_sim.session.diagnostics import Journal, Refused, TopicRecord
+from dlo_sim.session.gripper_path import Pose
 from dlo_sim.session.observer import Points
-from dlo_sim.session.pose_smoothing import Pose
 from dlo_sim.session.time_base import MOST_BEHIND, SECOND, Copy, Decision, Source, TimeBase, Verdict
 from dlo_sim.session.topics import POINT_KINDS, InputTopic, tf_inputs
-from dlo_sim.session.transforms import Transforms, in_world
-from dlo_sim.session.waiting import LoadMessage, TakeMessage
+from dlo_sim.session.waiting import LoadMessage, TakeMessage, Waiting
+
+# Positions further from the origin than this must be a mistake [m].
+MOST_DISTANT = 1e8
+
+# The distance of two points may differ from pose_spacing by this share.
+SPACING_TOLERANCE = 0.1
+
+# What is said of positions that are as expected if divided by 1000.
+MILLIMETRES = "1000 times too large: metres?"
+# In cable lengths: a pose may be so far from where the scene expects it without suspicion, and is
+# suspected if a thousandth of it is no further away than this.
+_UNSUSPECTED, _NEAR = 50.0, 10.0
+
+# The norm of a quaternion may differ from 1 by this much; it is then normalised.
+NORM_TOLERANCE = 1e-3
 
 # Consecutive positions may differ by inputs.max_speed times the time between them, at most this
 # window, plus a slack for noise.
@@ -41,6 +52,179 @@ MOST_TURN = 0.5 * math.pi
 
 # Most messages of a topic that wait for their transforms while the clock stands still.
 _MOST_WAITING = 1000
+
+
+class Transform(NamedTuple):
+    """Pose of a frame in the world frame: stamp [ns], 0 = static; position [m], unit quaternion
+    x, y, z, w.
+    """
+
+    stamp_ns: int
+    position: Vector
+    orientation: Quaternion
+
+
+class Transforms(Protocol):
+    """Looks up frames."""
+
+    def lookup(self, frame: str, stamp_ns: int | None) -> Transform:
+        """Pose of a frame at a stamp [ns], interpolated, never extrapolated; None = the newest.
+
+        Raises:
+            Refused: `no_transform`: not available at that stamp, or not yet.
+        """
+
+    def clear(self) -> None:
+        """Discard the poses of moving frames, because the clock or the stamps have jumped."""
+
+
+def in_world(message: Stamped, kind: str, transform: Transform) -> Stamped:
+    """The message transformed to the world frame.
+
+    Positions become p + R x. Forces and torques become R x: the point they refer to is the same.
+
+    Args:
+        message: in the frame of the transform.
+        kind: of its topic (`session.topics`).
+    """
+    _, position, orientation = transform
+    values = np.array(message.values)
+    if kind == "pose":
+        at = rotate(orientation, values[:3]) + position
+        values = np.concatenate([at, multiply(orientation, values[3:])])
+    else:
+        rows = rotate(orientation, values.reshape(-1, 3))
+        values = (rows if kind in ("wrench", "force") else rows + position).ravel()
+    return Stamped(message.stamp_ns, "", tuple(values.tolist()))
+
+
+def in_millimetres(position: Sequence[float], expected: Sequence[float], length: float) -> bool:
+    """Whether a position seems to be in millimetres: far from where it is expected [m], in terms of
+    the cable's length [m], but near to it if divided by 1000.
+    """
+    thousandth = [1e-3 * x for x in position]
+    far = math.dist(position, expected) > _UNSUSPECTED * length
+    return far and math.dist(thousandth, expected) < _NEAR * length
+
+
+class ContentCheck:
+    """Checks messages against the limits and frames of a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._limits = scene.inputs
+        self._frames: dict[str, str] = {scene.frame_id: "", "": ""}
+        for name, end in scene.holders.items():
+            if end.frame:
+                self._frames.setdefault(end.frame, name)
+
+    @property
+    def tools(self) -> list[str]:
+        """The frames of end effectors."""
+        return [name for name, end in self._frames.items() if end]
+
+    def knows(self, frame_id: str) -> bool:
+        """Whether the scene names this frame."""
+        return frame_id in self._frames
+
+    def check(self, message: Stamped, kind: str, spacing: float = 0.0) -> Stamped:
+        """Check that a message is finite, within the limits and in a known frame.
+
+        Args:
+            kind: of its topic (`session.topics`). spacing: [m] of two points, 0 = any.
+
+        Returns:
+            The message; its frame_id is replaced by the name of the end or grasp in whose
+            end-effector frame it is, or "" for the world frame.
+
+        Raises:
+            Refused: it cannot be used.
+        """
+        values = message.values
+        # The sum of finite numbers overflows only far beyond every limit.
+        if not math.isfinite(sum(values)):
+            raise Refused("not_finite", f"{_shown(values)}; repair the publisher")
+        if kind == "pose":
+            check_pose(values)
+        elif kind == "two_points":
+            _check_points(values, spacing)
+        elif kind in ("wrench", "force"):
+            self._check_size(values)
+        elif values and max(map(abs, values)) > MOST_DISTANT:
+            raise _too_distant(values)
+        return message._replace(frame_id=self._check_frame(message.frame_id, kind))
+
+    def _check_size(self, values: tuple[float, ...]) -> None:
+        for name, unit, vector, limit in (
+            ("force", "N", values[:3], self._limits.max_force),
+            ("torque", "N m", values[3:], self._limits.max_torque),
+        ):
+            size = math.hypot(*vector)
+            if size > limit:
+                raise Refused(
+                    "too_large",
+                    f"{name} {size:.6g} {unit} exceeds inputs.max_{name} {limit:g} {unit}",
+                )
+
+    def _check_frame(self, frame_id: str, kind: str) -> str:
+        end = self._frames.get(frame_id)
+        # Only forces and torques may be given in the frame of an end effector, which moves.
+        fixed = kind not in ("wrench", "force")
+        if end is not None and not (end and fixed):
+            return end
+        known = [name for name, of in self._frames.items() if name and not (of and fixed)]
+        world = f"set frame_id: {frame_id} if it is the world frame, "
+        raise Refused(
+            "unknown_frame",
+            f"frame_id '{frame_id}', known: {', '.join(known)}; {world if end is None else ''}"
+            "transform before publishing, or run live with inputs.tf: true",
+        )
+
+
+def _check_points(values: tuple[float, ...], spacing: float) -> None:
+    if len(values) != 6:
+        raise Refused("bad_points", f"{len(values) // 3} points; publish two")
+    first, second = values[:3], values[3:]
+    _check_position(first)
+    _check_position(second)
+    apart = math.dist(first, second)
+    if apart < LEAST_APART:
+        raise Refused("bad_points", f"{apart:.3g} m apart: they give no direction; publish two")
+    if spacing and abs(apart - spacing) > SPACING_TOLERANCE * spacing:
+        fits_in_millimetres = abs(1e-3 * apart - spacing) <= SPACING_TOLERANCE * spacing
+        raise Refused(
+            "bad_points",
+            f"{apart:.6g} m apart, pose_spacing is {spacing:g} m; "
+            f"{MILLIMETRES + ', ' if fits_in_millimetres else ''}"
+            "correct it, or the markers",
+        )
+
+
+def _check_position(position: tuple[float, ...]) -> None:
+    if math.hypot(*position) > MOST_DISTANT:
+        raise _too_distant(position)
+
+
+def check_pose(values: tuple[float, ...]) -> None:
+    """Refuse a position that is too far away, or a quaternion that is not of unit length.
+
+    Raises:
+        Refused: it cannot be used.
+    """
+    _check_position(values[:3])
+    norm = math.hypot(*values[3:])
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise Refused(
+            "bad_quaternion", f"orientation {_shown(values[3:])} has norm {norm:.6g}, needs 1"
+        )
+
+
+def _too_distant(values: tuple[float, ...]) -> Refused:
+    shown = _shown(values[:3])
+    return Refused("too_large", f"position {shown} is beyond {MOST_DISTANT:g} m; check its unit")
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
 
 
 class Accepted(NamedTuple):
@@ -61,10 +245,13 @@ class _Topic:
     """One topic: its inputs, and the state of its last messages."""
 
     def __init__(
-        self, entries: tuple[InputTopic, ...], record: TopicRecord, source: Source
+        self,
+        entries: tuple[InputTopic, ...],
+        queues: list[Waiting[Any]],
+        record: TopicRecord,
+        source: Source,
     ) -> None:
-        self.record = record
-        self.source = source
+        self.queues, self.record, self.source = queues, record, source
         self.type, self.kind = entries[0].type, entries[0].kind
         self.is_pose = entries[0].is_pose
         self.entries = entries
@@ -126,35 +313,31 @@ class Intake:
 
     Args:
         scene: gives limits, frames and timeouts.
-        inputs: the input topics, by their resolved names, and frames of tf2.
+        queues: the input topics by their resolved names, and frames of tf2, each with the queue
+            that says up to which stamp the simulation has used it.
         time_base: decides from the stamps which messages are used and at which time.
         journal: counts the messages.
-        latency: the lag of the prediction, for which a message waits for its transform.
         transforms: looks up frames that the scene does not name; None: such frames are refused.
-        passed: stamp up to which the simulation has used an input [ns], None = nothing used.
     """
 
     def __init__(
         self,
         scene: Scene,
-        inputs: Sequence[InputTopic],
+        queues: Mapping[InputTopic, Waiting[Any]],
         time_base: TimeBase,
         journal: Journal,
-        latency: Latency,
         transforms: Transforms | None = None,
-        passed: Callable[[InputTopic], int | None] = lambda entry: None,
     ) -> None:
-        self._passed, self._note = passed, journal.event
-        self._latency = latency
+        self._note = journal.event
         self.time_base = time_base
         self._transforms = transforms
         # Frame -> stamp of its last pose [ns].
         self._sampled = {entry.topic: 0 for entry in tf_inputs(scene)}
         self._topics: dict[str, _Topic] = {}
         for name, record in journal.topics.items():
-            entries = tuple(entry for entry in inputs if entry.topic == name)
+            entries = tuple(entry for entry in queues if entry.topic == name)
             source = time_base.add_source(entries[0].is_pose)
-            self._topics[name] = _Topic(entries, record, source)
+            self._topics[name] = _Topic(entries, [queues[e] for e in entries], record, source)
         self.configure(scene)
 
     def configure(self, scene: Scene) -> None:
@@ -171,9 +354,14 @@ class Intake:
         for topic in self._topics.values():
             topic.clear()
 
-    def accept(self, name: str, raw: cdr.Bytes, arrival_ns: int) -> list[Accepted]:
+    def accept(
+        self, name: str, raw: cdr.Bytes, arrival_ns: int, patience_ns: int
+    ) -> list[Accepted]:
         """Check one message; returns the messages to be used now: this one, and waiting ones of its
         topic. Refused messages are counted.
+
+        Args:
+            patience_ns: time for which a message waits for its transform [ns].
 
         Raises:
             KeyError: the scene has no such input topic (an error of the caller, not of a message).
@@ -181,15 +369,15 @@ class Intake:
         topic = self._topics[name]
         topic.record.last_arrival_ns = arrival_ns
         try:
-            decode = decode_input if topic.kind in POINT_KINDS else cdr.decode
-            message = decode(topic.type, raw)
+            keep_missing = topic.kind not in POINT_KINDS
+            message = cdr.decode(topic.type, raw, keep_missing=keep_missing)
         except cdr.DecodeError as error:
             topic.record.refuse(error.reason, f"{error}; publish {topic.type}")
             return []
         topic.waiting.append((message, arrival_ns))
-        return self._look_up(topic, arrival_ns)
+        return self._look_up(topic, arrival_ns, patience_ns)
 
-    def sample(self, clock_ns: int) -> list[Accepted]:
+    def sample(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
         """Take the newest pose of every tf2 frame that drives an end effector, unless it was taken
         before, as a message that arrives at this clock time [ns].
         """
@@ -207,14 +395,14 @@ class Intake:
             topic = self._topics[frame]
             topic.record.last_arrival_ns = clock_ns
             topic.waiting.append((Stamped(stamp_ns, "", (*position, *orientation)), clock_ns))
-            found += self._look_up(topic, clock_ns)
+            found += self._look_up(topic, clock_ns, patience_ns)
         return found
 
-    def due(self, clock_ns: int) -> list[Accepted]:
+    def due(self, clock_ns: int, patience_ns: int) -> list[Accepted]:
         """Messages that have waited and are to be used at this clock time [ns]."""
         found: list[Accepted] = []
         for topic in self._topics.values():
-            found += self._look_up(topic, clock_ns)
+            found += self._look_up(topic, clock_ns, patience_ns)
             if topic.source.pending:
                 found += self._follow(topic, self.time_base.due(topic.source, clock_ns))
         return found
@@ -224,7 +412,7 @@ class Intake:
         for topic in self._topics.values():
             self._follow(topic, self.time_base.refute(topic.source))
 
-    def _look_up(self, topic: _Topic, clock_ns: int) -> list[Accepted]:
+    def _look_up(self, topic: _Topic, clock_ns: int, patience_ns: int) -> list[Accepted]:
         """Process the messages of a topic in order, up to one whose transform may still arrive."""
         found: list[Accepted] = []
         while topic.waiting:
@@ -235,7 +423,7 @@ class Intake:
                 message = self._in_world(message, arrival_ns, topic.kind)
                 message = self._content.check(message, topic.kind, topic.spacing)
             except Refused as refused:
-                young = abs(clock_ns - arrival_ns) <= self._latency.ns
+                young = abs(clock_ns - arrival_ns) <= patience_ns
                 few = len(topic.waiting) <= _MOST_WAITING
                 if refused.reason == "no_transform" and young and few:
                     break
@@ -282,8 +470,8 @@ class Intake:
     def _follow(self, topic: _Topic, decisions: Iterable[Decision]) -> list[Accepted]:
         """Use or refuse messages as the time base decides."""
         found = []
-        passed = [stamp for entry in topic.entries if (stamp := self._passed(entry)) is not None]
-        topic.source.passed_ns = max(passed, default=None)
+        passed = [queue.passed_ns for queue in topic.queues]
+        topic.source.passed_ns = max((ns for ns in passed if ns is not None), default=None)
         for decision in decisions:
             try:
                 found.append(self._use(topic, decision))

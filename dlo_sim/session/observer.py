@@ -10,7 +10,7 @@ the energy account.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dlo_sim.core import bspline
 from dlo_sim.core.error_filter import ErrorFilter
 from dlo_sim.scene.computation import Measured
+from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.waiting import Waiting
 
 if TYPE_CHECKING:
@@ -39,21 +40,22 @@ class Points(NamedTuple):
 
 
 class Observer(Waiting[Points]):
-    """Corrects a simulator by measured points.
+    """Measured points that wait, and the corrections of a simulator by them.
 
     Args:
         measured: settings of the scene.
-        note: called with the name of an event and one line of text.
+        journal: counts measurements that are lost or late.
 
     Attributes:
-        used, rejected: numbers of points so far. work: energy added by corrections [J].
+        used, rejected: numbers of points so far.
+        work: energy added by corrections [J]; counted by who applies them.
         innovation: rms distance of the used points of the last measurement from the prediction
             before the correction [m].
     """
 
-    def __init__(self, measured: Measured, note: Callable[[str, str], None]) -> None:
+    def __init__(self, measured: Measured, journal: Journal) -> None:
         self.measured = measured
-        self._note = note
+        self._note = journal.event
         self.used = self.rejected = 0
         self.work = self.innovation = 0.0
         super().__init__()
@@ -72,8 +74,10 @@ class Observer(Waiting[Points]):
             self._note("full", f"more than {most} measurements wait; the oldest is lost")
         super().add(message)
 
-    def apply(self, now_ns: int, step_ns: float, simulator: Simulator) -> None:
-        """Correct the simulator, which is at `now_ns`, by the measurements of that time."""
+    def in_time(self, now_ns: int, step_ns: float) -> Iterator[Array]:
+        """Remove the measurements up to a time [ns]; yield the points of those that are not more
+        than a step [ns] late, the oldest first.
+        """
         for stamp_ns, points in self.due(now_ns):
             if now_ns - stamp_ns > step_ns:
                 self.rejected += len(points)
@@ -81,7 +85,7 @@ class Observer(Waiting[Points]):
                     "late", "measured points came after their time was simulated, and are not used"
                 )
             else:
-                self._correct(points, simulator)
+                yield points
 
     def values(self) -> list[tuple[str, str]]:
         """Keys and values for the diagnostics."""
@@ -92,7 +96,10 @@ class Observer(Waiting[Points]):
             ("correction work [J]", f"{self.work:.3g}"),
         ]
 
-    def _correct(self, points: Array, simulator: Simulator) -> None:
+    def correction(self, points: Array, simulator: Simulator) -> tuple[Array, Array] | None:
+        """By how much points measured now shift the control points of a simulator [m], and change
+        their velocities [m/s], shape (n, 3) each; None if no point is near the cable.
+        """
         if simulator is not self._simulator:
             self._begin(simulator)
         passed = simulator.time - self._time
@@ -103,15 +110,14 @@ class Observer(Waiting[Points]):
         near = np.linalg.norm(points - line[nearest], axis=-1) <= self.measured.gate
         self.rejected += int(np.sum(~near))
         if not near.any():
-            return
+            return None
         self.used += int(np.sum(near))
         distances = points[near] - line[nearest[near]]
         self.innovation = float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
         shift, speed = self._filter.update(self._basis[nearest[near]], distances)
         # Repeated corrections are the effect of a force that the model lacks.
         self._lacking = math.exp(-passed / _LASTS) * self._lacking + _LEARNT * shift
-        speed += min(passed, self.measured.alike_for) * self._lacking
-        self.work += simulator.correct(shift, speed)
+        return shift, speed + min(passed, self.measured.alike_for) * self._lacking
 
     def _begin(self, simulator: Simulator) -> None:
         """Start with a new filter for this simulator."""

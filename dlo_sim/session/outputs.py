@@ -32,8 +32,6 @@ from numpy.typing import NDArray
 from dlo_sim.core.color_scale import colors
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr_markers import CapsuleEncoder, LineEncoder
-from dlo_sim.session.cdr_points import PointCloudEncoder, needs_doubles
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import (
     CAPSULES,
@@ -90,18 +88,15 @@ class Outputs:
         self._along_capsules = np.linspace(0.0, scene.cable.length, _FINER * capsules + 1)
         self._wrench = cdr.StampedEncoder(cdr.WRENCH_STAMPED, frame)
         self._poses = cdr.PoseArrayEncoder(frame, control_points)
-        self._centerline = LineEncoder(
+        self._centerline = cdr.LineEncoder(
             *(frame, "centerline", samples, width, _CABLE_COLOR, lifetime),
             colored=wanted.color_by != "none",
         )
-        self._polygon = LineEncoder(
+        self._polygon = cdr.LineEncoder(
             frame, "control_polygon", control_points, 0.3 * width, _POLYGON_COLOR, lifetime
         )
-        fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
-        self._points = {
-            doubles: PointCloudEncoder(frame, fields, samples, doubles) for doubles in (False, True)
-        }
-        self._capsules = CapsuleEncoder(frame, "capsules", capsules, _CABLE_COLOR, lifetime)
+        self._fields = ["x", "y", "z", "u"] + ["tension"] * (not scene.without_tension)
+        self._capsules = cdr.CapsuleEncoder(frame, "capsules", capsules, _CABLE_COLOR, lifetime)
         encoders: dict[str, _Encode] = {
             CONTROL_POINTS: self._encode_control_points,
             CENTERLINE: self._encode_centerline,
@@ -155,24 +150,26 @@ class Outputs:
         if not _finite(line):
             return None
         wanted = self._scene.outputs
-        if wanted.color_by != "none":
-            low, high = wanted.color_range
-            by_tension = wanted.color_by == "tension"
-            shown = (simulator.tension if by_tension else simulator.curvature)(self._samples)
-            self._centerline.colors[:] = colors(shown, *((low, high) if high > low else ()))
-        return self._centerline.encode(stamp_ns, line)
+        if wanted.color_by == "none":
+            return self._centerline.encode(stamp_ns, line)
+        low, high = wanted.color_range
+        by_tension = wanted.color_by == "tension"
+        shown = (simulator.tension if by_tension else simulator.curvature)(self._samples)
+        shades = colors(shown, *((low, high) if high > low else ()))
+        return self._centerline.encode(stamp_ns, line, shades)
 
     def _encode_control_polygon(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         points = simulator.control_points[:, :3]
         return self._polygon.encode(stamp_ns, points) if _finite(points) else None
 
     def _encode_points(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
-        line = simulator.centerline(self._samples)
-        cloud = self._points[needs_doubles(line)]
-        cloud.rows[:, :3], cloud.rows[:, 3] = line, self._samples
-        if cloud.rows.shape[1] > 4:
-            cloud.rows[:, 4] = simulator.tension(self._samples)
-        return cloud.encode(stamp_ns) if _finite(cloud.rows) else None
+        columns = [*simulator.centerline(self._samples).T, self._samples]
+        if "tension" in self._fields:
+            columns.append(simulator.tension(self._samples))
+        rows = np.stack(columns, axis=1)
+        if not _finite(rows):
+            return None
+        return cdr.encode_point_cloud(stamp_ns, self._scene.frame_id, self._fields, rows)
 
     def _encode_capsules(self, simulator: Simulator, stamp_ns: int) -> bytes | None:
         line = simulator.centerline(self._along_capsules)

@@ -1,12 +1,30 @@
-"""Limits how far a tick advances, and handles simulations that are too slow."""
+"""How far a tick advances: the lag of the prediction behind the clock, the grid of published
+states, and what is given up where the simulation is too slow.
+
+LATENCY. The path of an end effector turns half-way between two poses towards the one that follows
+them, so with intervals dt and a delay D of the messages the simulation needs to run 1.5 dt + D
+behind (`gripper_path.PoseTiming` measures both). With inputs.latency `auto` the lag follows this
+need; a given lag that is shorter is reported at once, with the lag that would do. The lag decides
+which states are published and when, and how late a message may be. It does not change the states
+otherwise: steps, paths and stamps do not depend on it.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from enum import Enum
+
+from dlo_sim.scene.computation import LEAST_LATENCY, MOST_LATENCY
 from dlo_sim.scene.description import Scene
 from dlo_sim.session.diagnostics import Journal
-from dlo_sim.session.drive import Drive
-from dlo_sim.session.step_grid import OutputGrid
+from dlo_sim.session.gripper_path import PoseTiming
 from dlo_sim.session.time_base import SECOND
+
+# A need is reported again when it has grown by this factor.
+_GROWN = 1.2
+_QUANTUM = 10_000_000  # steps of the lag [ns], at least
+_JITTER = 500_000  # [ns]: usual jitter of ticks; at most a quarter of the period is used
 
 # A simulation that does not catch up skips time once its lag exceeds this [s], or the longest
 # pose_timeout if that is longer, plus inputs.catch_up.
@@ -19,29 +37,142 @@ _MOST_LISTENED = 0.1
 # Most steps of a live tick, since callbacks, services and diagnostics wait for it. If the step is
 # too short for that, the simulation falls behind, which is reported as lag and skipped time.
 _MOST_LIVE_STEPS = 20_000
-# What a simulation that falls behind drops, in this order, before it skips time: event, share of
-# the largest lag at which it is dropped, and what is dropped.
-_SHED = (
-    ("markers_spared", 0.25, "its markers"),
-    ("estimate_spared", 0.5, "its error estimate; keep it with accuracy.estimate: on"),
-)
+# A simulation that falls behind drops its markers and then its error estimate, at these shares of
+# the largest lag, before it skips time.
+_SHED = (0.25, 0.5)
 # What was dropped last is resumed after the simulation has kept up for this long [s], the next
 # after twice as long, up to a limit: it may be what makes the simulation too slow.
 _CALM, _MOST_CALM = 10.0, 600.0
 
 
+class OutputGrid:
+    """Times of the published states: integer multiples of the timer period.
+
+    Their stamps therefore do not depend on when the timer was started.
+
+    Args:
+        rate: of the timer [Hz].
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._period_ns = round(1e9 / rate)
+        self._jitter_ns = min(self._period_ns // 4, _JITTER)
+        self._last: int | None = None
+
+    def until_tick(self, base_ns: int) -> int:
+        """Time [ns] from when a state of `base_ns` would be due to when a regular tick should come,
+        less than a period: after a state has become due, by slightly more than the jitter of ticks.
+        """
+        return (5 * self._jitter_ns // 4 - base_ns) % self._period_ns
+
+    def aim(self, base_ns: int) -> int:
+        """The time [ns] to which a tick should advance at which states up to `base_ns` are due.
+
+        It is the newest multiple; but the successor of the last tick's multiple is used until the
+        next one is older than the jitter, so that ticks which jitter about a multiple skip none.
+        """
+        period = self._period_ns
+        index = base_ns // period
+        if self._last is not None:
+            following = self._last + 1
+            if following * period <= base_ns < (following + 1) * period + self._jitter_ns:
+                index = following
+        self._last = index
+        return index * period
+
+
+class Latency:
+    """The lag of the prediction.
+
+    Args:
+        timings: end or grasp -> what is known of its poses.
+
+    Attributes:
+        ns: the lag now [ns].
+    """
+
+    def __init__(self, scene: Scene, timings: Mapping[str, PoseTiming], journal: Journal) -> None:
+        self._timings, self._note = timings, journal.event
+        self.configure(scene)
+
+    def configure(self, scene: Scene) -> None:
+        """Use the settings of this scene; what is known of the poses stays."""
+        self._auto = scene.inputs.latency < 0.0
+        self._period_ns = round(1e9 / scene.rate)
+        self.ns = round(scene.inputs.least_latency * SECOND)
+        self._said: dict[tuple[str, str], int] = {}
+        self._choose()
+
+    def update(self) -> None:
+        """Choose the lag from what is known of the poses now, or say what they need."""
+        before_ns = self.ns
+        self._choose()
+        for end, timing in self._timings.items():
+            need_ns = timing.need_ns
+            if timing.slower_than_timeout:
+                enough = math.ceil(30 * timing.interval_ns / SECOND) / 10
+                key = end if end in ("start", "end") else f"grasps.{end}"
+                self._say(
+                    *(end, "timeout", timing.interval_ns),
+                    f", further apart than {key}.pose_timeout {timing.timeout_ns / SECOND:g} s: "
+                    f"each is held as the last; set it to {enough:g} to move between them",
+                )
+            elif self._auto and need_ns > before_ns and self.ns > before_ns:
+                late = f"; to move between them, outputs are {self.ns / SECOND:g} s late"
+                self._say(end, "auto", self.ns, late)
+            elif need_ns > self.ns and timing.known:
+                self._say(end, "need", need_ns, self._too_short(need_ns))
+
+    def _choose(self) -> None:
+        if not self._auto:
+            return
+        least = round(LEAST_LATENCY * SECOND)
+        need = max((timing.need_ns for timing in self._timings.values()), default=0)
+        # Whole timer periods more than the least, so that the phase of the ticks stays right.
+        quantum = self._period_ns * math.ceil(_QUANTUM / self._period_ns)
+        more = max(0, -(-(need - least) // quantum)) * quantum
+        self.ns = min(least + more, round(MOST_LATENCY * SECOND))
+
+    def _too_short(self, need_ns: int) -> str:
+        need = math.ceil(100 * (need_ns + self._period_ns) / SECOND) / 100
+        cure = f"set it to {need:g} or auto"
+        if self._auto or need > MOST_LATENCY:
+            cure = "send them at a higher rate or earlier"
+        return (
+            f"; inputs.latency {self.ns / SECOND:g} s is too short for that, and outputs stop "
+            f"until the next one is there; {cure}"
+        )
+
+    def _say(self, end: str, what: str, size_ns: int, text: str) -> None:
+        """Say what follows from the rate of the poses, once unless it has grown since."""
+        if size_ns > _GROWN * self._said.get((end, what), 0):
+            self._said[end, what] = size_ns
+            timing = self._timings[end]
+            late = timing.delay_ns / SECOND
+            late_by = f", {late:.3g} s late" if timing.delay_ns > _QUANTUM else ""
+            apart = f"{timing.interval_ns / SECOND:.3g} s apart"
+            self._note("slow_poses", f"poses of {end} come {apart}{late_by}{text}")
+
+
+class Shed(Enum):
+    """What a simulation that falls behind drops, in this order, and resumes in the other."""
+
+    MARKERS = "its markers"
+    ESTIMATE = "its error estimate"
+
+
 class Pacing:
-    """The limits of a tick, the lag, and the reactions to a lag.
+    """The limits of a tick, the lag, and what is given up for it.
 
     Attributes:
         grid: times of the states to publish.
         most_steps: most steps of one tick.
         lag_ns: time by which the state is behind the wanted one [ns].
         longest_lag_ns: the longest since this was last set to 0 [ns].
+        shed: what is dropped, to which the caller has to keep.
     """
 
-    def __init__(self, scene: Scene, step: float, journal: Journal, live: bool) -> None:
-        self._journal = journal
+    def __init__(self, scene: Scene, step: float, live: bool) -> None:
         self._live = live
         self.configure(scene, step)
         self.clear()
@@ -61,15 +192,10 @@ class Pacing:
     def clear(self) -> None:
         """Clear the lag, resume what was dropped, and start to measure silences anew."""
         self.lag_ns = self.longest_lag_ns = 0
-        self._shed = 0  # number of entries of _SHED that are dropped
+        self.shed: tuple[Shed, ...] = ()
         self._calm_ns = round(_CALM * SECOND)
         self._kept_up_since_ns: int | None = None
         self.listen_anew()
-
-    @property
-    def without_markers(self) -> bool:
-        """Whether markers are dropped."""
-        return self._shed > 0
 
     def listen_anew(self) -> None:
         """Measure silences from the next tick on, after the time base has changed its offset."""
@@ -81,50 +207,37 @@ class Pacing:
         self._listened_ns = min(wanted_ns, listened_ns + self._most_listened_ns)
         return self._listened_ns
 
-    def reached(self, wanted_ns: int, drive: Drive, held_up: bool) -> None:
-        """Update the lag. If the simulation is too slow, drop optional work first, then skip time.
+    def reached(self, wanted_ns: int, now_ns: int, held_up: bool) -> bool:
+        """Update the lag and what is dropped because of it.
 
         Args:
+            wanted_ns, now_ns: time base [ns] to which a tick should have advanced, and has.
             held_up: it waits for a pose or has failed, so it is not too slow.
+
+        Returns:
+            Whether the time up to the wanted one has to be skipped.
         """
-        before, self.lag_ns = self.lag_ns, max(0, wanted_ns - drive.now_ns)
+        before, self.lag_ns = self.lag_ns, max(0, wanted_ns - now_ns)
         self.longest_lag_ns = max(self.longest_lag_ns, self.lag_ns)
         if held_up:
-            return
+            return False
         falling_by = before if self.lag_ns >= before else 0
-        if self._shed < len(_SHED) and falling_by > _SHED[self._shed][1] * self._most_lag_ns:
-            self._give_up(drive)
-        elif self._shed:
-            self._take_up(wanted_ns, drive)
-        if (
+        dropped = len(self.shed)
+        if dropped < len(_SHED) and falling_by > _SHED[dropped] * self._most_lag_ns:
+            self.shed = tuple(Shed)[: dropped + 1]
+            self._kept_up_since_ns = None
+        elif dropped:
+            self._take_up(wanted_ns)
+        return (
             falling_by > self._most_lag_ns
             or self.lag_ns > self._most_lag_ns + MOST_CATCH_UP * SECOND
-        ):
-            skipped = drive.skip_to(wanted_ns)
-            self._journal.skipped_ns += skipped
-            self._journal.event(
-                "time_skipped",
-                f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped",
-            )
+        )
 
-    def _give_up(self, drive: Drive) -> None:
-        event, _, what = _SHED[self._shed]
-        self._shed += 1
-        self._kept_up_since_ns = None
-        if event != "estimate_spared" or drive.spare_estimate():
-            self._journal.event(event, f"the prediction fell behind and goes on without {what}")
-
-    def _take_up(self, wanted_ns: int, drive: Drive) -> None:
+    def _take_up(self, wanted_ns: int) -> None:
         """Resume what was dropped last once the simulation has kept up for long enough."""
         if self._kept_up_since_ns is None or self.lag_ns > self._catch_up_ns:
             self._kept_up_since_ns = wanted_ns
-        if wanted_ns - self._kept_up_since_ns < self._calm_ns:
-            return
-        self._kept_up_since_ns = None
-        self._calm_ns = min(2 * self._calm_ns, round(_MOST_CALM * SECOND))
-        self._shed -= 1
-        event, _, what = _SHED[self._shed]
-        if event != "estimate_spared" or drive.resume_estimate():
-            self._journal.event(
-                "taken_up", f"the prediction keeps up and goes on with {what.partition(';')[0]}"
-            )
+        if wanted_ns - self._kept_up_since_ns >= self._calm_ns:
+            self._kept_up_since_ns = None
+            self._calm_ns = min(2 * self._calm_ns, round(_MOST_CALM * SECOND))
+            self.shed = self.shed[:-1]

@@ -1,15 +1,19 @@
-"""Converts messages with planned motions of end effectors to plans for the simulator, or refuses
-them.
+"""Planned motions of end effectors as messages, and what is predicted along them: `~/plan` in,
+`~/forecast` and `~/forecast/ghosts` out.
 
 A plan has to begin near the newest pose of its end effector. The forecast begins at the present
 state, which is older by the latency, and moves from there to the plan.
+
+A plan of 20,000 points takes 0.3 s to read. So a session only makes a `Request` of the message and
+of its state; `answer`, which does everything else, runs in a process of its own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+import time
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +23,24 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.refusal import SceneError
 from dlo_sim.session import cdr
-from dlo_sim.session.content import MOST_DISTANT, NORM_TOLERANCE, Refused, check_pose
-from dlo_sim.session.diagnostics import TopicRecord
-from dlo_sim.session.session import Session
+from dlo_sim.session.gripper_path import Pose
+from dlo_sim.session.intake import MOST_DISTANT, NORM_TOLERANCE, Refused, check_pose
+from dlo_sim.session.outputs import OutgoingMessage
+from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.topics import FORECAST, GHOSTS
 
 if TYPE_CHECKING:
-    from dlo_sim.simulation.forecast import Plan
+    from dlo_sim.session.session import Session
+    from dlo_sim.simulation.forecast import Forecast, Plan
     from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 JUMP = 0.02, 0.2  # [m], [rad]: largest distance of a plan's first pose from the newest pose
 LONGEST = 60.0  # [s]: longest plan, counted from the present state
 MOST_POINTS = 20_000  # of a plan: 60 s at 333 Hz
+_MOST_BYTES = 16_000_000  # of a plan that is handed to another process
 _MOST_JOINTS = 1000
-_TRANSFORM, _TWIST = 7, 6  # numbers of doubles
+_GHOST_COLOR = (0.4, 0.8, 0.4, 0.3)
 
 
 class Trajectory(NamedTuple):
@@ -51,162 +59,126 @@ class Trajectory(NamedTuple):
     poses: Array
 
 
+class Request(NamedTuple):
+    """A serialised plan, and the state of a session by which it is judged and predicted.
+
+    Attributes:
+        arrival_ns: clock time at which the plan came [ns].
+        now_ns: clock time of the simulator's state [ns]; None: the cable is not placed.
+        newest: end or grasp -> its last pose received, which the simulation may not have reached.
+    """
+
+    raw: bytes
+    arrival_ns: int
+    simulator: Simulator
+    now_ns: int | None
+    newest: Mapping[str, Pose | None]
+
+
+class Answer(NamedTuple):
+    """What becomes of one plan.
+
+    Attributes:
+        messages: to be published. values: for the diagnostics.
+        problem: why the cable could not be predicted to the end of the plan, one line; or empty.
+        refused: reason and detail if the plan was refused.
+    """
+
+    messages: tuple[OutgoingMessage, ...] = ()
+    values: tuple[tuple[str, str], ...] = ()
+    problem: str = ""
+    refused: tuple[str, str] | None = None
+
+
+def check_method(scene: Scene, method: str) -> None:
+    """Refuse a method that cannot follow plans because it is explicit.
+
+    Raises:
+        SceneError: with the cure.
+    """
+    if scene.forecast.processes and METHODS[method].family != IMPLICIT:
+        raise SceneError(
+            f"forecast.processes: {method} follows no plans; set it to 0, or give "
+            "integrator.method: energy_momentum"
+        )
+
+
+def request(session: Session, raw: bytes, arrival_ns: int) -> Request:
+    """A plan that has come, with the present state of the session.
+
+    Raises:
+        Refused: it is too long to be handed on.
+    """
+    if len(raw) > _MOST_BYTES:
+        raise Refused("too_many", f"{len(raw)} bytes; plan at most {MOST_POINTS} points")
+    now_ns = session.stamp_ns if session.started else None
+    return Request(raw, arrival_ns, session.simulator, now_ns, session.newest_poses)
+
+
+def answer(asked: Request) -> Answer:
+    """Judge a plan, predict the cable along it and serialise the result."""
+    began = time.perf_counter()
+    scene = asked.simulator.scene
+    try:
+        plan, stamp_ns, ahead = _planned(asked)
+    except cdr.DecodeError as error:
+        return Answer(refused=(error.reason, f"{error}; publish {cdr.TRAJECTORY}"))
+    except Refused as refused:
+        return Answer(refused=(refused.reason, refused.detail))
+    end = float(np.max(plan.times))
+    try:
+        found = asked.simulator.forecast(plan, min(scene.forecast.every, end))
+    except (TypeError, ValueError) as refusal:
+        return Answer(problem=str(refusal))
+    if not len(found.times):
+        return Answer(problem=found.report.message)
+    cloud = _cloud(scene, found, stamp_ns, ahead)
+    ghosts = _ghosts(scene, found, stamp_ns, end - ahead)
+    messages = (
+        OutgoingMessage(FORECAST, cdr.POINT_CLOUD, stamp_ns, cloud),
+        OutgoingMessage(GHOSTS, cdr.MARKER, stamp_ns, ghosts),
+    )
+    peak = found.peak_tension
+    values = (
+        ("peak tension [N]", "unknown" if peak is None else f"{peak:.4g}"),
+        ("largest curvature [1/m]", f"{found.largest_curvature:.4g}"),
+        ("forecast time [ms]", f"{1e3 * (time.perf_counter() - began):.1f}"),
+    )
+    return Answer(messages, values, found.report.message)
+
+
 def decode_trajectory(raw: cdr.Bytes, known: Collection[str] | None = None) -> Trajectory:
     """Names, times and transforms of a message; velocities and accelerations are ignored.
 
     Args:
-        known: names that the joints can have; others are refused before the points are read.
+        known: names that the joints can have; None: any.
 
     Raises:
         DecodeError: not such a message, or a point whose number of transforms is not that of the
             joints, or more than `MOST_POINTS`.
         Refused: unknown joints.
     """
-    reader = cdr.Reader(raw)
-    stamp_ns, frame_id = reader.header()
-    joints = tuple(reader.text() for _ in range(reader.count("joints", _MOST_JOINTS)))
+    message = cdr.read(cdr.TRAJECTORY, raw)
+    joints, points = tuple(message.joint_names), message.points
+    if len(joints) > _MOST_JOINTS:
+        raise cdr.TooMany(f"{len(joints)} joints, {_MOST_JOINTS} at most are used")
     if known is not None:
         check_joints(known, joints)
-    count = reader.count("points", MOST_POINTS)
-    times, poses = np.empty(count), np.empty((count, len(joints), _TRANSFORM))
-    done = 0
-    while done < count:
-        tables = [reader.table(width) for width in (_TRANSFORM, _TWIST, _TWIST)]
-        if len(tables[0]) != len(joints):
+    if len(points) > MOST_POINTS:
+        raise cdr.TooMany(f"{len(points)} points, {MOST_POINTS} at most are used")
+    for number, point in enumerate(points):
+        if len(point.transforms) != len(joints):
             raise cdr.DecodeError(
-                f"point {done} has {len(tables[0])} transforms for {len(joints)} joints"
+                f"point {number} has {len(point.transforms)} transforms for {len(joints)} joints"
             )
-        poses[done] = tables[0]
-        times[done] = reader.whole("i") + 1e-9 * reader.whole()
-        done += 1
-        # Those that follow have as many velocities and accelerations, as a rule.
-        layout = _layout(reader, tables)
-        rows = reader.records(layout, count - done)
-        alike = np.ones(len(rows), dtype=bool)
-        for number, table in enumerate(tables):
-            alike &= rows[f"size {number}"] == len(table)
-        same = len(rows) if alike.all() else int(np.argmin(alike))
-        times[done : done + same] = rows["seconds"][:same] + 1e-9 * rows["nanoseconds"][:same]
-        if joints:
-            poses[done : done + same] = rows["table 0"][:same]
-        reader.skip(same * layout.itemsize)
-        done += same
-    return Trajectory(stamp_ns, frame_id, joints, times, poses)
-
-
-def _layout(reader: cdr.Reader, tables: Sequence[Array]) -> np.dtype[Any]:
-    """Layout of the points that follow one with these transforms, velocities and accelerations.
-
-    The first padding depends on where the point begins. After any table the rest of a point has a
-    fixed length, so that all points but the first of a message begin alike.
-    """
-    fields: dict[str, tuple[str, Any, int]] = {}
-    at = reader.at
-    for number, table in enumerate(tables):
-        fields[f"size {number}"] = "u4", (), at
-        at += 4
-        if len(table):
-            at += -(at - 4) % 8
-            fields[f"table {number}"] = "f8", table.shape, at
-            at += 8 * table.size
-    fields |= {"seconds": ("i4", (), at), "nanoseconds": ("u4", (), at + 4)}
-    layout: Any = {
-        "names": list(fields),
-        "formats": [(reader.order + kind, shape) for kind, shape, _ in fields.values()],
-        "offsets": [begin - reader.at for _, _, begin in fields.values()],
-        "itemsize": at + 8 - reader.at,
-    }
-    return np.dtype(layout)
-
-
-class Planned(NamedTuple):
-    """A plan for a simulator in its present state.
-
-    Attributes:
-        stamp_ns: stamp of the answer: that of the plan, or its arrival if the plan has none.
-        ahead: time from the present state to that stamp [s].
-    """
-
-    simulator: Simulator
-    plan: Plan
-    stamp_ns: int
-    ahead: float
-
-
-class Plans:
-    """Checks plans for a session.
-
-    Attributes:
-        record: counts the plans.
-
-    Raises:
-        SceneError: the session's method cannot follow plans, as it is explicit.
-    """
-
-    def __init__(self, session: Session, topic: str) -> None:
-        method = session.simulator.method
-        if METHODS[method].family != IMPLICIT:
-            raise SceneError(
-                f"forecast.processes: {method} follows no plans; set it to 0, or give "
-                "integrator.method: energy_momentum"
-            )
-        self._session = session
-        self.record = TopicRecord(topic, occasional=True)
-
-    def accept(self, raw: cdr.Bytes, arrival_ns: int) -> Planned | None:
-        """Check one message; a bad one is refused and counted."""
-        self.record.last_arrival_ns = arrival_ns
-        try:
-            trajectory = decode_trajectory(raw, known_joints(self._session.scene))
-            planned = self._planned(trajectory, arrival_ns)
-        except cdr.DecodeError as error:
-            self.record.refuse(error.reason, f"{error}; publish {cdr.TRAJECTORY}")
-            return None
-        except Refused as refused:
-            self.record.refuse(refused.reason, refused.detail)
-            return None
-        self.record.accepted += 1
-        return planned
-
-    def _planned(self, trajectory: Trajectory, arrival_ns: int) -> Planned:
-        from dlo_sim.simulation.forecast import Plan
-
-        session = self._session
-        if not session.started:
-            raise bad_plan("the cable has not been placed yet; plan once every end has a pose")
-        check_plan(session.scene, trajectory)
-        stamp_ns = trajectory.stamp_ns or arrival_ns
-        ahead = (stamp_ns - session.stamp_ns) * 1e-9
-        times = ahead + trajectory.times
-        if not 0.0 < times[-1] <= LONGEST:
-            raise bad_plan(
-                f"ends {times[-1]:.3f} s after the present state; stamp it with the time of its "
-                f"begin, or with 0 for now, and plan at most {LONGEST:g} s"
-            )
-        later = times > 0.0
-        grid = np.concatenate([[0.0], times[later]])
-        poses = {}
-        for name, rows in zip(trajectory.joints, np.moveaxis(trajectory.poses, 1, 0), strict=True):
-            self._check_begin(name, rows[0])
-            present = np.concatenate(session.simulator.end_pose(name))
-            poses[name] = np.vstack([present, rows[later]])
-            check_speed(session.scene, name, grid, poses[name], JUMP[0])
-        return Planned(session.simulator, Plan(grid, poses), stamp_ns, ahead)
-
-    def _check_begin(self, name: str, pose: Array) -> None:
-        """Refuse a plan that does not begin near the newest pose of the end effector."""
-        newest = self._session.newest_poses.get(name)
-        position, orientation = self._session.simulator.end_pose(name)
-        if newest is not None:
-            position, orientation = np.array(newest.position), np.array(newest.orientation)
-        way = math.dist(pose[:3].tolist(), position.tolist())
-        turned = rotations.multiply(pose[3:], rotations.conjugate(orientation))
-        turn = float(np.linalg.norm(rotations.to_rotation_vector(turned)))
-        if way > JUMP[0] or turn > JUMP[1]:
-            raise bad_plan(
-                f"begins {way:.3g} m and {turn:.3g} rad away from the newest pose of {name}; begin "
-                f"there, within {JUMP[0]:g} m and {JUMP[1]:g} rad"
-            )
+    stamps = [point.time_from_start for point in points]
+    rows = [cdr.transform_values(one) for point in points for one in point.transforms]
+    return Trajectory(
+        *cdr.head(message.header),
+        joints,
+        np.array([stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps]),
+        np.reshape(rows, (len(points), len(joints), 7)),
+    )
 
 
 def check_plan(scene: Scene, trajectory: Trajectory) -> None:
@@ -217,11 +189,11 @@ def check_plan(scene: Scene, trajectory: Trajectory) -> None:
     """
     joints, times = trajectory.joints, trajectory.times
     if trajectory.frame_id not in ("", scene.frame_id):
-        raise bad_plan(f"is in frame '{trajectory.frame_id}'; transform it to '{scene.frame_id}'")
-    check_joints(known_joints(scene), joints)
+        raise _bad_plan(f"is in frame '{trajectory.frame_id}'; transform it to '{scene.frame_id}'")
+    check_joints(_known_joints(scene), joints)
     if not len(times) or times[0] < 0.0 or not np.all(np.diff(times) > 0.0):
         shown = ", ".join(f"{time:.6g}" for time in times[:4])
-        raise bad_plan(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
+        raise _bad_plan(f"has the times {shown or 'none'} ... s; give rising ones from 0 s on")
     with np.errstate(over="ignore", invalid="ignore"):
         distance = np.linalg.norm(trajectory.poses[..., :3], axis=-1)
         norm = np.linalg.norm(trajectory.poses[..., 3:], axis=-1)
@@ -237,11 +209,6 @@ def check_plan(scene: Scene, trajectory: Trajectory) -> None:
             raise Refused(refused.reason, f"{where}: {refused.detail}") from None
 
 
-def known_joints(scene: Scene) -> list[str]:
-    """What a plan can move: the ends and grasps of a scene that are held."""
-    return [name for name, holder in scene.holders.items() if holder.held]
-
-
 def check_joints(known: Collection[str], joints: Collection[str]) -> None:
     """Refuse joints that are unknown, named twice or none.
 
@@ -249,7 +216,7 @@ def check_joints(known: Collection[str], joints: Collection[str]) -> None:
         Refused: naming them.
     """
     if not joints or not set(joints) <= set(known) or len(set(joints)) < len(joints):
-        raise bad_plan(
+        raise _bad_plan(
             f"has the joints {', '.join(joints) or 'none'}; name what holds the cable, each once: "
             f"{', '.join(known) or 'nothing does'}"
         )
@@ -268,11 +235,93 @@ def check_speed(scene: Scene, name: str, times: Array, poses: Array, jump: float
     ways[0] = max(ways[0] - jump, 0.0)
     speed, most = float((ways / np.diff(times)).max()), scene.inputs.max_speed
     if speed > most:
-        raise bad_plan(
+        raise _bad_plan(
             f"moves {name} at {speed:.3g} m/s, inputs.max_speed is {most:g} m/s; plan it slower"
         )
 
 
-def bad_plan(detail: str) -> Refused:
+def _planned(asked: Request) -> tuple[Plan, int, float]:
+    """The plan from the present state on, the stamp of the answer [ns] (that of the plan, or its
+    arrival if the plan has none), and the time from the present state to that stamp [s].
+
+    Raises:
+        DecodeError, Refused: it cannot be used.
+    """
+    from dlo_sim.simulation.forecast import Plan  # imports the compiler
+
+    scene = asked.simulator.scene
+    trajectory = decode_trajectory(asked.raw, _known_joints(scene))
+    if asked.now_ns is None:
+        raise _bad_plan("came before the cable was placed; plan once every end has a pose")
+    check_plan(scene, trajectory)
+    stamp_ns = trajectory.stamp_ns or asked.arrival_ns
+    ahead = (stamp_ns - asked.now_ns) * 1e-9
+    times = ahead + trajectory.times
+    if not 0.0 < times[-1] <= LONGEST:
+        raise _bad_plan(
+            f"ends {times[-1]:.3f} s after the present state; stamp it with the time of its "
+            f"begin, or with 0 for now, and plan at most {LONGEST:g} s"
+        )
+    later = times > 0.0
+    grid = np.concatenate([[0.0], times[later]])
+    poses = {}
+    for name, rows in zip(trajectory.joints, np.moveaxis(trajectory.poses, 1, 0), strict=True):
+        position, orientation = asked.simulator.end_pose(name)
+        _check_begin(name, rows[0], asked.newest.get(name), position, orientation)
+        poses[name] = np.vstack([np.concatenate([position, orientation]), rows[later]])
+        check_speed(scene, name, grid, poses[name], JUMP[0])
+    return Plan(grid, poses), stamp_ns, ahead
+
+
+def _check_begin(
+    name: str, pose: Array, newest: Pose | None, position: Array, orientation: Array
+) -> None:
+    """Refuse a plan that does not begin near the newest pose of the end effector, or near its
+    present one if it has received none.
+    """
+    if newest is not None:
+        position, orientation = np.array(newest.position), np.array(newest.orientation)
+    way = math.dist(pose[:3].tolist(), position.tolist())
+    turned = rotations.multiply(pose[3:], rotations.conjugate(orientation))
+    turn = float(np.linalg.norm(rotations.to_rotation_vector(turned)))
+    if way > JUMP[0] or turn > JUMP[1]:
+        raise _bad_plan(
+            f"begins {way:.3g} m and {turn:.3g} rad away from the newest pose of {name}; begin "
+            f"there, within {JUMP[0]:g} m and {JUMP[1]:g} rad"
+        )
+
+
+def _known_joints(scene: Scene) -> list[str]:
+    """What a plan can move: the ends and grasps of a scene that are held."""
+    return [name for name, holder in scene.holders.items() if holder.held]
+
+
+def _bad_plan(detail: str) -> Refused:
     """The refusal of a plan; `detail` completes "the plan ..."."""
     return Refused("bad_plan", f"the plan {detail}")
+
+
+def _cloud(scene: Scene, found: Forecast, stamp_ns: int, ahead: float) -> bytes:
+    """A cloud of the points of all shapes; its field t counts from the plan's stamp [s]."""
+    fields = ["x", "y", "z", "u", "t"] + ["tension"] * (found.tension is not None)
+    shapes, points, _ = found.centerline.shape
+    rows = np.empty((shapes, points, len(fields)))
+    rows[..., :3], rows[..., 3] = found.centerline, found.u
+    rows[..., 4] = (found.times - ahead)[:, None]
+    if found.tension is not None:
+        rows[..., 5] = found.tension
+    return cdr.encode_point_cloud(stamp_ns, scene.frame_id, fields, rows.reshape(-1, len(fields)))
+
+
+def _ghosts(scene: Scene, found: Forecast, stamp_ns: int, lifetime: float) -> bytes:
+    """Lines of a few shapes including the last one, displayed for `lifetime` [s]."""
+    count = len(found.times)
+    chosen = np.unique(np.linspace(count - 1, -1, scene.forecast.ghosts, endpoint=False).round())
+    # A list of lines: each point inside a shape ends one and begins the next.
+    lines = np.repeat(found.centerline[chosen.astype(int)], 2, axis=1)[:, 1:-1].reshape(-1, 3)
+    ghosts = cdr.LineEncoder(
+        *(scene.frame_id, "forecast", len(lines), scene.cable.diameter, _GHOST_COLOR),
+        round(max(lifetime, 0.1) * SECOND),
+        kind=cdr.LINE_LIST,
+    )
+    return ghosts.encode(stamp_ns, lines)

@@ -18,23 +18,25 @@ from typing import TYPE_CHECKING
 
 from dlo_sim.scene.description import Scene, parameters_of
 from dlo_sim.session import cdr
-from dlo_sim.session.accuracy import Accuracy
 from dlo_sim.session.diagnostics import (
+    ERROR,
+    KNOTS,
+    OK,
+    WARN,
+    Accuracy,
     Journal,
     SessionStatus,
     TickReport,
-    session_status,
     topic_status,
 )
 from dlo_sim.session.drive import Drive, Prepared
-from dlo_sim.session.intake import Accepted, Intake
-from dlo_sim.session.latency import Latency
+from dlo_sim.session.gripper_path import Pose
+from dlo_sim.session.intake import Accepted, Intake, Transforms
 from dlo_sim.session.outputs import OutgoingMessage, Outputs
-from dlo_sim.session.pacing import Pacing
-from dlo_sim.session.pose_smoothing import Pose
+from dlo_sim.session.pacing import Latency, Pacing, Shed
 from dlo_sim.session.time_base import TimeBase, Verdict
 from dlo_sim.session.topics import DEFAULT_NAMING, MARKERS, Naming, tf_inputs
-from dlo_sim.session.transforms import Transforms
+from dlo_sim.simulation.resolution import knot_grading
 
 if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator, Snapshot
@@ -82,22 +84,15 @@ class Session:
         self._transforms = transforms
         sources = (*self.inputs, *tf_inputs(scene))
         self.journal = Journal([entry.topic for entry in sources])
-        self._drive = Drive(scene, simulator_factory, self.journal.event)
+        self._drive = Drive(scene, simulator_factory, self.journal)
         timings = {name: path.timing for name, path in self._drive.paths.items()}
-        self._latency = Latency(scene, timings, self.journal.event)
-        self._intake = Intake(
-            scene,
-            sources,
-            self._time,
-            self.journal,
-            self._latency,
-            transforms,
-            self._drive.passed_ns,
-        )
-        self._accuracy = Accuracy(scene, self.journal.event)
+        self._latency = Latency(scene, timings, self.journal)
+        queues = {entry: self._drive.queue(entry) for entry in sources}
+        self._intake = Intake(scene, queues, self._time, self.journal, transforms)
+        self._accuracy = Accuracy(scene, self.journal)
         self._outputs = self._new_outputs()
         _look_at(self._drive.simulator, scene)
-        self._pacing = Pacing(scene, self._drive.simulator.step, self.journal, live)
+        self._pacing = Pacing(scene, self._drive.simulator.step, live)
         self.restarts = 0
         self._resume = resume
         self._paused = False
@@ -174,7 +169,8 @@ class Session:
         """
         self._watch_clock(arrival_ns, tick=False)
         before = self._time.offset_ns
-        self._use(self._intake.accept(topic, raw, arrival_ns), before, arrival_ns)
+        found = self._intake.accept(topic, raw, arrival_ns, self._latency.ns)
+        self._use(found, before, arrival_ns)
 
     def until_tick(self, now_ns: int) -> int:
         """Time [ns] from this clock time to when a regular tick should come, just after a state has
@@ -188,10 +184,12 @@ class Session:
         """
         self._watch_clock(now_ns, tick=True)
         before = self._time.offset_ns
-        self._use(self._intake.sample(now_ns) + self._intake.due(now_ns), before, now_ns)
+        lag_ns = self._latency.ns
+        found = self._intake.sample(now_ns, lag_ns) + self._intake.due(now_ns, lag_ns)
+        self._use(found, before, now_ns)
         self._latency.update()
         count = int(now_ns * 1e-9 * self.scene.outputs.marker_rate)
-        due = count != self._marker_count and not self._pacing.without_markers
+        due = count != self._marker_count and Shed.MARKERS not in self._pacing.shed
         self._markers_due, self._marker_count = due, count
         wanted_ns = self._pacing.grid.aim(self._due_ns(now_ns))
         if self._paused or self._failure or not (self.started or self._begin(wanted_ns)):
@@ -201,7 +199,15 @@ class Session:
             self._drive.skip_to(wanted_ns)
         silence_ns = self._pacing.listen(wanted_ns)
         steps = self._advance(wanted_ns, self._pacing.most_steps, silence_ns)
-        self._pacing.reached(wanted_ns, self._drive, bool(self._waiting or self._failure))
+        shed, held_up = self._pacing.shed, bool(self._waiting or self._failure)
+        skip = self._pacing.reached(wanted_ns, self._drive.now_ns, held_up)
+        if self._pacing.shed != shed:
+            self._follow_load(shed)
+        if skip:
+            skipped = self._drive.skip_to(wanted_ns)
+            self.journal.skipped_ns += skipped
+            lost = f"{skipped * 1e-9:.3f} s could not be computed in time and were skipped"
+            self.journal.event("time_skipped", lost)
         return self._report(steps)
 
     @property
@@ -240,20 +246,12 @@ class Session:
         """A serialised DiagnosticArray at this clock time [ns]: the session, and each input with
         its refusals by reason.
         """
-        status = session_status(
-            self.journal,
-            self.status,
-            self._message(),
-            self._drive,
-            self._accuracy,
-            latency=self._latency.ns * 1e-9,
-            lag=self._pacing.longest_lag_ns * 1e-9,
-            delay=(now_ns - self.stamp_ns) * 1e-9 if self.started else None,
-            offset=self._time.offset_ns * 1e-9,
+        topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
+        found = cdr.encode_diagnostic_array(
+            now_ns, self._naming.node, [self._state(now_ns), *topics]
         )
         self._pacing.longest_lag_ns = self._pacing.lag_ns
-        topics = [topic_status(record, now_ns) for record in self.journal.topics.values()]
-        return cdr.encode_diagnostic_array(now_ns, self._naming.node, [status, *topics])
+        return found
 
     def reset(self, jump: str = "") -> None:
         """Start over: place the cable at the next poses (at once if no end is driven), without the
@@ -322,7 +320,7 @@ class Session:
         time_mode_changed = scene.inputs.time != self.scene.inputs.time
         self._drive.reconfigure(scene, prepared)
         self._intake.configure(scene)
-        self._accuracy = Accuracy(scene, self.journal.event)
+        self._accuracy = Accuracy(scene, self.journal)
         self._latency.configure(scene)
         self._pacing.configure(self.scene, self._drive.simulator.step)
         self._outputs = self._new_outputs()
@@ -361,9 +359,9 @@ class Session:
                 away = f"{abs(offset) * 1e-9:.6g} s {side} the clock"
                 self.journal.event("other_epoch", f"stamps are {away}; using their own time base")
             for entry in accepted.entries:
-                self._drive.add(entry, accepted.message)
                 if accepted.message is None:
                     continue
+                self._drive.queue(entry).add(accepted.message)
                 stamp_ns, now_ns = accepted.message.stamp_ns, self._time.from_clock(clock_ns)
                 if entry.is_pose:
                     self._drive.paths[entry.target].timing.accept(stamp_ns, now_ns)
@@ -406,6 +404,22 @@ class Session:
             self._fail(f"{failure} (at {self._drive.simulator.time:.6f} s, stamp {at:.6f} s)")
         return steps
 
+    def _follow_load(self, before: tuple[Shed, ...]) -> None:
+        """Drop or resume what the pacing has dropped or resumed; `before` was dropped before."""
+        now = self._pacing.shed
+        (changed,) = set(before) ^ set(now)
+        if changed is Shed.ESTIMATE:
+            follow = self._drive.spare_estimate if changed in now else self._drive.resume_estimate
+            if not follow():
+                return
+        line = f"the prediction keeps up and goes on with {changed.value}"
+        event = "taken_up"
+        if changed in now:
+            event = f"{changed.name.lower()}_spared"
+            keep = "; keep it with accuracy.estimate: on" if changed is Shed.ESTIMATE else ""
+            line = f"the prediction fell behind and goes on without {changed.value}{keep}"
+        self.journal.event(event, line)
+
     def _fail(self, message: str) -> None:
         self._failure = message
         self.journal.event("failed", message)
@@ -437,6 +451,57 @@ class Session:
         stop = bool(self._failure) and self.scene.integrator.on_failure == "stop"
         return TickReport(steps, self._pacing.lag_ns, self.status, self._message(), stop)
 
+    def _state(self, now_ns: int) -> cdr.DiagnosticStatus:
+        """State, time, energy, lag and events. The first of what is wrong is the message; permanent
+        warnings come last, as they would hide what is new.
+        """
+        drive, journal, simulator = self._drive, self.journal, self._drive.simulator
+        lag = self._pacing.longest_lag_ns * 1e-9
+        fresh, energy = journal.fresh_events(), simulator.energy()
+        level, text = OK, ""
+        if self._failure:
+            level, text = ERROR, self._failure
+        elif drive.unresolved:
+            level, text = ERROR, drive.unresolved
+        elif not self.started or lag > self.scene.inputs.catch_up:
+            level = WARN
+        elif self._accuracy.warning:
+            level, text = WARN, self._accuracy.warning
+        elif fresh:
+            level, text = WARN, journal.last_event
+        elif simulator.warnings:
+            level, text = WARN, simulator.warnings[0]
+        delay = f"{(now_ns - self.stamp_ns) * 1e-9:.4f}" if self.started else "never"
+        left_out = "; ".join(f"{name}: {why}" for name, why in simulator.left_out.items())
+        values = [
+            ("status", self.status.value),
+            ("simulated time [s]", f"{simulator.time:.6f}"),
+            ("step [s]", f"{simulator.step:.9g}"),
+            ("method", simulator.method),
+            ("control points", str(len(simulator.greville))),
+            (KNOTS, _density(simulator.scene)),
+            ("active terms", ", ".join(simulator.active_terms)),
+            ("left out", left_out),
+            ("warnings", "; ".join(simulator.warnings)),
+            ("energy [J]", f"{energy.total:.9g}"),
+            ("kinetic energy [J]", f"{energy.kinetic:.9g}"),
+            *self._accuracy.values(),
+            ("latency [s]", f"{self._latency.ns * 1e-9:.3f}"),
+            ("lag [s]", f"{lag:.3f}"),
+            ("inputs act after [s]", delay),
+            ("skipped [s]", f"{journal.skipped_ns * 1e-9:.3f}"),
+            ("clock minus stamps [s]", f"{self._time.offset_ns * 1e-9:.9g}"),
+            ("messages used", str(journal.accepted)),
+            ("messages refused", str(sum(journal.refused.values()))),
+            *((f"event {name}", str(count)) for name, count in sorted(journal.events.items())),
+        ]
+        if journal.last_event:
+            values.append(("last event", journal.last_event))
+        if drive.observer is not None:
+            values += drive.observer.values()
+        text = self._message() or text or self.status.value
+        return cdr.DiagnosticStatus(level, "session", text, tuple(values))
+
     def _new_outputs(self) -> Outputs:
         return Outputs(self.scene, len(self._drive.simulator.greville), self._naming.node)
 
@@ -451,3 +516,11 @@ def _look_at(simulator: Simulator, scene: Scene) -> None:
 def _fixed(scene: Scene) -> dict[str, object]:
     """The parameters that a running session cannot change: key -> value."""
     return {row.key: row.default for row in parameters_of(scene) if row.read_only}
+
+
+def _density(scene: Scene) -> str:
+    """Density of the knots at the start and the end in excess of 1, and the length over which it
+    decays as a share of the cable's, by which a reader of control points finds the curve.
+    """
+    start, end, reach = knot_grading(scene)
+    return f"{start:.17g} {end:.17g} {reach / scene.cable.length:.17g}"

@@ -14,7 +14,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from dlo_sim.session.cdr import Stamped
-from dlo_sim.session.content import Refused
+from dlo_sim.session.diagnostics import Refused
 
 SECOND = 1_000_000_000
 

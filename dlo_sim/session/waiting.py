@@ -1,29 +1,21 @@
 """Queues of stamped messages until the simulation reaches their time, and loads that act from their
 stamps on (zero-order hold).
 
-During a step the newest load whose stamp is not after the start of the step acts. It is held until
-the next one, or removed `timeout` after its stamp. A load times `loads.<name>.sign` is a wrench ON
-THE CABLE.
+A queue hands out values and calls nobody. During a step the newest load whose stamp is not after
+the start of the step acts. It is held until the next one, or removed `timeout` after its stamp. A
+load times `loads.<name>.sign` is a wrench ON THE CABLE.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from collections.abc import Iterator
+from typing import Any, Generic, NamedTuple, TypeVar
 
-import numpy as np
-
-from dlo_sim.core import rotations
 from dlo_sim.scene.cable import Load
 from dlo_sim.session.time_base import SECOND
 
-if TYPE_CHECKING:
-    from dlo_sim.simulation.error_estimate import ErrorEstimate
-    from dlo_sim.simulation.simulator import Simulator
-
 _MOST_LOADS = 20_000
-_ZERO = (0.0, 0.0, 0.0)
 
 
 class TakeMessage(NamedTuple):
@@ -46,7 +38,7 @@ class LoadMessage(NamedTuple):
     stamp_ns: int
     force: tuple[float, ...]
     torque: tuple[float, ...]
-    end: str
+    end: str = ""
 
 
 Message = TypeVar("Message", bound=Any)  # a named tuple with `stamp_ns` in the time base [ns]
@@ -106,20 +98,18 @@ class Waiting(Generic[Message]):
 class LoadSchedule(Waiting[LoadMessage]):
     """The pending messages of one load.
 
-    Args:
-        load: its description.
-        note: called with the name of an event and one line of text.
+    Attributes:
+        held: the last load that was taken out and acts since; None = none, or removed.
+        timeout: time [s] after the stamp of `held` when it is to be removed, 0 = never.
     """
 
-    def __init__(self, load: Load, note: Callable[[str, str], None]) -> None:
+    def __init__(self, load: Load) -> None:
         super().__init__(_MOST_LOADS)
-        self._note = note
         self.configure(load)
 
     def configure(self, load: Load) -> None:
-        """Use name and timeout of this load, and its sign for messages received from now on."""
-        self.name, self._sign = load.name, load.sign
-        self.timeout_ns = round(load.timeout * SECOND)
+        """Use the timeout of this load, and its sign for messages received from now on."""
+        self._sign, self.timeout = load.sign, load.timeout
 
     def add(self, message: LoadMessage) -> None:
         """Take an accepted message, as `Waiting.add`."""
@@ -132,47 +122,27 @@ class LoadSchedule(Waiting[LoadMessage]):
     def clear(self) -> None:
         """Discard all messages and the held load."""
         super().clear()
-        self._held: LoadMessage | None = None
+        self.held: LoadMessage | None = None
 
     def shift_time(self, delta_ns: int) -> None:
         """Shift all stamps by delta [ns]."""
         super().shift_time(delta_ns)
-        if self._held is not None:
-            self._held = self._held._replace(stamp_ns=self._held.stamp_ns + delta_ns)
+        if self.held is not None:
+            self.held = self.held._replace(stamp_ns=self.held.stamp_ns + delta_ns)
+
+    def due(self, now_ns: int) -> Iterator[LoadMessage]:
+        """Remove and yield the messages up to a time [ns], the oldest first, and hold the last."""
+        for message in super().due(now_ns):
+            self.held = message
+            yield message
+
+    def removal_ns(self) -> int | None:
+        """Time base [ns] at which the held load is to be removed, None = never."""
+        if self.held is None or not self.timeout:
+            return None
+        return self.held.stamp_ns + round(self.timeout * SECOND)
 
     def next_change_ns(self) -> int | None:
         """Time base [ns] of the next known change of the load, None = none."""
-        change = super().next_change_ns()
-        if self._held is None or not self.timeout_ns:
-            return change
-        removed = self._held.stamp_ns + self.timeout_ns
-        return removed if change is None else min(change, removed)
-
-    def apply(self, now_ns: int, step_ns: float, simulator: Simulator | ErrorEstimate) -> None:
-        """Set the load that acts during the step that begins at `now_ns`."""
-        newest: LoadMessage | None = None
-        for newest in self.due(now_ns):
-            if now_ns - newest.stamp_ns > step_ns:
-                self._note(
-                    "late", f"load {self.name} came after the simulation had passed its stamp"
-                )
-        if newest is not None:
-            self._held = newest
-            force, torque = newest.force, newest.torque
-            if newest.end:
-                orientation = simulator.end_pose(newest.end)[1]
-                turned = rotations.rotate(orientation, np.array([force, torque]))
-                force, torque = turned[0], turned[1]
-            simulator.set_load(self.name, force=force, torque=torque)
-        held = self._held
-        if held is not None and self.timeout_ns and now_ns >= held.stamp_ns + self.timeout_ns:
-            self._held = None
-            timeout = self.timeout_ns / SECOND
-            self._note("load_removed", f"load {self.name}: no message for {timeout:g} s; removed")
-            simulator.set_load(self.name, force=_ZERO, torque=_ZERO)
-
-    def resend(self, simulator: Simulator | ErrorEstimate) -> None:
-        """Set the held load again, for a new simulator."""
-        if self._held is not None:
-            self._pending.appendleft(self._held)
-            self.apply(self._held.stamp_ns, 0.0, simulator)
+        changes = (super().next_change_ns(), self.removal_ns())
+        return min((change for change in changes if change is not None), default=None)

@@ -275,7 +275,7 @@ def _read(
     for message in bag.messages({t: k for t, k in wanted.items() if t in bag.topics}):
         if message.topic == poses:
             state = cdr.decode_pose_array(message.data)
-            states[state.stamp_ns] = state.poses
+            states[state.stamp_ns] = state.rows
         elif message.topic in ends:
             wrench = cdr.decode(cdr.WRENCH_STAMPED, message.data)
             forces[ends[message.topic]][wrench.stamp_ns] = np.array(wrench.values[:3])

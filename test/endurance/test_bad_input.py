@@ -21,8 +21,8 @@ from dlo_sim.replay.replay import ReplayError, replay_bag
 from dlo_sim.scene.description import PARAMETERS
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr_points import PointCloudEncoder
-from dlo_sim.session.plans import Plans
+from dlo_sim.session.diagnostics import TopicRecord
+from dlo_sim.session.plans import answer, request
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.topics import PLAN
@@ -88,23 +88,30 @@ def valid_messages(kind):
     points = cdr.PoseArrayEncoder("world", 2)
     points.rows[:, :3] = (0.79, 0.0, 0.0), (0.81, 0.0, 0.0)
     seen = cdr.PoseArrayEncoder("world", 9)
-    if kind == "point_cloud":
-        seen = PointCloudEncoder("world", ["x", "y", "z"], 9)
     seen.rows[:, 0] = np.linspace(0.0, 0.8, 9)
 
+    def measured(stamp_ns):
+        if kind == "point_cloud":
+            return cdr.encode_point_cloud(stamp_ns, "world", "xyz", seen.rows[:, :3])
+        return seen.encode(stamp_ns)
+
     def plan(stamp_ns):
-        writer = cdr.Writer()
-        writer.header("world", stamp_ns)
-        writer.numbers("I", 1)
-        writer.text("start")
-        writer.numbers("I", 2)
-        for nanoseconds in (100_000_000, 500_000_000):
-            writer.numbers("I", 1)
-            writer.numbers("d", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-            writer.numbers("I", 0, 0)
-            writer.numbers("i", 0)
-            writer.numbers("I", nanoseconds)
-        return bytes(writer.data)
+        types = cdr.STORE.types
+        still = types["geometry_msgs/msg/Transform"](
+            cdr.new("geometry_msgs/msg/Vector3"),
+            types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        )
+        points = [
+            cdr.new(
+                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+                transforms=[still],
+                time_from_start=types["builtin_interfaces/msg/Duration"](0, nanoseconds),
+            )
+            for nanoseconds in (100_000_000, 500_000_000)
+        ]
+        stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, SECOND))
+        header = types["std_msgs/msg/Header"](stamp, "world")
+        return cdr.write(cdr.TRAJECTORY, types[cdr.TRAJECTORY](header, ["start"], points))
 
     return {
         "/pose": lambda t: pose.encode(t, (0.0, 0.02 * np.sin(t * 3e-9), 0.0, 0, 0, 0, 1)),
@@ -112,7 +119,7 @@ def valid_messages(kind):
         "/wrench": lambda t: wrench.encode(t, (0.01, 0.0, 0.02, 0.0, 0.0, 0.0)),
         "/force": lambda t: force.encode(t, (0.0, 0.01, 0.0)),
         "/taken": lambda t: b"\0\1\0\0" + bytes([t // TICK % 2]),
-        "/dlo_sim/measured": seen.encode,
+        "/dlo_sim/measured": measured,
         PLAN: plan,
     }
 
@@ -124,7 +131,7 @@ class World:
         self.now = T0
         scene = scene_from_values({**ALL_INPUTS, "measured.type": kind})
         self.session = Session(scene, live=True)
-        self.plans = Plans(self.session, PLAN)
+        self.plans = TopicRecord(PLAN)
         self.made = valid_messages(kind)
 
     def send(self, rng):
@@ -133,10 +140,12 @@ class World:
         raw = self.made[topic](self.now - rng.choice((0, 0, TICK, -TICK)))
         if rng.random() < 0.75:
             raw = damaged_message(rng, raw)
-        record = self.plans.record if topic == PLAN else self.session.journal.topics[topic]
+        record = self.plans if topic == PLAN else self.session.journal.topics[topic]
         refused = record.refusals
         if topic == PLAN:
-            self.plans.accept(raw, self.now)
+            refusal = answer(request(self.session, raw, self.now)).refused
+            if refusal is not None:
+                self.plans.refuse(*refusal)
         else:
             self.session.receive(topic, raw, self.now)
         if record.refusals > refused:

@@ -29,21 +29,22 @@ def poses(side=1.0):
 
 def trajectory(joints=("start",), times=TIMES, shift=0.0):
     """A message as a planner sends it."""
-    writer = cdr.Writer()
-    writer.header("", T0)
-    writer.numbers("I", len(joints))
-    for joint in joints:
-        writer.text(joint)
-    writer.numbers("I", len(times))
+    types = cdr.STORE.types
+    vector, turn = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    transform = types["geometry_msgs/msg/Transform"]
+    duration, time_of = (types[f"builtin_interfaces/msg/{kind}"] for kind in ("Duration", "Time"))
+    points = []
     for time, pose in zip(times, poses(), strict=True):
-        writer.numbers("I", len(joints))
-        for k in range(len(joints)):
-            writer.numbers("d", *(pose + [shift, 0.0, -0.3 * k, 0.0, 0.0, 0.0, 0.0]))
-        writer.numbers("I", 0, 0)
-        nanoseconds = round(time * SECOND)
-        writer.numbers("i", nanoseconds // SECOND)
-        writer.numbers("I", nanoseconds % SECOND)
-    return bytes(writer.data)
+        moved = [pose + [shift, 0.0, -0.3 * k, 0.0, 0.0, 0.0, 0.0] for k in range(len(joints))]
+        points.append(
+            cdr.new(
+                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+                transforms=[transform(vector(*row[:3]), turn(*row[3:])) for row in moved],
+                time_from_start=duration(*divmod(round(time * SECOND), SECOND)),
+            )
+        )
+    header = types["std_msgs/msg/Header"](time_of(*divmod(T0, SECOND)), "")
+    return cdr.write(cdr.TRAJECTORY, types[cdr.TRAJECTORY](header, list(joints), points))
 
 
 def recorded():

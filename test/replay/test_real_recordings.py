@@ -138,7 +138,7 @@ def test_wrench_driven(tmp_path):
     topics = {t: bag.topics[t][0] for t in ("/dlo_sim/start/reaction", "/dlo_sim/control_points")}
     for message in bag.messages(topics):
         if message.type == cdr.POSE_ARRAY:
-            tips.append(cdr.decode_pose_array(message.data).poses[-1, :3])
+            tips.append(cdr.decode_pose_array(message.data).rows[-1, :3])
         else:
             reactions.append(cdr.decode(message.type, message.data).values)
     reactions, tips = np.array(reactions), np.array(tips)
@@ -172,6 +172,6 @@ def test_wrench_driven_sign(tmp_path):
         assert replay_bag(DATA / "bags" / name, scene, out).ok
         bag = Bag(out)
         *_, last = bag.messages({"/dlo_sim/control_points": cdr.POSE_ARRAY})
-        heights.append(cdr.decode_pose_array(last.data).poses[-1, 2])
+        heights.append(cdr.decode_pose_array(last.data).rows[-1, 2])
     assert heights[0] < 0.1
     assert heights[1] > 0.5

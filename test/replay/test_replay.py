@@ -60,8 +60,8 @@ class TestDone:
         assert len(found["/diagnostics"]) == 1
         assert 40 < len(found["/dlo_sim/centerline"]) < 46  # 30 Hz
         last = cdr.decode_pose_array(found["/dlo_sim/control_points"][-1][1])
-        assert len(last.poses) == 6
-        assert np.isfinite(last.poses).all()
+        assert len(last.rows) == 6
+        assert np.isfinite(last.rows).all()
         assert last.stamp_ns == pytest.approx(T0 + 1.483 * SECOND, abs=5 * MS)
         assert summary.simulated_s == pytest.approx((last.stamp_ns - T0) * 1e-9, abs=5e-3)
 
@@ -105,7 +105,7 @@ def test_the_load_and_the_gripper_act(make_bag, recorded, scene, tmp_path):
 
     def last(path):
         data = contents(path)["/dlo_sim/control_points"][-1][1]
-        return cdr.decode_pose_array(data).poses
+        return cdr.decode_pose_array(data).rows
 
     assert np.abs(last(tmp_path / "without")[:, 1]).max() < 1e-9
     assert np.abs(last(tmp_path / "with")[:, 1]).max() > 1e-3
@@ -254,7 +254,7 @@ def test_a_recorder_that_was_held_up(make_bag, long_recording, scene, tmp_path):
     assert "time_jump" not in held_up.events
     replay_bag(make_bag(long_recording), scene, tmp_path / "out")
     one, two = (
-        {t: cdr.decode_pose_array(data).poses for t, data in found["/dlo_sim/control_points"]}
+        {t: cdr.decode_pose_array(data).rows for t, data in found["/dlo_sim/control_points"]}
         for found in (contents(tmp_path / "out"), contents(tmp_path / "held_up"))
     )
     after = [t for t in one if t > end + 1060 * MS]
@@ -439,7 +439,7 @@ def test_a_gap_of_hours_is_left_out(make_bag, recorded, scene, tmp_path):
     assert summary.ticks < 700
     assert "a gap of 17998" in summary.warnings[0]
     last = contents(tmp_path / "out")["/dlo_sim/control_points"][-1][1]
-    assert cdr.decode_pose_array(last).poses[0, 0] == pytest.approx(0.3, abs=1e-6)
+    assert cdr.decode_pose_array(last).rows[0, 0] == pytest.approx(0.3, abs=1e-6)
 
 
 def test_a_bag_recorded_while_an_old_one_was_played(make_bag, recorded, scene, tmp_path):
@@ -458,7 +458,7 @@ def test_a_bag_recorded_while_an_old_one_was_played(make_bag, recorded, scene, t
     assert len(first) == len(second) > 280
     for a, b in zip(first, second, strict=True):
         assert b.stamp_ns - a.stamp_ns == shift
-        assert np.array_equal(a.poses, b.poses)
+        assert np.array_equal(a.rows, b.rows)
 
 
 @pytest.mark.parametrize("at", [2000, 5000])

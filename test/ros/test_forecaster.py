@@ -14,25 +14,41 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dlo_sim import Plan, load_scene
+from dlo_sim import load_scene
 from dlo_sim.process import warning_lines
 from dlo_sim.ros import forecaster as room
 from dlo_sim.ros.forecaster import Forecaster
-from dlo_sim.session.plans import Planned, Plans
+from dlo_sim.session import cdr
+from dlo_sim.session.plans import Request
 from dlo_sim.session.session import Session
 
 TIMES = np.linspace(0.0, 0.1, 7000)  # with the poses 450 kB, a pipe takes 64 kB
-PLACE = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(TIMES), 1))
+
+
+def plan() -> bytes:
+    """A plan that stays where it is."""
+    types = cdr.STORE.types
+    still = types["geometry_msgs/msg/Transform"](
+        cdr.new("geometry_msgs/msg/Vector3"),
+        types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+    )
+    points = [
+        cdr.new(
+            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+            transforms=[still],
+            time_from_start=types["builtin_interfaces/msg/Duration"](0, round(1e9 * time)),
+        )
+        for time in TIMES
+    ]
+    return cdr.write(cdr.TRAJECTORY, cdr.new(cdr.TRAJECTORY, joint_names=["start"], points=points))
 
 
 @pytest.fixture
 def forecaster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Forecaster]:
     session = Session(load_scene({"forecast.processes": 1, "damping.stiffness": 0.01}))
 
-    def plan(self: Plans, raw: bytes, arrival_ns: int) -> Planned:
-        return Planned(session.simulator, Plan(TIMES, {"start": PLACE}), 7, 0.0)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Plans, "accept", plan)
+    asked = Request(plan(), 7, session.simulator, 7, {})
+    monkeypatch.setattr(room, "request", lambda *arguments: asked)
     found = Forecaster(session, "/plan", 1)
     yield found
     found.close()
@@ -141,8 +157,8 @@ def test_its_warnings_are_lines_as_those_of_its_parent(
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
     warning_lines.use_lines(as_node)
     session = Session(load_scene({"damping.stiffness": 0.01}))
-    planned = Planned(session.simulator, Plan(TIMES, {"start": PLACE}), 7, Zero())
-    monkeypatch.setattr(Plans, "accept", lambda *arguments: planned)
+    asked = Request(plan(), 7, session.simulator, Zero(), {})  # type: ignore[arg-type]
+    monkeypatch.setattr(room, "request", lambda *arguments: asked)
     forecaster = Forecaster(session, "/plan", 1)
     try:
         forecaster.accept(b"", 0)

@@ -218,7 +218,7 @@ def stamp_of(raw: bytes) -> int:
 
 def poses_of(raw: bytes) -> bytes:
     """The poses of a PoseArray as bytes: the last 56 per pose."""
-    return raw[-56 * len(decode_pose_array(raw).poses) :]
+    return raw[-56 * len(decode_pose_array(raw).rows) :]
 
 
 def positions(poses: dict[int, bytes], stamps: list[int]) -> np.ndarray:

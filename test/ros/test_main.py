@@ -9,23 +9,30 @@ import pytest
 
 from dlo_sim.ros.main import DONE, REFUSED, main
 
-WITHOUT_ROS = """
+WITHOUT = """
 import sys
-for name in ("rclpy", "rcl_interfaces", "geometry_msgs"):
-    sys.modules[name] = None
+sys.modules |= dict.fromkeys({names})
 from dlo_sim.ros.main import main
 sys.exit(main([]))
 """
 
 
-def test_without_ros_one_line_names_the_cure() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_ROS], capture_output=True, text=True, timeout=60
-    )
+@pytest.mark.parametrize(
+    ("names", "cure"),
+    [
+        (["rclpy", "rcl_interfaces", "geometry_msgs"], "pip install 'dlo_sim[ros]'"),
+        (["rosbags"], "pip install rosbags"),
+    ],
+)
+def test_without_ros_or_rosbags_one_line_names_the_cure(names: list[str], cure: str) -> None:
+    if cure == "pip install rosbags":
+        pytest.importorskip("rclpy")
+    code = WITHOUT.format(names=names)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == REFUSED
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
-    assert "pip install 'dlo_sim[ros]'" in line
+    assert cure in line
 
 
 def test_help_names_the_params_file(capsys: pytest.CaptureFixture[str]) -> None:

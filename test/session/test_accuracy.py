@@ -10,7 +10,7 @@ from fake_simulator import FakeSimulator
 from session_bench import FREE, MS, SECOND
 
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session.accuracy import Accuracy
+from dlo_sim.session.diagnostics import Accuracy
 from dlo_sim.session.session import Session
 from dlo_sim.simulation.error_estimate import ErrorEstimate, advice
 from dlo_sim.simulation.report import DiscretizationError

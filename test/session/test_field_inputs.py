@@ -10,7 +10,6 @@ from session_bench import FREE, GRIPPER, LOADED, Bench, play
 from dlo_sim.core import rotations
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr_points import decode_point_cloud
 from dlo_sim.session.outputs import Outputs
 from dlo_sim.session.session import Session
 
@@ -152,7 +151,7 @@ def test_points_far_from_the_origin_are_as_exact_as_near_to_it(away):
     scene = scene_from_values(values)
     simulator = FakeSimulator(scene)
     (message,) = Outputs(scene, 6).messages(simulator, T0, ["~/points"])
-    points = decode_point_cloud(message.data).points
+    points = cdr.decode_points(cdr.POINT_CLOUD, message.data).rows
     exact = simulator.centerline(np.linspace(0.0, 1.0, 50))
     assert len(points) == 50 and np.ptp(points[:, 0]) > 0.5
     assert np.abs(points - exact).max() < 4e-5

@@ -6,9 +6,8 @@ import pytest
 from dlo_sim.core import one_rotation, rotations
 from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session.gripper_path import GripperPath
-from dlo_sim.session.pose_smoothing import Pose
-from dlo_sim.session.step_grid import StepGrid
+from dlo_sim.session.diagnostics import Journal
+from dlo_sim.session.gripper_path import GripperPath, Pose, StepGrid
 from dlo_sim.session.time_base import SECOND
 
 STEP = 1e-3
@@ -19,10 +18,10 @@ class Driver:
     """Plays the part of the simulation: asks for segments and keeps them."""
 
     def __init__(self, timeout=1.0, smoothing=0.0):
-        self.notes = []
+        self.journal = Journal(())
         values = {"start.pose_timeout": timeout, "start.pose_smoothing": smoothing}
         holder = scene_from_values({"start.pose_topic": "/pose", **values}).start
-        self.path = GripperPath("start", holder, lambda *note: self.notes.append(note))
+        self.path = GripperPath("start", holder, self.journal)
         self.index = 0
         self.segments = []
 
@@ -198,7 +197,7 @@ def test_silence_is_held_at_the_last_pose_and_found_at_the_same_stamp_either_way
     assert not live.drain(0.7)  # last pose at 0.27: not yet silent
     assert live.drain(0.8)
     assert live.path.silent
-    assert [n[0] for n in live.notes] == ["silent"]
+    assert live.journal.events == {"silent": 1}
     live.assert_continuous()
     assert live.positions([0.75])[0] == pytest.approx([0.027, 0, 0], abs=1e-12)
     assert not live.motion_at(0.75).velocity_at(0.75).any()
@@ -232,7 +231,7 @@ def test_rejoins_smoothly_after_a_silence():
     assert np.all(np.diff(x) > -1e-9)
     speeds = [np.linalg.norm(driver.motion_at(t).velocity_at(t)) for t in times]
     assert 0.5 < max(speeds) < 1.6  # 1.5 m/s at the middle of the fade
-    assert [n[0] for n in driver.notes] == ["silent", "rejoined"]
+    assert driver.journal.events == {"silent": 1, "rejoined": 1}
 
 
 def test_late_pose_does_not_make_the_path_jump():
@@ -257,7 +256,7 @@ def test_poses_denser_than_the_steps():
     driver.drain(1.5)
     times = np.linspace(0.1, 0.99, 200)
     assert np.allclose(driver.positions(times)[:, 0], 0.2 * times, atol=1e-8)
-    assert not driver.notes
+    assert not driver.journal.events
     driver.assert_continuous()
 
 

@@ -147,7 +147,9 @@ def test_the_cure_of_a_message_dated_by_its_arrival_is_another_mode(back):
 def test_a_name_that_is_endless_is_refused_at_once(loaded):
     loaded.wrench(T0, (1, 0, 0), frame="x" * 5_000_000)
     record = loaded.session.journal.topics["/wrench"]
-    assert record.last_refusal.startswith("too_many: 5000001 bytes of frame_id, 100000 at most")
+    assert record.last_refusal.startswith(
+        "too_many: 5000000 characters of frame_id, 100000 at most"
+    )
 
 
 def test_every_reason_has_a_test_here():

@@ -7,7 +7,7 @@ import pytest
 from session_bench import GRIPPER, Bench, motion
 
 from dlo_sim.session import cdr
-from dlo_sim.session.latency import PoseTiming
+from dlo_sim.session.gripper_path import PoseTiming
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -201,5 +201,5 @@ def test_the_latency_changes_no_bit_of_the_states():
     assert len(shared) > 100
     assert all(auto == given for auto, given, _ in shared)
     for one, _, hasty in shared:  # but for the last bit of where two motions of the fake meet
-        states = (cdr.decode_pose_array(data).poses for data in (one, hasty))
+        states = (cdr.decode_pose_array(data).rows for data in (one, hasty))
         assert np.allclose(*states, rtol=0.0, atol=1e-15)

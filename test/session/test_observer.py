@@ -10,13 +10,7 @@ from session_bench import MS, SECOND, T0
 from dlo_sim import Simulator, load_scene
 from dlo_sim.scene.loading import SceneError
 from dlo_sim.session import cdr, observer
-from dlo_sim.session.cdr_markers import LineEncoder
-from dlo_sim.session.cdr_points import (
-    PointCloudEncoder,
-    decode_input,
-    decode_marker_array,
-    decode_point_cloud,
-)
+from dlo_sim.session.diagnostics import Journal
 from dlo_sim.session.session import Session
 from dlo_sim.session.topics import MEASURED, input_topics
 
@@ -84,9 +78,10 @@ def run(truth, values=SEEN, *, late=0, ticks=5 * MS, outliers=False, kind="cloud
 def encoded(points, stamp, kind):
     if kind == "cloud":
         points = np.vstack([points, [np.nan] * 3])  # not seen
-        return PointCloudEncoder("", "xyz", len(points)).encode(stamp, points)
-    poses = np.hstack([points, np.tile([0.0, 0.0, 0.0, 1.0], (len(points), 1))])
-    return cdr.PoseArrayEncoder("", len(points)).encode(stamp, poses)
+        return cdr.encode_point_cloud(stamp, "", "xyz", points)
+    encoder = cdr.PoseArrayEncoder("", len(points))
+    encoder.rows[:, :3], encoder.rows[:, 6] = points, 1.0
+    return encoder.encode(stamp)
 
 
 def values_of(session):
@@ -132,12 +127,12 @@ def test_points_that_come_too_late_are_counted_and_not_used(truth):
 
 
 def test_measurements_too_many_to_wait_are_counted():
-    said = []
-    waiting = observer.Observer(scene(SEEN).measured, lambda event, detail: said.append(event))
+    journal = Journal(())
+    waiting = observer.Observer(scene(SEEN).measured, journal)
     for stamp in range(1003):
         waiting.add(observer.Points(stamp, np.zeros((3, 3))))
     assert dict(waiting.values())["measured points rejected"] == "9"
-    assert said == ["full"] * 3
+    assert journal.events == {"full": 3}
     assert waiting.next_change_ns() == 3
 
 
@@ -169,7 +164,7 @@ def test_messages_that_cannot_be_used_are_refused():
     far, endless = np.full((2, 3), 1e9), np.array([[0.0, np.inf, 0.0]])
     session.receive(topic, encoded(far, T0, "cloud"), T0)
     session.receive(topic, encoded(endless, T0, "cloud"), T0)
-    session.receive(topic, PointCloudEncoder("camera", "xyz", 2).encode(T0, good), T0)
+    session.receive(topic, cdr.encode_point_cloud(T0, "camera", "xyz", good), T0)
     session.receive(topic, encoded(good, T0, "poses"), T0)
     record = session.journal.topics[topic]
     assert record.accepted == 0
@@ -188,28 +183,26 @@ def test_an_estimate_of_the_error_is_refused_beside_it():
 def test_clouds_with_a_layout_that_cannot_be_are_refused_or_empty(
     rows, columns, offset, step, row_step
 ):
-    writer = cdr.Writer()
-    writer.header("world")
-    writer.numbers("I", rows, columns, 3)
-    for name, at in (("x", 0), ("y", 4), ("z", offset)):
-        writer.text(name)
-        writer.numbers("I", at)
-        writer.numbers("B", 7)
-        writer.numbers("I", 1)
-    writer.numbers("B", 0)
-    writer.numbers("I", step, row_step, 12)
-    writer.numbers("I", 12)
-    writer.numbers("B", *([0] * 12))
-    raw = bytes(writer.data)
+    field = STORE.types["sensor_msgs/msg/PointField"]
+    cloud = cdr.new(
+        cdr.POINT_CLOUD,
+        height=rows,
+        width=columns,
+        fields=[field(name, at, 7, 1) for name, at in (("x", 0), ("y", 4), ("z", offset))],
+        point_step=step,
+        row_step=row_step,
+        data=np.zeros(12, np.uint8),
+    )
+    raw = cdr.write(cdr.POINT_CLOUD, cloud)
     if columns == 0:
-        assert len(decode_point_cloud(raw).points) == 0
+        assert len(cdr.decode_points(cdr.POINT_CLOUD, raw).rows) == 0
     else:
         with pytest.raises(cdr.DecodeError, match="does not hold fields"):
-            decode_point_cloud(raw)
+            cdr.decode_points(cdr.POINT_CLOUD, raw)
 
 
 def clouded(points):
-    return PointCloudEncoder("world", "xyz", len(points)).encode(T0, points)
+    return cdr.encode_point_cloud(T0, "world", "xyz", points)
 
 
 @pytest.mark.parametrize(
@@ -241,19 +234,20 @@ def test_an_organised_cloud_of_which_little_is_the_cable_is_used():
     pixels = np.full((307_200, 3), 0.1)
     for k, axis in enumerate(np.array_split(np.arange(304_200), 3)):
         pixels[axis, k] = np.nan
-    there = decode_input(cdr.POINT_CLOUD, clouded(pixels)).values
+    there = cdr.decode(cdr.POINT_CLOUD, clouded(pixels), keep_missing=False).values
     assert np.reshape(there, (-1, 3)).tolist() == pixels[304_200:].astype(np.float32).tolist()
 
 
-def markers(count, points, data=0):
+def markers(number, points, data=0):
     """Markers with so many points each, and so many bytes of a mesh and of a texture."""
     types = STORE.types
-    line = LineEncoder("world", "", max(points, 1), 0.1, (1.0,) * 4, 0)
-    marker = STORE.deserialize_cdr(line.encode(T0), cdr.MARKER)
+    count = max(points, 1)
+    line = cdr.LineEncoder("world", "", count, 0.1, (1.0,) * 4, 0).encode(T0, np.zeros((count, 3)))
+    marker = STORE.deserialize_cdr(line, cdr.MARKER)
     if not points:
         marker.points, marker.colors = [], []
     marker.mesh_file.data = marker.texture.data = np.zeros(data, np.uint8)
-    return bytes(STORE.serialize_cdr(types[cdr.MARKER_ARRAY]([marker] * count), cdr.MARKER_ARRAY))
+    return bytes(STORE.serialize_cdr(types[cdr.MARKER_ARRAY]([marker] * number), cdr.MARKER_ARRAY))
 
 
 def _joined(*arrays):
@@ -263,17 +257,17 @@ def _joined(*arrays):
 
 
 def test_marker_arrays_have_the_same_bound():
-    assert len(decode_marker_array(markers(500, 10)).points) == 5000
+    assert len(cdr.decode_points(cdr.MARKER_ARRAY, markers(500, 10)).rows) == 5000
     with pytest.raises(cdr.TooMany, match="501 markers, 500 at most are used"):
-        decode_marker_array(markers(501, 1))
-    with pytest.raises(cdr.TooMany, match="11 points beside 4994 others, 6 at most are used"):
-        decode_marker_array(markers(499, 11))
+        cdr.decode_points(cdr.MARKER_ARRAY, markers(501, 1))
+    with pytest.raises(cdr.TooMany, match="5489 points, 5000 at most are used"):
+        cdr.decode_points(cdr.MARKER_ARRAY, markers(499, 11))
     with pytest.raises(cdr.TooMany, match="5001 points, 5000 at most are used"):
-        decode_marker_array(_joined(markers(1, 5000), markers(1, 0)))
+        cdr.decode_points(cdr.MARKER_ARRAY, _joined(markers(1, 5000), markers(1, 0)))
 
 
 def test_markers_with_long_meshes_and_textures_are_read():
-    assert len(decode_marker_array(markers(2, 3, data=200_001)).points) == 6
+    assert len(cdr.decode_points(cdr.MARKER_ARRAY, markers(2, 3, data=200_001)).rows) == 6
 
 
 def test_the_nearest_places_are_those_of_the_distances():

@@ -1,16 +1,14 @@
 """Plans as messages: what is forecast of the good ones, why the others are refused."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 from session_bench import MS, SECOND, T0
 
 from dlo_sim.scene.loading import SceneError, load_scene
-from dlo_sim.session import cdr
-from dlo_sim.session.forecasts import answer
-from dlo_sim.session.plans import Plans, decode_trajectory
+from dlo_sim.session import cdr, plans
+from dlo_sim.session.diagnostics import Refused
+from dlo_sim.session.plans import answer, check_method, decode_trajectory, request
 from dlo_sim.session.session import Session
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -65,16 +63,17 @@ def message(joints=("start",), times=None, shift=0.0, stamp=NOW, frame="", turn=
 
 def test_what_comes_of_a_plan(session):
     before = session.saved.state
-    planned = Plans(session, "/plan").accept(message(), NOW)
-    assert planned.ahead == pytest.approx(0.255)  # latency and smoothing
-    found = answer(planned)
+    asked = request(session, message(), NOW)
+    assert NOW - asked.now_ns == 255 * MS  # latency and smoothing
+    found = answer(asked)
     assert not found.problem
     assert np.array_equal(session.saved.state, before)
     cloud = STORE.deserialize_cdr(found.messages[0].data, cdr.POINT_CLOUD)
     assert cloud.header.stamp.sec * SECOND + cloud.header.stamp.nanosec == NOW
     assert [field.name for field in cloud.fields] == ["x", "y", "z", "u", "t", "tension"]
     rows = cloud.data.view(np.float32).reshape(-1, 50, 6)
-    expected = session.simulator.forecast(planned.plan, session.scene.forecast.every)
+    plan, _, _ = plans._planned(asked)
+    expected = session.simulator.forecast(plan, session.scene.forecast.every)
     assert len(rows) == 25
     assert np.array_equal(rows[..., :3], expected.centerline.astype(np.float32))
     assert np.array_equal(rows[..., 5], expected.tension.astype(np.float32))
@@ -91,9 +90,9 @@ def test_what_comes_of_a_plan(session):
 
 @pytest.mark.parametrize("turn", [(0, 0, 0, 1), (0, 0, 0, -1)])
 def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
-    planned = Plans(session, "/plan").accept(message(stamp=0, turn=turn), NOW + 20 * MS)
-    assert planned.stamp_ns == NOW + 20 * MS
-    assert not answer(planned).problem
+    found = answer(request(session, message(stamp=0, turn=turn), NOW + 20 * MS))
+    assert {one.stamp_ns for one in found.messages} == {NOW + 20 * MS}
+    assert not found.problem
 
 
 @pytest.mark.parametrize(
@@ -122,27 +121,24 @@ def test_a_plan_without_a_stamp_begins_as_it_comes(session, turn):
         ({"frame": "base"}, "bad_plan", "is in frame 'base'; transform it to 'fr3_link0'"),
     ],
 )
-def test_bad_plans_are_refused_and_counted(session, changes, reason, text):
-    plans = Plans(session, "/plan")
-    assert plans.accept(message(**changes), NOW) is None
-    assert (plans.record.refused, plans.record.accepted) == ({reason: 1}, 0)
-    assert text in plans.record.last_refusal
-    assert "\n" not in plans.record.last_refusal
+def test_bad_plans_are_refused(session, changes, reason, text):
+    found = answer(request(session, message(**changes), NOW))
+    assert found == plans.Answer(refused=(reason, found.refused[1]))
+    assert text in found.refused[1]
+    assert "\n" not in found.refused[1]
 
 
 def test_a_plan_that_is_too_fast(session):
     slow = session.scene.with_values({"inputs.max_speed": 0.05})
     session.reconfigure(slow, session.prepare(slow))
-    plans = Plans(session, "/plan")
-    assert plans.accept(message(), NOW) is None
-    assert "inputs.max_speed is 0.05 m/s; plan it slower" in plans.record.last_refusal
+    _, detail = answer(request(session, message(), NOW)).refused
+    assert "inputs.max_speed is 0.05 m/s; plan it slower" in detail
 
 
 def test_damaged_messages(session):
-    plans, whole = Plans(session, "/plan"), message()
+    whole = message()
     for length in range(0, len(whole), 37):
-        assert plans.accept(whole[:length], NOW) is None
-    assert set(plans.record.refused) == {"undecodable"}
+        assert answer(request(session, whole[:length], NOW)).refused[0] == "undecodable"
 
 
 @pytest.mark.parametrize("little_endian", [True, False])
@@ -183,49 +179,36 @@ def test_points_of_any_layout_are_decoded_as_the_reference_does(little_endian):
                 decode_trajectory(raw[:length])
 
 
-def many(count, joints=("start",), last=0.0):
-    """A message of so many points at rest, written without the reference, which takes minutes."""
-    head = cdr.Writer()
-    head.header("", NOW)
-    head.numbers("I", len(joints))
-    for name in joints:
-        head.text(name)
-    head.numbers("I", count)
-    first, later = (head_of_point(len(head.data), k, len(joints)) for k in (0, 1))
-    return bytes(head.data) + first + later * (count - 1)
-
-
-def head_of_point(length, number, joints):
-    point = cdr.Writer()
-    point.data += bytes(length - len(point.data) if number == 0 else 0)
-    begin = len(point.data)
-    point.numbers("I", joints)
-    point.numbers("d", *([0, 0, 0, 0, 0, 0, 1] * joints))
-    point.numbers("I", 0, 0, 0, 0)
-    return bytes(point.data[begin:])
+def many(count, joints=("start",)):
+    """A message of so many points at rest."""
+    still = TYPES["geometry_msgs/msg/Transform"](
+        vector("Vector3", 0, 0, 0), vector("Quaternion", 0, 0, 0, 1)
+    )
+    duration = TYPES["builtin_interfaces/msg/Duration"](0, 0)
+    point = TYPES["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"](
+        [still] * len(joints), [], [], duration
+    )
+    header = TYPES["std_msgs/msg/Header"](TYPES["builtin_interfaces/msg/Time"](2000, 0), "")
+    plan = TYPES[cdr.TRAJECTORY](header, list(joints), [point] * count)
+    return bytes(STORE.serialize_cdr(plan, cdr.TRAJECTORY))
 
 
 @pytest.mark.parametrize(
-    ("plan", "refusal"),
+    ("plan", "reason", "text"),
     [
-        (many(20_001), "too_many: 20001 points, 20000 at most are used; publish trajectory_msgs"),
-        (many(200_000), "too_many: 200000 points, 20000 at most"),
-        (many(20_000, ["tcp"]), "bad_plan: the plan has the joints tcp; name what holds"),
-        (many(200_000, ["tcp"]), "bad_plan: the plan has the joints tcp; name what holds"),
-        (many(1, ["start"] * 2000), "too_many: 2000 joints, 1000 at most are used"),
+        ((20_001,), "too_many", "20001 points, 20000 at most are used; publish trajectory_msgs"),
+        ((20_000, ["tcp"]), "bad_plan", "the plan has the joints tcp; name what holds"),
+        ((1, ["start"] * 2000), "too_many", "2000 joints, 1000 at most are used"),
     ],
 )
-def test_long_plans_are_refused_before_they_are_decoded(session, plan, refusal):
-    """Little memory: the points have not been looked at."""
-    plans = Plans(session, "/plan")
-    tracemalloc.start()
-    try:
-        assert plans.accept(plan, NOW) is None
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert plans.record.last_refusal.startswith(refusal)
-    assert peak < 300_000
+def test_long_plans_are_refused(session, plan, reason, text):
+    found = answer(request(session, many(*plan), NOW)).refused
+    assert found[0] == reason and text in found[1]
+
+
+def test_a_plan_that_is_too_long_to_be_handed_on_is_not_looked_at(session):
+    with pytest.raises(Refused, match="16000001 bytes; plan at most 20000 points"):
+        request(session, bytes(16_000_001), NOW)
 
 
 def test_the_longest_plan_is_decoded_as_a_whole():
@@ -235,12 +218,12 @@ def test_the_longest_plan_is_decoded_as_a_whole():
 
 
 def test_before_the_cable_is_placed():
-    plans = Plans(Session(load_scene("hanging_cable", SCENE)), "/plan")
-    assert plans.accept(message(), NOW) is None
-    assert "plan once every end has a pose" in plans.record.last_refusal
+    session = Session(load_scene("hanging_cable", SCENE))
+    reason, detail = answer(request(session, message(), NOW)).refused
+    assert reason == "bad_plan" and "plan once every end has a pose" in detail
 
 
 def test_a_method_that_follows_no_plans():
-    session = Session(load_scene("paper_wire"))
+    scene = load_scene("paper_wire", {"forecast.processes": 1})
     with pytest.raises(SceneError, match="processes: forest_ruth follows no plans; set it to 0"):
-        Plans(session, "/plan")
+        check_method(scene, "forest_ruth")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlo_sim.core import one_rotation, rotations
-from dlo_sim.session.pose_smoothing import (
+from dlo_sim.session.gripper_path import (
     Pose,
     SmoothedPoses,
     weights_of_the_value_at_zero,

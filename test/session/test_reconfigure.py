@@ -76,4 +76,4 @@ class TestReconfigure:
         loaded.session.reconfigure(loaded.scene.with_values({"discretization.control_points": 9}))
         play(loaded, 0.5)
         (points,) = loaded.session.messages((), [CONTROL_POINTS])
-        assert len(cdr.decode_pose_array(points.data).poses) == 9
+        assert len(cdr.decode_pose_array(points.data).rows) == 9

@@ -258,7 +258,7 @@ class TestFailure:
         assert "diverged: fake (at 0.9" in report.message
         steps = loaded.simulator.steps
         (points, *_) = loaded.session.messages()
-        assert np.isfinite(cdr.decode_pose_array(points.data).poses).all()
+        assert np.isfinite(cdr.decode_pose_array(points.data).rows).all()
         loaded.run(T0 + 1200 * MS, T0 + 1300 * MS)
         assert loaded.simulator.steps == steps
         status = STORE.deserialize_cdr(loaded.session.diagnostics(T0), cdr.DIAGNOSTIC_ARRAY).status[
@@ -343,7 +343,7 @@ class TestSmoothing:
         shared = [key for key in one.keys() & two.keys() if key[0] == "~/control_points"]
         assert len(shared) > 30
         for key in shared:
-            states = (cdr.decode_pose_array(raw[key]).poses for raw in (one, two))
+            states = (cdr.decode_pose_array(raw[key]).rows for raw in (one, two))
             assert np.allclose(*states, rtol=0.0, atol=1e-15)
         assert hasty.events == {"slow_poses": 1}
         assert "set it to 0.23 or auto" in hasty.session.journal.last_event

@@ -8,7 +8,6 @@ from session_bench import FREE, MS, SECOND, T0, motion, play
 from dlo_sim.core.color_scale import TABLE
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.session import cdr
-from dlo_sim.session.cdr_points import decode_marker_array
 from dlo_sim.session.session import Session
 from dlo_sim.session.topics import CAPSULES, MARKERS, POINTS, output_topics
 
@@ -191,7 +190,7 @@ class TestForPlanningScenes:
     def test_capsules_hold_the_cable(self, hanging):
         (message,) = hanging.messages((), [CAPSULES])
         markers = STORE.deserialize_cdr(message.data, message.type).markers
-        joints = decode_marker_array(message.data).points[6:]
+        joints = cdr.decode_points(cdr.MARKER_ARRAY, message.data).rows[6:]
         radii = np.array([0.5 * marker.scale.x for marker in markers[:6]])
         line = hanging.simulator.centerline(np.linspace(0.0, hanging.scene.cable.length, 1201))
         pieces = np.stack([line[200 * k : 200 * k + 201] for k in range(6)])

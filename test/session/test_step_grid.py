@@ -2,7 +2,8 @@
 
 import pytest
 
-from dlo_sim.session.step_grid import OutputGrid, StepGrid, grid_multiple_at_or_after
+from dlo_sim.session.gripper_path import StepGrid, grid_multiple_at_or_after
+from dlo_sim.session.pacing import OutputGrid
 
 
 @pytest.mark.parametrize("step", [1e-3, 1 / 3000, 1.7e-5, 0.01])

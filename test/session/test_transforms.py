@@ -12,9 +12,9 @@ from session_bench import GRIPPER, LOADED, MS, SECOND, T0, motion
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.session import cdr
-from dlo_sim.session.content import Refused
+from dlo_sim.session.diagnostics import Refused
+from dlo_sim.session.intake import Transform, in_world
 from dlo_sim.session.outputs import Outputs
-from dlo_sim.session.transforms import Transform, in_world
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HALF = math.sqrt(0.5)

@@ -1,122 +1,116 @@
-"""Zero-order hold, timeout and frames of loads."""
+"""Queues of loads: order, timeout, sign; and how the drive applies them (zero-order hold)."""
 
 import numpy as np
 import pytest
+from session_bench import FREE, LOADED, MS, SECOND, Bench
 
 from dlo_sim.core import rotations
 from dlo_sim.scene.loading import scene_from_values
-from dlo_sim.session.time_base import SECOND
 from dlo_sim.session.waiting import LoadMessage, LoadSchedule
 
-MS = 1_000_000
+T0 = 1000 * SECOND
 
 
-class Target:
-    def __init__(self):
-        self.calls = []
-        self.orientation = np.array([0, 0, 0, 1.0])
-
-    def set_load(self, name, force=None, torque=None):
-        self.calls.append((name, tuple(force), tuple(torque)))
-
-    def end_pose(self, end):
-        return np.zeros(3), self.orientation
-
-
-def make(timeout=0.5):
-    scene = scene_from_values({"loads.names": ["tip"], "loads.tip.timeout": timeout})
-    notes = []
-    return LoadSchedule(scene.loads[0], lambda *note: notes.append(note)), Target(), notes
+def make(timeout=0.5, sign=1.0):
+    values = {"loads.names": ["tip"], "loads.tip.timeout": timeout, "loads.tip.sign": sign}
+    return LoadSchedule(scene_from_values(values).loads[0])
 
 
 def message(ms, fx=1.0, end=""):
     return LoadMessage(ms * MS, (fx, 0.0, 0.0), (0.0, fx, 0.0), end)
 
 
-def test_a_load_acts_from_the_first_step_at_its_stamp_until_the_next():
-    schedule, target, _ = make()
-    schedule.add(message(10, 1.0))
+def forces(bench):
+    """Step and force along x of each load that reached the simulator."""
+    return [(call[1], round(call[3][0], 12)) for call in bench.simulator.calls if call[0] == "load"]
+
+
+def test_messages_come_out_at_their_stamps_in_order():
+    schedule = make()
     schedule.add(message(20, 2.0))
+    schedule.add(message(10, 1.0))
     assert schedule.next_change_ns() == 10 * MS
-    schedule.apply(9 * MS, MS, target)
-    assert not target.calls
-    schedule.apply(10 * MS, MS, target)
-    assert target.calls == [("tip", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
-    schedule.apply(19 * MS, MS, target)
-    assert len(target.calls) == 1
+    assert not list(schedule.due(9 * MS)) and schedule.held is None
+    assert list(schedule.due(10 * MS)) == [message(10, 1.0)]
+    assert (schedule.held, schedule.passed_ns) == (message(10, 1.0), 10 * MS)
     assert schedule.next_change_ns() == 20 * MS
-    schedule.apply(20 * MS, MS, target)
-    assert target.calls[-1][1] == (2.0, 0.0, 0.0)
+    assert list(schedule.due(25 * MS)) == [message(20, 2.0)]
 
 
-def test_only_the_newest_of_several_due_counts():
-    schedule, target, _ = make()
-    for k in range(5):
-        schedule.add(message(k, float(k)))
-    schedule.apply(4 * MS, 5 * MS, target)
-    assert target.calls == [("tip", (4.0, 0.0, 0.0), (0.0, 4.0, 0.0))]
-
-
-def test_timeout_removes_the_load_once_and_says_so():
-    schedule, target, notes = make(timeout=0.5)
+@pytest.mark.parametrize(("timeout", "removal"), [(0.5, SECOND // 2), (0.0, None)])
+def test_a_load_is_removed_its_timeout_after_its_stamp_if_it_has_one(timeout, removal):
+    schedule = make(timeout)
+    assert schedule.removal_ns() is None
     schedule.add(message(0))
-    schedule.apply(0, MS, target)
-    assert schedule.next_change_ns() == SECOND // 2
-    schedule.apply(SECOND // 2 - MS, MS, target)
-    assert len(target.calls) == 1
-    schedule.apply(SECOND // 2, MS, target)
-    schedule.apply(SECOND, MS, target)
-    assert target.calls[1:] == [("tip", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
-    assert [n[0] for n in notes] == ["load_removed"]
+    list(schedule.due(0))
+    assert schedule.removal_ns() == schedule.next_change_ns() == removal
 
 
-def test_timeout_zero_is_never():
-    schedule, target, notes = make(timeout=0.0)
-    schedule.add(message(0))
-    schedule.apply(0, MS, target)
-    assert schedule.next_change_ns() is None
-    schedule.apply(10_000 * SECOND, MS, target)
-    assert len(target.calls) == 1
-    assert not notes
+def test_the_sign_is_that_of_the_load():
+    schedule = make(sign=-1.0)
+    schedule.add(message(0, 3.0))
+    (load,) = schedule.due(0)
+    assert (load.force, load.torque) == ((-3.0, 0.0, 0.0), (0.0, -3.0, 0.0))
 
 
-def test_a_late_load_counts_from_now_on():
-    schedule, target, notes = make()
-    schedule.add(message(100))
-    schedule.apply(150 * MS, MS, target)
-    assert len(target.calls) == 1
-    assert [n[0] for n in notes] == ["late"]
+def test_shifted_stamps_move_what_waits_and_what_is_held():
+    schedule = make()
+    for ms in (0, 10):
+        schedule.add(message(ms))
+    list(schedule.due(0))
+    schedule.shift_time(1000 * MS)
+    assert schedule.next_change_ns() == 1010 * MS
+    assert schedule.removal_ns() == 1500 * MS
+    schedule.clear()
+    assert schedule.held is None and schedule.next_change_ns() is None
+
+
+def test_a_load_acts_from_the_first_step_at_its_stamp_until_the_next():
+    bench = Bench(FREE)
+    for ms, fx in ((100, 1.0), (120, 2.0), (120.5, 3.0)):
+        bench.wrench(T0 + round(ms * MS), (fx, 0, 0), arrival=T0 + 125 * MS)
+    bench.run(T0, T0 + 400 * MS)
+    origin = bench.session._drive.grid.origin_ns
+    first = (T0 + 100 * MS - origin) // MS
+    assert forces(bench) == [(first, 1.0), (first + 20, 2.0), (first + 21, 3.0)]
+    assert not bench.events
+
+
+def test_a_load_that_is_not_renewed_is_removed_once_and_that_is_said():
+    bench = Bench(FREE)
+    bench.wrench(T0 + 100 * MS, (1, 0, 0))
+    bench.run(T0, T0 + 1200 * MS)
+    (first, _), (last, force) = forces(bench)
+    assert (last - first, force) == (500, 0.0)
+    assert bench.events == {"load_removed": 1}
+    assert bench.session.journal.last_event == "load tip: no message for 0.5 s; removed"
+
+
+def test_a_late_load_acts_from_now_on_and_that_is_said():
+    bench = Bench(FREE)
+    bench.run(T0, T0 + 500 * MS)
+    bench.wrench(T0 + 300 * MS, (1, 0, 0), arrival=T0 + 500 * MS)
+    bench.run(T0 + 500 * MS, T0 + 520 * MS)
+    assert [force for _, force in forces(bench)] == [1.0]
+    assert bench.events == {"late": 1}
 
 
 def test_a_load_in_the_end_effectors_frame_is_turned():
-    schedule, target, _ = make()
-    target.orientation = rotations.from_rotation_vector([0, 0, np.pi / 2])
-    schedule.add(message(0, end="start"))
-    schedule.apply(0, MS, target)
-    _, force, torque = target.calls[0]
-    assert force == pytest.approx((0.0, 1.0, 0.0))
-    assert torque == pytest.approx((-1.0, 0.0, 0.0))
+    bench = Bench(LOADED)
+    turned = tuple(rotations.from_rotation_vector([0, 0, np.pi / 2]))
+    for k in range(30):
+        bench.pose(T0 + k * 10 * MS, orientation=turned)
+    bench.wrench(T0, (1, 0, 0), (0, 1, 0), frame="tool")
+    bench.run(T0, T0 + 300 * MS)
+    (call,) = (call for call in bench.simulator.calls if call[0] == "load")
+    assert np.allclose(call[3:5], [(0, 1, 0), (-1, 0, 0)], atol=1e-12)
 
 
-def test_resend_what_is_held():
-    schedule, target, notes = make()
-    schedule.add(message(0))
-    schedule.apply(0, MS, target)
-    other = Target()
-    schedule.resend(other)
-    assert other.calls == target.calls
-    schedule.clear()
-    schedule.resend(other)
-    assert len(other.calls) == 1
-    assert not notes
-
-
-def test_relabelling_moves_pending_and_held():
-    schedule, target, _ = make(timeout=0.5)
-    schedule.add(message(0))
-    schedule.apply(0, MS, target)
-    schedule.add(message(10))
-    schedule.shift_time(1000 * MS)
-    assert schedule.next_change_ns() == 1010 * MS
-    schedule.apply(1009 * MS, MS, target)
-    assert len(target.calls) == 1
+def test_a_new_simulator_gets_what_is_held():
+    bench = Bench(FREE)
+    bench.wrench(T0 + 100 * MS, (1, 0, 0))
+    bench.run(T0, T0 + 300 * MS)
+    before = bench.simulator
+    bench.session.reconfigure(bench.scene.with_values({"discretization.control_points": 6}))
+    assert bench.simulator is not before
+    assert [force for _, force in forces(bench)] == [1.0]

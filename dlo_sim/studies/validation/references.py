@@ -13,8 +13,8 @@ from dlo_sim.identification.prediction import begin, interpolated
 from dlo_sim.scene.computation import Measured
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
-from dlo_sim.session.observer import Observer, Points
-from dlo_sim.session.time_base import SECOND
+from dlo_sim.session.diagnostics import Journal
+from dlo_sim.session.observer import Observer
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.runs import Array
 
@@ -102,7 +102,7 @@ def corrected(item: tuple[Scene, Recording]) -> Array:
     u = recording.shares * scene.cable.length
     begin(simulator, recording, u, START_FRAMES)
     basis = bspline.evaluate(np.eye(simulator.model.n), simulator.model.knots, u)
-    observer = Observer(Measured(noise=NOISE), lambda event, detail: None)
+    observer = Observer(Measured(noise=NOISE), Journal(()))
     rng, times = np.random.default_rng(0), recording.times
     looks = np.searchsorted(times, np.arange(1.0, times[-1] * RATE) / RATE - 1e-9)
     found, last = [basis @ simulator.control_points[:, :3]], 0
@@ -116,9 +116,10 @@ def corrected(item: tuple[Scene, Recording]) -> Array:
         seen = recording.markers[frame, rng.random(len(u)) < SEEN]
         seen = seen[np.isfinite(seen).all(axis=1)]
         if len(seen):
-            stamp = round(times[frame] * SECOND)
-            observer.add(Points(stamp, seen + rng.normal(0.0, NOISE, seen.shape)))
-            observer.apply(stamp, SECOND, simulator)
+            noisy = seen + rng.normal(0.0, NOISE, seen.shape)
+            correction = observer.correction(noisy, simulator)
+            if correction is not None:
+                simulator.correct(*correction)
             found[-1] = basis @ simulator.control_points[:, :3]
         last = frame
     return np.array(found + found[-1:] * (len(times) - len(found)))
