@@ -34,6 +34,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +53,7 @@ from dlo_sim.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 
+PARTS = "time", "space"  # of the error
 POINTS = 20  # of the centerline, equally spaced in u, that are compared
 LOOK = 0.02  # [s] of simulated time between two comparisons
 WINDOW = 1.0  # [s] whose largest error is the recent one
@@ -72,8 +74,24 @@ _SPARE = 1.2  # safety factor of the advice, so that the error ends up below the
 _UNEVEN = 1.7
 
 _Place = Callable[[Scene], Simulator]
-_Finer = tuple[dict[str, object], int, float]
-"""Scene values of a companion, its steps per step of the original, and the ratio error/distance."""
+
+
+class _Finer(NamedTuple):
+    """A finer run of a scene.
+
+    Attributes:
+        scene: what it simulates. per_step: its steps per step of the original.
+        gain: ratio of the error of the original to its own.
+    """
+
+    scene: Scene
+    per_step: int
+    gain: float
+
+    @property
+    def factor(self) -> float:
+        """Ratio of the error of the original to its distance from the finer run."""
+        return self.gain / (self.gain - 1.0)
 
 
 class ErrorEstimate:
@@ -85,7 +103,7 @@ class ErrorEstimate:
             effector was moved.
 
     Attributes:
-        simulator: see above.
+        simulator: see above. companions: the finer runs, in time and in space.
         seconds: wall time spent on the companions [s]. order: of convergence in time.
     """
 
@@ -96,9 +114,7 @@ class ErrorEstimate:
         self.order = _order_in_time(simulator)
         self._look = max(1, round(LOOK / simulator.step))
         kept = max(1, round(WINDOW / (self._look * simulator.step)))
-        self._time = _Companion(_finer_in_time, simulator, place, kept)
-        self._space = _Companion(_finer_in_space, simulator, place, kept)
-        self._companions = self._time, self._space
+        self.companions = tuple(_Companion(simulator, part, place, kept) for part in PARTS)
         self._u = np.linspace(0.0, simulator.scene.cable.length, POINTS)
         self._compare()
 
@@ -120,19 +136,21 @@ class ErrorEstimate:
     def take_over(self) -> None:
         """Restart the companions from the present state of the simulator."""
         self._begun = self.simulator.steps
-        for companion in self._companions:
+        for companion in self.companions:
             companion.take_over(self.simulator)
         self._compare()
 
     @property
     def recent(self) -> DiscretizationError:
         """The largest error of the last second."""
-        return DiscretizationError(self._time.recent, self._space.recent, self._failure)
+        in_time, in_space = (companion.recent for companion in self.companions)
+        return DiscretizationError(in_time, in_space, self._failure)
 
     @property
     def largest(self) -> DiscretizationError:
         """The largest error of the run."""
-        return DiscretizationError(self._time.largest, self._space.largest, self._failure)
+        in_time, in_space = (companion.largest for companion in self.companions)
+        return DiscretizationError(in_time, in_space, self._failure)
 
     def advice(self, error: DiscretizationError) -> str:
         """An error that exceeds accuracy.target, and what cures it, one line; else empty."""
@@ -194,17 +212,17 @@ class ErrorEstimate:
         """Go back to the initial state and clear the errors."""
         self.simulator.reset()
         self._begun = 0
-        for companion in self._companions:
+        for companion in self.companions:
             companion.reset()
         self._compare()
 
     @property
     def _failure(self) -> str:
-        return next((one.failure for one in self._companions if one.failure), "")
+        return next((one.failure for one in self.companions if one.failure), "")
 
     def _all(self) -> list[Simulator]:
         # A failed companion has stopped at an earlier time and would refuse motions that begin now.
-        finer = (one.simulator for one in self._companions if not one.failure)
+        finer = (one.simulator for one in self.companions if not one.failure)
         return [self.simulator, *(one for one in finer if one is not None)]
 
     def _move(self, end: str, motion: EndMotion) -> None:
@@ -214,7 +232,7 @@ class ErrorEstimate:
 
     def _follow(self) -> None:
         began = time.perf_counter()
-        for companion in self._companions:
+        for companion in self.companions:
             companion.follow(self.simulator.steps - self._begun)
         if self.simulator.steps % self._look == 0:
             self._compare()
@@ -222,7 +240,7 @@ class ErrorEstimate:
 
     def _compare(self) -> None:
         points = self.simulator.centerline(self._u)
-        for companion in self._companions:
+        for companion in self.companions:
             companion.compare(points, self._u)
 
 
@@ -236,20 +254,19 @@ def error_along(
         places: predicted places [m], shape (T, K, 3).
         predicted: makes the same prediction with another scene; shorter if it failed.
     """
-    parts, unknown = {"time": 0.0, "space": 0.0}, ""
-    for part, finer in (("time", _finer_in_time), ("space", _finer_in_space)):
+    found, unknown = {"time": 0.0, "space": 0.0}, ""
+    for part in PARTS:
         try:
-            if found := finer(simulator, Simulator):
-                values, _, factor = found
-                other = predicted(simulator.scene.with_values(values))
+            if finer := _finer(simulator, part, Simulator):
+                other = predicted(finer.scene)
                 if len(other) < len(places):
                     raise SceneError("it failed")
                 gaps = np.linalg.norm(other - places, axis=-1)
-                parts[part] = factor * float(gaps.max(initial=0.0))
+                found[part] = finer.factor * float(gaps.max(initial=0.0))
         except SceneError as refusal:
-            parts[part] = math.inf
+            found[part] = math.inf
             unknown = unknown or f"no finer run to compare with: {refusal}"
-    error, order = DiscretizationError(**parts, unknown=unknown), _order_in_time(simulator)
+    error, order = DiscretizationError(**found, unknown=unknown), _order_in_time(simulator)
     return error, advice(simulator.scene, simulator.method, simulator.step, order, error)
 
 
@@ -262,20 +279,14 @@ class _Companion:
         largest: largest error [m] so far; infinite after a failure.
     """
 
-    def __init__(
-        self,
-        finer: Callable[[Simulator, _Place], _Finer | None],
-        original: Simulator,
-        place: _Place,
-        kept: int,
-    ) -> None:
+    def __init__(self, original: Simulator, part: str, place: _Place, kept: int) -> None:
         self.simulator: Simulator | None = None
         self.failure, self.largest = "", 0.0
         self._errors: deque[float] = deque(maxlen=kept)
         try:
-            if found := finer(original, place):
-                values, self._per_step, self._factor = found
-                self.simulator = place(original.scene.with_values(values))
+            if finer := _finer(original, part, place):
+                self.simulator = place(finer.scene)
+                self._per_step, self._factor = finer.per_step, finer.factor
         except SceneError as refusal:
             self._fail(f"no finer run to compare with: {refusal}")
 
@@ -321,19 +332,37 @@ class _Companion:
         self.failure, self.largest = reason, math.inf
 
 
-def _finer_in_time(original: Simulator, place: _Place) -> _Finer | None:
-    """None for explicit steps so short that their error is negligible."""
-    explicit = original.choice.method.family != IMPLICIT
-    if explicit and original.step < SHORT * accurate_step(original.scene)[0]:
-        return None
-    values = _same_method(original) | {"integrator.step": original.step / TIME_FACTOR}
-    gain = float(TIME_FACTOR) ** _order_in_time(original)
-    return values, TIME_FACTOR, gain / (gain - 1.0)
+def _finer(original: Simulator, part: str, place: _Place) -> _Finer | None:
+    """The finer run for a part of the error. None in time for explicit steps so short that their
+    error is negligible.
 
+    The method is that of the original, fixed even where its scene has `auto`. In space, an explicit
+    method takes as many more steps as stability requires.
 
-def _same_method(original: Simulator) -> dict[str, object]:
-    """The method of the original, fixed even where its scene has `auto`."""
-    return {"integrator.method": original.method}
+    Raises:
+        SceneError: finer spans are not possible.
+    """
+    scene, step, explicit = original.scene, original.step, original.choice.method.family != IMPLICIT
+    values: dict[str, object] = {"integrator.method": original.method, "integrator.step": step}
+    if part == "time":
+        if explicit and step < SHORT * accurate_step(scene)[0]:
+            return None
+        finer = scene.with_values(values | {"integrator.step": step / TIME_FACTOR})
+        return _Finer(finer, TIME_FACTOR, float(TIME_FACTOR) ** _order_in_time(original))
+    choice, per_step = scene.discretization, 1
+    spans = choice.control_points - bspline.DEGREE
+    factor = SPACE_FACTOR_OFF_KNOTS if _bent_off_knots(scene) else SPACE_FACTOR
+    finer_spans = min(math.ceil(factor * spans), MOST_CONTROL_POINTS - bspline.DEGREE)
+    if finer_spans <= spans:
+        raise SceneError(f"discretization.control_points: {choice.control_points} is the most")
+    values["discretization.control_points"] = finer_spans + bspline.DEGREE
+    if choice.quadrature == "uniform":
+        values["discretization.samples"] = max(choice.samples, 2 * finer_spans)
+    if explicit:
+        limit = place(scene.with_values(values | {"integrator.step": 0.0})).choice.limit
+        per_step = math.ceil(step / (safe_share(original.choice.method) * limit) - 1e-6)
+        values["integrator.step"] = step / per_step
+    return _Finer(scene.with_values(values), per_step, (finer_spans / spans) ** _space_order(scene))
 
 
 def _order_in_time(simulator: Simulator) -> int:
@@ -341,31 +370,6 @@ def _order_in_time(simulator: Simulator) -> int:
     method = simulator.choice.method
     stepwise = plasticity_wanted(simulator.scene) and method.family != IMPLICIT
     return 1 if stepwise else method.order
-
-
-def _finer_in_space(original: Simulator, place: _Place) -> _Finer:
-    """More spans; an explicit method takes as many more steps as stability requires."""
-    scene = original.scene
-    choice = scene.discretization
-    spans = choice.control_points - bspline.DEGREE
-    factor = SPACE_FACTOR_OFF_KNOTS if _bent_off_knots(scene) else SPACE_FACTOR
-    finer = min(math.ceil(factor * spans), MOST_CONTROL_POINTS - bspline.DEGREE)
-    if finer <= spans:
-        raise SceneError(f"discretization.control_points: {choice.control_points} is the most")
-    values = _same_method(original) | {
-        "discretization.control_points": finer + bspline.DEGREE,
-        "integrator.step": original.step,
-    }
-    if choice.quadrature == "uniform":
-        values["discretization.samples"] = max(choice.samples, 2 * finer)
-    gain = (finer / spans) ** _space_order(scene)
-    per_step = 1
-    if original.choice.method.family != IMPLICIT:
-        limit = place(scene.with_values(values | {"integrator.step": 0.0})).choice.limit
-        safe = safe_share(original.choice.method) * limit
-        per_step = math.ceil(original.step / safe - 1e-6)
-        values["integrator.step"] = original.step / per_step
-    return values, per_step, gain / (gain - 1.0)
 
 
 def _bent_off_knots(scene: Scene) -> bool:

@@ -143,7 +143,7 @@ def test_largest_error_is_held_for_a_second():
     scene = shipped("hanging_cable", damping__mass=6.0, integrator__step=2.5e-3)
     estimate = ErrorEstimate(Simulator(scene))
     fine = finer(estimate.simulator, 2, 1)
-    for one in (estimate.simulator, *(one.simulator for one in estimate._companions), fine):
+    for one in (estimate.simulator, *(one.simulator for one in estimate.companions), fine):
         one.set_end("start", position=np.add(scene.start.position, [0.02, 0.0, 0.0]))
     u, looks, held = U * scene.cable.length, [0.0], []
     for _ in range(150):
@@ -192,7 +192,7 @@ def test_companions_that_come_in_the_middle_of_a_motion_end_where_it_ends():
     onward = EndMotion(start=running.time, duration=count * step, **pose, **changes)
     estimate.set_motion("end", onward)
     assert estimate.advance_steps(count).status.ok
-    for one in estimate._companions:
+    for one in estimate.companions:
         for own, of_original in zip(
             one.simulator.end_pose("end"), running.end_pose("end"), strict=True
         ):
@@ -282,7 +282,7 @@ def test_run_without_a_finer_one_is_of_unknown_error():
 
 def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
     estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
-    companion = estimate._space.simulator
+    companion = estimate.companions[1].simulator
     assert companion is not None
     companion.cable.x[0, 5] = np.nan
     report = estimate.advance_steps(20)
@@ -295,7 +295,7 @@ def test_failure_of_a_companion_is_told_and_does_not_stop_the_simulator():
 
 def test_a_companion_that_failed_stops_no_gripper():
     estimate = ErrorEstimate(Simulator(shipped("two_grippers")))
-    estimate._space.simulator.cable.x[0, 5] = np.nan
+    estimate.companions[1].simulator.cable.x[0, 5] = np.nan
     simulator = estimate.simulator
     for _ in range(3):
         position, orientation = estimate.end_pose("end")
@@ -337,7 +337,7 @@ def test_motions_given_in_advance_move_the_companions_too():
     for motion in (first, second):
         estimate.set_motion("end", motion)
     assert estimate.advance_steps(40).status.ok
-    finer = [one.simulator for one in estimate._companions if one.simulator is not None]
+    finer = [one.simulator for one in estimate.companions if one.simulator is not None]
     assert finer
     for one in (simulator, *finer):
         assert one.end_pose("end")[0] == pytest.approx(second.position_at(1.0), abs=1e-12)
