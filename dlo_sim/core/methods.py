@@ -201,14 +201,5 @@ METHODS: dict[str, Method] = {
             source="discrete gradient per quadrature point; Simo & Tarnow 1992, Gonzalez 1996",
         ),
         _energy_momentum_4(),
-        Method(
-            # dissipates the frequencies that the step does not resolve (integrator.spectral_radius)
-            name="generalized_alpha",
-            family=IMPLICIT,
-            order=2,
-            mass_damping=True,
-            stiffness_damping=True,
-            source="Chung & Hulbert 1993, J. Appl. Mech. 60, 371-375",
-        ),
     )
 }

@@ -39,6 +39,10 @@ STATIC_TWIST = 8192  # twist without inertia, in equilibrium at the end of each 
 THINNED = 16384  # rate-thinning viscosity of bending
 GUARDED = 32768  # spans are kept from turning over (`terms.span_guard`)
 
+# Bits of the families of methods, beside those of the terms.
+SPLITTING, RUNGE_KUTTA, ZHAI = 1 << 16, 1 << 17, 1 << 18
+CONSTRAINED, IMPLICIT = 1 << 19, 1 << 20
+
 ENERGIES = ("stretch", "bend", "twist", "torsion", "plasticity", "gravity", "spring", "contact")
 STRETCHING, BENDING, TWISTING, TORSIONAL, PLASTIC, WEIGHT, SPRING, TOUCHING = range(8)
 
@@ -159,7 +163,7 @@ class State(Group):
     x = Reals("lines", "columns")  # positions [m], twist angle [rad]
     w = Reals("lines", "columns")  # projected velocity P v (`engine.rows`)
     history = Reals(2, "lines", "columns")  # the two configurations before
-    acceleration = Reals("lines", "columns")  # of the generalised-alpha method
+    acceleration = Reals("lines", "columns")  # of the step before (`methods.zhai`)
     loaded = Reals("lines", "columns")  # load forces of the last evaluation
     counted = Reals("lines", "columns")  # positions up to which the account has the work
     reference = Reals("bishop_lines", "columns")  # positions at the end of the last step
@@ -218,7 +222,14 @@ class Work(Group):
     system = Reals("rigid", "rigid")  # S
     multipliers = Reals("rigid")  # S^-1 times `rates`
     energies = Reals(len(ENERGIES) + 1)  # by term; last the sum of |summands| of the weight
-    results = Numbers("kinetic", "total", "lost")  # [J]
+    results = Numbers(
+        "kinetic",  # [J]
+        "total",  # energy [J]
+        "evaluations",  # of forces, or Newton iterations, in a call of `methods.advance`
+        "forces_known",  # 1 while `force` is that of the present state, for explicit methods
+        "matrix_known",  # 1 while the factors of `methods.rattle` are those of the present one
+        "power",  # of the grasps at the present state [W] (`methods.runge_kutta`)
+    )
     # twist relative to the Bishop frame
     psi = Reals("bishop_columns")
     tau = Lanes("bishop_blocks", "samples")
@@ -227,12 +238,10 @@ class Work(Group):
     start = Reals("lines", "columns")  # configuration at the start of the step
     start_v = Reals("lines", "columns")  # velocity there
     change = Reals("lines", "columns")  # q1 - q0
-    middle = Reals("lines", "columns")  # configuration at theta
-    seen = Reals("lines", "columns")  # tau times the velocity that damping acts on
-    seen_fixed = Reals("lines", "columns")  # its part that stays constant in the iteration
+    middle = Reals("lines", "columns")  # configuration in the middle of the step
+    rate = Reals("lines", "columns")  # an acceleration, or a velocity at the end of the step
     damping = Reals("lines", "columns")  # damping force
     inertia = Reals("lines", "columns")
-    travel = Reals("lines", "columns")  # P (q1 - q0), the change of the free motion
     old_direction = Reals("rigid", 3)  # at the start of the step
     old_inverse = Reals("rigid", "rigid")
     middle_direction = Reals("rigid", 3)
@@ -308,6 +317,25 @@ class CableArrays(Group):
     work: Work
 
 
+class Method(Group):
+    """Constants of the time integrator; every family has its own (`core.methods`)."""
+
+    family = Whole()  # its bit
+    check_every = Whole()  # steps between two checks of the energy
+    stages = Whole()  # or substeps of a composition
+    drift = Reals("stages")  # splitting methods
+    kick = Reals("stages")
+    matrix = Reals("stages", "stages")  # Runge-Kutta methods: a_ij
+    weights = Reals("stages")  # b_j
+    nodes = Reals("stages")  # c_i
+    psi = Number()  # Zhai's method
+    phi = Number()
+    substeps = Reals("stages")  # implicit methods: lengths in units of the step
+    conserves_energy = Whole()  # whether the elastic forces are minus the discrete gradient
+    tolerance = Number()  # of the energy, relative to that exchanged so far
+    halvings = Whole()  # how often a step may be halved
+
+
 class Records(Group):
     """Dense output of a run (`engine.sampling`)."""
 
@@ -317,6 +345,6 @@ class Records(Group):
     marks = Wholes(1)  # index of the next sample
 
 
-CABLE, RECORDS = CableArrays.kind, Records.kind
+CABLE, METHOD, RECORDS = CableArrays.kind, Method.kind, Records.kind
 LINES, VECTOR = groups.MATRIX, groups.VECTOR  # types of lines, and of plain vectors
-cable_at, records_at = group_at(CableArrays), group_at(Records)
+cable_at, method_at, records_at = map(group_at, (CableArrays, Method, Records))

@@ -5,15 +5,15 @@ A band matrix has seven diagonals: entry (i, i + k - 3) is at [k, MARGIN + i].
 
 from __future__ import annotations
 
-from numba import float64
+from numba import float64, void
 
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, fabs, lane_sum, zero
 from dlo_sim.compiling.pieces import part, piece
-from dlo_sim.engine.arrays import CABLE, LINES, MARGIN
+from dlo_sim.engine.arrays import CABLE, LINES, MARGIN, VECTOR
 
 
-@part
+@piece(void, LINES)
 def clear(x):
     """x = 0."""
     for line in range(x.shape[0]):
@@ -21,7 +21,7 @@ def clear(x):
             store(x, line, c, 0.0)
 
 
-@part
+@piece(void, LINES, LINES)
 def copy(source, target):
     """target = source."""
     for line in range(source.shape[0]):
@@ -29,7 +29,7 @@ def copy(source, target):
             store(target, line, c, load(source, line, c))
 
 
-@part
+@piece(void, float64, LINES, LINES)
 def add(scale, x, out):
     """out += scale x."""
     for line in range(x.shape[0]):
@@ -37,7 +37,7 @@ def add(scale, x, out):
             store(out, line, c, load(out, line, c) + scale * load(x, line, c))
 
 
-@part
+@piece(void, LINES, LINES, LINES)
 def difference(a, b, out):
     """out = a - b."""
     for line in range(a.shape[0]):
@@ -45,7 +45,7 @@ def difference(a, b, out):
             store(out, line, c, load(a, line, c) - load(b, line, c))
 
 
-@part
+@piece(float64, LINES, LINES)
 def inner(a, b):
     """a . b over all lines."""
     sum_ = zero()
@@ -73,7 +73,7 @@ def damping_of(cable, line):
     return cable.linear.damping[kind_of(cable, line)]
 
 
-@part
+@piece(void, LINES, float64, VECTOR, VECTOR)
 def add_product(matrix, scale, x, out):
     """out += scale A x on one line."""
     for c in range(MARGIN, len(x) - LANES, LANES):
@@ -84,7 +84,7 @@ def add_product(matrix, scale, x, out):
         store(out, c, load(out, c) + scale * f)
 
 
-@part
+@piece(void, LINES, float64, VECTOR, VECTOR)
 def add_differences(matrix, scale, x, out):
     """out += scale A x on one line, for A with zero row sums: (A x)_i = sum_j A_ij (x_j - x_i).
 
@@ -111,13 +111,13 @@ def form_by_lanes(matrix, x):
     return sum_
 
 
-@part
+@piece(float64, LINES, VECTOR)
 def form(matrix, x):
     """x^T A x of one line for a symmetric A."""
     return lane_sum(form_by_lanes(matrix, x))
 
 
-@part
+@piece(float64, LINES, VECTOR)
 def difference_form(matrix, x):
     """x^T A x of one line for a symmetric A with zero row sums: - sum_(i<j) A_ij (x_j - x_i)^2."""
     sum_ = zero()
@@ -153,7 +153,7 @@ def weight_energy(cable, x):
     return lane_sum(energy), lane_sum(large)
 
 
-@part
+@piece(void, CABLE, LINES)
 def solve_mass(cable, x):
     """x <- M^-1 x by forward and back substitution; lines interleave, which hides latencies."""
     factors, lines, dim = cable.linear.factors, cable.lines, cable.dim

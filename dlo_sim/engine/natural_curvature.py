@@ -9,11 +9,11 @@ with theta (`terms.material_frame`), which couples bending to twist.
 
 from __future__ import annotations
 
-from numba import int64, void
+from numba import boolean, int64, void
 
 from dlo_sim.compiling.lanes import LANES, lane, lane_sum, zero
 from dlo_sim.compiling.pieces import NO, YES, part, piece
-from dlo_sim.engine.arrays import BENDING, CURVED, MATERIAL, PLASTICITY, cable_at
+from dlo_sim.engine.arrays import BENDING, CABLE, CURVED, LINES, MATERIAL, PLASTICITY, cable_at
 from dlo_sim.engine.plasticity import CURVATURE, TANGENT, curvature, slipping
 from dlo_sim.engine.spans import (
     add_cubic,
@@ -81,7 +81,7 @@ def turn_polynomial(cable, b, x):
     return p[0] - q[0], p[1] - q[1], p[2] - q[2], p[3] - q[3]
 
 
-@part
+@piece(void, CABLE, LINES, LINES, boolean, boolean, LINES, terms=CURVED)
 def natural_force(cable, x0, x1, turn, push, out):
     """out -= discrete gradient between x0 and x1, on theta (`turn`) and the centreline (`push`)."""
     mesh, state = cable.mesh, cable.state
@@ -199,7 +199,7 @@ def follow_to_present(address):
     follow_natural(cable, cable.state.x)
 
 
-@part
+@piece(void, CABLE, LINES, LINES, LINES, terms=CURVED)
 def add_natural_stiffness(cable, x0, x1, matrix):
     """matrix += derivative with respect to theta at x1 of the discrete gradient on theta, to first
     order in the step. Entry (i, i - k) of the symmetric matrix is at [k, i - k], k from 0 to 3.

@@ -1,26 +1,15 @@
-"""Implicit steps: the energy-momentum method, the implicit midpoint rule and the generalised-alpha
-method.
+"""Implicit steps: the energy-momentum method and the implicit midpoint rule.
 
-**The equations.** A step of length tau leads from the configuration q0 with velocity v0 to q1. For
-the spatial lines all three methods solve the momentum balance
-    M (a (q1 - q0) - b v0 - c a0) = f(q0, q1) + E^T lambda,   B q1 = targets at the end of the step,
+**The equations.** A step of length tau leads from the configuration q0 with velocity v0 to q1. With
+v1 = 2 (q1 - q0) / tau - v0, the momentum balance M (v1 - v0) / tau = f of the spatial lines is
+    M (a (q1 - q0) - b v0) = f(q0, q1) + E^T lambda,   B q1 = targets at the end of the step,
+    a = 2 / tau^2,   b = 2 / tau,
 with the mass matrix M and the reactions lambda of the grasps along their constraint rows, E at the
 middle of the step and B at its end: symmetric, and exact in the energy balance. f contains loads
-and damping at theta, and the elastic forces.
-
-The midpoint family sets v1 = 2 (q1 - q0) / tau - v0, so that M (v1 - v0) / tau = f means
-    theta = 1/2,   a = 2 / tau^2,   b = 2 / tau,   c = 0.
-The elastic forces are those at the middle, (q0 + q1) / 2 (`implicit_midpoint`), or minus the
-discrete gradient (`energy_momentum`). The product of the balance with q1 - q0 = tau (v0 + v1) / 2
-is the change of the kinetic energy, so with the discrete gradient the energy is exact.
-
-The generalised-alpha method (Chung & Hulbert 1993) inserts Newmark's formulas
-    q1 = q0 + tau v0 + tau^2 ((1/2 - beta) a0 + beta a1),
-    v1 = v0 + tau ((1 - gamma) a0 + gamma a1)
-into M ((1 - alpha_m) a1 + alpha_m a0) = f at q0 + theta (q1 - q0), so that
-    a = (1 - alpha_m) / (beta tau^2),   b = a tau,   c = a tau^2 (1/2 - beta) - alpha_m.
-Its accelerations are those of the projected velocity w, the motion relative to the prescribed one.
-It needs an initial acceleration, so its first step is a midpoint step.
+and damping at the middle of the step, and the elastic forces: those at (q0 + q1) / 2
+(`implicit_midpoint`), or minus the discrete gradient (`energy_momentum`). The product of the
+balance with q1 - q0 = tau (v0 + v1) / 2 is the change of the kinetic energy, so with the discrete
+gradient the energy is exact.
 
 The twist line is always integrated by the midpoint rule (`methods.twist_step`).
 
@@ -29,35 +18,31 @@ forces (`step_force`), the residual of the momentum balance (`set_residual`) and
 (`correct`) alternate until the energy error of the step is small. Corrections are Newton's with the
 exact Jacobian (`newton_matrix`), except for the dependence of the viscous forces on the geometry
 and for the plastic flow within the step; between two factorisations they are Broyden's.
-`finish_step` updates velocities, reactions and the energy balance. `implicit_step` is all of this.
-A step that does not converge is rejected and repeated in halves, quarters, ... of its length
-(`advance_implicit`).
+`finish_step` updates velocities, reactions and the energy balance. `try_step` is all of this. A
+step that does not converge is rejected and repeated in halves, quarters, ... of its length
+(`implicit_step`).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, float64, int64, types, void
+from numba import boolean, float64, int64, void
 
-from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, COUNTS, NO, YES, part, piece
-from dlo_sim.engine.account import RESOLUTION, measure, update_account, with_potentials
+from dlo_sim.compiling.pieces import NO, YES, part, piece
+from dlo_sim.engine.account import RESOLUTION
 from dlo_sim.engine.arrays import (
     BISHOP,
     CABLE,
     DAMPED,
-    DIVERGED,
+    IMPLICIT,
     MARGIN,
+    METHOD,
     MOST_CORRECTIONS,
-    NOT_CONVERGED,
-    OK,
     PADDING,
     STATIC_TWIST,
     TWISTED,
-    VECTOR,
-    cable_at,
-    records_at,
 )
 from dlo_sim.engine.assembly import (
     add_damping,
@@ -101,7 +86,6 @@ from dlo_sim.engine.rows import (
     turns,
     values_along,
 )
-from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.engine.springs import (
     accept_anchors,
     anchor_work,
@@ -111,10 +95,6 @@ from dlo_sim.engine.springs import (
     spring_force,
 )
 from dlo_sim.methods.twist_step import end_twist, step_twist
-from dlo_sim.methods.works import NATURAL, turn_natural_shape
-
-# Entries of `constants`: theta, alpha_m, beta, gamma, (1 - alpha_m) / beta.
-THETA, MASS_WEIGHT, NEWMARK_BETA, NEWMARK_GAMMA, INERTIA_WEIGHT = range(5)
 
 MAX_ITERATIONS = 40  # force evaluations before a step is halved
 MAX_HALVINGS = 12
@@ -136,20 +116,6 @@ MOST_WITH_KEPT = 3  # iterations with a matrix of an earlier step; with a new on
 MOST_SETBACKS = 5.0  # log2 of the longest wait [steps]
 SMALLEST_SHRINKING = 1e-3  # lower bound on the measured contraction
 FORGETTING = 1.5  # growth of the remembered contraction per step that does not measure it
-
-
-@part
-def weights(constants, newmark, tau):
-    """theta, a, c of the momentum balance (b = a tau), and rate and g of the velocity v at theta
-    that damping acts on: tau v = rate (q1 - q0) + (1 - rate) tau v0 + g tau^2 a0.
-    """
-    if not newmark:
-        return 0.5, 2.0 / (tau * tau), 0.0, 1.0, 0.0
-    theta, beta, gamma = constants[THETA], constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
-    c = constants[INERTIA_WEIGHT] * (0.5 - beta) - constants[MASS_WEIGHT]
-    rate = theta * gamma / beta
-    g = theta * (1.0 - gamma) - rate * (0.5 - beta)
-    return theta, constants[INERTIA_WEIGHT] / (tau * tau), c, rate, g
 
 
 # -- the start of a step: predictor and prescribed motion ---------------------------------------
@@ -256,42 +222,13 @@ def move_to_targets(cable, t0, tau):
     move_anchors(cable, t0 + tau)
 
 
-@part
-def fix_seen_velocity(cable, moves, t0, tau, theta, rate, g):
-    """Set `seen_fixed` of the generalised-alpha method from
-        seen = rate P change + tau ((1 - rate) w + g tau acceleration + motion of the grasps),
-    where P projects onto the free motion, at theta.
-    """
-    state, work = cable.state, cable.work
-    change, fixed, driven = work.change, work.seen_fixed, work.travel
-    clear(driven)
-    copy(change, fixed)
-    if moves:
-        time = t0 + theta * tau
-        copy(work.start, work.middle)
-        add(theta, change, work.middle)
-        set_directions(cable, time)
-        add_velocity_of_held(cable, work.middle, time, driven)
-        project(cable, fixed, work.multipliers)
-        set_directions(cable, t0 + tau)
-    for line in range(cable.lines):
-        for c in range(0, cable.columns, LANES):
-            carried = load(change, line, c) - load(fixed, line, c)
-            if line < cable.dim:
-                free = (1.0 - rate) * load(state.w, line, c)
-                free += g * tau * load(state.acceleration, line, c)
-                store(fixed, line, c, tau * (free + load(driven, line, c)) - rate * carried)
-            else:
-                store(fixed, line, c, (1.0 - rate) * carried)
-
-
-@piece(void, CABLE, boolean, float64, float64, float64, float64, float64)
-def begin_step(cable, newmark, t0, tau, theta, rate, g):
+@piece(void, CABLE, float64, float64)
+def begin_step(cable, t0, tau):
     """Predict the configuration at the end of the step and move it onto the constraints there.
 
     Sets `start` and `start_v`, configuration and velocity at the start; the directions of the
     constraint rows at the start (with their inverse), at the middle, and, in the state, at the end;
-    the anchors of springs; `change` and `seen_fixed`.
+    the anchors of springs; and `change`.
     """
     state, work = cable.state, cable.work
     moves = grasps_move(cable)
@@ -309,9 +246,6 @@ def begin_step(cable, newmark, t0, tau, theta, rate, g):
         keep_constraints(cable)
     set_border(cable, work.middle_direction, state.direction)
     difference(state.x, work.start, work.change)
-    clear(work.seen_fixed)
-    if newmark:
-        fix_seen_velocity(cable, moves, t0, tau, theta, rate, g)
 
 
 @part
@@ -336,51 +270,47 @@ def is_viscous(cable):
     return cable.terms & DAMPED != 0 and physics.beta_stretch + physics.beta_bend > 0.0
 
 
-@piece(float64, CABLE, float64, float64, float64, float64, boolean)
-def step_force(cable, t, tau, theta, rate, discrete):
+@piece(float64, CABLE, float64, float64, boolean)
+def step_force(cable, t0, tau, discrete):
     """force = all forces of the step from `start` to the present configuration, start + change.
 
-    Damping acts on the velocity at theta, seen / tau with seen = rate change + seen_fixed, which is
-    `change` for the midpoint family. Returns the energy dissipated by damping [J].
+    Returns the energy dissipated by damping [J].
     """
     work = cable.work
-    force, change, middle, seen = work.force, work.change, work.middle, work.seen
+    force, change, middle = work.force, work.change, work.middle
     start_with_weight(cable, force)
     clear(work.load)
     clear(work.damping)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):
-            moved = load(change, line, c)
-            store(middle, line, c, load(work.start, line, c) + theta * moved)
-            store(seen, line, c, rate * moved + load(work.seen_fixed, line, c))
+            store(middle, line, c, load(work.start, line, c) + 0.5 * load(change, line, c))
     viscous = 1.0 / tau if is_viscous(cable) else 0.0
     begin, end = (work.start, cable.state.x) if discrete else (middle, middle)
-    lost = discrete_gradient(cable, begin, end, seen, viscous, force)
-    spring_force(cable, middle, theta, NO, force)
+    lost = discrete_gradient(cable, begin, end, change, viscous, force)
+    spring_force(cable, middle, 0.5, NO, force)
     if cable.loads.count:
-        load_force(cable, middle, t + theta * tau, work.load)
+        load_force(cable, middle, t0 + 0.5 * tau, work.load)
         add(1.0, work.load, force)
     if cable.terms & DAMPED:
         for line in range(cable.lines):
-            add_product(damping_of(cable, line), -1.0 / tau, seen[line], work.damping[line])
-        add_damping(cable, middle, seen, 1.0 / tau, work.damping)
+            add_product(damping_of(cable, line), -1.0 / tau, change[line], work.damping[line])
+        add_damping(cable, middle, change, 1.0 / tau, work.damping)
         add(1.0, work.damping, force)
         lost -= inner(work.damping, change)
     return lost
 
 
 @part
-def set_residual(cable, a, b, c):
+def set_residual(cable, a, b):
     """Set `residual` to that of the momentum balance, in the frames of the clamps, and `row_force`
     to the reactions of the constraint rows. Returns the sum |inertia_i change_i| [J].
     """
-    state, work, dim = cable.state, cable.work, cable.dim
-    change, rate, inertia, residual = work.change, work.seen, work.inertia, work.residual
+    work, dim = cable.work, cable.dim
+    change, rate, inertia, residual = work.change, work.rate, work.inertia, work.residual
     energy = 0.0
     for d in range(dim):
         for i in range(0, cable.columns, LANES):
-            f = a * load(change, d, i) - b * load(work.start_v, d, i)
-            store(rate, d, i, f - c * load(state.acceleration, d, i))
+            store(rate, d, i, a * load(change, d, i) - b * load(work.start_v, d, i))
             store(inertia, d, i, 0.0)
         add_product(cable.linear.mass[0], 1.0, rate[d], inertia[d])
         for i in range(cable.n):
@@ -400,12 +330,12 @@ def set_residual(cable, a, b, c):
     return energy
 
 
-@piece(boolean, CABLE, float64, float64, float64, float64, float64, boolean)
-def newton_matrix(cable, t, tau, a, theta, rate, discrete):
+@piece(boolean, CABLE, float64, float64, float64, boolean)
+def newton_matrix(cable, t0, tau, a, discrete):
     """state.matrix = LU factors of the Jacobian of the momentum balance; return whether they exist.
 
-    A force at theta depends on the change with the weight theta; the tangents of the discrete
-    gradient contain its 1/2.
+    A force at the middle depends on half the change; the tangents of the discrete gradient contain
+    this 1/2.
     """
     state, work = cable.state, cable.work
     matrix, middle = state.matrix, work.middle
@@ -413,20 +343,20 @@ def newton_matrix(cable, t, tau, a, theta, rate, discrete):
     add_lines(cable, cable.linear.mass[0], a, matrix)
     viscous = 0.0
     if cable.terms & DAMPED:
-        add_lines(cable, cable.linear.damping[0], rate / tau, matrix)
-        add_damping_tangent(cable, middle, rate / tau, matrix)
+        add_lines(cable, cable.linear.damping[0], 1.0 / tau, matrix)
+        add_damping_tangent(cable, middle, 1.0 / tau, matrix)
         if is_viscous(cable):
-            viscous = rate / (2.0 * theta * tau)
+            viscous = 1.0 / tau
     begin, end = (work.start, state.x) if discrete else (middle, middle)
-    all_tangents(cable, begin, end, viscous, 2.0 * theta, matrix)
-    add_springs(cable, theta, matrix)
-    add_load_stiffness(cable, middle, t + theta * tau, theta, matrix)
+    all_tangents(cable, begin, end, viscous, 1.0, matrix)
+    add_springs(cable, 0.5, matrix)
+    add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
     stiffen_border(cable, matrix)
     state.balance.matrix_weight = 0.0
     if not eliminate(matrix, cable.n * cable.dim, cable.dim):
         return False
-    solve_border(cable, matrix, theta)
+    solve_border(cable, matrix, 0.5)
     state.balance.matrix_weight = a
     return True
 
@@ -581,26 +511,6 @@ def prescribed_energy(cable, directions, inverse, v):
 
 
 @part
-def carry_inertia(cable, constants, tau):
-    """Add to `row_force` the inertia of the prescribed motion, which the accelerations of the
-    generalised-alpha method, those of the free motion, do not contain.
-    """
-    state, work = cable.state, cable.work
-    weight, push = constants[INERTIA_WEIGHT], work.inertia
-    c = weight * (0.5 - constants[NEWMARK_BETA]) - constants[MASS_WEIGHT]
-    clear(push)
-    for d in range(cable.dim):
-        for i in range(0, cable.columns, LANES):
-            gain = (load(work.change, d, i) - tau * load(work.start_v, d, i)) / (tau * tau)
-            store(push, d, i, (2.0 - weight) * gain + c * load(state.acceleration, d, i))
-    for k in range(cable.rows.count):
-        work.rates[k] = row_value(cable, k, work.middle_direction, push)
-    through_inverse(state.inverse, work.rates, 1.0, work.multipliers)
-    for k in range(cable.rows.count):
-        work.row_force[k] += work.multipliers[k]
-
-
-@part
 def settle_overdamped(cable, moves, tau):
     """Remove the part of the velocity that alternates from step to step, where it exceeds the mean
     velocity; returns its energy [J].
@@ -621,7 +531,7 @@ def settle_overdamped(cable, moves, tau):
     state, work, dim = cable.state, cable.work, cable.dim
     w, change, mass = state.w, work.change, cable.linear.mass[0]
     before = state.history[1]
-    apart, push, step, solved = work.seen, work.inertia, work.step, work.residual
+    apart, push, step, solved = work.rate, work.inertia, work.step, work.residual
     clear(apart)
     alternating, mean = zero(), zero()
     for d in range(dim):
@@ -668,78 +578,41 @@ def settle_overdamped(cable, moves, tau):
     return loss
 
 
-@part
-def update_velocities(cable, constants, newmark, moves, tau, ahead, dissipates):
-    """Set w and the acceleration of the state to those at the end of the step.
-
-    `ahead`: 2 / tau (q1 - q0) - v0, the velocity at the end by the midpoint rule. The acceleration
-    is that of Newmark's formulas, or after a first midpoint step the mean one.
-    """
-    state, work = cable.state, cable.work
-    w, acceleration, change, travel = state.w, state.acceleration, work.change, work.travel
-    beta, gamma = constants[NEWMARK_BETA], constants[NEWMARK_GAMMA]
-    static = cable.terms & STATIC_TWIST != 0
-    copy(change, travel)
-    if newmark and moves:
-        project(cable, travel, work.multipliers)
-    for line in range(cable.lines):
-        for c in range(0, cable.columns, LANES):
-            w0, a0 = load(w, line, c), load(acceleration, line, c)
-            if newmark and line < cable.dim:
-                a1 = load(travel, line, c) / tau - w0 - tau * (0.5 - beta) * a0
-                a1 = a1 / (tau * beta)
-                store(w, line, c, w0 + tau * ((1.0 - gamma) * a0 + gamma * a1))
-                store(acceleration, line, c, a1)
-            else:
-                w1 = load(ahead, line, c)
-                if static and line >= cable.dim:
-                    w1 = load(change, line, c) / tau  # w1 would alternate, undamped without inertia
-                store(w, line, c, w1)
-                if dissipates:
-                    store(acceleration, line, c, (w1 - w0) / tau)
-    if moves:
-        project(cable, w, work.multipliers)
-        if dissipates:
-            project(cable, acceleration, work.multipliers)
-
-
-@piece(
-    *(void, CABLE, VECTOR, boolean),
-    *(float64, float64, float64, float64, boolean),
-)
-def finish_step(cable, constants, newmark, t0, tau, whole, lost, dissipates):
-    """Update w and the acceleration, the mean reactions, and the energy balance.
+@piece(void, CABLE, float64, float64, float64, float64)
+def finish_step(cable, t0, tau, whole, lost):
+    """Update w, the mean reactions, and the energy balance.
 
     The work of the grasps is that of the reactions, and the loss of kinetic energy of the
     prescribed motion, which the energy balance does not contain.
 
     Args:
-        newmark: whether the step is one of the generalised-alpha method, not of the midpoint rule.
         whole: length of the step [s] over which reactions are averaged. lost: energy [J] dissipated
-            by damping. dissipates: whether the method does, so that its loss is known from the
-            balance only (`add_numerical_loss`).
+            by damping.
     """
     state, work, balance = cable.state, cable.work, cable.state.balance
-    change, speed, ahead = work.change, work.start_v, work.seen
+    change, ahead = work.change, work.rate
     moves = grasps_move(cable)
     if cable.terms & TWISTED:
         lost += end_twist(cable, t0, tau)
     for line in range(cable.lines):
         for c in range(0, cable.columns, LANES):
-            store(ahead, line, c, 2.0 / tau * load(change, line, c) - load(speed, line, c))
+            speed = load(work.start_v, line, c)
+            store(ahead, line, c, 2.0 / tau * load(change, line, c) - speed)
     driven = 0.0
     if moves:
-        if newmark:
-            carry_inertia(cable, constants, tau)
         for k in range(cable.rows.count):
             driven += row_value(cable, k, work.middle_direction, change) * work.row_force[k]
-        driven += prescribed_energy(cable, work.old_direction, work.old_inverse, speed)
+        driven += prescribed_energy(cable, work.old_direction, work.old_inverse, work.start_v)
         driven -= prescribed_energy(cable, state.direction, state.inverse, ahead)
-    update_velocities(cable, constants, newmark, moves, tau, ahead, dissipates)
-    if not dissipates:
-        if balance.known > 0.0 and balance.length_before == tau and is_viscous(cable):
-            lost += settle_overdamped(cable, moves, tau)
-        balance.dissipated += lost
+    copy(ahead, state.w)
+    if cable.terms & STATIC_TWIST:  # `ahead` would alternate, undamped without inertia
+        for c in range(cable.columns):
+            state.w[cable.dim, c] = change[cable.dim, c] / tau
+    if moves:
+        project(cable, state.w, work.multipliers)
+    if balance.known > 0.0 and balance.length_before == tau and is_viscous(cable):
+        lost += settle_overdamped(cable, moves, tau)
+    balance.dissipated += lost
     if cable.loads.count:
         balance.load_work += inner(work.load, change)
     driven += anchor_work(cable, work.start, state.x)
@@ -799,12 +672,12 @@ def judge_matrix(balance, iterations, made):
 
 
 @piece(
-    *((boolean, int64), CABLE, VECTOR),
-    *(float64, float64, float64, boolean, float64, boolean),
+    *(boolean, CABLE, METHOD),
+    *(float64, float64, float64, boolean),
 )
-def implicit_step(cable, constants, t0, tau, whole, discrete, tolerance, careful):
-    """One step in place; returns whether it converged, and the number of iterations. If not, x, w
-    and the constraints of the state are restored.
+def try_step(cable, method, t0, tau, whole, careful):
+    """One step in place, of which `results.evaluations` counts the iterations; returns whether it
+    converged. If not, x, w and the constraints of the state are restored.
 
     It is a part of a step of length `whole`, over which reactions are averaged. With `careful`, a
     step that folds the cable over (`turned_over`) counts as not converged.
@@ -813,11 +686,10 @@ def implicit_step(cable, constants, t0, tau, whole, discrete, tolerance, careful
     belongs to the state, so that a run continues bitwise identically from a snapshot.
     """
     work, balance = cable.work, cable.state.balance
-    dissipates = constants[THETA] != 0.5
-    newmark = dissipates and balance.known > 0.0
-    theta, a, c, rate, g = weights(constants, newmark, tau)
+    discrete, tolerance = method.conserves_energy != 0, method.tolerance
+    a = 2.0 / (tau * tau)
     b = a * tau
-    begin_step(cable, newmark, t0, tau, theta, rate, g)
+    begin_step(cable, t0, tau)
     reach = largest(cable, cable.state.x)  # scale of the round-off of corrections
     moves = grasps_move(cable)
     coupled = cable.terms & BISHOP != 0
@@ -834,10 +706,10 @@ def implicit_step(cable, constants, t0, tau, whole, discrete, tolerance, careful
     # Share of the flow at the configuration at which the forces of the step are evaluated.
     balance.slip = 0.5 if discrete else 1.0
     while True:
-        lost = step_force(cable, t0, tau, theta, rate, discrete)
+        lost = step_force(cable, t0, tau, discrete)
         if coupled:
             lost += step_twist(cable, t0, tau, discrete, iterations == 0)
-        inertia = set_residual(cable, a, b, c)
+        inertia = set_residual(cable, a, b)
         if converged or iterations == MAX_ITERATIONS:
             break
         iterations += 1
@@ -851,7 +723,7 @@ def implicit_step(cable, constants, t0, tau, whole, discrete, tolerance, careful
                 linearize = True
                 continue
         if linearize or known == MOST_CORRECTIONS:
-            if not newton_matrix(cable, t0, tau, a, theta, rate, discrete):
+            if not newton_matrix(cable, t0, tau, a, discrete):
                 break
             known, made = np.int64(0), iterations
         energy, slope, defect, moved = correct(cable, known)
@@ -887,141 +759,44 @@ def implicit_step(cable, constants, t0, tau, whole, discrete, tolerance, careful
         converged = not turned_over(cable)
     if converged:
         balance.floor = max(balance.floor, floor)
-        finish_step(cable, constants, newmark, t0, tau, whole, lost, dissipates)
-        balance.slip = 0.5  # the energy balance takes the mean with all methods
+        finish_step(cable, t0, tau, whole, lost)
+        balance.slip = 0.5  # the energy balance takes the mean with both methods
         flow(cable)
     else:
         undo_step(cable)
     balance.slip = 0.0
-    return converged, iterations
+    work.results.evaluations += iterations
+    return converged
 
 
-# -- the loop over steps ------------------------------------------------------------------------
+# -- a whole step ------------------------------------------------------------------------------
 
 
-@part
-def add_numerical_loss(cable):
-    """Add the numerical dissipation of the method, known from the energy balance after `measure`,
-    to `dissipated`. Energy that the method adds remains an error.
+@piece(boolean, CABLE, METHOD, int64, float64, terms=IMPLICIT)
+def implicit_step(cable, method, step, tau):
+    """Step number `step`, of length tau, in the substeps of a composition method, each halved where
+    Newton's method does not converge; returns whether it succeeded.
     """
-    balance = cable.state.balance
-    missing = balance.energy_start + balance.load_work
-    missing += balance.drive_work - balance.dissipated
-    missing -= with_potentials(cable, cable.work.results.kinetic)
-    if missing > 0.0:
-        balance.dissipated += missing
-
-
-@piece(
-    *(COUNTS, int64, ARRAY, ARRAY, boolean, float64),
-    *(int64, int64, int64, float64, int64),
-)
-def advance_implicit(
-    address,
-    constants,
-    substeps,
-    discrete,
-    tolerance,
-    halvings,
-    first_step,
-    steps,
-    tau,
-    records_address,
-):
-    """Advance by whole steps; returns (status, steps done, Newton iterations).
-
-    The energy balance is updated every step.
-
-    Args:
-        constants: of the method, shape (5,) (`weights`). substeps: lengths of the substeps of a
-            composition method, in units of the step. discrete: whether the elastic forces are minus
-            the discrete gradient. tolerance: of the energy, relative to that exchanged so far.
-            halvings: how often a step may be halved, at most MAX_HALVINGS.
-    """
-    cable, records = cable_at(address), records_at(records_address)
-    coefficients, lengths = grid(constants), grid(substeps)
-    iterations = 0
-    budget = max(BUDGET // (cable.n * cable.dim), LEAST_BUDGET)
+    results = cable.work.results
+    begun, budget = results.evaluations, max(BUDGET // (cable.n * cable.dim), LEAST_BUDGET)
     whole = 1 << MAX_HALVINGS
-    for step in range(first_step, first_step + steps):
-        t0 = step * tau
-        begun = iterations
-        sampling = begin_sample(cable, records, t0, tau)
-        for k in range(cable.rows.count):
-            cable.state.reaction[k] = 0.0
-        at = 0.0
-        for k in range(len(lengths)):
-            part_t, part_tau = t0 + at * tau, lengths[k] * tau
-            # Halve where Newton's method does not converge.
-            level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
-            while done < whole:
-                one = whole >> level
-                converged, used = implicit_step(
-                    cable, coefficients,
-                    part_t + part_tau * done / whole, part_tau * one / whole, tau,
-                    discrete, tolerance, level < CAREFUL_HALVINGS,
-                )  # fmt: skip
-                iterations += used
-                if converged:
-                    done += one
-                    # Double again only where the longer piece is aligned, so that pieces nest.
-                    if level > 0 and done % (2 * one) == 0:
-                        level -= 1
-                elif level == halvings or iterations - begun > budget:
-                    return NOT_CONVERGED, step - first_step, iterations
-                else:
-                    level += 1
-            at += lengths[k]
-        if coefficients[THETA] != 0.5:
-            measure(cable)
-            add_numerical_loss(cable)
-        if not update_account(cable):
-            return DIVERGED, step - first_step, iterations
-        if sampling:
-            end_sample(cable, records, t0, tau)
-    return OK, steps, iterations
-
-
-@piece(
-    *(COUNTS, int64, ARRAY, ARRAY, boolean, float64),
-    *(int64, int64, float64, int64),
-    *(types.Array(float64, 3, "C"), NATURAL, ARRAY_2D),
-)
-def advance_along(
-    address,
-    constants,
-    substeps,
-    discrete,
-    tolerance,
-    halvings,
-    first,
-    tau,
-    records_address,
-    motions,
-    natural,
-    turns,
-):
-    """Advance by whole steps with a new motion of the grasps for each, as `advance_implicit`.
-
-    Args:
-        motions: numbers of all grasps in each step, shape (steps, grasps, MOTION_SIZE), as
-            `Inputs.motion`. natural: `State.natural` in the frame of an end effector, shape
-            (blocks, samples, 4, LANES), with no blocks if it does not turn. turns: its rotation
-            matrix in each step, shape (steps, 9) (`works.turn_natural_shape`).
-    """
-    cable, used = cable_at(address), 0
-    motion, ahead = cable.inputs.motion, grid(motions)
-    shape, rotations = grid(natural), grid(turns)
-    steps = ahead.shape[0]
-    for k in range(steps):
-        copy_entries(ahead[k], motion)
-        if len(shape):
-            turn_natural_shape(cable, shape, rotations[k])
-        status, _, iterations = advance_implicit(
-            address, constants, substeps, discrete,
-            tolerance, halvings, first + k, 1, tau, records_address,
-        )  # fmt: skip
-        used += iterations
-        if status != OK:
-            return status, k, used
-    return OK, steps, used
+    for k in range(cable.rows.count):
+        cable.state.reaction[k] = 0.0
+    at = 0.0
+    for k in range(method.stages):
+        t0, length = step * tau + at * tau, method.substeps[k] * tau
+        level, done = 0, 0  # `done` in units of 2^-MAX_HALVINGS of the substep
+        while done < whole:
+            one = whole >> level
+            begin, careful = t0 + length * done / whole, level < CAREFUL_HALVINGS
+            if try_step(cable, method, begin, length * one / whole, tau, careful):
+                done += one
+                # Double again only where the longer piece is aligned, so that pieces nest.
+                if level > 0 and done % (2 * one) == 0:
+                    level -= 1
+            elif level == method.halvings or results.evaluations - begun > budget:
+                return False
+            else:
+                level += 1
+        at += method.substeps[k]
+    return True

@@ -29,22 +29,11 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid, load
 from dlo_sim.compiling.lanes import LANES, lane
-from dlo_sim.compiling.pieces import ARRAY_2D, COUNTS, part, piece
-from dlo_sim.engine.account import update_account
-from dlo_sim.engine.arrays import (
-    DIVERGED,
-    MARGIN,
-    NOT_CONVERGED,
-    OK,
-    PADDING,
-    cable_at,
-    records_at,
-)
-from dlo_sim.engine.assembly import flow
+from dlo_sim.compiling.pieces import ARRAY_2D, part, piece
+from dlo_sim.engine.arrays import CABLE, CONSTRAINED, MARGIN, PADDING, cable_at
 from dlo_sim.engine.band import eliminate, substitute, substitute_eight
 from dlo_sim.engine.lines import add, clear, copy, mass_of
 from dlo_sim.engine.rows import add_velocity_of_held, grasps_move
-from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.methods.splitting import decay_flow, drift
 from dlo_sim.methods.works import evaluate
 
@@ -378,7 +367,7 @@ def clear_holding_force(cable):
 
 
 @part
-def rattle_step(cable, t0, tau):
+def verlet_step(cable, t0, tau):
     """One step from a configuration with known matrix and forces; return whether it was solved."""
     state, work = cable.state, cable.work
     add(0.5 * tau, work.force, state.w)
@@ -403,34 +392,23 @@ def rattle_step(cable, t0, tau):
     return good
 
 
-@piece(COUNTS, int64, int64, int64, float64, int64, int64)
-def advance_rattle(address, first_step, steps, tau, guard, records_address):
-    """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
-
-    A step whose constraints cannot be satisfied ends the run.
-    """
-    cable, records = cable_at(address), records_at(records_address)
-    evaluations = 0
-    if steps > 0:
-        evaluate(cable, first_step * tau)
+@piece(boolean, CABLE, int64, float64, terms=CONSTRAINED)
+def rattle_step(cable, step, tau):
+    """Step number `step`, of length tau; returns whether its constraints could be satisfied."""
+    t0, results = step * tau, cable.work.results
+    if results.forces_known == 0.0:
+        evaluate(cable, t0)
+    if results.matrix_known == 0.0:
         prepare(cable)
         if not factorize_present(cable):
-            return NOT_CONVERGED, 0, 0
-    for step in range(first_step, first_step + steps):
-        t0 = step * tau
-        sampling = begin_sample(cable, records, t0, tau)
-        decay_flow(cable, 0.5 * tau)
-        if not rattle_step(cable, t0, tau):
-            return NOT_CONVERGED, step - first_step, evaluations
-        decay_flow(cable, 0.5 * tau)
-        evaluations += 1
-        if flow(cable):
-            evaluate(cable, (step + 1) * tau)
-        if (step + 1) % guard == 0 and not update_account(cable):
-            return DIVERGED, step - first_step, evaluations
-        if sampling:
-            end_sample(cable, records, t0, tau)
-    return OK, steps, evaluations
+            return False
+    decay_flow(cable, 0.5 * tau)
+    if not verlet_step(cable, t0, tau):
+        return False
+    decay_flow(cable, 0.5 * tau)
+    results.evaluations += 1.0
+    results.forces_known = results.matrix_known = 1.0
+    return True
 
 
 @piece(boolean, int64)

@@ -1,4 +1,4 @@
-"""The time loop of all explicit Runge-Kutta methods (`core.methods`).
+"""The step of all explicit Runge-Kutta methods (`core.methods`).
 
 It integrates x' = w + Y (rates of the targets), w' = P M^-1 f + P' v - decay w (`engine.rows`). At
 the end of a step the state is projected onto the constraints: x <- x + Y (targets - B x), w <- P w.
@@ -8,14 +8,13 @@ the first stage of the next step.
 
 from __future__ import annotations
 
-from numba import float64, int64
+from numba import boolean, float64, int64
 
-from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, COUNTS, part, piece
-from dlo_sim.engine.account import update_account
-from dlo_sim.engine.arrays import DAMPED, DIVERGED, OK, cable_at, records_at
-from dlo_sim.engine.assembly import all_forces, flow
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.arrays import CABLE, DAMPED, METHOD, RUNGE_KUTTA
+from dlo_sim.engine.assembly import all_forces
 from dlo_sim.engine.lines import add, copy, form, mass_of, solve_mass
 from dlo_sim.engine.loads import load_force
 from dlo_sim.engine.rows import (
@@ -28,7 +27,6 @@ from dlo_sim.engine.rows import (
     pulled,
     set_directions,
 )
-from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.works import evaluate
 
@@ -118,45 +116,29 @@ def to_end(cable, weights, t, tau):
         project(cable, cable.state.w, cable.work.multipliers)
 
 
-@piece(COUNTS, int64, ARRAY_2D, ARRAY, int64, int64, float64, int64, int64)
-def advance_runge_kutta(address, table, nodes, first_step, steps, tau, guard, records_address):
-    """Advance by whole steps from time first_step * tau: (status, steps done, evaluations), as
-    `advance_splitting` does.
-
-    `table`: rows a_ij and, last, b_j, shape (s + 1, s); `nodes`: c_i, shape (s,).
-    """
-    cable, records = cable_at(address), records_at(records_address)
-    a, nodes = grid(table), grid(nodes)
+@piece(boolean, CABLE, METHOD, int64, float64, terms=RUNGE_KUTTA)
+def runge_kutta_step(cable, method, step, tau):
+    """Step number `step`, of length tau."""
     state, work = cable.state, cable.work
-    stages = len(nodes)
-    b = a[stages]
-    evaluations, power = 0, 0.0
-    fresh = False  # the rates of stage 0 are those of the present state
-    for step in range(first_step, first_step + steps):
-        t0, t1 = step * tau, (step + 1) * tau
-        sampling = begin_sample(cable, records, t0, tau)
-        if not fresh:
-            evaluate(cable, t0)
-            power = store_rates(cable, t0, 0)
-            evaluations += 1
-        copy(state.x, work.x_begin)
-        copy(state.w, work.w_begin)
-        add_damping_loss(cable, tau * b[0])
-        state.balance.drive_work += tau * b[0] * power
-        for stage in range(1, stages):
-            t = (step + nodes[stage]) * tau
-            to_stage(cable, a[stage], t, tau)
+    balance, results, b = state.balance, work.results, method.weights
+    if results.forces_known == 0.0:
+        evaluate(cable, step * tau)
+        results.power = store_rates(cable, step * tau, 0)
+        results.evaluations += 1.0
+    copy(state.x, work.x_begin)
+    copy(state.w, work.w_begin)
+    power = results.power
+    for stage in range(method.stages):
+        if stage > 0:
+            t = (step + method.nodes[stage]) * tau
+            to_stage(cable, method.matrix[stage], t, tau)
             accelerate(cable, t)
             power = store_rates(cable, t, stage)
-            add_damping_loss(cable, tau * b[stage])
-            state.balance.drive_work += tau * b[stage] * power
-        to_end(cable, b, t1, tau)
-        evaluate(cable, t1)
-        power = store_rates(cable, t1, 0)
-        evaluations += stages
-        fresh = not flow(cable)
-        if (step + 1) % guard == 0 and not update_account(cable):
-            return DIVERGED, step - first_step, evaluations
-        if sampling:
-            end_sample(cable, records, t0, tau)
-    return OK, steps, evaluations
+        add_damping_loss(cable, tau * b[stage])
+        balance.drive_work += tau * b[stage] * power
+    to_end(cable, b, (step + 1) * tau, tau)
+    evaluate(cable, (step + 1) * tau)
+    results.power = store_rates(cable, (step + 1) * tau, 0)
+    results.evaluations += method.stages
+    results.forces_known = 1.0
+    return True

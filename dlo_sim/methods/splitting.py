@@ -1,4 +1,4 @@
-"""The time loop of all drift/kick methods (`core.methods`).
+"""The step of all drift/kick methods (`core.methods`).
 
 A step is, for each stage, a drift x += c_i tau w and a kick w += d_i tau P M^-1 f. A drift also
 moves the constraint rows to their targets at the time of the stage (`engine.rows`). External
@@ -9,17 +9,14 @@ weights do not offer it.
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int64
+from numba import boolean, float64, int64
 
-from dlo_sim.compiling.groups import grid, load, store
+from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES
-from dlo_sim.compiling.pieces import ARRAY, COUNTS, part, piece
-from dlo_sim.engine.account import update_account
-from dlo_sim.engine.arrays import DAMPED, DIVERGED, OK, cable_at, records_at
-from dlo_sim.engine.assembly import flow
+from dlo_sim.compiling.pieces import part, piece
+from dlo_sim.engine.arrays import CABLE, DAMPED, METHOD, SPLITTING
 from dlo_sim.engine.lines import add, form, mass_of
 from dlo_sim.engine.rows import carry, grasps_move
-from dlo_sim.engine.sampling import begin_sample, end_sample
 from dlo_sim.engine.springs import move_anchors
 from dlo_sim.methods.works import estimate_pending_work, evaluate, has_work
 
@@ -49,56 +46,27 @@ def drift(cable, t, dt):
         move_anchors(cable, t)
 
 
-@piece(COUNTS, int64, ARRAY, ARRAY, int64, int64, float64, int64, int64)
-def advance_splitting(
-    address,
-    drift_weights,
-    kick_weights,
-    first_step,
-    steps,
-    tau,
-    guard,
-    records_address,
-):
-    """Advance by whole steps from time first_step * tau: (status, steps done, evaluations).
-
-    Stage times are (step + sum of c_i) tau, so that the end of a step is bitwise the start of the
-    next. The energy balance is checked every `guard` steps, counted from time zero so that
-    splitting a run into calls changes nothing.
-    """
-    cable, records = cable_at(address), records_at(records_address)
-    c, d = grid(drift_weights), grid(kick_weights)
-    evaluations = 0
-    fresh = False  # `work.force` holds the acceleration of the present state
+@piece(boolean, CABLE, METHOD, int64, float64, terms=SPLITTING)
+def splitting_step(cable, method, step, tau):
+    """Step number `step`, of length tau. Stage times are (step + sum of c_i) tau."""
+    c, d, results = method.drift, method.kick, cable.work.results
     works = has_work(cable)
-    if steps > 0 and works and c[0] != 0.0 and cable.state.balance.is_counted == 0.0:
-        evaluate(cable, first_step * tau)
-    for step in range(first_step, first_step + steps):
-        t0 = step * tau
-        sampling = begin_sample(cable, records, t0, tau)
-        elapsed = 0.0
-        decay_flow(cable, 0.5 * tau)
-        for stage in range(len(c)):
-            if c[stage] != 0.0:
-                elapsed += c[stage]
-                drift(cable, (step + elapsed) * tau, c[stage] * tau)
-                fresh = False
-            if d[stage] != 0.0:
-                if not fresh:
-                    evaluate(cable, (step + elapsed) * tau)
-                    evaluations += 1
-                    fresh = True
-                add(d[stage] * tau, cable.work.force, cable.state.w)
-        if works and not fresh:
-            estimate_pending_work(cable)
-        decay_flow(cable, 0.5 * tau)
-        if flow(cable):
-            fresh = False
-        if (step + 1) % guard == 0:
-            if works and not fresh:
-                evaluate(cable, (step + 1) * tau)
-            if not update_account(cable):
-                return DIVERGED, step - first_step, evaluations
-        if sampling:
-            end_sample(cable, records, t0, tau)
-    return OK, steps, evaluations
+    if works and c[0] != 0.0 and cable.state.balance.is_counted == 0.0:
+        evaluate(cable, step * tau)
+    elapsed = 0.0
+    decay_flow(cable, 0.5 * tau)
+    for stage in range(method.stages):
+        if c[stage] != 0.0:
+            elapsed += c[stage]
+            drift(cable, (step + elapsed) * tau, c[stage] * tau)
+            results.forces_known = 0.0
+        if d[stage] != 0.0:
+            if results.forces_known == 0.0:
+                evaluate(cable, (step + elapsed) * tau)
+                results.evaluations += 1.0
+                results.forces_known = 1.0
+            add(d[stage] * tau, cable.work.force, cable.state.w)
+    if works and results.forces_known == 0.0:
+        estimate_pending_work(cable)
+    decay_flow(cable, 0.5 * tau)
+    return True

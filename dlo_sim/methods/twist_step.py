@@ -263,7 +263,7 @@ def step_twist(cable, t0, tau, discrete, anew):
 def take_twist_reactions(cable, tau):
     """row_force of the rows that prescribe the twist: the reactions, from the momentum balance."""
     work, line = cable.work, cable.dim
-    rate, push = work.seen[line], work.inertia[line]
+    rate, push = work.rate[line], work.inertia[line]
     for c in range(cable.columns):
         rate[c] = 2.0 / tau * (work.change[line, c] / tau - work.start_v[line, c])
         push[c] = -work.force[line, c]

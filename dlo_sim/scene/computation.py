@@ -95,10 +95,7 @@ class Initial:
     shape: str = parameter("auto", choices=("auto", "straight", "equilibrium"))
 
 
-IMPLICIT_METHODS = (
-    *("auto", "implicit_midpoint", "energy_momentum", "energy_momentum_4"),
-    "generalized_alpha",
-)
+IMPLICIT_METHODS = ("auto", "implicit_midpoint", "energy_momentum", "energy_momentum_4")
 """Values of integrator.method with which steps may be implicit."""
 
 
@@ -109,8 +106,6 @@ class Integrator:
     Parameters:
         method: Time integration method; see `dlo_sim methods`.
         step: Time step tau, at least 1e-9; 0 = chosen from the scene and accuracy.target.
-        spectral_radius: Spectral radius of generalized_alpha at infinite frequency: 1 = no
-            numerical damping, 0 = the highest frequencies are annihilated in one step.
         zhai_psi: Parameter psi of Zhai's method; the pair 0.5, 0.5 has the largest stable step.
         zhai_phi: Parameter phi of Zhai's method; only 0.5 is second order.
         tolerance: Energy balance error allowed in one step of an implicit method, as a fraction of
@@ -120,7 +115,6 @@ class Integrator:
 
     method: str = parameter("auto")
     step: float = parameter(0.0, "s", (0.0, 1.0))
-    spectral_radius: float = parameter(0.8, "", (0.0, 1.0))
     zhai_psi: float = parameter(0.5, "", (0.0, 1.0))
     zhai_phi: float = parameter(0.5, "", (0.0, 1.0))
     tolerance: float = parameter(1.0e-6, "", (1.0e-15, 1.0e-2))

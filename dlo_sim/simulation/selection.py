@@ -102,6 +102,11 @@ def check_named_method(scene: Scene) -> None:
     name = scene.integrator.method
     if name == "auto":
         return
+    if name == "generalized_alpha":
+        raise SceneError(
+            f"integrator.method: '{name}' is no longer available; use energy_momentum, which "
+            "conserves the energy at any step"
+        )
     if name not in METHODS:
         raise SceneError(
             f"integrator.method: '{name}' is not a method; use one of {', '.join(METHODS)} or auto"

@@ -7,16 +7,16 @@ state is restored, and where smaller steps may help, the failed step is repeated
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_sim.compiling.pieces import Piece
 from dlo_sim.core.methods import CONSTRAINED, IMPLICIT, RUNGE_KUTTA, SPLITTING, ZHAI, Method
+from dlo_sim.engine import arrays
 from dlo_sim.engine.account import DIVERGED_SHARE
-from dlo_sim.engine.arrays import GUARDED
-from dlo_sim.methods import implicit, rattle, runge_kutta, splitting, zhai
+from dlo_sim.methods import implicit
+from dlo_sim.methods.advance import advance
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.recorder import Recorder
@@ -30,6 +30,14 @@ GROSS_SHARE = 1.0  # of the energy exchanged: states with a larger energy error 
 SOUND_SHARE = 0.1  # of the energy exchanged: largest energy error from which steps are retried
 RETRIES = (2, 4, 8, 16, 32, 64)  # numbers of smaller steps that replace a failed one
 _STATUS = (Status.OK, Status.DIVERGED, Status.NOT_CONVERGED)
+_NO_MOTIONS = np.zeros((0, 0, 0)), np.zeros((0, 0, 0, 0)), np.zeros((0, 0))
+_FAMILIES = {
+    SPLITTING: arrays.SPLITTING,
+    RUNGE_KUTTA: arrays.RUNGE_KUTTA,
+    ZHAI: arrays.ZHAI,
+    CONSTRAINED: arrays.CONSTRAINED,
+    IMPLICIT: arrays.IMPLICIT,
+}
 
 
 class Advance(NamedTuple):
@@ -58,13 +66,13 @@ class Stepper:
         self.method, self.step = method, step
         self.check_every = 1 if method.family == IMPLICIT else GUARD_STEPS
         self._cable = cable
-        self._loop, self._constants = _loop_of(method, scene)
+        self._constants = _constants_of(method, scene, self.check_every)
         self._kept = np.empty_like(cable.state)  # allocated once, not in every advance
         self._unrecorded = Recorder(cable.model, np.zeros(0))
         if method.family != IMPLICIT:
             # What keeps spans from turning over is a hundred times as stiff as the cable, more than
             # explicit steps bear; `soundness` tells of folds instead.
-            cable.leave_out(GUARDED)
+            cable.leave_out(arrays.GUARDED)
 
     def checked(self, step: int) -> bool:
         """Whether the compiled loop checks the energy after step number `step`."""
@@ -100,8 +108,7 @@ class Stepper:
             motions: of the grasps, shape (steps, grasps, MOTION_SIZE).
             natural: from `NaturalShape.turns_along`.
         """
-        given = first, self.step, recorder.address, motions, *natural
-        return self._called(implicit.advance_along, *given)
+        return self._called(first, len(motions), self.step, recorder, motions, *natural)
 
     def run(
         self, first: int, steps: int, recorder: Recorder | None = None, finer: int = 1
@@ -111,13 +118,17 @@ class Stepper:
         Every step is divided into `finer` smaller ones, which the result counts.
         """
         recorder = self._unrecorded if recorder is None else recorder
-        checks = () if self.method.family == IMPLICIT else (GUARD_STEPS,)
-        given = first * finer, steps * finer, self.step / finer, *checks, recorder.address
-        return self._called(self._loop, *given)
+        tau = self.step / finer
+        return self._called(first * finer, steps * finer, tau, recorder, *_NO_MOTIONS)
 
-    def _called(self, loop: Piece, *given: Any) -> Advance:
-        code, steps, evaluations = self._cable.call(loop, *self._constants, *given)
-        return Advance(_STATUS[code], steps, evaluations)
+    def _called(
+        self, first: int, steps: int, tau: float, recorder: Recorder, *motions: Array
+    ) -> Advance:
+        cable, constants = self._cable, self._constants
+        code = advance.code(cable.terms | constants.family)
+        given = cable.address, constants.address, first, steps, tau, recorder.address
+        status, done, evaluations = code(*given, *motions)
+        return Advance(_STATUS[status], done, evaluations)
 
     def _sane(self, step: int) -> bool:
         """Whether the state may be shown; explicit loops check the energy only every few steps."""
@@ -184,47 +195,19 @@ class Stepper:
         return int(np.argmax(np.nan_to_num(size, nan=np.inf)))
 
 
-def _loop_of(method: Method, scene: Scene) -> tuple[Piece, tuple[Any, ...]]:
-    """The compiled loop of a method, and the constants that it takes first."""
-    if method.family == SPLITTING:
-        weights = np.array(method.drift_weights), np.array(method.kick_weights)
-        return splitting.advance_splitting, weights
-    if method.family == RUNGE_KUTTA:
-        return runge_kutta.advance_runge_kutta, _butcher_table(method)
-    if method.family == ZHAI:
-        return zhai.advance_zhai, method.zhai_pair
-    if method.family == CONSTRAINED:
-        return rattle.advance_rattle, ()
-    return implicit.advance_implicit, (
-        _alpha_constants(method, scene.integrator.spectral_radius),
-        np.array(method.substeps),
-        method.conserves_energy,
-        scene.integrator.tolerance,
-        implicit.MAX_HALVINGS,
-    )
-
-
-def _alpha_constants(method: Method, spectral_radius: float) -> Array:
-    """theta, mass weight, beta, gamma and inertia of an implicit method (`methods.implicit`).
-
-    theta = 1 - alpha_f, mass weight = alpha_m, beta and gamma of Newmark's formulas, and
-    inertia = (1 - alpha_m) / beta. Generalised-alpha: second order, with the given spectral radius
-    at infinite frequency (Chung & Hulbert 1993, eqs. 25 and 17). For the midpoint family
-    theta = 1/2, and the other constants are not used.
-    """
-    if method.name != "generalized_alpha":
-        return np.array([0.5, 0.5, 0.25, 0.5, 2.0])
-    alpha_m = (2.0 * spectral_radius - 1.0) / (spectral_radius + 1.0)
-    alpha_f = spectral_radius / (spectral_radius + 1.0)
-    beta = 0.25 * (1.0 - alpha_m + alpha_f) ** 2
-    inertia = (1.0 - alpha_m) / beta
-    return np.array([1.0 - alpha_f, alpha_m, beta, 0.5 - alpha_m + alpha_f, inertia])
-
-
-def _butcher_table(method: Method) -> tuple[Array, Array]:
-    """Rows a_ij, followed by the row b_j, shape (s + 1, s), and the nodes c_i of the stages."""
-    stages = len(method.stage_weights)
-    table = np.zeros((stages + 1, stages))
-    for i, row in enumerate((*method.stage_matrix, method.stage_weights)):
-        table[i, : len(row)] = row
-    return table, table[:stages].sum(axis=1)
+def _constants_of(method: Method, scene: Scene, check_every: int) -> arrays.Method:
+    """The numbers of a method for the compiled loop."""
+    stages = max(len(method.drift_weights), len(method.stage_weights), len(method.substeps))
+    out = arrays.Method({"stages": stages})
+    out.family, out.check_every, out.stages = _FAMILIES[method.family], check_every, stages
+    out.drift[: len(method.drift_weights)] = method.drift_weights
+    out.kick[: len(method.kick_weights)] = method.kick_weights
+    for i, row in enumerate(method.stage_matrix):
+        out.matrix[i, : len(row)] = row
+    out.nodes[:] = out.matrix.sum(axis=1)
+    out.weights[: len(method.stage_weights)] = method.stage_weights
+    out.psi, out.phi = method.zhai_pair
+    out.substeps[: len(method.substeps)] = method.substeps
+    out.conserves_energy, out.tolerance = method.conserves_energy, scene.integrator.tolerance
+    out.halvings = implicit.MAX_HALVINGS
+    return out

@@ -27,7 +27,6 @@ COLORS = {
     "energy_momentum_4": "tab:olive",
     "implicit_midpoint": "tab:brown",
     "rattle": "tab:gray",
-    "generalized_alpha": "tab:pink",
 }
 MOST_INSIDE = 5  # lines whose legend fits inside the axes
 

@@ -18,7 +18,7 @@ from dlo_sim.tuning.trial import Job, Trial, attempt, farthest, longest_step, ti
 
 TRIED = (
     *("rattle", "velocity_verlet", "forest_ruth"),
-    *("generalized_alpha", "energy_momentum", "energy_momentum_4", "implicit_midpoint"),
+    *("energy_momentum", "energy_momentum_4", "implicit_midpoint"),
 )
 RESOLUTIONS = (5, 6, 7, 8, 9, 10, 11, 12, 13, 15, 17, 19, 21, 25, 29, 33, 41, 57)
 POINTS = (2, 3)  # Gauss points per span

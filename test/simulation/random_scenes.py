@@ -110,7 +110,7 @@ def energies(sim: Simulator) -> np.ndarray:
 def constant_forces(sim: Simulator, exchanged: Exchanged) -> Callable[[], float]:
     """How far energy less the work of constant forces is from what it was, as a share of the energy
     exchanged; damping may lower it."""
-    loses = "damping" in sim.active_terms or sim.method == "generalized_alpha"
+    loses = "damping" in sim.active_terms
 
     def energy_and_work() -> np.ndarray:
         places = sim.centerline([load.position * sim.scene.cable.length for load in loads])
@@ -146,8 +146,7 @@ def free_flight(sim: Simulator) -> Callable[[], float]:
         impulse = force * sim.time
         scale = max(cable.mu * cable.length * speed, np.linalg.norm(impulse), 1e-300)
         off, turned = np.abs(momenta() - first - [impulse, np.zeros(3)]).max(axis=1) / scale
-        alone = not loads and sim.method != "generalized_alpha"  # which is not made to keep it
-        return float(max(off, turned) if alone else off)
+        return float(off if loads else max(off, turned))
 
     return error
 
@@ -213,7 +212,7 @@ class Watch:
         sim, method = self._sim, METHODS[self._sim.method]
         loads, scene = sim.scene.loads, sim.scene
         steady = all(load.signal == "constant" for load in loads)
-        damped = "damping" in sim.active_terms or sim.method == "generalized_alpha"
+        damped = "damping" in sim.active_terms
         twice = 2.0 * self.tolerance  # the energy exchanged is seen less often than by the account
         if self._case.kind.driven:
             if not damped and method.family == IMPLICIT:

@@ -269,7 +269,6 @@ def test_shapes_without_curvature_give_no_jump():
         ("rk4", 2e-4, 3e-4),
         ("zhai", 2e-4, 3e-4),
         ("implicit_midpoint", 2e-3, 3e-4),
-        ("generalized_alpha", 2e-3, 3e-3),
         ("energy_momentum", 2e-3, 3e-4),
     ],
 )

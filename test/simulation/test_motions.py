@@ -9,7 +9,7 @@ from cables import FULL, SOFT, simulator
 from dlo_sim.core import rotations
 from dlo_sim.core.end_motion import EndMotion
 
-STEPS = {"energy_momentum": 2e-3, "velocity_verlet": 2e-4, "rk4": 2e-4, "generalized_alpha": 2e-3}
+STEPS = {"energy_momentum": 2e-3, "velocity_verlet": 2e-4, "rk4": 2e-4}
 METHODS = list(STEPS)
 HELD = {"loads.names": [], "terms.twist": "auto"}
 

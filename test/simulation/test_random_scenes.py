@@ -78,9 +78,9 @@ def test_damping_is_drawn_and_methods_follow_it():
             assert METHODS_OF_ALL[name].stiffness_damping or "stiffness" not in damping
             assert METHODS_OF_ALL[name].mass_damping or not damping & {"mass", "air_drag"}
         drawn |= {(name, kind) for kind in (*damping, "driven" * case.kind.driven)}
-    for name in ("generalized_alpha", "zhai", "rattle"):
+    for name in ("energy_momentum", "zhai", "rattle"):
         assert (name, "mass") in drawn
-    assert ("generalized_alpha", "stiffness") in drawn
+    assert ("implicit_midpoint", "stiffness") in drawn
     for name in METHODS_OF_ALL:
         assert (name, "driven") in drawn
 

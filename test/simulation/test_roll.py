@@ -64,7 +64,7 @@ def angle_at(sim, share):
 
 
 @pytest.mark.parametrize("twist", ["on", "bishop"])
-@pytest.mark.parametrize("method", ["energy_momentum", "generalized_alpha", "velocity_verlet"])
+@pytest.mark.parametrize("method", ["energy_momentum", "velocity_verlet"])
 def test_a_shaft_turned_in_its_middle_holds_against_both_ends(method, twist):
     """GJ phi / u from one end, GJ phi / (L - u) from the other, and the grasp bears both: 3 % more,
     as the spline has no kink in its twist."""

@@ -127,8 +127,12 @@ def test_negative_steps_with_damping_are_refused():
         chosen({"damping.mass": 1.0}, method="forest_ruth", step=1e-4)
 
 
-@pytest.mark.parametrize("method", ["implicit_midpoint", "generalized_alpha"])
-def test_damping_that_thins_has_one_method(method):
+def test_a_method_that_is_gone_is_refused_with_another_to_use():
+    with pytest.raises(SceneError, match="^[^\n]*'generalized_alpha'[^\n]*; use energy_momentum"):
+        chosen({}, method="generalized_alpha", step=1e-3)
+
+
+def test_damping_that_thins_has_one_method(method="implicit_midpoint"):
     values = {"damping.bend": 0.01, "damping.thinning": 3.0}
     assert chosen(values).method == "energy_momentum"
     with pytest.raises(SceneError, match=f"{method} is not valid with damping.thinning 3; "):

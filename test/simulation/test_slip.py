@@ -228,13 +228,12 @@ def test_a_bent_cable_in_a_jaw_does_not_yield_at_its_natural_curvature():
     assert sim.plastic_work < 1e-6
 
 
-@pytest.mark.parametrize("method", ["implicit_midpoint", "generalized_alpha"])
-def test_other_implicit_methods_converge_to_the_same_motion(method):
+def test_the_implicit_midpoint_rule_converges_to_the_same_motion():
     fine = simulator(SETTLING, FALLING, BENT, STRANDS, step=2.5e-4)
     fine.advance(0.4)
     errors = []
     for step in (8e-3, 4e-3):
-        sim = simulator(SETTLING, FALLING, BENT, STRANDS, method=method, step=step)
+        sim = simulator(SETTLING, FALLING, BENT, STRANDS, method="implicit_midpoint", step=step)
         assert sim.advance(0.4).status.ok
         errors.append(np.abs(sim.control_points - fine.control_points).max())
     assert errors[0] > 2.5 * errors[1]

@@ -60,7 +60,7 @@ def test_advice_names_another_method_only_to_those_that_are_another():
 
 
 def test_an_open_energy_balance_is_said():
-    conserving, other = METHODS["energy_momentum"], METHODS["generalized_alpha"]
+    conserving, other = METHODS["energy_momentum"], METHODS["implicit_midpoint"]
     assert balance_warning(conserving, 1e-6, 9e-6) == ""
     assert balance_warning(other, 1e-6, 0.1) == ""
     line = balance_warning(conserving, 1e-6, 0.018)

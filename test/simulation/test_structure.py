@@ -21,13 +21,9 @@ from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.simulation.stepper import Stepper
 
-# Methods whose step depends on the state alone; Zhai's and generalised-alpha carry accelerations
-# along, and the inextensible method lives on a constraint.
-ONE_STEP = [
-    method
-    for method in METHODS.values()
-    if method.name not in ("zhai", "generalized_alpha", "rattle")
-]
+# Methods whose step depends on the state alone; Zhai's carries an acceleration along, and the
+# inextensible method lives on a constraint.
+ONE_STEP = [method for method in METHODS.values() if method.name not in ("zhai", "rattle")]
 MOVING = EndMotion(
     start=0.0,
     duration=1.0,

@@ -205,7 +205,7 @@ def add(report: Report, quick: bool, results: Mapping[Point, Limits]) -> None:
         Limits: predicted from the largest frequency at the start; observed by bisection as the
         largest step at which a trial is not stopped, for implicit methods as the largest step of
         the map up to which every run reached its end. Energy errors are relative to the largest
-        energy exchanged; the numerical dissipation of generalized_alpha is not an error."""
+        energy exchanged."""
     )
     for axis, damping in product(KEYS, DAMPING):
         _figure(report, quick, results, axis, damping)

@@ -28,7 +28,7 @@ METHODS_TRIED = {
     True: ("velocity_verlet", "energy_momentum"),
     False: (
         *("forest_ruth", "rk4", "velocity_verlet", "rattle"),
-        *("implicit_midpoint", "energy_momentum", "energy_momentum_4", "generalized_alpha"),
+        *("implicit_midpoint", "energy_momentum", "energy_momentum_4"),
     ),
 }
 RESOLUTIONS = {True: (5, 7, 9, 13), False: (5, 7, 9, 11, 13, 17, 21, 25, 29)}

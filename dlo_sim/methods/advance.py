@@ -1,0 +1,96 @@
+"""The time loop of all methods: dense output, steps, internal variables, and the energy balance.
+
+A method is a step (`splitting`, `runge_kutta`, `zhai`, `rattle`, `implicit`). A scene loads
+only its own. Steps are counted from time zero, so that splitting a run into calls changes nothing:
+step number k leads from the time k tau to (k + 1) tau.
+"""
+
+from __future__ import annotations
+
+from numba import float64, int64
+
+from dlo_sim.compiling.groups import grid
+from dlo_sim.compiling.pieces import ARRAY_2D, ARRAY_3D, COUNTS, part, piece
+from dlo_sim.engine.account import update_account
+from dlo_sim.engine.arrays import (
+    CONSTRAINED,
+    DIVERGED,
+    IMPLICIT,
+    NOT_CONVERGED,
+    OK,
+    RUNGE_KUTTA,
+    SPLITTING,
+    cable_at,
+    method_at,
+    records_at,
+)
+from dlo_sim.engine.assembly import flow
+from dlo_sim.engine.sampling import begin_sample, end_sample
+from dlo_sim.methods.implicit import implicit_step
+from dlo_sim.methods.rattle import rattle_step
+from dlo_sim.methods.runge_kutta import runge_kutta_step
+from dlo_sim.methods.splitting import splitting_step
+from dlo_sim.methods.works import NATURAL, evaluate, has_work, turn_natural_shape
+from dlo_sim.methods.zhai import zhai_step
+
+
+@part
+def take_step(cable, method, step, tau):
+    """Step number `step` of the scene's method; returns whether it succeeded."""
+    if method.family == IMPLICIT:
+        return implicit_step(cable, method, step, tau)
+    if method.family == CONSTRAINED:
+        done = rattle_step(cable, step, tau)
+    elif method.family == SPLITTING:
+        done = splitting_step(cable, method, step, tau)
+    elif method.family == RUNGE_KUTTA:
+        done = runge_kutta_step(cable, method, step, tau)
+    else:
+        done = zhai_step(cable, method, step, tau)
+    if flow(cable):
+        cable.work.results.forces_known = 0.0
+    return done
+
+
+@piece(
+    *(COUNTS, int64, int64, int64, int64, float64, int64),
+    *(ARRAY_3D, NATURAL, ARRAY_2D),
+)
+def advance(address, method_address, first, steps, tau, records_address, motions, natural, turns):
+    """Advance by whole steps from time first * tau.
+
+    Args:
+        motions: numbers of all grasps in each step, shape (steps, grasps, MOTION_SIZE), as
+            `Inputs.motion`; with no entries these stay. natural: `State.natural` in the frame of an
+            end effector, shape (blocks, samples, 4, LANES), with no blocks if it does not turn.
+            turns: its rotation matrix in each step, shape (steps, 9) (`works.turn_natural_shape`).
+
+    Returns:
+        (status, steps done, force evaluations or Newton iterations).
+    """
+    cable, method = cable_at(address), method_at(method_address)
+    records, results = records_at(records_address), cable.work.results
+    ahead, shape, rotations = grid(motions), grid(natural), grid(turns)
+    results.evaluations = results.forces_known = results.matrix_known = 0.0
+    status, done = OK, 0
+    while status == OK and done < steps:
+        step, t0, t1 = first + done, (first + done) * tau, (first + done + 1) * tau
+        if len(ahead):
+            for g in range(cable.grasps):
+                for k in range(ahead.shape[2]):
+                    cable.inputs.motion[g, k] = ahead[done, g, k]
+        if len(shape):
+            turn_natural_shape(cable, shape, rotations[done])
+        sampling = begin_sample(cable, records, t0, tau)
+        if not take_step(cable, method, step, tau):
+            status = NOT_CONVERGED
+        elif (step + 1) % method.check_every == 0:
+            if method.family != IMPLICIT and has_work(cable) and results.forces_known == 0.0:
+                evaluate(cable, t1)
+            if not update_account(cable):
+                status = DIVERGED
+        if status == OK:
+            if sampling:
+                end_sample(cable, records, t0, tau)
+            done += 1
+    return status, done, int64(results.evaluations)
