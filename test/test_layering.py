@@ -60,12 +60,9 @@ FOREIGN = {
     "matplotlib": {"studies", "demo", "view/film.py"},
     "mpl_toolkits": {"view/film.py"},
     "ruamel": {"scene", "cli", "ros"},
-    "numba": {
-        *("compiling", "engine", "methods"),
-        *("simulation/soundness.py", "studies/work_precision/peer.py"),
-    },
+    "numba": {"compiling", "engine", "methods", "simulation/soundness.py"},
     "distributed": {"batch/workers.py"},
-    "scipy": {"identification/fit.py", "studies"},
+    "scipy": {"identification/fit.py"},
     "tqdm": {"cli"},
 }
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dlo_sim.cli.output import write_whole
-from dlo_sim.studies.plotting import new_figure
+from dlo_sim.studies.report import new_figure
 
 if TYPE_CHECKING:
     from dlo_sim.identification.identify import Identified

@@ -9,7 +9,7 @@ from pathlib import Path
 from dlo_sim.batch.workers import WorkersError, open_workers
 from dlo_sim.cli.arguments import CommandError, Parser, add_scheduler_option, needing_plots
 from dlo_sim.cli.output import check_writable, print_json, print_rows, progress_bar
-from dlo_sim.studies import STUDIES, WITH_PEERS, Request
+from dlo_sim.studies import STUDIES, Request
 
 HELP = "run a study and write a report with figures and data"
 
@@ -29,11 +29,6 @@ def add_arguments(parser: Parser) -> None:
         "--quick", action="store_true", help="shorter runs; all tables and figures are made"
     )
     parser.add_argument(
-        "--peers",
-        action="store_true",
-        help="also measure other simulators (" + ", ".join(WITH_PEERS) + ")",
-    )
-    parser.add_argument(
         "--data", metavar="DIR", type=Path, help="folder of recordings, for validation"
     )
     add_scheduler_option(parser)
@@ -42,13 +37,11 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the study and print where its report is; returns the exit status."""
     _check_folder(options.output)
-    if options.peers and options.name not in WITH_PEERS:
-        raise CommandError(f"--peers: study {options.name} knows none; leave it out")
     words = ["dlo_sim", "study", options.name, "--output", str(options.output)]
     if options.data is not None:
         words += ["--data", options.data.name]
-    words += [flag for flag in ("--quick", "--peers") if getattr(options, flag[2:])]
-    no_figures = "study needs matplotlib and scipy; install dlo_sim with the extra 'plots'"
+    words += ["--quick"] if options.quick else []
+    no_figures = "study needs matplotlib; install dlo_sim with the extra 'plots'"
     try:
         with (
             needing_plots(no_figures),
@@ -60,11 +53,10 @@ def run(options: argparse.Namespace) -> int:
                 options.quick,
                 shlex.join(words),
                 workers,
-                options.peers,
                 options.data,
                 progress,
             )
-            module = f"dlo_sim.studies.{options.name.replace('-', '_')}.study"
+            module = f"dlo_sim.studies.{options.name.replace('-', '_')}"
             outcome = importlib.import_module(module).run_study(request)
     except WorkersError as refusal:
         raise CommandError(str(refusal)) from None

@@ -1,6 +1,7 @@
 """Studies: measurements with a report, tables, figures and their data.
 
-`STUDIES` lists them. The heavy imports of a study happen when it is run.
+Each is data over shared parts: `runs.py` runs, compares and times scenes, `report.py` writes rows
+as tables, charts and CSV files. The heavy imports of a study happen when it is run.
 """
 
 from __future__ import annotations
@@ -11,18 +12,16 @@ from pathlib import Path
 
 from dlo_sim.batch.workers import Workers
 
-# Name -> what it measures. The module of the same name has `run_study(request) -> Outcome`.
+# Name -> what it measures. The module of that name has `run_study(request) -> Outcome`.
 STUDIES = {
     "paper": "the tables, figures and claims of Khalifa & Palli, next to our results",
-    "stability": "stability limits and energy errors of every method, also for extreme cables",
-    "work-precision": "error against run time of methods, resolutions and steps, also of other "
-    "simulators",
+    "stability": "stability limits and energy errors of every method",
+    "work-precision": "error against run time of methods, resolutions and steps",
     "omission": "time per step with and without each term of the shipped scenes, and the error "
     "of omitting it",
     "validation": "predictions compared with recorded cables (--data), trivial references and the "
     "noise floor",
 }
-WITH_PEERS = ("work-precision",)
 
 
 @dataclass(frozen=True)
@@ -45,18 +44,12 @@ class Request:
     Attributes:
         folder: of the results. quick: shorter runs, with all tables and figures.
         command: as typed by the user. workers: for runs that are not timed.
-        peers: measure other simulators too. data: folder of recordings, for validation.
-        progress: called with the fraction done.
+        data: folder of recordings, for validation. progress: called with the fraction done.
     """
 
     folder: Path
     quick: bool
     command: str
     workers: Workers
-    peers: bool = False
     data: Path | None = None
     progress: Callable[[float], None] = lambda fraction: None
-
-    def part(self, low: float, high: float) -> Callable[[float], None]:
-        """Progress callback of a part of the study, between two fractions of the whole."""
-        return lambda fraction: self.progress(low + (high - low) * fraction)

@@ -112,7 +112,7 @@ def test_the_command_writes_a_scene_that_predicts(moving, tmp_path, capsys):
 
 def test_plots_without_matplotlib_are_refused_before_the_fit(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    for name in ("dlo_sim.cli.residuals", "dlo_sim.studies.plotting"):
+    for name in ("dlo_sim.cli.residuals", "dlo_sim.studies.report"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     output = tmp_path / "fitted.yaml"
     words = ["identify", "missing.npz", "--scene", "two_grippers", "--output", str(output)]

@@ -1,14 +1,14 @@
 """What predictions of recordings are compared with in `study validation`."""
 
 import numpy as np
+import robot_arm
 from simulated_cables import TRUTH, recorded
 from test_forces import HANGING, PATH, TIMES, bag_of
 
 import dlo_sim
 from dlo_sim.identification.measurement import Recording
 from dlo_sim.identification.prediction import COMPUTATION
-from dlo_sim.studies.validation import robot_arm
-from dlo_sim.studies.validation.references import spline_distance
+from dlo_sim.studies.validation import spline_distance
 
 
 def test_the_distance_from_a_smooth_cable_is_the_noise_of_the_markers():

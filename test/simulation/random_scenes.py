@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import closed_forms
 import numpy as np
 from scene_generator import PIECES, Case, Move, draw_case
 
@@ -27,7 +28,6 @@ from dlo_sim.core.end_motion import EndMotion
 from dlo_sim.core.methods import IMPLICIT, METHODS
 from dlo_sim.scene.loading import SceneError, scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import analytic
 
 RAN, REFUSED, STOPPED, WRONG = "ran", "refused", "stopped", "wrong"
 # Shares of the energy exchanged that the balance may be open by.
@@ -137,7 +137,7 @@ def free_flight(sim: Simulator) -> Callable[[], float]:
     speed = np.linalg.norm(sim.velocities[:, :3], axis=1).max()
 
     def momenta() -> np.ndarray:
-        momentum, angular = analytic.momenta(sim)
+        momentum, angular = closed_forms.momenta(sim)
         return np.array([momentum, (angular - np.cross(centre, momentum)) / cable.length])
 
     first = momenta()

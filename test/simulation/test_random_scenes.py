@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import closed_forms
 import numpy as np
 import pytest
 import random_scenes
@@ -15,7 +16,6 @@ from scene_generator import KINDS, Case, Move, draw_case
 from dlo_sim.core.methods import METHODS as METHODS_OF_ALL
 from dlo_sim.simulation.report import Report, Status
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import analytic
 
 SEEDS = range(40)
 # Each kind and family of methods is a compiled step: few of them here, all from the command line.
@@ -267,18 +267,18 @@ def test_lost_momentum_is_wrong(flight, monkeypatch):
     def grows(simulator):
         return np.full(3, 1e9 * simulator.time), np.zeros(3)
 
-    monkeypatch.setattr(analytic, "momenta", grows)
+    monkeypatch.setattr(closed_forms, "momenta", grows)
     assert "momentum open by" in run_case(flight).problem
 
 
 def test_lost_angular_momentum_is_wrong(flight, monkeypatch):
-    real = analytic.momenta
+    real = closed_forms.momenta
 
     def less(simulator):
         momentum, angular = real(simulator)
         return momentum, angular * (1.0 + 1e-3 * (simulator.steps > 0))
 
-    monkeypatch.setattr(analytic, "momenta", less)
+    monkeypatch.setattr(closed_forms, "momenta", less)
     assert "momentum open by" in run_case(flight).problem
 
 

@@ -7,12 +7,11 @@ import pytest
 
 from dlo_sim.batch.workers import HERE, open_workers
 from dlo_sim.scene.loading import load_scene, shipped_scene
-from dlo_sim.studies.omission import study as omission
-from dlo_sim.studies.omission.study import variants
+from dlo_sim.studies import omission
+from dlo_sim.studies.omission import variants
 from dlo_sim.studies.paper import accuracy
 from dlo_sim.studies.runs import each
-from dlo_sim.studies.work_precision import cases
-from dlo_sim.studies.work_precision.references import references
+from dlo_sim.studies.work_precision import cantilever, references
 
 pytestmark = pytest.mark.slow
 
@@ -51,7 +50,7 @@ def same_but(left_out, one, other):
 
 
 def test_references_are_the_same(cluster):
-    case = cases.cantilever().shortened(0.1, (9, 11))
+    case = cantilever().shortened(0.1, (9, 11))
     given = Counting(cluster)
     there = references([case], given)[case.name]
     here = references([case], HERE)[case.name]

@@ -9,17 +9,11 @@ from dlo_sim.batch.workers import HERE
 from dlo_sim.scene import needs
 from dlo_sim.scene.loading import load_scene, shipped_scene, shipped_scenes
 from dlo_sim.studies import Request
-from dlo_sim.studies.omission import study as study_module
-from dlo_sim.studies.omission.study import QUICK_TERMS, TERMS, Row, has, job, variants
+from dlo_sim.studies import omission as study_module
+from dlo_sim.studies.omission import QUICK_TERMS, TERMS, Row, has, job, variants
 from dlo_sim.tuning.trial import attempt
 
 pytestmark = pytest.mark.slow
-# Terms that come and go together, as one is a part of the other or needs it.
-ALONG = {
-    "damping": ("air_drag",),
-    "air_drag": ("damping",),
-    "out_of_plane": ("loads",),
-}
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +75,7 @@ def test_every_shipped_scene_has_every_term_with_and_without(name):
         for other in TERMS:
             if scene in (variant.full, variant.bare):
                 assert not variant.shared
-            if other not in (variant.term, *ALONG.get(variant.term, ())):
+            if other not in (variant.term, *TERMS[variant.term].along):
                 assert has(variant.full, other) == has(variant.bare, other), (variant.term, other)
 
 

@@ -112,7 +112,7 @@ def test_sweeps_are_the_papers_beside_ours(study):
             cells = list(row.values())[1:]
             assert [cell.partition(" / ")[0] for cell in cells] == [f"{t:.0f}" for t in printed]
             ours = [[float(word) for word in cell.split(" / ")[1:]] for cell in cells]
-            assert {len(times) for times in ours} == {2 if number < 7 else 1}
+            assert {len(times) for times in ours} == {1}
             assert all(0.0 < min(times) for times in ours)
             assert ours[-1][0] > ours[0][0]  # five times the samples
 
@@ -158,19 +158,16 @@ def test_observed_limits_are_the_predicted_ones(study):
         assert "stopped at" in row["the paper's step, 2 ms"]
 
 
-def test_measured_orders(study):
-    for row in rows_of(study[0], "orders"):
-        assert float(row["measured"]) == pytest.approx(float(row["order"]), abs=0.15)
-
-
 def test_interpreted_and_compiled_agree(study):
     assert 0.0 < measured(study[0])["interpreted from compiled run after 20 steps [m]"] < 1e-13
 
 
 def test_motion_of_the_figures_is_that_of_the_wire(study):
-    data = rows_of(study[0], "scenario_1_z")
-    middle = np.array([float(row["z of q5 [m]"]) for row in data])
-    left, right = (np.array([float(row[f"z of q{k} [m]"]) for row in data]) for k in (3, 7))
+    data = [row for row in rows_of(study[0], "scenario_1_z") if row["shown"] == "whole run"]
+    left, middle, right = (
+        1e-3 * np.array([float(row["z [mm]"]) for row in data if row["control point"] == name])
+        for name in ("q3", "q5", "q7")
+    )
     assert middle[0] == 0.0
     assert -0.05 < middle.min() < -0.02
     assert np.abs(left - right).max() < 1e-9
@@ -182,17 +179,6 @@ def test_error_map_falls_with_control_points(study):
     assert float(rows["19"][str(published.REFERENCE[1])]) == 0.0
 
 
-def test_plastic_strip_follows_the_closed_form(study):
-    data = rows_of(study[0], "moment_curvature")
-    simulated = np.array([float(row["simulated curvature [1/m]"]) for row in data])
-    exact = np.array([float(row["closed form [1/m]"]) for row in data])
-    assert np.abs(simulated - exact).max() < 0.03 * exact.max()
-    assert exact[-1] == pytest.approx(2.0)
-    assert measured(study[0])["set of the plastic strip / closed form"] == pytest.approx(1.0, 0.01)
-
-
 def test_identities_behind_the_claims(study):
     found = measured(study[0])
-    assert found["largest |H(q, p) - (K + U)| / K along scenario 2"] < 1e-9
     assert 0.0 < found["Zhai's positions from Verlet's [m]"] < 1e-9
-    assert found["Zhai's best psi"] == pytest.approx(0.5, abs=0.02)

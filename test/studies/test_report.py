@@ -9,9 +9,9 @@ import pytest
 from dlo_sim.batch.workers import HERE
 from dlo_sim.scene.loading import load_scene, shipped_scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import Request, plotting
+from dlo_sim.studies import Request
 from dlo_sim.studies import report as report_module
-from dlo_sim.studies.report import Report, shown
+from dlo_sim.studies.report import Report, draw, new_figure, shown
 from dlo_sim.studies.runs import bisected, step_cost
 
 
@@ -44,10 +44,8 @@ def test_cells_for_people(cell, text):
 def test_tables_and_figures_leave_markdown_and_data(report):
     report.section("Part")
     report.text("Two\n    lines.", "Second.")
-    report.table("numbers", ["a", "**b**"], [[1, 0.1234567890123], [2, None]], "Some numbers")
-    figure, (axes,) = plotting.new_figure()
-    axes.plot([0, 1], [0, 1])
-    report.figure("line", figure, {"x [m]": [0.0, 1.0], "y [m]": np.array([0.0, 1.0])}, "A line")
+    report.table("numbers", "a | **b**", [[1, 0.1234567890123], [2, None]], "Some numbers")
+    report.chart("line", "what | x [mm] | y [m]", [["a", 0.0, 0.0], ["a", 1.0, 1.0]], "A line")
     path = Path(report.outcome({}, ["First page."]).report)
     text = path.read_text(encoding="utf-8")
     assert text.startswith("# A study\n\nFirst page.")
@@ -60,27 +58,10 @@ def test_tables_and_figures_leave_markdown_and_data(report):
     with (path.parent / "numbers.csv").open(newline="") as stream:
         assert list(csv.reader(stream)) == [["a", "b"], ["1", "0.1234567890123"], ["2", ""]]
     with (path.parent / "line.csv").open(newline="") as stream:
-        assert list(csv.reader(stream))[0] == ["x [m]", "y [m]"]
-
-
-def test_columns_of_different_length_are_refused(report):
-    figure, _ = plotting.new_figure()
-    with pytest.raises(ValueError, match="lengths"):
-        report.figure("bad", figure, {"x": [0.0], "y": [0.0, 1.0]}, "")
-
-
-def test_animation_is_a_gif_of_its_frames(tmp_path):
-    figure, (axes,) = plotting.new_figure(width=2.0, height=2.0)
-    (line,) = axes.plot([0.0, 1.0], [0.0, 0.0])
-    seen = []
-
-    def draw(frame):
-        seen.append(frame)
-        line.set_ydata([0.0, frame])
-
-    plotting.animate(tmp_path / "moving.gif", figure, draw, 3, 10)
-    assert seen == [0, 1, 2]
-    assert (tmp_path / "moving.gif").read_bytes().startswith(b"GIF8")
+        assert list(csv.reader(stream))[::2] == [
+            ["what", "x [mm]", "y [m]"],
+            ["a", "1000.0", "1.0"],
+        ]
 
 
 def test_machine_facts_name_versions_and_commit(monkeypatch, tmp_path):
@@ -94,7 +75,7 @@ def test_machine_facts_name_versions_and_commit(monkeypatch, tmp_path):
 
 
 def test_values_in_si_are_shown_in_the_unit_of_their_column(report):
-    header = ["method | step [us]", "off [%] {:.0f}", "cost [us/step]"]
+    header = "method | step [us] | off [%] {:.0f} | cost [us/step]"
     report.table("t", header, [["rk4", 2e-6, 0.123, 1e-6], ["none", None, float("inf"), "-"]], "T")
     with (report.folder / "t.csv").open(newline="") as stream:
         rows = list(csv.reader(stream))
@@ -104,16 +85,6 @@ def test_values_in_si_are_shown_in_the_unit_of_their_column(report):
     assert "| rk4 | 2 | 12 | 1 |\n| none | - | none | - |" in text
     with pytest.raises(ValueError):
         report.table("short", header, [["rk4"]], "")
-
-
-def test_curves_are_the_rows_of_each_name():
-    rows = [("rk4", 1.0, 0.1), ("zhai", 2.0, 0.2), ("rk4", 4.0, 0.4)]
-    found = plotting.curves(rows, 0, 1, 2, 100.0)
-    assert found == {"rk4": ([1.0, 4.0], [10.0, 40.0]), "zhai": ([2.0], [20.0])}
-    _, (axes,) = plotting.new_figure()
-    plotting.draw(axes, found, "time [s]", "error [%]", "xy")
-    assert [list(line.get_ydata()) for line in axes.lines] == [[10.0, 40.0], [20.0]]
-    assert (axes.get_xlabel(), axes.get_yscale()) == ("time [s]", "log")
 
 
 def test_the_largest_value_that_holds_is_bracketed():
@@ -132,8 +103,38 @@ def test_step_cost_resets_and_refuses_a_failed_run():
         step_cost(wild)
 
 
+def test_a_chart_has_a_panel_and_a_line_for_each_name(report, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        report_module, "draw", lambda axes, lines, *rest: drawn.append((lines, *rest))
+    )
+    rows = [["here", "rk4", 1.0, 0.1], ["here", "zhai", 2.0, 0.2], ["there", "rk4", 4.0, 0.4]]
+    report.chart("errors", "where | method | time [s] | error [%]", rows, "Errors", "xy")
+    assert [(lines, title) for lines, _, _, _, title, _ in drawn] == [
+        ({"rk4": [[1.0, 10.0]], "zhai": [[2.0, 20.0]]}, "here"),
+        ({"rk4": [[4.0, 40.0]]}, "there"),
+    ]
+    assert [rest[1:4] for rest in drawn] == [("time [s]", "error [%]", "xy")] * 2
+    monkeypatch.undo()
+    _, (axes,) = new_figure()
+    draw(axes, drawn[0][0], "time [s]", "error [%]", "xy")
+    assert [list(line.get_ydata()) for line in axes.lines] == [[10.0], [20.0]]
+    assert (axes.get_xlabel(), axes.get_yscale()) == ("time [s]", "log")
+
+
+def test_maps_and_bars_show_the_values_of_their_rows(report, monkeypatch):
+    figures = []
+    monkeypatch.setattr(report, "figure", lambda name, figure, caption: figures.append(figure))
+    report.heat_map("map", "n | m | rms [mm] {:.1f}", [[2, 1, 1e-3], [1, 1, 0.0], [1, 3, 2e-3]], "")
+    report.bars("bars", "method | step [us]", [["rk4", 2e-6], ["zhai", 5e-6]], "")
+    heat, bars = (figure.axes[0] for figure in figures)
+    # Rows ascend upwards; a missing cell and one of 0 have no number.
+    assert heat.images[0].get_array().tolist() == [[0.0, 2.0], [1.0, 0.0]]
+    assert [text.get_text() for text in heat.texts] == ["2.0", "1.0"]
+    assert [bar.get_width() for bar in bars.patches] == [2.0, 5.0]
+
+
 def test_nothing_is_written_over(report):
-    report.table("soak", ["a"], [[1]], "A table")
-    figure, _ = plotting.new_figure()
+    report.table("soak", "a", [[1]], "A table")
     with pytest.raises(ValueError, match="soak.csv: is written already"):
-        report.figure("soak", figure, {"x": [1.0]}, "A figure of the same name")
+        report.chart("soak", "a | x | y", [["b", 1.0, 2.0]], "A figure of the same name")

@@ -1,5 +1,4 @@
-"""`dlo_sim study work-precision --quick`, run once; and its analytic shapes, which share no code
-with the simulator."""
+"""`dlo_sim study work-precision --quick`, run once."""
 
 import csv
 import dataclasses
@@ -9,10 +8,8 @@ import numpy as np
 import pytest
 
 from dlo_sim.batch.workers import HERE
-from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import Request, analytic
-from dlo_sim.studies.work_precision import cases, peers, separate
-from dlo_sim.studies.work_precision import study as study_module
+from dlo_sim.studies import Request
+from dlo_sim.studies import work_precision as study_module
 from dlo_sim.tuning.setting import Setting
 from dlo_sim.tuning.trial import Job, attempt, error
 
@@ -24,19 +21,13 @@ pytestmark = pytest.mark.slow
 def study(tmp_path_factory):
     """Folder and outcome of one quick study."""
     folder = tmp_path_factory.mktemp("work_precision")
-    request = Request(folder, True, "dlo_sim study work-precision", HERE, peers=True)
+    request = Request(folder, True, "dlo_sim study work-precision", HERE)
     return folder, study_module.run_study(request)
 
 
 def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
     with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
-
-
-def test_a_full_study_has_six_cases():
-    names = [case.name for case in cases.all_cases(quick=False)]
-    assert names == [*QUICK[:1], "scenario_2", *QUICK[1:3], "hanging_chain", "steel_wire"]
-    assert {case.name for case in cases.all_cases(quick=True)} == {*QUICK}
 
 
 def test_failed_runs_are_rows_that_say_so(study):
@@ -50,26 +41,26 @@ def test_failed_runs_are_rows_that_say_so(study):
 
 def test_a_method_that_the_scene_refuses_is_a_row(monkeypatch):
     """Negative sub-steps with damping: no own step is known, and the attempt says why."""
-    case = cases.soft_cable().shortened(0.1, (7, 9))
-    monkeypatch.setattr(study_module, "METHODS_TRIED", {True: ("forest_ruth",)})
+    case = study_module.soft_cable().shortened(0.1, (7, 9))
+    monkeypatch.setattr(study_module, "COMPARED", {True: ("forest_ruth",)})
     monkeypatch.setattr(study_module, "CONTROL_POINTS", {True: (7,)})
-    (run,) = study_module.swept(case, None, True, lambda share: None)
+    (run,) = study_module.swept(case, None, True)
     assert (run.status, run.who, run.n_u, run.ok) == ("refused", "forest_ruth", 7, False)
     assert np.isnan(run.error)
 
 
 def test_refused_and_failed_runs_have_no_order():
     """A refused run has step 0, which has no logarithm."""
-    case, job = cases.soft_cable(), Job(cases.wire(1).scene, 0.1, (0.5,))
+    case, job = study_module.soft_cable(), Job(study_module.wire(1).scene, 0.1, (0.5,))
     refused = attempt(case.job, Setting("forest_ruth", 7), timed=False)
     assert (refused.status, refused.step) == ("refused", 0.0)
-    assert separate.order_rows(case, "forest_ruth", [refused] * 2, refused) == []
+    assert study_module.order_rows(case, "forest_ruth", [refused] * 2, refused) == []
     coarse, fine, truth = (
         attempt(job, Setting("velocity_verlet", 7, step), timed=False)
         for step in (2e-5, 1e-5, 2.5e-6)
     )
     tried = [coarse, dataclasses.replace(coarse, message="failed"), fine]
-    first, second = separate.order_rows(cases.wire(1), "velocity_verlet", tried, truth)
+    first, second = study_module.order_rows(study_module.wire(1), "velocity_verlet", tried, truth)
     assert (first[2], first[4], second[2]) == (coarse.step, None, fine.step)
     assert second[4] == pytest.approx(2.0, abs=0.2)
 
@@ -102,7 +93,7 @@ def test_errors_fall_with_resolution_and_time_is_of_second_order(study):
     for case in ("scenario_1", "cantilever", "steel_wire"):
         for cable in ("stretching", "stretching by span"):
             errors[case, cable] = [
-                float(row["error"])
+                float(row["error [%]"])
                 for row in space
                 if row["case"] == case and row["cable"] == cable
             ]
@@ -124,14 +115,6 @@ def test_errors_fall_with_resolution_and_time_is_of_second_order(study):
     assert len(explicit) == 4 and explicit == pytest.approx([2.0] * 4, abs=0.2)
 
 
-def test_equilibria_come_close_to_the_elastica(study):
-    coarse, fine = rows_of(study[0], "analytic")
-    for key in coarse:
-        if key != "n_u":
-            assert 0.0 < float(fine[key]) < 0.3 * float(coarse[key]), key
-    assert float(fine["wire [%]"]) < 0.01
-
-
 def test_the_fastest_settings_are_within_the_error(study):
     rows = [row for row in rows_of(study[0], "fastest") if row["error [%]"]]
     assert {row["case"] for row in rows} == {*QUICK}
@@ -148,7 +131,7 @@ def test_the_fastest_settings_are_within_the_error(study):
 
 def test_a_front_is_what_nothing_beats():
     def run(wall, error, status="ok"):
-        return cases.Run("rk4", "by sample", 7, 1e-3, status, "", error, wall)
+        return study_module.Run("rk4", "by sample", 7, 1e-3, status, "", error, wall)
 
     runs = [run(3.0, 1.0), run(1.0, 5.0), run(2.0, 6.0), run(0.5, 0.1, "diverged")]
     assert [(one.wall, one.error) for one in study_module.front(runs, "wall")] == [
@@ -159,55 +142,9 @@ def test_a_front_is_what_nothing_beats():
     assert study_module.fastest(runs, 0.5) is None
 
 
-def test_chain_runs_beside_and_absent_simulators_are_named(study):
-    folder, _ = study
-    rows = {row["case"]: row for row in rows_of(folder, "peers")}
-    assert tuple(rows) == QUICK
-    assert {row["simulator"] for row in rows.values()} == {"naive chain"}
-    # 20 links: 2.0 % on the first quarter of scenario 1
-    assert 1.8 < float(rows["scenario_1"]["error [%]"]) < 2.2
-    for row in rows.values():
-        assert row["status"] == "ok" and float(row["s per simulated s"]) > 0.0
-        if row["times faster"]:
-            assert float(row["its error [%]"]) <= float(row["error [%]"])
-            ratio = float(row["s per simulated s"]) / float(row["its s per simulated s"])
-            assert float(row["times faster"]) == pytest.approx(ratio)
-    report = (folder / "report.md").read_text(encoding="utf-8")
-    for name, (_, variable) in list(peers.PEERS.items())[1:]:
-        assert f"Not measured: {name} ({variable}" in report
-
-
-def test_every_simulator_runs_on_every_case_or_says_why_not():
-    assert {*peers.TRIED} == {case.name for case in cases.all_cases(quick=False)}
-    assert {len(tried) for tried in peers.TRIED.values()} == {len(peers.PEERS)}
-
-
-def test_elastica_meets_small_deflections_and_two_known_shapes():
-    weak = analytic.Rod(bending=1.0, axial=1e9, weight=1e-3)
-    x, z = analytic.cantilever_tip(weak, 1.0)
-    assert z == pytest.approx(-1e-3 / 8.0, rel=1e-4)  # w L^4 / (8 EI)
-    assert x == pytest.approx(1.0, abs=1e-6)
-    # By a collocation method of another package, to eight digits.
-    wire = cases.wire(1)
-    assert wire.scale == pytest.approx(0.018528137, abs=1e-9)
-    soft = cases.rod_of(cases.soft_cable().scene)
-    assert analytic.sag(soft, 1.0, 0.8) == pytest.approx(0.26940789, abs=1e-8)
-    rubber = analytic.cantilever_tip(cases.rod_of(cases.cantilever().scene), 0.3)
-    assert rubber == pytest.approx((0.08908223, -0.26705251), abs=1e-8)
-
-
-def test_equilibrium_converges_to_the_elastica_of_its_own_curvature():
-    """Curvature per rest length instead would move the tip by 7e-5 m, four times the error."""
-    scene, _, truth, length = separate.known_shapes()["cantilever"]
-    tip = Simulator(separate.at_rest(scene, 27)).centerline([length])[0][[0, 2]]
-    assert np.abs(tip - truth).max() < 2.5e-5  # measured 1.6e-5
-    per_rest_length = analytic.cantilever_tip(cases.rod_of(scene), length)
-    assert np.abs(truth - per_rest_length).max() == pytest.approx(6.9e-5, abs=2e-6)
-
-
 def test_gripper_closes_by_02_in_two_seconds_smoothly():
     times = np.linspace(0.0, 2.0, 201)
-    (_, first), (_, second) = cases.closing()
+    (_, first), (_, second) = study_module.closing()
     gaps = np.array([(first if t < 1.0 else second).position_at(t)[0] for t in times])
     assert gaps[0] == 1.0 and gaps[-1] == pytest.approx(0.8, abs=1e-12)
     assert gaps[100] == pytest.approx(0.9, abs=1e-12)
@@ -216,7 +153,7 @@ def test_gripper_closes_by_02_in_two_seconds_smoothly():
 
 
 def test_a_failed_run_has_infinite_error_and_no_time():
-    case = cases.wire(1)
+    case = study_module.wire(1)
     trial = attempt(Job(case.scene, 0.1, (0.5,)), Setting("velocity_verlet", 7, 2e-3))
     assert not trial.ok and "stability limit" in trial.message
     assert trial.wall == np.inf
@@ -225,8 +162,10 @@ def test_a_failed_run_has_infinite_error_and_no_time():
 
 def test_the_first_look_is_the_start_of_a_cable_that_is_not_level():
     """In the plane the rows of a state are x and z: the sample at the start once had y for z."""
-    trial = attempt(Job(cases.chain().scene, 0.01, (0.5, 1.0)), Setting("velocity_verlet", 7))
-    tip = np.array(cases.chain().scene.end.position)
+    trial = attempt(
+        Job(study_module.chain().scene, 0.01, (0.5, 1.0)), Setting("velocity_verlet", 7)
+    )
+    tip = np.array(study_module.chain().scene.end.position)
     assert trial.points[0] == pytest.approx(np.array([0.5 * tip, tip]), abs=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""Order on a nonlinear scene, accuracy against run time, error against the reference model."""
+"""Accuracy against run time, and the error against the reference model over n_u and n_s."""
 
 from __future__ import annotations
 
@@ -8,34 +8,13 @@ from typing import Any
 import numpy as np
 
 from dlo_sim.core import bspline
-from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
-from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper.published import CONTROL_POINTS, REFERENCE, SAMPLES
 from dlo_sim.studies.paper.wires import COMPARED, Paper, scenario, softened
-from dlo_sim.studies.plotting import Curves, curves, draw, heat_map, new_figure
-from dlo_sim.studies.report import columns
-from dlo_sim.studies.runs import Array, at_method, distance, each, run, step_cost
+from dlo_sim.studies.report import Array
+from dlo_sim.studies.runs import at_method, distance, each, run, step_cost
 
-# A soft strip, clamped, with a swinging force and moment at its free end: large bending.
-STRIP = {
-    "cable.length": 0.5,
-    "cable.diameter": 0.02,
-    "cable.youngs_modulus": 1.0e5,
-    "discretization.control_points": 6,
-    "start.clamped": True,
-    "end.position": [0.5, 0.0, 0.0],
-    "loads.names": ["tip"],
-    "loads.tip.signal": "sine",
-    "loads.tip.force": [0.0, 0.6, 0.2],
-    "loads.tip.torque": [0.0, 0.01, 0.0],
-    "loads.tip.frequency": 4.0,
-    "terms.twist": "off",
-}
-DURATION = 0.08
-STEPS = (400, 566, 800, 1131)
-FINE = 6400
 SPAN = {True: 0.25, False: 10.0}  # [s], of runs whose error is compared with their run time
 # Divisors of the largest step, and a time [s] that is a multiple of every step, for the samples.
 REAL, SOFT = ((1, 2, 4), 2e-5), ((1, 2, 4, 8), 4e-3)
@@ -56,63 +35,44 @@ EARLY, LATE = (f"rms error in the {when} quarter, (9, 101) [mm]" for when in ("f
 FINER = (31, 409)
 
 
-def _strip_end(method: str, steps: int) -> Array:
-    simulator = Simulator(at_method(scene_from_values(STRIP), method, DURATION / steps))
-    simulator.advance_steps(steps)
-    return simulator.control_points[:, :3]
-
-
 def add(paper: Paper) -> None:
-    """Add the table of orders, and work-precision diagrams of the real and the softened wire."""
-    wanted = [("forest_ruth", FINE), ("rk4", FINE)]
-    wanted += [(method, n) for method in COMPARED for n in STEPS]
-    ends = each(paper.workers, _strip_end, wanted)
-    rows: list[list[Any]] = []
-    for method in COMPARED:
-        reference = ends["forest_ruth" if method == "rk4" else "rk4", FINE]
-        errors = [float(np.abs(ends[method, n] - reference).max()) for n in STEPS]
-        order = -float(np.polyfit(np.log(STEPS), np.log(errors), 1)[0])
-        rows.append([method, METHODS[method].order, order, *errors])
-    paper.report.table(
-        "orders",
-        ["method", "order", "measured", *(f"error [m], {n} steps" for n in STEPS)],
-        rows,
-        f"Order on a nonlinear scene: a soft strip swung by a force and a moment for "
-        f"{DURATION:g} s, against the other fourth-order method with {FINE} steps",
-    )
-    _work_precision(paper)
-    _equal_step(paper)
-
-
-def _work_precision(paper: Paper) -> None:
-    """Add error against run time, and the ratios of run times at equal error, softened wire."""
+    """Add error against run time of the real and the softened wire, and Forest-Ruth against RK4:
+    the ratio of run times at equal error, and cost and error of a step of the same size.
+    """
     real, changed = scenario(1), f"EA and springs CHANGED: / {paper.factor:.0f}"
     wires = {"real wire": (real, *REAL), changed: (softened(real, paper.factor), *SOFT)}
     rows = [row for name, wire in wires.items() for row in _curves(paper, name, *wire)]
-    looks = {m: {"marker": mark} for m, mark in zip(COMPARED, "osx^", strict=True)}
-    x, y = f"run time of {SPAN[paper.quick]:g} s [s]", "largest position error [m]"
-    figure, panels = new_figure(1, 2, 11.0, 4.6)
-    for axes, name in zip(panels, wires, strict=True):
-        lines = curves([row for row in rows if row[0] == name], 1, 3, 4)
-        draw(axes, lines, x, y, "xy", name, looks)
-    data = columns(("wire", "method", "step [s]", "run time [s]", "error [m]"), rows)
-    caption = "Accuracy against run time, scenario 1; left ends: 0.9 of the stability limits"
-    paper.report.figure("work_precision", figure, data, caption)
-    ratios = _time_ratios(lines)
+    paper.report.chart(
+        "work_precision",
+        "wire | method | run time [s] | largest position error [m]",
+        rows,
+        f"Accuracy against run time of {SPAN[paper.quick]:g} s, scenario 1; left ends: 0.9 of the "
+        "stability limits",
+        "xy",
+        marker="o",
+    )
+    ratios = _time_ratios([row[1:] for row in rows if row[0] == changed])
     paper.report.table(
         "time_at_equal_error",
-        ["method", "run time / Forest-Ruth's"],
-        [[method, ratio] for method, ratio in ratios.items()],
+        "method | run time / Forest-Ruth's",
+        ratios.items(),
         "Run time for the same position error (the geometric mean of the range that both "
         "fourth-order methods reach), softened wire; none: not reached at any step tried",
     )
-    paper.found[BESIDE_RK4[2]] = ratios["rk4"]
+    step = Simulator(at_method(real, "forest_ruth")).step
+    both = [at_method(real, method, step) for method in ("forest_ruth", "rk4")]
+    runs = [(at, SPAN[paper.quick], 0.01) for at in (at_method(real, "rk4", step / 8), *both)]
+    fine, *recordings = each(paper.workers, run, runs).values()
+    costs = [step_cost(Simulator(at)).best for at in both]
+    errors = [float(distance(recording, fine).max()) for recording in recordings]
+    found = (costs[0] / costs[1], errors[0] / errors[1], ratios["rk4"])
+    paper.found |= dict(zip(BESIDE_RK4, found, strict=True))
 
 
 def _curves(
     paper: Paper, name: str, scene: Scene, shares: tuple[int, ...], grid: float
-) -> list[tuple[str, str, float, float, float]]:
-    """Rows of the figure's data; errors by workers, cost of a step timed in this process."""
+) -> list[tuple[str, str, float, float]]:
+    """Rows of the chart; errors by workers, cost of a step timed in this process."""
     duration = SPAN[paper.quick]
     every = grid * max(1, round(duration / 200 / grid))  # some 200 samples
     own = {method: Simulator(at_method(scene, method)).step for method in COMPARED}
@@ -123,15 +83,15 @@ def _curves(
     fine, *recordings = each(paper.workers, run, runs).values()
     cost = {m: step_cost(Simulator(at_method(scene, m, largest[m]))).best for m in COMPARED}
     return [
-        (name, method, step, cost[method] * duration / step, float(distance(one, fine).max()))
+        (name, method, cost[method] * duration / step, float(distance(one, fine).max()))
         for (method, step), one in zip(steps, recordings, strict=True)
     ]
 
 
-def _time_ratios(lines: Curves) -> dict[str, float]:
+def _time_ratios(rows: list[tuple[str, float, float]]) -> dict[str, float]:
     """Run time relative to Forest-Ruth's at the middle of the range of errors that it and RK4
-    reach; infinite for a method that does not reach it."""
-    found = {method: (np.array(time), np.array(error)) for method, (time, error) in lines.items()}
+    reach; infinite for a method that does not reach it. Rows: method, run time, error."""
+    found = {m: np.array([row[1:] for row in rows if row[0] == m]).T for m in COMPARED}
     reached = [found[method][1] for method in ("forest_ruth", "rk4")]
     goal = np.log([max(e.min() for e in reached), min(e.max() for e in reached)]).mean()
     times = {}
@@ -140,18 +100,6 @@ def _time_ratios(lines: Curves) -> dict[str, float]:
         logs = np.log(error[order]), np.log(time[order])
         times[method] = np.exp(np.interp(goal, *logs, left=np.inf))
     return {method: float(time / times["forest_ruth"]) for method, time in times.items()}
-
-
-def _equal_step(paper: Paper) -> None:
-    """Forest-Ruth against RK4 at the same step: cost of a step, position error."""
-    scene = scenario(1)
-    step = Simulator(at_method(scene, "forest_ruth")).step
-    both = [at_method(scene, method, step) for method in ("forest_ruth", "rk4")]
-    runs = [(at, SPAN[paper.quick], 0.01) for at in (at_method(scene, "rk4", step / 8), *both)]
-    fine, *recordings = each(paper.workers, run, runs).values()
-    costs = [step_cost(Simulator(at)).best for at in both]
-    errors = [float(distance(recording, fine).max()) for recording in recordings]
-    paper.found |= {BESIDE_RK4[0]: costs[0] / costs[1], BESIDE_RK4[1]: errors[0] / errors[1]}
 
 
 def add_resolution(paper: Paper) -> None:
@@ -168,10 +116,26 @@ def add_resolution(paper: Paper) -> None:
     reference = tracks[(*REFERENCE, duration)]
     *gaps, own = (np.linalg.norm(one - reference, axis=2) for one in tracks.values())
     errors = np.reshape(gaps, (len(CONTROL_POINTS), len(SAMPLES), INSTANTS, POINTS))
-    _table(paper, errors, _rms(own))
+    rms = _rms(errors, (2, 3))
+    # In mm, as in the caption, because the headers are numbers of samples without a unit.
+    rows: list[list[Any]] = [[n, *row] for n, row in zip(CONTROL_POINTS, 1e3 * rms, strict=True)]
+    rows.append(["reference itself", *([None] * (len(SAMPLES) - 1)), 1e3 * float(_rms(own))])
+    header = " | ".join(["n_u \\ n_s", *map(str, SAMPLES)])
+    caption = "Error against the reference model, rms over points and instants [mm], scenario 1"
+    paper.report.table("error_by_size", header, rows, caption, form=".3g")
     _figures(paper, errors, np.linspace(0.0, duration, INSTANTS + 1)[1:])
-    _findings(paper, errors)
-    paper.found["rms error of the reference itself [mm]"] = 1e3 * float(_rms(own))
+    profiles = errors[:, COLUMN].mean(axis=1)
+    middle = profiles[:, POINTS // 2 - 1 : POINTS // 2 + 1].mean(axis=1)
+    shares = middle / profiles.max(axis=1)
+    found = paper.found
+    for n, row, share in zip(CONTROL_POINTS[:-1], rms, shares, strict=False):
+        found[ERROR(n)], found[CENTRE(n)] = 1e3 * float(row[COLUMN]), float(share)
+        for first, part in ((51, row), (81, row[1:])):
+            found[CHANGE(first, n)] = float(100 * np.ptp(part) / part.min())
+    quarter = INSTANTS // 4
+    found[EARLY] = 1e3 * float(_rms(errors[NINE, COLUMN, :quarter]))
+    found[LATE] = 1e3 * float(_rms(errors[NINE, COLUMN, -quarter:]))
+    found["rms error of the reference itself [mm]"] = 1e3 * float(_rms(own))
 
 
 def track(n: int, samples: int, duration: float) -> Array:
@@ -186,57 +150,23 @@ def _rms(errors: Array, axis: int | tuple[int, ...] | None = None) -> Array:
     return np.asarray(np.sqrt((errors**2).mean(axis=axis)))
 
 
-def _table(paper: Paper, errors: Array, own: Array) -> None:
-    # In mm, as in the caption, because the headers are numbers of samples without a unit.
-    rms = 1e3 * _rms(errors, (2, 3))
-    rows: list[list[Any]] = [[n, *row] for n, row in zip(CONTROL_POINTS, rms, strict=True)]
-    rows.append(["reference itself", *([None] * (len(SAMPLES) - 1)), 1e3 * float(own)])
-    paper.report.table(
-        "error_by_size",
-        ["n_u \\ n_s", *map(str, SAMPLES)],
-        rows,
-        "Error against the reference model, rms over points and instants [mm], scenario 1",
-        form=".3g",
-    )
-
-
 def _figures(paper: Paper, errors: Array, time: Array) -> None:
-    report, shown = paper.report, errors[NINE, COLUMN]
-    figure, (axes,) = new_figure(width=8.0, height=4.5)
-    image = axes.pcolormesh(U, time, 1e3 * shown, shading="nearest", cmap="magma")
-    figure.colorbar(image, ax=axes, label="error [mm]")
-    axes.set(xlabel="material coordinate u [m]", ylabel="time [s]", title="n_u = 9, n_s = 101")
-    grid = {"time [s]": np.repeat(time, POINTS), "u [m]": np.tile(U, INSTANTS)}
-    data = grid | {"error [m]": shown.ravel()}
-    report.figure("error_over_time_and_length", figure, data, "Error over time and length")
-    n_u, n_s = np.array(list(product(CONTROL_POINTS, SAMPLES))).T
-    rms = _rms(errors, (2, 3))
-    figure = heat_map(CONTROL_POINTS, SAMPLES, 1e3 * rms, "rms error [mm]", ".3g")
-    figure.axes[0].set(xlabel="n_s", ylabel="n_u")
-    data = {"n_u": n_u, "n_s": n_s, "rms error [m]": rms.ravel()}
-    report.figure("error_over_samples_and_points", figure, data, "Error over n_s and n_u")
-    for what, over, name, x, axis in (
+    """Add the paper's figures of the error: over time, length, n_s and n_u."""
+    report, sizes = paper.report, product(CONTROL_POINTS, SAMPLES)
+    places = [(t, u) for t in time.round(6).tolist() for u in U.tolist()]
+    rows = [(*at, one) for at, one in zip(places, errors[NINE, COLUMN].ravel(), strict=True)]
+    caption = "Error over time and length, n_u = 9, n_s = 101"
+    header = "time [s] | material coordinate u [m] | error [mm]"
+    report.heat_map("error_over_time_and_length", header, rows, caption)
+    rows = [(*at, one) for at, one in zip(sizes, _rms(errors, (2, 3)).ravel(), strict=True)]
+    header, caption = "n_u | n_s | rms error [mm] {:.3g}", "Error over n_s and n_u"
+    report.heat_map("error_over_samples_and_points", header, rows, caption)
+    for what, over, label, x, axis in (
         ("time", "length", "time [s]", time, 2),
         ("length", "time", "material coordinate u [m]", U, 1),
     ):
-        values = _rms(errors[:, COLUMN], axis)
-        lines = {f"n_u = {n}": row for n, row in zip(CONTROL_POINTS, values, strict=True)}
-        figure, (axes,) = new_figure(width=8.5, height=4.6)
-        shown_lines = {label: (x, 1e3 * row) for label, row in lines.items()}
-        draw(axes, shown_lines, name, f"error, rms over {over} [mm]", "y")
+        values = zip(CONTROL_POINTS, _rms(errors[:, COLUMN], axis), strict=True)
+        lines = [(f"n_u = {n}", *at) for n, row in values for at in zip(x, row, strict=True)]
+        header = f"n_u | {label} | error, rms over {over} [mm]"
         caption = f"Error over {what} for each n_u, n_s = 101"
-        report.figure(f"error_over_{what}", figure, {name: x} | lines, caption)
-
-
-def _findings(paper: Paper, errors: Array) -> None:
-    found, rms = paper.found, _rms(errors, (2, 3))
-    profiles = errors[:, COLUMN].mean(axis=1)
-    middle = profiles[:, POINTS // 2 - 1 : POINTS // 2 + 1].mean(axis=1)
-    shares = middle / profiles.max(axis=1)
-    for n, row, share in zip(CONTROL_POINTS[:-1], rms, shares, strict=False):
-        found[ERROR(n)], found[CENTRE(n)] = 1e3 * float(row[COLUMN]), float(share)
-        for first, part in ((51, row), (81, row[1:])):
-            found[CHANGE(first, n)] = float(100 * np.ptp(part) / part.min())
-    quarter = INSTANTS // 4
-    found[EARLY] = 1e3 * float(_rms(errors[NINE, COLUMN, :quarter]))
-    found[LATE] = 1e3 * float(_rms(errors[NINE, COLUMN, -quarter:]))
+        report.chart(f"error_over_{what}", header, lines, caption, "y")

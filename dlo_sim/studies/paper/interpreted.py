@@ -1,8 +1,6 @@
 """The forces on the paper's wire in interpreted numpy, as a substitute for MATLAB.
 
-Only the scene and the spline are shared with the compiled step. The speed of an interpreter depends
-on how the elastic force is written: sample by sample, the oracle of `core.elasticity`, a loop over
-the quadrature points with a linear solve per evaluation as in the paper; or with one numpy call per
+Only the scene and the spline are shared with the compiled step; there is one numpy call per
 operation for all samples. Supported are ends held per axis or on springs, and constant and sine
 forces; not twist, damping or moving ends.
 """
@@ -13,30 +11,30 @@ import numpy as np
 
 from dlo_sim.core import bspline, elasticity, mass, quadrature
 from dlo_sim.scene.description import Scene
-from dlo_sim.studies.runs import Array
+from dlo_sim.studies.report import Array
 
 
 class Wire:
-    """A scene as dense numpy arrays; `sample_by_sample` selects one of the two ways."""
+    """A scene as dense numpy arrays."""
 
-    def __init__(self, scene: Scene, sample_by_sample: bool) -> None:
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         n = scene.discretization.control_points
         self.knots = bspline.clamped_knots(n, scene.cable.length)
         choice = scene.discretization
         rule = quadrature.uniform if choice.quadrature == "uniform" else quadrature.gauss
-        self._rule = rule(bspline.breaks(self.knots), choice.samples)
-        self._section = elasticity.Section(scene.cable.EA, scene.cable.EI)
-        self._mass = scene.cable.mu * mass.dense(mass.gram(self.knots))
-        self.free = np.ones((n, 3), dtype=bool)
-        self.free[0], self.free[-1] = ~np.array(scene.start.fixed), ~np.array(scene.end.fixed)
-        u, self._weights = elasticity.samples(self._rule, self.knots)
+        samples = rule(bspline.breaks(self.knots), choice.samples)
+        u, self._weights = elasticity.samples(samples, self.knots)
         self._slopes = bspline.evaluate(np.eye(n), self.knots, u, 1)
         self._curls = bspline.evaluate(np.eye(n), self.knots, u, 2)
-        self._loop = sample_by_sample
+        self._mass = scene.cable.mu * mass.dense(mass.gram(self.knots))
+        free = np.ones((n, 3), dtype=bool)
+        free[0], free[-1] = ~np.array(scene.start.fixed), ~np.array(scene.end.fixed)
         # Held coordinates are decoupled, with unit mass and no force.
-        self._masses = [np.where(np.outer(f, f), self._mass, np.eye(n)) for f in self.free.T]
-        self._inverses = [np.linalg.inv(one) for one in self._masses]
+        self._inverses = [
+            np.linalg.inv(np.where(np.outer(f, f), self._mass, np.eye(n))) for f in free.T
+        ]
+        self.free = free
         where = np.array([load.position for load in scene.loads]) * scene.cable.length
         self._load_basis = bspline.evaluate(np.eye(n), self.knots, where)
 
@@ -48,14 +46,12 @@ class Wire:
 
     def gradient(self, x: Array) -> Array:
         """dU/dq of stretching and bending [N], shape (n, 3)."""
-        if self._loop:
-            points = np.concatenate((x, np.zeros((len(x), 1))), axis=1)
-            return elasticity.gradient(points, self.knots, self._rule, self._section)[:, :3]
+        cable = self.scene.cable
         t, k = self._slopes @ x, self._curls @ x
         c = (t * t).sum(1)
         d = (t * k).sum(1)
-        bend = self._section.EI * self._weights / (c * c)
-        stretch = self._section.EA * self._weights * (1.0 - 1.0 / np.sqrt(c))
+        bend = cable.EI * self._weights / (c * c)
+        stretch = cable.EA * self._weights * (1.0 - 1.0 / np.sqrt(c))
         along = stretch + bend * (3.0 * d * d / c - 2.0 * (k * k).sum(1)) / c
         cross = (-bend * d / c)[:, None]
         on_t = along[:, None] * t + cross * k
@@ -71,7 +67,4 @@ class Wire:
         for basis, load in zip(self._load_basis, self.scene.loads, strict=True):
             sine = np.sin(2.0 * np.pi * load.frequency * t) if load.signal == "sine" else 1.0
             force += np.outer(basis, sine * np.array(load.force))
-        columns = (force * self.free).T
-        if self._loop:
-            return np.stack(list(map(np.linalg.solve, self._masses, columns)), axis=1)
-        return np.stack(list(map(np.matmul, self._inverses, columns)), axis=1)
+        return np.stack(list(map(np.matmul, self._inverses, (force * self.free).T)), axis=1)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from dlo_sim.core import zhai
 from dlo_sim.core.methods import METHODS
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import SceneError
@@ -15,8 +14,7 @@ from dlo_sim.simulation.recording import record
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.wires import COMPARED, NEGLIGIBLE, SCENARIOS, Paper, scenario
-from dlo_sim.studies.plotting import heat_map, new_figure
-from dlo_sim.studies.runs import Array, at_method, bisected, distance, each, run
+from dlo_sim.studies.runs import at_method, bisected, distance, each, run
 
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
 PIECE = 100  # steps between two energy checks
@@ -34,8 +32,8 @@ PLAIN, TORSION, SOFT_TORSION = "no torsion", "torsion theta' - gamma", "the same
 
 
 def add(paper: Paper) -> None:
-    """Add the limits of the methods, the terms that cause them, runs at the paper's step, torsion
-    and Zhai's parameters.
+    """Add the limits of the methods, the terms that cause them, runs at the paper's step, with and
+    without torsion, and how near Zhai's positions are to Verlet's.
     """
     keys = list(product(SCENARIOS, COMPARED))
     predicted = [wires.step_limit(scenario(number), method) for number, method in keys]
@@ -61,11 +59,25 @@ def add(paper: Paper) -> None:
         "wire, observed by bisection; last column: a run at the paper's 2 ms, nothing changed. "
         "Forces per omega tau: cost of simulated time if stability sets the step",
     )
-    _limit_figure(paper)
+    bending = wires.bending_alone(scenario(1))
+    bars = [
+        (method, 1e-6 * paper.found[LIMIT(method, 1)], wires.step_limit(bending, method))
+        for method in COMPARED
+    ]
+    paper.report.bars(
+        "stable_steps_chart",
+        "method | largest stable step [us] | with bending alone, predicted [us]",
+        bars,
+        "Largest stable step of the paper's aluminium wire, n_u = 9, n_s = 101: its 2 ms would be "
+        "stable with bending alone, but not with axial stiffness and springs",
+    )
     _term_table(paper)
     _paper_rows(paper)
     _torsion_table(paper)
-    _zhai_map(paper)
+    duration = 0.5 if paper.quick else 1.0
+    runs = [(at_method(scenario(2), m), duration, 0.01) for m in ("velocity_verlet", "zhai")]
+    verlet, its = each(paper.workers, run, runs).values()
+    paper.found["Zhai's positions from Verlet's [m]"] = float(distance(verlet, its).max())
 
 
 def _observed(number: int, method: str, predicted: float, steps: int) -> float:
@@ -92,30 +104,6 @@ def stopped_at(scene: Scene, method: str) -> int:
         return 0
     simulator.reset()
     return next(number for number in count(1) if not fine(1))
-
-
-def _limit_figure(paper: Paper) -> None:
-    bending = wires.bending_alone(scenario(1))
-    data: dict[str, list[Any]] = {
-        "method": list(COMPARED),
-        "observed [us]": [paper.found[LIMIT(method, 1)] for method in COMPARED],
-        "bending alone [us]": [1e6 * wires.step_limit(bending, method) for method in COMPARED],
-    }
-    figure, (axes,) = new_figure(height=4.6)
-    labels = {
-        "observed [us]": "as the paper prints it (observed)",
-        "bending alone [us]": "bending alone, no axial stiffness or springs (predicted)",
-    }
-    for shift, (name, label) in zip((-0.2, 0.2), labels.items(), strict=True):
-        bars = axes.bar(np.arange(len(COMPARED)) + shift, data[name], 0.38, label=label)
-        axes.bar_label(bars, fmt="%.0f", fontsize="small", padding=2)
-    axes.axhline(1e6 * published.STEP, color="tab:red", linestyle="--", label="the paper's 2 ms")
-    axes.set(yscale="log", ylim=(5.0, 200_000.0), ylabel="largest stable step [us]")
-    axes.set_xticks(range(len(COMPARED)), COMPARED)
-    axes.set_title("Largest stable step of the paper's aluminium wire, n_u = 9, n_s = 101")
-    axes.legend(fontsize="small", loc="upper left")
-    caption = "2 ms would be stable with bending alone, but not with axial stiffness and springs"
-    paper.report.figure("stable_steps_chart", figure, data, caption)
 
 
 def _term_table(paper: Paper) -> None:
@@ -201,32 +189,10 @@ def _torsion_table(paper: Paper) -> None:
             paper.found |= {STOPPED(name, method): step for method, step in steps.items()}
     paper.report.table(
         "torsion_at_paper_step",
-        ["model", "scenario", *COMPARED],
+        " | ".join(["model", "scenario", *COMPARED]),
         rows,
         f"AT THE PAPER'S STEP of 2 ms, {published.DURATION:g} s, constants CHANGED: EA and springs "
         f"/ {paper.factor:.0f}, in the last rows GJ as well. A wire that stays in a plane has "
         "gamma = 0 and is never twisted; torsional waves are too fast for 2 ms, and only a force "
         "out of the plane excites them",
     )
-
-
-def _zhai_map(paper: Paper) -> None:
-    """Add the stability of Zhai's method over its parameters, best pair, distance from Verlet."""
-    psi, phi, limit = zhai.best_pair(4 if paper.quick else 9)
-    pairs = list(product(np.round(np.linspace(0.0, 1.0, 11), 2).tolist(), repeat=2))
-    limits = [zhai.with_parameters(*pair).stability_limit for pair in pairs]
-    label, (rows, columns) = "largest stable omega tau [-]", np.array(pairs).T
-    table = np.reshape(limits, (11, 11))
-    figure = heat_map(np.unique(rows), np.unique(columns), table, label, ".2f")
-    figure.axes[0].set(xlabel="phi [-]", ylabel="psi [-]")
-    data: dict[str, Array] = {"psi [-]": rows, "phi [-]": columns, label: np.array(limits)}
-    caption = (
-        "Stability limit of Zhai's method on an undamped oscillator; psi = phi = 1/2, Verlet's "
-        "positions, has the largest of all pairs"
-    )
-    paper.report.figure("zhai_map", figure, data, caption)
-    paper.found |= {"Zhai's best psi": psi, "Zhai's best phi": phi, "Zhai's best omega tau": limit}
-    duration = 0.5 if paper.quick else 1.0
-    runs = [(at_method(scenario(2), m), duration, 0.01) for m in ("velocity_verlet", "zhai")]
-    verlet, its = each(paper.workers, run, runs).values()
-    paper.found["Zhai's positions from Verlet's [m]"] = float(distance(verlet, its).max())

@@ -5,6 +5,7 @@ compared with the paper's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,15 @@ from dlo_sim.studies.paper import published, wires
 from dlo_sim.studies.paper.interpreted import Wire
 from dlo_sim.studies.paper.published import CONTROL_POINTS, SAMPLES
 from dlo_sim.studies.paper.wires import COMPARED, SCENARIOS, Paper, scenario
-from dlo_sim.studies.plotting import COLORS, curves, draw, new_figure
-from dlo_sim.studies.runs import Array, Cost, advance, at_method, least, step_cost
+from dlo_sim.studies.report import Array
+from dlo_sim.studies.runs import Cost, advance, at_method, least, step_cost
 
-LOOP, ARRAYS = "sample by sample", "whole arrays"
 PAPER_NAMES = {"forest_ruth": "symplectic", "rk4": "Runge-Kutta", "zhai": "Zhai"}
 MATLAB = {1: published.MATLAB_1, 2: published.MATLAB_2}
 CPP = {1: published.CPP_1, 2: published.CPP_2}
 TIME = "run time of 10 s at its own step, {} [s]".format
 COST = "cost of a compiled step, {} [us]".format
-RATIOS = {way: f"interpreted / compiled time of a step, {way}" for way in (LOOP, ARRAYS)}
+RATIO = "interpreted / compiled time of a step"
 STEPS = published.DURATION / published.STEP  # of the paper in its Tables 1 to 4
 QUICK_MARK = 0.5  # [s] up to which a quick study measures; later rows are extrapolated
 SIZED = "forest_ruth"  # the method of Tables 5 to 8
@@ -34,14 +34,12 @@ SIZE_COST = "cost of a compiled step, n_u = {} [us]".format
 RUN = "run time of 10 s at the stable step, n_u = {} [s]".format
 SAMPLES_COST, POINTS_COST = "least cost of 251 samples / 51", "least cost of the next n_u / one"
 SHAPE = (len(CONTROL_POINTS), len(SAMPLES))
-SIZES = ["n_u \\ n_s", *map(str, SAMPLES)]
-INTERPRETED = ("MATLAB / numpy sample by sample / numpy whole arrays", [1, 2])
-COMPILED = ("C++ / compiled", [0])  # label, and indices of the values of `_cell` that it shows
-SWEEPS = {  # table -> scenario, published numbers, label, indices
-    5: (1, published.SWEEP_MATLAB_1, *INTERPRETED),
-    6: (2, published.SWEEP_MATLAB_2, *INTERPRETED),
-    7: (1, published.SWEEP_CPP_1, *COMPILED),
-    8: (2, published.SWEEP_CPP_2, *COMPILED),
+SIZES = " | ".join(map(str, SAMPLES))
+SWEEPS = {  # table -> scenario, published numbers, label, index in `_cell`
+    5: (1, published.SWEEP_MATLAB_1, "MATLAB / numpy", 1),
+    6: (2, published.SWEEP_MATLAB_2, "MATLAB / numpy", 1),
+    7: (1, published.SWEEP_CPP_1, "C++ / compiled", 0),
+    8: (2, published.SWEEP_CPP_2, "C++ / compiled", 0),
 }
 
 
@@ -52,35 +50,31 @@ class Timing:
     Attributes:
         step: [s], 0.9 of the stability limit. cost: of one compiled step.
         wall: compiled run time [s] at `published.TIMES`, then of 10 s of the softened wire at 2 ms.
-        numpy: way of writing the force -> least time of one interpreted step [s].
+        numpy: time of one interpreted step [s].
     """
 
     step: float
     cost: Cost
     wall: Array
-    numpy: dict[str, float]
+    numpy: float
 
-    def interpreted(self, way: str) -> Array:
-        """Run times [s] as in `wall`."""
-        return self.numpy[way] * np.append(published.TIMES / self.step, STEPS)
+    @property
+    def interpreted(self) -> Array:
+        """Interpreted run times [s] as in `wall`."""
+        return self.numpy * np.append(published.TIMES / self.step, STEPS)
 
 
 def add(paper: Paper) -> None:
     """Time all methods in both scenarios; add Tables 1 to 4 and the cost of a step."""
-    timings = {
-        (number, method): _measure(scenario(number), method, paper)
-        for number in SCENARIOS
-        for method in COMPARED
-    }
+    timings = {(n, m): _measure(scenario(n), m, paper) for n, m in product(SCENARIOS, COMPARED)}
     paper.report.text(
         """Methods run at 0.9 of their stability limits for the real wire: the paper's 2 ms is not
-        stable for any of them (next section). Interpreted numpy is the counterpart of MATLAB:
-        *sample by sample*, a loop over the quadrature points with a linear solve per force
-        evaluation as in the paper, and *whole arrays*, one numpy call per operation; run times are
-        the measured cost of a step times the number of steps. Compiled functions are the
-        counterpart of C++. The paper's step is more than a hundred times as long as ours: compare
-        the cost of a step, in the fifth table, or the last row of each table, at 2 ms with axial
-        stiffness and end springs divided by a factor that makes it stable."""
+        stable for any of them (next section). Interpreted numpy, one call per operation on whole
+        arrays, is the counterpart of MATLAB; its run times are the measured cost of a step times
+        the number of steps. Compiled functions are the counterpart of C++. The paper's step is more
+        than a hundred times as long as ours: compare the cost of a step, in the fifth table, or the
+        last row of each table, at 2 ms with axial stiffness and end springs divided by a factor
+        that makes it stable."""
     )
     if paper.quick:
         paper.report.text(f"Quick study: compiled rows beyond {QUICK_MARK:g} s are extrapolated.")
@@ -88,13 +82,20 @@ def add(paper: Paper) -> None:
         _tables(paper, {method: timings[number, method] for method in COMPARED}, number)
     _cost_table(paper, timings)
     first = {method: timings[1, method] for method in COMPARED}
-    _figure(paper, first)
+    rows = [("real time", t, t) for t in published.TIMES]
     for method, one in first.items():
+        lines = {f"compiled, {method}": one.wall, f"numpy, {method}": one.interpreted}
+        if method in published.CPP_1:
+            lines[f"paper C++ at 2 ms, {PAPER_NAMES[method]}"] = published.CPP_1[method]
+        for name, times in lines.items():
+            rows += [(name, *at) for at in zip(published.TIMES, times, strict=False)]
         paper.found[TIME(method)] = float(one.wall[-2])
         paper.found[COST(method)] = 1e6 * one.cost.best
-    symplectic = first["forest_ruth"]
-    for way, name in RATIOS.items():
-        paper.found[name] = symplectic.numpy[way] / symplectic.cost.best
+    header = "what | simulated time [s] | run time [s]"
+    caption = "Run time over simulated time, scenario 1; below *real time*: faster than that"
+    looks = {"real time": {"color": "black", "linewidth": 0.8}}
+    paper.report.chart("run_time", header, rows, caption, "xy", looks=looks)
+    paper.found[RATIO] = first["forest_ruth"].numpy / first["forest_ruth"].cost.best
     paper.found["interpreted from compiled run after 20 steps [m]"] = max(
         _deviation(scenario(number)) for number in SCENARIOS
     )
@@ -109,9 +110,7 @@ def _measure(wire: Scene, method: str, paper: Paper) -> Timing:
     rest = published.TIMES[len(marks) :] * walls[-1] / marks[-1]
     soft = at_method(wires.softened(wire, paper.factor), method, published.STEP)
     wall = np.array([*walls, *rest, _at_paper_step(soft, 3 if paper.quick else 20)])
-    repeats = {LOOP: 2 if paper.quick else 10, ARRAYS: 100}
-    numpy = {way: interpreted_step(scene, way, count) for way, count in repeats.items()}
-    return Timing(step, cost, wall, numpy)
+    return Timing(step, cost, wall, interpreted_step(scene, 100))
 
 
 def _at_paper_step(soft: Scene, repeats: int) -> float:
@@ -126,9 +125,9 @@ def _at_paper_step(soft: Scene, repeats: int) -> float:
     return best if simulator.time >= 0.999 * published.DURATION else float("inf")
 
 
-def interpreted_step(scene: Scene, way: str, repeats: int) -> float:
+def interpreted_step(scene: Scene, repeats: int) -> float:
     """Least time [s] of the force evaluations of a step in numpy; the rest of it is negligible."""
-    wire = Wire(scene, way == LOOP)
+    wire = Wire(scene)
     x = wire.start()
     evaluations = METHODS[scene.integrator.method].force_evaluations
     return evaluations * least(lambda: wire.acceleration(x, 0.0), repeats)
@@ -136,7 +135,7 @@ def interpreted_step(scene: Scene, way: str, repeats: int) -> float:
 
 def _deviation(scene: Scene, steps: int = 20) -> float:
     """Distance [m] of a compiled run of velocity Verlet from the Stoermer recursion in numpy."""
-    simulator, wire = Simulator(at_method(scene, "velocity_verlet")), Wire(scene, False)
+    simulator, wire = Simulator(at_method(scene, "velocity_verlet")), Wire(scene)
     simulator.advance_steps(steps)
     tau, before = simulator.step, wire.start()
     x = before + 0.5 * tau**2 * wire.acceleration(before, 0.0)
@@ -156,9 +155,7 @@ def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
     interpreted = {
         f"paper, MATLAB: {name}": matlab.get(m, unstable) for m, name in PAPER_NAMES.items()
     }
-    for way in (LOOP, ARRAYS):
-        for method in PAPER_NAMES:
-            interpreted[f"numpy {way}: {method}"] = own[method].interpreted(way)
+    interpreted |= {f"numpy: {method}": own[method].interpreted for method in PAPER_NAMES}
     compiled = {f"paper, C++: {PAPER_NAMES[method]}": times for method, times in cpp.items()}
     compiled["paper RK / symplectic"] = cpp["rk4"] / cpp["forest_ruth"]
     compiled |= {f"compiled: {method}": one.wall for method, one in own.items()}
@@ -170,7 +167,7 @@ def _tables(paper: Paper, own: dict[str, Timing], number: int) -> None:
         columns = {"simulated [s]": [*published.TIMES, changed], **shown}
         caption = f"Table {table}. {what} run time [s], {SCENARIOS[number]}"
         rows = zip(*columns.values(), strict=True)
-        paper.report.table(f"table_{table}", list(columns), rows, caption)
+        paper.report.table(f"table_{table}", " | ".join(columns), rows, caption)
 
 
 def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
@@ -179,41 +176,16 @@ def _cost_table(paper: Paper, timings: dict[tuple[int, str], Timing]) -> None:
         row: list[Any] = [number, method, METHODS[method].force_evaluations, one.step]
         for printed in (MATLAB[number], CPP[number]):
             row.append(float(printed[method][-1]) / STEPS if method in printed else None)
-        row += [one.numpy[LOOP], one.numpy[ARRAYS], one.cost.best, one.cost.spread]
-        row += [one.numpy[way] / one.cost.best for way in (LOOP, ARRAYS)]
+        row += [one.numpy, one.cost.best, one.cost.spread, one.numpy / one.cost.best]
         rows.append([*row, float(one.wall[-2]) / published.DURATION])
     paper.report.table(
         "cost_per_step",
         "scenario | method | forces/step | our step [us] | paper MATLAB [ms/step] | "
-        f"paper C++ [ms/step] | numpy {LOOP} [ms/step] | numpy {ARRAYS} [ms/step] | "
-        f"compiled [us/step] | spread [%] {{:.0f}} | {LOOP} / compiled | {ARRAYS} / compiled | "
-        "compiled, s per simulated s",
+        "paper C++ [ms/step] | numpy [ms/step] | compiled [us/step] | spread [%] {:.0f} | "
+        "numpy / compiled | compiled, s per simulated s",
         rows,
         "Cost of a step: the least of 40 short pieces, and the excess of the median over it",
     )
-
-
-def _figure(paper: Paper, own: dict[str, Timing]) -> None:
-    lines: dict[str, Array] = {}
-    looks: dict[str, dict[str, Any]] = {}
-    for method, one in own.items():
-        mine = {f"compiled, {method}": (one.wall[:-1], "-")}
-        mine[f"numpy {ARRAYS}, {method}"] = (one.interpreted(ARRAYS)[:-1], "--")
-        if method in published.CPP_1:
-            mine[f"paper C++ at 2 ms, {PAPER_NAMES[method]}"] = (published.CPP_1[method], ":")
-        for name, (times, style) in mine.items():
-            lines[name], looks[name] = times, {"color": COLORS[method], "linestyle": style}
-    lines["real time"] = published.TIMES
-    looks["real time"] = {"color": "black", "linewidth": 0.8}
-    figure, (axes,) = new_figure(width=9.0, height=5.0)
-    shown = {name: (published.TIMES, times) for name, times in lines.items()}
-    draw(axes, shown, "simulated time [s]", "run time [s]", "xy", "", looks)
-    data = {"simulated time [s]": published.TIMES}
-    data |= {f"{name} [s]": times for name, times in lines.items()}
-    caption = (
-        "Run time over simulated time, scenario 1; below the black line: faster than real time"
-    )
-    paper.report.figure("run_time", figure, data, caption)
 
 
 def add_sizes(paper: Paper) -> None:
@@ -226,24 +198,46 @@ def add_sizes(paper: Paper) -> None:
         show the run time of 10 s at a stable step, and the changes that 0.8 ms would require."""
     )
     grids = {number: _grid(number, paper.quick) for number in SCENARIOS}
-    for table, (number, printed, what, kinds) in SWEEPS.items():
-        times = SWEEP_STEPS * grids[number][:, :, kinds]
+    for table, (number, printed, what, kind) in SWEEPS.items():
+        times = SWEEP_STEPS * grids[number][:, :, kind]
         rows: list[list[Any]] = []
         for n, paper_row, our_row in zip(CONTROL_POINTS, printed, times, strict=True):
             pairs = zip(paper_row, our_row, strict=True)
-            cells = [[f"{theirs:.0f}", *(f"{time:.3g}" for time in ours)] for theirs, ours in pairs]
-            rows.append([n, *map(" / ".join, cells)])
+            rows.append([n, *(f"{theirs:.0f} / {ours:.3g}" for theirs, ours in pairs)])
         caption = f"Table {table}. {what}, run time [s] of 12500 steps, {SCENARIOS[number]}"
-        report.table(f"table_{table}", SIZES, rows, caption)
-    _stable_table(paper, grids[1])
+        report.table(f"table_{table}", f"n_u \\ n_s | {SIZES}", rows, caption)
+    compiled, step = grids[1][:, :, 0], grids[1][:, 0, 2]
+    times = published.DURATION / grids[1][:, :, 2] * compiled
+    report.table(
+        "stable_sweep",
+        f"n_u \\ n_s | step [us] {{:.4g}} | {SIZES}",
+        [[n, step[i], *times[i]] for i, n in enumerate(CONTROL_POINTS)],
+        "Run time [s] of 10 s of the real wire at 0.9 of the stability limit, compiled, scenario 1 "
+        "(steps times cost of a step)",
+        form=".3g",
+    )
     _paper_step_table(paper)
-    _size_figure(paper, grids[1][:, :, 0])
+    both = {"the paper's C++": published.SWEEP_CPP_1 / SWEEP_STEPS, "compiled, here": compiled}
+    rows = [
+        [who, f"n_u = {n}", samples, costs[i, j]]
+        for who, costs in both.items()
+        for i, n in enumerate(CONTROL_POINTS)
+        for j, samples in enumerate(SAMPLES)
+    ]
+    header, caption = "who | n_u | n_s | cost of a Forest-Ruth step [us]", "Cost of a step"
+    report.chart("cost_over_size", header, rows, f"{caption} over n_s and n_u, scenario 1")
+    column = SAMPLES.index(101)
+    for n, cost, time in zip(CONTROL_POINTS, compiled[:, column], times[:, column], strict=True):
+        paper.found[SIZE_COST(n)] = 1e6 * float(cost)
+        paper.found[RUN(n)] = float(time)
+    paper.found[SAMPLES_COST] = float((compiled[:, -1] / compiled[:, 0]).min())
+    paper.found[POINTS_COST] = float((compiled[1:] / compiled[:-1]).min())
 
 
 def _grid(number: int, quick: bool) -> Array:
-    """All cells, shape (n_u, n_s, 4): least of several rounds over the whole grid, so that a short
+    """All cells, shape (n_u, n_s, 3): least of several rounds over the whole grid, so that a short
     load on the machine does not distort a few cells."""
-    grid: Array = np.full((*SHAPE, 4), np.inf)
+    grid: Array = np.full((*SHAPE, 3), np.inf)
     for _ in range(1 if quick else 3):
         for i, n in enumerate(CONTROL_POINTS):
             for j, samples in enumerate(SAMPLES):
@@ -252,28 +246,12 @@ def _grid(number: int, quick: bool) -> Array:
 
 
 def _cell(number: int, n: int, samples: int, quick: bool) -> tuple[float, ...]:
-    """Cost of a step [s]: compiled, numpy sample by sample, numpy whole arrays; stable step [s]."""
+    """Cost of a step [s], compiled and in numpy; stable step [s]."""
     size = {"discretization__control_points": n, "discretization__samples": samples}
     scene = at_method(scenario(number, **size), SIZED)
     simulator = Simulator(scene)
     cost = step_cost(simulator, *((0.0005, 20) if quick else (0.003, 40))).best
-    loop = interpreted_step(scene, LOOP, 1 if quick else 5)
-    return cost, loop, interpreted_step(scene, ARRAYS, 10), simulator.step
-
-
-def _stable_table(paper: Paper, grid: Array) -> None:
-    times = published.DURATION / grid[:, :, -1] * grid[:, :, 0]
-    rows = [[n, grid[i, 0, -1], *times[i]] for i, n in enumerate(CONTROL_POINTS)]
-    paper.report.table(
-        "stable_sweep",
-        [SIZES[0], "step [us] {:.4g}", *SIZES[1:]],
-        rows,
-        "Run time [s] of 10 s of the real wire at 0.9 of the stability limit, compiled, scenario 1 "
-        "(steps times cost of a step)",
-        form=".3g",
-    )
-    for n, time in zip(CONTROL_POINTS, times[:, SAMPLES.index(101)], strict=True):
-        paper.found[RUN(n)] = float(time)
+    return cost, interpreted_step(scene, 10), simulator.step
 
 
 def _paper_step_table(paper: Paper) -> None:
@@ -299,22 +277,3 @@ def _paper_step_table(paper: Paper) -> None:
         "Rows AT THE PAPER'S STEP of 0.8 ms, Forest-Ruth, scenario 1, n_s = 101; bold: constants "
         "that were CHANGED. Where bending alone is too stiff, no softening of the axial term helps",
     )
-
-
-def _size_figure(paper: Paper, compiled: Array) -> None:
-    n_u = np.repeat([f"n_u = {n}" for n in CONTROL_POINTS], SHAPE[1])
-    printed = (published.SWEEP_CPP_1 / SWEEP_STEPS).ravel()
-    data = {"n_u": n_u, "n_s": np.tile(SAMPLES, SHAPE[0])}
-    data |= {"compiled cost of a step [s]": compiled.ravel()}
-    data |= {"paper C++ cost of a step [s]": printed}
-    rows = list(zip(*data.values(), strict=True))
-    figure, (left, right) = new_figure(1, 2, 12.0, 4.4)
-    y = "cost of a Forest-Ruth step"
-    draw(left, curves(rows, 0, 1, 3, 1e3), "n_s", f"{y} [ms]", "", "the paper's C++")
-    draw(right, curves(rows, 0, 1, 2, 1e6), "n_s", f"{y} [us]", "", "compiled, this machine")
-    caption = "Cost of a step over n_s and n_u, scenario 1"
-    paper.report.figure("cost_over_size", figure, data, caption)
-    for n, cost in zip(CONTROL_POINTS, compiled[:, SAMPLES.index(101)], strict=True):
-        paper.found[SIZE_COST(n)] = 1e6 * float(cost)
-    paper.found[SAMPLES_COST] = float((compiled[:, -1] / compiled[:, 0]).min())
-    paper.found[POINTS_COST] = float((compiled[1:] / compiled[:-1]).min())

@@ -1,4 +1,4 @@
-"""The paper's two scenarios, their variants, and the data shared by the sections of the study."""
+"""The paper's two scenarios, their variants, and what the sections of the study share."""
 
 from __future__ import annotations
 

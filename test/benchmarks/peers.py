@@ -1,7 +1,12 @@
-"""Running other simulators as child processes, and measuring the error of their motion.
+"""Other simulators on the cases of `dlo_sim study work-precision`, and what takes us as long.
 
-Environment variables name the Python interpreter of each simulator; simulators whose variable is
-not set, or that fail, are reported as not measured.
+    python test/benchmarks/peers.py FOLDER [--quick]
+
+writes a report into the folder: every simulator with its settings, and the fastest setting of
+dlo_sim whose error is not larger. Simulators run as child processes (`peer.py`). The variables
+DLO_SIM_MUJOCO3_PYTHON (a Python with `mujoco<4`), DLO_SIM_MUJOCO4_PYTHON (`mujoco>=4`) and
+DLO_SIM_PYELASTICA_PYTHON (`pyelastica`) name their interpreters; a naive chain of point masses
+needs none. Simulators whose variable is not set, or that fail, are reported as not measured.
 """
 
 from __future__ import annotations
@@ -16,8 +21,19 @@ from typing import Any
 
 import numpy as np
 
-from dlo_sim.studies.runs import Array
-from dlo_sim.studies.work_precision.cases import CLOSED, CLOSING, Case, Run
+from dlo_sim.batch.workers import HERE
+from dlo_sim.studies import Request
+from dlo_sim.studies.report import Array, Report
+from dlo_sim.studies.work_precision import (
+    CLOSED,
+    CLOSING,
+    Case,
+    Run,
+    all_cases,
+    fastest,
+    references,
+    swept,
+)
 
 TIMEOUT = 900.0  # [s] for all runs of a simulator on a case
 # Name -> its argument of peer.py, and the variable that names its Python; empty: the present one.
@@ -143,3 +159,52 @@ def _job(case: Case, n: int, step: float) -> dict[str, Any]:
         "repeats": 3,
         "budget": 3.0,
     }
+
+
+def row_of(case: Case, runs: list[Run], peer: Run) -> list[Any]:
+    """Row of the table: another simulator's run, and the fastest setting of `runs` whose error is
+    not larger."""
+    measured = [value if np.isfinite(value) else None for value in (peer.error, peer.wall)]
+    found = fastest(runs, peer.error)
+    ours: list[Any] = [None] * 4
+    if found:
+        ours = [found.words, found.error, found.wall, peer.wall / found.wall]
+    return [case.name, peer.who, peer.n_u, peer.step, peer.status, *measured, *ours]
+
+
+def compare(folder: Path, quick: bool) -> dict[str, str]:
+    """Write the report; returns the verdicts."""
+    request = Request(folder, quick, "python test/benchmarks/peers.py", HERE)
+    report, cases = Report(request, "Other simulators", {}), all_cases(quick)
+    truths = references(cases, HERE)
+    rows: list[list[Any]] = []
+    absent: list[str] = []
+    verdicts = {}
+    for case in cases:
+        runs = swept(case, truths[case.name], quick)
+        peers = peer_runs(case, truths[case.name].points, quick, absent)
+        own = [row_of(case, runs, peer) for peer in peers]
+        ratios = [row[-1] for row in own if row[-1] is not None]
+        if ratios:
+            words = f"take {min(ratios):.3g} to {max(ratios):.3g} times as long"
+            verdicts[f"{case.name}, others at their errors"] = words
+        rows += own
+    report.text(
+        """The chain and MuJoCo 4 observe the same material point. MuJoCo's cables are inextensible;
+        on the wire their end springs include its axial compliance."""
+    )
+    report.table(
+        "peers",
+        "case | simulator | elements | step [ms] | status | error [%] | s per simulated s | "
+        "setting within that error | its error [%] | its s per simulated s | times faster",
+        rows,
+        "Other simulators, and the fastest dlo_sim setting whose error is not larger",
+    )
+    report.text(*(f"Not measured: {line}" for line in absent))
+    report.outcome(verdicts)
+    return verdicts
+
+
+if __name__ == "__main__":
+    for name, verdict in compare(Path(sys.argv[1]), "--quick" in sys.argv).items():
+        print(f"{name}: {verdict}")

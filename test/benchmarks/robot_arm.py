@@ -1,9 +1,15 @@
 """Cables on a robot arm with a force-torque sensor: at rest, hanging from a clamp at many angles,
 and moved, with reaction and tip compared with force sensor and camera.
+
+    python test/benchmarks/robot_arm.py RECORDINGS FOLDER [--quick]
+
+writes a report into the folder. The recordings are `static/*/theta_equilibria.csv`, `bags/*` (poses
+and a force), `dyn_ft/*/state_and_input.csv` (tips) and `params/*.txt` (the authors' parameters).
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from dlo_sim.batch.workers import Workers
+from dlo_sim.batch.workers import HERE, Workers
 from dlo_sim.core import rotations
 from dlo_sim.identification.fit import Fit
 from dlo_sim.identification.identify import identify
@@ -25,8 +31,7 @@ from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.simulation.simulator import Simulator
 from dlo_sim.studies import Request
-from dlo_sim.studies.report import Report
-from dlo_sim.studies.runs import Array
+from dlo_sim.studies.report import Array, Report
 
 TURN, REST = 0.7, 1.6  # [s], rotation from one clamp angle to the next, and waiting there
 STILL = 6.0  # [1/s], damping that brings the cable to rest
@@ -104,12 +109,11 @@ def compare(report: Report, sets: list[Set], request: Request) -> dict[str, str]
     runs = {one.name: one for one in sets if one.path.is_dir()}
     moved = {name: recorded(one.path, one.scene) for name, one in runs.items()}
     fits: dict[str, Fit] = {}
-    for number, one in enumerate(sets):
+    for one in sets:
         if one.path.is_file():
             resting += _resting(one, not request.quick)
         elif not request.quick:
             fits[one.name] = fit_to_forces(one.scene, moved[one.name], request.workers)
-        request.progress(0.8 + 0.2 * (number + 1) / len(sets))
     moving: list[list[Any]] = []
     for name, one in runs.items():
         moving += moving_rows(name, one.scene, moved[name], fits)
@@ -307,3 +311,13 @@ def _moving_row(
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+if __name__ == "__main__":
+    command = "python test/benchmarks/robot_arm.py"
+    asked = Request(Path(sys.argv[2]), "--quick" in sys.argv, command, HERE)
+    written = Report(asked, "Cables on a robot arm", {})
+    verdicts = compare(written, sets_of(Path(sys.argv[1])), asked)
+    written.outcome(verdicts)
+    for name, verdict in verdicts.items():
+        print(f"{name}: {verdict}")

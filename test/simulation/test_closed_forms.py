@@ -1,18 +1,18 @@
-"""Closed forms and conservation laws of the studies against values from elsewhere."""
+"""Closed forms and conservation laws against values from elsewhere."""
 
+import closed_forms
 import numpy as np
 import pytest
+from extreme_scenes import SOFT, thrown
 
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies import analytic
-from dlo_sim.studies.stability.scenes import SOFT, thrown
 
 
 def test_catenary_between_ends_ninety_percent_apart():
     # inextensible: sinh(a) / a = 1 / 0.9 with a = w span / 2 H, by hand: a = 0.80405
     u = np.linspace(0.0, 10.0, 1001)
-    x, z = analytic.catenary(u, 10.0, 9.0, 2.0, 1e12)
+    x, z = closed_forms.catenary(u, 10.0, 9.0, 2.0, 1e12)
     assert x[-1] == pytest.approx(9.0, abs=1e-9)
     assert z[-1] == pytest.approx(0.0, abs=1e-9)
     a = 0.5 * 2.0 * 9.0 / _horizontal(z[500], x[500])
@@ -32,16 +32,18 @@ def _horizontal(sag, half_span):
 
 def test_elastic_catenary_is_longer():
     u = np.linspace(0.0, 10.0, 1001)
-    x, z = analytic.catenary(u, 10.0, 9.0, 2.0, 1e3)
+    x, z = closed_forms.catenary(u, 10.0, 9.0, 2.0, 1e3)
     # mean tension about 11 N: 1.1 percent
     assert np.hypot(np.diff(x), np.diff(z)).sum() == pytest.approx(10.1, abs=0.03)
 
 
 def test_string_deflection_in_the_small():
     # P = EA a^3 for small slopes a
-    assert analytic.string_deflection(1e-3, 100.0, 2.0) == pytest.approx(1e-5 ** (1 / 3), rel=1e-3)
-    stiff = analytic.string_deflection(1.0, 100.0, 0.1, 1e-6)
-    assert stiff < analytic.string_deflection(1.0, 100.0, 0.1)
+    assert closed_forms.string_deflection(1e-3, 100.0, 2.0) == pytest.approx(
+        1e-5 ** (1 / 3), rel=1e-3
+    )
+    stiff = closed_forms.string_deflection(1.0, 100.0, 0.1, 1e-6)
+    assert stiff < closed_forms.string_deflection(1.0, 100.0, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +52,7 @@ def test_string_deflection_in_the_small():
     [(40.0, 1.063, 0.881), (60.0, 1.152, 0.741), (100.0, 1.518, 0.349)],
 )
 def test_elastica(angle, load, gap):
-    assert analytic.elastica_gap(load) == pytest.approx(gap, abs=2e-3)
+    assert closed_forms.elastica_gap(load) == pytest.approx(gap, abs=2e-3)
 
 
 @pytest.mark.parametrize(("mass", "inertia"), [("consistent", 1.0 / 12.0), ("lumped", 0.08628)])
@@ -61,7 +63,7 @@ def test_momenta_of_a_turning_rod(mass, inertia):
     points, rates = simulator.control_points, np.zeros((13, 4))
     rates[:, 0], rates[:, 1] = 2.0, 3.0 * (points[:, 0] - points[:, 0].mean())
     simulator.start_from(points, rates)
-    momentum, angular = analytic.momenta(simulator)
+    momentum, angular = closed_forms.momenta(simulator)
     weight = simulator.scene.cable.mu * simulator.scene.cable.length
     assert momentum == pytest.approx([2.0 * weight, 0.0, 0.0], abs=1e-12)
     assert angular[2] == pytest.approx(inertia * weight * 3.0, rel=1e-3)

@@ -1,6 +1,5 @@
-"""Exact results that share no code with the simulator: closed forms, conservation laws, and the
-heavy elastica by collocation.
-"""
+"""Closed forms, the heavy elastica by collocation, and conservation laws: exact results that share
+no code with the simulator."""
 
 from __future__ import annotations
 
@@ -9,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
@@ -16,42 +16,8 @@ from scipy.special import ellipe, ellipk
 from dlo_sim.core import bspline, elasticity, quadrature
 from dlo_sim.scene.description import Scene
 from dlo_sim.simulation.simulator import Simulator
-from dlo_sim.studies.runs import Array
 
-
-def catenary(
-    u: Array, length: float, span: float, weight: float, stiffness: float
-) -> tuple[Array, Array]:
-    """Elastic catenary between two points at the same height: x(u), z(u) [m].
-
-    With the horizontal force H and V = w L / 2 at the left end,
-        x = H u / EA + H/w (asinh(V / H) - asinh((V - w u) / H))
-        z = - u (V - w u / 2) / EA - H/w (sqrt(1 + (V/H)^2) - sqrt(1 + ((V - w u) / H)^2)).
-
-    Args:
-        u: rest arc length [m]. span: distance of the ends [m], below the length. weight: w per rest
-            length [N/m]. stiffness: EA [N].
-
-    Source: Irvine, Cable Structures, 1981, section 2.3.
-    """
-    vertical = 0.5 * weight * length
-
-    def reach(horizontal: float, at: Array) -> Array:
-        slope = (vertical - weight * at) / horizontal
-        start = np.arcsinh(vertical / horizontal)
-        return np.asarray(
-            horizontal * at / stiffness + horizontal / weight * (start - np.arcsinh(slope))
-        )
-
-    end, far = np.array([length]), 12.0 * np.log(10.0)
-    force = vertical * np.exp(
-        brentq(lambda log: reach(vertical * np.exp(log), end)[0] - span, -far, far, xtol=1e-15)
-    )
-    slope = (vertical - weight * u) / force
-    z = -u * (vertical - 0.5 * weight * u) / stiffness - force / weight * (
-        np.sqrt(1.0 + (vertical / force) ** 2) - np.sqrt(1.0 + slope**2)
-    )
-    return reach(force, u), z
+Array = NDArray[np.float64]
 
 
 def string_deflection(force: float, stiffness: float, length: float, bending: float = 0.0) -> float:
@@ -102,6 +68,41 @@ def momenta(simulator: Simulator) -> tuple[Array, Array]:
         points, rates = simulator.centerline(u), bspline.evaluate(rates, knots, u)
     impulse = scene.cable.mu * weights[:, None] * rates
     return impulse.sum(axis=0), np.cross(points, impulse).sum(axis=0)
+
+
+def catenary(
+    u: Array, length: float, span: float, weight: float, stiffness: float
+) -> tuple[Array, Array]:
+    """Elastic catenary between two points at the same height: x(u), z(u) [m].
+
+    With the horizontal force H and V = w L / 2 at the left end,
+        x = H u / EA + H/w (asinh(V / H) - asinh((V - w u) / H))
+        z = - u (V - w u / 2) / EA - H/w (sqrt(1 + (V/H)^2) - sqrt(1 + ((V - w u) / H)^2)).
+
+    Args:
+        u: rest arc length [m]. span: distance of the ends [m], below the length. weight: w per rest
+            length [N/m]. stiffness: EA [N].
+
+    Source: Irvine, Cable Structures, 1981, section 2.3.
+    """
+    vertical = 0.5 * weight * length
+
+    def reach(horizontal: float, at: Array) -> Array:
+        slope = (vertical - weight * at) / horizontal
+        start = np.arcsinh(vertical / horizontal)
+        return np.asarray(
+            horizontal * at / stiffness + horizontal / weight * (start - np.arcsinh(slope))
+        )
+
+    end, far = np.array([length]), 12.0 * np.log(10.0)
+    force = vertical * np.exp(
+        brentq(lambda log: reach(vertical * np.exp(log), end)[0] - span, -far, far, xtol=1e-15)
+    )
+    slope = (vertical - weight * u) / force
+    z = -u * (vertical - 0.5 * weight * u) / stiffness - force / weight * (
+        np.sqrt(1.0 + (vertical / force) ** 2) - np.sqrt(1.0 + slope**2)
+    )
+    return reach(force, u), z
 
 
 # Boundary residuals as a function of (x, z, th, M) at both ends and the horizontal force H.

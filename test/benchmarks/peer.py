@@ -334,7 +334,8 @@ def main():
     except ModuleNotFoundError as absent:
         sys.exit(f"{sys.executable} has no {absent.name}")
     for job in json.load(sys.stdin):
-        found, walls, message = {"times": [], "points": [], "step": job["step"]}, [], ""
+        found, message = {"times": [], "points": [], "step": job["step"]}, ""
+        walls: list[float] = []
         try:
             while not walls or (len(walls) < job["repeats"] and sum(walls) < job["budget"]):
                 found, wall = run(peer, job)

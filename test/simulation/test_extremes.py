@@ -1,4 +1,4 @@
-"""Extreme scenes of the stability study, and that a wrong one is seen.
+"""Extreme scenes, ordinary for users of stiff, thin, long or short cables; a wrong one is seen.
 
 The scenes are changed by nothing that matters, so that many share one compiled step: damping of
 1e-30, an end that may be driven and is not, a third dimension in which nothing happens.
@@ -6,20 +6,18 @@ The scenes are changed by nothing that matters, so that many share one compiled 
 
 from dataclasses import replace
 
+import extreme_scenes
 import pytest
+from extreme_scenes import ALUMINIUM, RAN, REFUSED, STOPPED, Extreme, examine, wire
 
-from dlo_sim.studies.stability import extremes, scenes
-from dlo_sim.studies.stability.extremes import RAN, REFUSED, STOPPED, Extreme, examine
-from dlo_sim.studies.stability.scenes import ALUMINIUM, wire
-
-BY_NAME = {extreme.name: extreme for extreme in scenes.EXTREMES}
+BY_NAME = {extreme.name: extreme for extreme in extreme_scenes.EXTREMES}
 NOTHING = 1e-30  # of damping
 GUIDED = (
     "aluminium wire",
     "steel wire",
     "aluminium wire, automatic",
     "n_u = 4",
-    *(one.name for one in scenes.WIRES if one.name.startswith("step of")),
+    *(one.name for one in extreme_scenes.WIRES if one.name.startswith("step of")),
 )
 HELD = (
     "glass fibre",
@@ -63,7 +61,7 @@ def sharing(name: str) -> Extreme:
 
 
 def test_every_scene_has_its_own_name():
-    assert len(BY_NAME) == len(scenes.EXTREMES)
+    assert len(BY_NAME) == len(extreme_scenes.EXTREMES)
     known = {*GUIDED, *HELD, *PUSHED, *ALONE}
     sudden = {name for name in BY_NAME if name.endswith("sudden")}
     assert known | sudden == set(BY_NAME)
@@ -85,7 +83,7 @@ def test_steel_is_as_fast_as_aluminium():
 
 
 def test_automatic_scenes_name_neither_method_nor_step():
-    automatic = [one for one in scenes.EXTREMES if one.name.endswith("automatic")]
+    automatic = [one for one in extreme_scenes.EXTREMES if one.name.endswith("automatic")]
     assert len(automatic) == 3
     for extreme in automatic:
         assert extreme.values["integrator.method"] == "auto"
@@ -114,7 +112,7 @@ def test_refused_and_slow_scenes_are_not_right(monkeypatch):
     refused = examine(Extreme("no", "", {"cable.length": -1.0}, 1.0, lambda run: 0.0, 1.0))
     assert (refused.outcome, refused.right) == (REFUSED, False)
     assert "cable.length" in refused.reason
-    monkeypatch.setattr(extremes, "BUDGET", 0.0)
+    monkeypatch.setattr(extreme_scenes, "BUDGET", 0.0)
     slow = examine(BY_NAME["aluminium wire"])
     assert (slow.outcome, slow.right) == (STOPPED, False)
     assert "budget" in slow.reason
@@ -124,8 +122,10 @@ def test_a_stopped_scene_keeps_its_state():
     """A step far beyond the limit of an explicit method, taken all the same."""
     values = wire(ALUMINIUM) | {"integrator.method": "velocity_verlet"}
     with pytest.MonkeyPatch.context() as patch:
-        simulator = extremes.Simulator
-        patch.setattr(extremes, "Simulator", lambda scene: simulator(scene, unchecked_step=True))
+        simulator = extreme_scenes.Simulator
+        patch.setattr(
+            extreme_scenes, "Simulator", lambda scene: simulator(scene, unchecked_step=True)
+        )
         finding = examine(replace(BY_NAME["aluminium wire"], values=values))
     assert (finding.outcome, finding.right) == (STOPPED, False)
     assert "energy" in finding.reason

@@ -1,1 +1,0 @@
-"""Time saved and error made by omitting a term of the model."""

@@ -1,1 +1,0 @@
-"""Comparison of predictions with recorded cables."""

@@ -1,1 +1,0 @@
-"""Error against run time: cases, references, diagrams, and other simulators."""
