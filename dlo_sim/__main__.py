@@ -48,10 +48,10 @@ def _begin() -> None:
 
 
 def _supervised(work: Callable[[], int], is_node: bool) -> int:
-    from dlo_sim.process import warning_lines
+    from dlo_sim.process.beginning import use_lines
     from dlo_sim.process.stopping import exit_status, supervised
 
-    warning_lines.use_lines()
+    use_lines()
     return supervised(work, (lambda: _ENDED) if is_node else exit_status)
 
 

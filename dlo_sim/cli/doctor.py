@@ -16,7 +16,7 @@ from dlo_sim.cli.output import print_json, tell
 from dlo_sim.scene.refusal import SceneError
 
 if TYPE_CHECKING:
-    from dlo_sim.doctor.finding import Finding
+    from dlo_sim.doctor.findings import Finding
     from dlo_sim.scene.description import Scene
     from dlo_sim.session.session import Session
 
@@ -67,21 +67,23 @@ def _print(finding: "Finding") -> None:
 
 
 def _findings(scene: "Scene | None", seconds: float) -> Iterator["Finding"]:
-    from dlo_sim.doctor.finding import problem
-    from dlo_sim.doctor.installation import installation, ros_environment
-
+    try:
+        from dlo_sim.doctor.findings import installation, of_scene, problem, ros_environment
+    except ImportError as error:
+        if not (error.name or "").startswith("rosbags"):
+            raise
+        raise CommandError("messages need rosbags; install it with: pip install rosbags") from None
     yield from installation()
     yield from ros_environment(os.environ)
     session = None
     if scene is not None:
         from dlo_sim.compiling.directory import compiling_told_to
-        from dlo_sim.doctor import scene as of_scene
         from dlo_sim.session.session import Session
         from dlo_sim.simulation.simulator import Simulator
 
         with compiling_told_to(tell):
             try:
-                yield from of_scene.findings(Simulator(scene))
+                yield from of_scene(Simulator(scene))
                 session = Session(scene.with_values({"accuracy.estimate": "off"}), live=True)
             except SceneError as refusal:
                 yield problem("the scene cannot be simulated", str(refusal))
@@ -89,8 +91,7 @@ def _findings(scene: "Scene | None", seconds: float) -> Iterator["Finding"]:
 
 
 def _of_ros(session: "Session | None", seconds: float) -> Iterator["Finding"]:
-    from dlo_sim.doctor import topics
-    from dlo_sim.doctor.finding import note, ok, problem
+    from dlo_sim.doctor.findings import note, of_topics, ok, problem
 
     try:
         from dlo_sim.ros.survey import survey
@@ -113,4 +114,4 @@ def _of_ros(session: "Session | None", seconds: float) -> Iterator["Finding"]:
             tf2_for(session.scene)
         except SceneError as refusal:
             yield problem("the node refuses the scene", str(refusal))
-        yield from topics.findings(session.scene, found)
+        yield from of_topics(session.scene, found)

@@ -11,7 +11,7 @@ from dlo_sim.cli.arguments import CommandError, Parser, add_scene_options, read_
 from dlo_sim.cli.output import error_rows, print_json, print_rows, progress_bar, readable
 
 if TYPE_CHECKING:
-    from dlo_sim.replay.summary import ReplaySummary
+    from dlo_sim.replay.replay import ReplaySummary
 
 INCOMPLETE = 3  # the simulation failed, or only a part of the bag was or could be used
 

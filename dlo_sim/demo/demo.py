@@ -12,8 +12,7 @@ import numpy as np
 from dlo_sim.demo import scenario
 from dlo_sim.process.atomic_output import remove_leftovers, write_atomically
 from dlo_sim.replay.bags import BagError, BagWriter
-from dlo_sim.replay.replay import ReplayError, ReplaySummary, replay_bag
-from dlo_sim.replay.summary import ReplayFigures
+from dlo_sim.replay.replay import ReplayError, ReplayFigures, ReplaySummary, replay_bag
 from dlo_sim.scene.loading import load_scene
 from dlo_sim.view.page import write_page
 from dlo_sim.view.run import Run, read_bag

@@ -1,1 +1,1 @@
-"""What an installation, a scene and its topics are like, each finding with what to do about it."""
+"""Looks at what a user has, and says what to mend."""

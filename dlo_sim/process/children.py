@@ -10,7 +10,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 
-from dlo_sim.process import warning_lines
+from dlo_sim.process import beginning
 
 # A terminal sends them to all of its processes; this one ends its children.
 _OF_A_TERMINAL = signal.SIGINT, signal.SIGHUP
@@ -23,7 +23,7 @@ class _Child(SpawnProcess):
 
     def start(self) -> None:
         """Start it; what is blocked in this thread stays as it was."""
-        self._lines = warning_lines.uses_lines()
+        self._lines = beginning.uses_lines()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_TERMINAL)
         try:
             # When it starts its own process, it unblocks SIGINT in this thread.
@@ -35,7 +35,7 @@ class _Child(SpawnProcess):
 
     def run(self) -> None:
         """Do its work; called in the new process."""
-        warning_lines.use_lines(self._lines)
+        beginning.use_lines(self._lines)
         parent = multiprocessing.parent_process()
         if parent is not None:
             threading.Thread(target=_end_with, args=(parent,), daemon=True).start()

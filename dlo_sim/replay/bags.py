@@ -25,7 +25,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from dlo_sim.process.atomic_output import AtomicOutput
 from dlo_sim.replay import storage
-from dlo_sim.replay.metadata import read_metadata
 from dlo_sim.replay.storage import DamagedFile, Record
 from dlo_sim.scene.refusal import one_line
 from dlo_sim.session import cdr
@@ -97,7 +96,7 @@ class Bag:
 
     def _read_metadata(self) -> None:
         try:
-            metadata = read_metadata(self.path)
+            metadata = storage.read_metadata(self.path)
         except DamagedFile as error:
             self._note(str(error))
         else:

@@ -18,6 +18,28 @@ _LAG_STEP = 1e-3  # s
 _AT_REST = 1e-6
 
 
+class Recording:
+    """Times and forces being collected."""
+
+    def __init__(self, end: str) -> None:
+        self.end = end
+        self.frames: set[str] = set()
+        self._times: list[int] = []
+        self._forces: list[object] = []
+
+    def add(self, stamp_ns: int, force: object) -> None:
+        """Append a sample; one that is not newer than the last replaces nothing and is left out."""
+        if not self._times or stamp_ns > self._times[-1]:
+            self._times.append(stamp_ns)
+            self._forces.append(force)
+
+    def arrays(self) -> tuple[Array, Array]:
+        """Times [s], shape (n,), and forces [N], shape (n, 3)."""
+        return np.array(self._times, dtype=float) * 1e-9, np.array(
+            self._forces, dtype=float
+        ).reshape(-1, 3)
+
+
 @dataclass(frozen=True)
 class AxisComparison:
     """One axis of a predicted force against the measured one, world frame.

@@ -12,15 +12,15 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dlo_sim.replay.bags import Bag, BagError, BagWriter, topic_list
-from dlo_sim.replay.comparison import compare_reaction
+from dlo_sim.replay.comparison import AxisComparison, Recording, compare_reaction
 from dlo_sim.replay.storage import Record
-from dlo_sim.replay.summary import Recording, ReplaySummary
 from dlo_sim.scene.description import Scene
 from dlo_sim.session import cdr
 from dlo_sim.session.session import Session, SessionStatus
@@ -30,8 +30,6 @@ from dlo_sim.session.topics import DIAGNOSTICS, REACTION, input_topics, output_t
 if TYPE_CHECKING:
     from dlo_sim.simulation.simulator import Simulator
 
-__all__ = ["ReplayError", "ReplaySummary", "replay_bag"]
-
 _DIAGNOSTICS_PERIOD = 1 * SECOND
 # A longer gap in the recording is not simulated through: the session starts over after it.
 LONGEST_GAP = 600 * SECOND
@@ -40,6 +38,70 @@ _PROGRESS_TICKS = 100
 _OPENING = 0.1
 # A larger part of a topic's messages refused is said, and the replay is not `done`.
 MOST_REFUSED = 0.05
+
+
+@dataclass
+class ReplayFigures:
+    """How a replay ended, and its numbers.
+
+    Attributes:
+        status: `done`; `truncated`: the bag is damaged, what could be read was used; `diverged`:
+            the simulator gave up; `refused`: more than 5 % of the messages of a topic could not be
+            used; `unresolved`: at some time the shape was no cable's; `output_incomplete`: the
+            disk was full, the output holds what was written until then.
+        message: one line that explains any status but `done`, else "".
+        messages_used, messages_written: input and output messages.
+        simulated_s: simulated time [s]; wall_s: time for reading, stepping and writing [s] without
+            building the simulator; compile_s: time for building it [s]; real_time_factor:
+            simulated_s / wall_s.
+    """
+
+    status: str = "done"
+    message: str = ""
+    messages_used: int = 0
+    messages_written: int = 0
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    compile_s: float = 0.0
+    real_time_factor: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """Whether the whole bag was replayed, and used but for a few messages."""
+        return self.status == "done"
+
+
+@dataclass
+class ReplaySummary(ReplayFigures):
+    """What a replay did.
+
+    Attributes:
+        output: the bag written.
+        messages_copied: input messages that came again, as from a second recorder; ignored.
+        messages_refused: input messages; refused_by_reason: the same by reason; refused_by_topic:
+            topic -> reason -> number.
+        events: what else was counted (silences, resets, ...).
+        ticks: ticks of the session.
+        comparison: end -> rows per axis, for the ends asked for.
+        warnings: one line each.
+        resolution: how many control points, and why.
+        error_estimate: largest estimated position errors [m]: `time`, `space`, `total` (None =
+            unknown); None if errors were not estimated (accuracy.estimate).
+        advice: the error if it exceeds accuracy.target, and what cures it, one line; else empty.
+    """
+
+    output: str = ""
+    messages_copied: int = 0
+    messages_refused: int = 0
+    refused_by_reason: dict[str, int] = field(default_factory=dict)
+    refused_by_topic: dict[str, dict[str, int]] = field(default_factory=dict)
+    events: dict[str, int] = field(default_factory=dict)
+    ticks: int = 0
+    comparison: dict[str, list[AxisComparison]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    resolution: str = ""
+    error_estimate: dict[str, float | None] | None = None
+    advice: str = ""
 
 
 class ReplayError(Exception):

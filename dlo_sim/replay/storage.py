@@ -1,5 +1,5 @@
-"""The data files of bags, MCAP and sqlite3, packed or not: one message after the other, without any
-index.
+"""The files of bags: what `metadata.yaml` promises, and the data files, MCAP and sqlite3, packed or
+not, one message after the other, without any index.
 
 A file may be cut off, damaged or made to do harm, so nothing that it says is believed unseen: it is
 unpacked piece by piece, nothing is kept that is longer than a message or a name can be, and the
@@ -16,10 +16,13 @@ import struct
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, cast
+from typing import Any, BinaryIO, NamedTuple, cast
+
+from dlo_sim.scene.plain_yaml import FileRefused, parse_yaml, read_text
+from dlo_sim.scene.refusal import brief
 
 LONGEST = 1 << 20  # bytes; of a longer message the first so many
 _LONGEST_NAME = 1000
@@ -43,6 +46,25 @@ _PACKED = ".zstd"  # behind one of them: the whole file is packed
 _PACKED_MESSAGE = b"\x28\xb5\x2f\xfd"  # begins a packed message; no serialised one does
 
 _SQLITE_STEPS = 1_000_000  # of its machine, and one more per byte of the file; a row needs 10 to 20
+
+
+_METADATA = "metadata.yaml"
+_NEWEST = 9
+# What is packed: nothing, the data files as a whole, each message, or chunks of an MCAP file.
+_MODES = ("none", "file", "message", "storage")
+# A recording of hundreds of topics names the quality of service of each of their publishers.
+_MOST_VALUES = 100_000
+# Key -> type of what every version holds.
+_METADATA_KEYS: dict[str, type] = {
+    "version": int,
+    "storage_identifier": str,
+    "relative_file_paths": list,
+    "duration.nanoseconds": int,
+    "starting_time.nanoseconds_since_epoch": int,
+    "message_count": int,
+    "topics_with_message_count": list,
+}
+_METADATA_TYPES = {int: "a whole number", str: "a text", list: "a list"}
 
 
 class DamagedFile(Exception):
@@ -343,3 +365,50 @@ def _rows(path: Path, size: int, wanted: Wanted, note: Note) -> Iterator[Record]
         raise DamagedFile(f"is damaged: {error}") from None
     finally:
         connection.close()
+
+
+class Metadata(NamedTuple):
+    """Number of messages, names of the data files, whether each message is packed (zstd)."""
+
+    message_count: int
+    files: tuple[str, ...]
+    packed_messages: bool
+
+
+def read_metadata(folder: Path) -> Metadata:
+    """The metadata of a bag.
+
+    Raises:
+        DamagedFile: they are missing or not what they should be; names the key and the value.
+    """
+    try:
+        document = parse_yaml(read_text(folder / _METADATA), most_values=_MOST_VALUES)
+    except FileRefused as error:
+        raise DamagedFile(f"{_METADATA} {error.problem}") from None
+    found: Any = (
+        document.get("rosbag2_bagfile_information") if isinstance(document, Mapping) else None
+    )
+    if not isinstance(found, Mapping):
+        raise DamagedFile(f"{_METADATA} holds no rosbag2_bagfile_information")
+    values = {key: _value(found, key) for key in _METADATA_KEYS}
+    for key, value in values.items():
+        if not isinstance(value, _METADATA_KEYS[key]) or isinstance(value, bool):
+            raise DamagedFile(
+                f"{_METADATA}: {key}: {brief(value)} is not {_METADATA_TYPES[_METADATA_KEYS[key]]}"
+            )
+    if values["version"] > _NEWEST:
+        raise DamagedFile(f"{_METADATA}: version: {values['version']} is newer than {_NEWEST}")
+    mode = str(found.get("compression_mode") or "none").lower()
+    if mode not in _MODES:
+        raise DamagedFile(f"{_METADATA}: compression_mode: {brief(mode)} is not supported")
+    packing = found.get("compression_format")
+    if mode != "none" and packing != "zstd":
+        raise DamagedFile(f"{_METADATA}: compression_format: {brief(packing)} is not supported")
+    files = tuple(Path(str(name)).name for name in values["relative_file_paths"])
+    return Metadata(values["message_count"], files, mode == "message")
+
+
+def _value(found: Any, key: str) -> Any:
+    for part in key.split("."):
+        found = found.get(part) if isinstance(found, Mapping) else None
+    return found

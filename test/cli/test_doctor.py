@@ -8,7 +8,7 @@ import pytest
 
 from dlo_sim.cli import doctor
 from dlo_sim.cli.main import main
-from dlo_sim.doctor.finding import note, ok, problem
+from dlo_sim.doctor.findings import note, ok, problem
 from dlo_sim.scene.loading import scene_from_values
 
 

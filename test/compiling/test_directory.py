@@ -19,7 +19,7 @@ from numba import float64
 
 from dlo_sim.compiling import directory
 from dlo_sim.compiling.pieces import Piece, piece
-from dlo_sim.doctor.installation import installation
+from dlo_sim.doctor.findings import installation
 from test.disks import mounted
 
 NAME = f"{__name__}.add_one"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dlo_sim.doctor.installation import cache, installation, ros_environment
+from dlo_sim.doctor.findings import cache, installation, ros_environment
 
 
 def test_this_installation_has_no_problem():

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from dlo_sim.doctor.scene import findings, keeping_up
+from dlo_sim.doctor.findings import keeping_up, of_scene
 from dlo_sim.scene.loading import scene_from_values
 from dlo_sim.simulation.simulator import Simulator
 
@@ -25,7 +25,7 @@ def test_method_step_limit_and_warnings_of_a_scene():
     values = {"start.clamped": True, "start.tangent": [1, 0, 0], "terms.gravity": "off"}
     values |= {"discretization.control_points": 7, "integrator.method": "velocity_verlet"}
     simulator = Simulator(scene_from_values(values))
-    computed, method, resolution, warning, _ = findings(simulator)
+    computed, method, resolution, warning, _ = of_scene(simulator)
     assert computed.what.startswith("active terms: stretch, bend; inactive: ")
     assert f"of the stability limit {simulator.choice.limit:.3g} s" in method.what
     assert resolution.what == "7 control points as the scene asks"
@@ -59,7 +59,7 @@ ROPE = {"cable.diameter": 0.02, "cable.youngs_modulus": 5.0e7, "cable.shear_modu
 )
 def test_what_is_assumed_of_a_cable_that_is_given_in_part(given, assumed):
     coarse = {"discretization.control_points": 7}
-    lines = [one.what for one in findings(Simulator(scene_from_values(ROPE | given | coarse)))][
+    lines = [one.what for one in of_scene(Simulator(scene_from_values(ROPE | given | coarse)))][
         3:-1
     ]
     assert len(lines) == len(assumed)

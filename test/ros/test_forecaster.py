@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from dlo_sim import load_scene
-from dlo_sim.process import warning_lines
+from dlo_sim.process import beginning
 from dlo_sim.ros import forecaster as room
 from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.session import cdr
@@ -155,7 +155,7 @@ def test_its_warnings_are_lines_as_those_of_its_parent(
     as_node: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
-    warning_lines.use_lines(as_node)
+    beginning.use_lines(as_node)
     session = Session(load_scene({"damping.stiffness": 0.01}))
     asked = Request(plan(), 7, session.simulator, Zero(), {})  # type: ignore[arg-type]
     monkeypatch.setattr(room, "request", lambda *arguments: asked)

@@ -19,7 +19,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from node_harness import SOON
 from rosgraph_msgs.msg import Clock
 
-from dlo_sim.doctor.topics import findings
+from dlo_sim.doctor.findings import of_topics
 from dlo_sim.ros.survey import survey
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.loading import scene_from_values
@@ -54,7 +54,7 @@ def look(domain: int, peer: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
             found = peer.until(lambda: task.done() and task.result(), "survey")
         peer.node.destroy_timer(timer)
         levels: dict[str, list] = {"ok": [], "note": [], "problem": []}
-        for level, what, _ in findings(scene, found):
+        for level, what, _ in of_topics(scene, found):
             levels[level].append(what)
         return levels
 
