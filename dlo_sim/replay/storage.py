@@ -64,7 +64,7 @@ _METADATA_KEYS: dict[str, type] = {
     "message_count": int,
     "topics_with_message_count": list,
 }
-_METADATA_TYPES = {int: "a whole number", str: "a text", list: "a list"}
+_TYPES = {int: "a whole number", str: "a text", list: "a list"}
 
 
 class DamagedFile(Exception):
@@ -385,30 +385,27 @@ def read_metadata(folder: Path) -> Metadata:
         document = parse_yaml(read_text(folder / _METADATA), most_values=_MOST_VALUES)
     except FileRefused as error:
         raise DamagedFile(f"{_METADATA} {error.problem}") from None
-    found: Any = (
-        document.get("rosbag2_bagfile_information") if isinstance(document, Mapping) else None
-    )
+    found = _value(document, "rosbag2_bagfile_information")
     if not isinstance(found, Mapping):
         raise DamagedFile(f"{_METADATA} holds no rosbag2_bagfile_information")
     values = {key: _value(found, key) for key in _METADATA_KEYS}
     for key, value in values.items():
-        if not isinstance(value, _METADATA_KEYS[key]) or isinstance(value, bool):
-            raise DamagedFile(
-                f"{_METADATA}: {key}: {brief(value)} is not {_METADATA_TYPES[_METADATA_KEYS[key]]}"
-            )
+        kind = _METADATA_KEYS[key]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise DamagedFile(f"{_METADATA}: {key}: {brief(value)} is not {_TYPES[kind]}")
     if values["version"] > _NEWEST:
         raise DamagedFile(f"{_METADATA}: version: {values['version']} is newer than {_NEWEST}")
     mode = str(found.get("compression_mode") or "none").lower()
-    if mode not in _MODES:
-        raise DamagedFile(f"{_METADATA}: compression_mode: {brief(mode)} is not supported")
-    packing = found.get("compression_format")
-    if mode != "none" and packing != "zstd":
-        raise DamagedFile(f"{_METADATA}: compression_format: {brief(packing)} is not supported")
+    packing = found.get("compression_format") if mode != "none" else "zstd"
+    for key, value, known in (("mode", mode, _MODES), ("format", packing, ("zstd",))):
+        if value not in known:
+            raise DamagedFile(f"{_METADATA}: compression_{key}: {brief(value)} is not supported")
     files = tuple(Path(str(name)).name for name in values["relative_file_paths"])
     return Metadata(values["message_count"], files, mode == "message")
 
 
-def _value(found: Any, key: str) -> Any:
-    for part in key.split("."):
-        found = found.get(part) if isinstance(found, Mapping) else None
+def _value(found: Any, keys: str) -> Any:
+    """What there is at keys with dots between them; None if there is nothing."""
+    for key in keys.split("."):
+        found = found.get(key) if isinstance(found, Mapping) else None
     return found
