@@ -2,3 +2,8 @@
 
 This is the only room that imports rclpy.
 """
+
+DONE, REFUSED, FAILED = 0, 2, 3
+"""Exit statuses of the node: ended by a signal; refused input or no ROS; the simulator failed and
+`integrator.on_failure` is `stop`.
+"""

@@ -1,18 +1,32 @@
 """The cables of a process: one on the node `dlo_sim`, or, by the parameter `cables`, one on a node
 of its own for each name.
+
+A cable begins at once and lives as long as its node; or, by the parameter `lifecycle`, the node has
+a lifecycle: configure compiles, activate ticks, cleanup forgets. While such a node is not
+configured, its parameters are whatever it is given; configure judges them.
 """
 
+import gc
+import sys
 import time
+import traceback
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import Executor
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as NodeParameter
 
 from dlo_sim.process import stopping
+from dlo_sim.ros import DONE, FAILED, REFUSED
 from dlo_sim.ros.arguments import NodeArguments
-from dlo_sim.ros.cable_node import CableNode, ManagedCableNode
-from dlo_sim.ros.guarded_node import GuardedNode
+from dlo_sim.ros.guarded_node import GuardedNode, one_line
+from dlo_sim.ros.live_cable import LiveCable
 from dlo_sim.scene.description import is_node_key, scene_parameters
 from dlo_sim.scene.loading import NODE_NAME, overridden, scene_file_values
 from dlo_sim.scene.parameter import Parameter, check_names, check_value
@@ -25,6 +39,131 @@ _CABLES = Parameter("cables", "string_array", ())
 _SCENE = Parameter("scene", "string", "")
 _PERIOD = 1.0  # [s] between two diagnostics of a cable that is not there
 _LIFECYCLE = Parameter("lifecycle", "bool", False)
+_LONGEST_SPIN = 0.2  # [s]; a signal is noticed after this long also when no timer fires
+_Return = TransitionCallbackReturn
+
+
+class CableNode(GuardedNode):
+    """A node with a cable.
+
+    Attributes:
+        cable: None before the start and after the end.
+    """
+
+    cable: LiveCable | None = None
+
+    @property
+    def failure(self) -> str | None:
+        """Why the cable must end, one line; None while all is well."""
+        return None if self.cable is None else self.cable.failure
+
+    def start(self) -> None:
+        """Predict from now on, with an executor that spins the node.
+
+        Raises:
+            SceneError: the scene is refused.
+        """
+        self.cable = LiveCable(self)
+        self.cable.activate()
+
+    def end(self) -> None:
+        """Say goodbye: keep the state, remove the markers from every viewer."""
+        if self.cable is not None:
+            self.cable.close()
+            self.cable = None
+
+
+class ManagedCableNode(LifecycleNodeMixin, CableNode):
+    """A node whose cable comes and goes with the transitions of its lifecycle."""
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        """Make the node; as of `CableNode`."""
+        CableNode.__init__(self, *given, allow_undeclared_parameters=True, **options)
+        LifecycleNodeMixin.__init__(self)
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(self._change_state, service.callback)
+        self._show_parameters()
+
+    def start(self) -> None:
+        """Nothing: the lifecycle begins unconfigured."""
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the scene and compile; a refused one can be mended and tried again."""
+        return self._done(self._configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to listen, tick and publish."""
+        return self._done(self.cable.activate) if self.cable else _Return.ERROR
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop that and keep the state."""
+        return self._done(self.cable.deactivate) if self.cable else _Return.ERROR
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Drop the cable; its parameters stay."""
+        return self._done(self._clean_up)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Drop the cable for good."""
+        return self._done(self.end)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Be as before configure."""
+        return self._done(self._clean_up)
+
+    def _configure(self) -> None:
+        self.remove_on_set_parameters_callback(self._note)
+        for name in self.overrides:
+            if self.has_parameter(name) and not is_node_key(name):
+                self.undeclare_parameter(name)
+        try:
+            self.cable = LiveCable(self, read_only=False)
+        except SceneError:
+            self._show_parameters()
+            raise
+
+    def _clean_up(self) -> None:
+        self.end()
+        self._show_parameters()
+
+    def _show_parameters(self) -> None:
+        """Have the overrides as parameters of any type and take what is set for overrides."""
+        for name, value in self.overrides.items():
+            if value is not None and not self.has_parameter(name):
+                self.set_parameters([NodeParameter(name, value=value)])
+        self.add_on_set_parameters_callback(self._note)
+
+    def _note(self, changes: list[NodeParameter]) -> SetParametersResult:
+        given = {c.name: c.value for c in changes if c.type_ is not NodeParameter.Type.NOT_SET}
+        try:
+            merged = overridden(self.overrides, given)
+        except SceneError as refusal:
+            return SetParametersResult(successful=False, reason=str(refusal))
+        deleted = {change.name for change in changes} - given.keys()
+        self.overrides = {name: merged[name] for name in merged if name not in deleted}
+        return SetParametersResult(successful=True)
+
+    def _done(self, work: Callable[[], object]) -> TransitionCallbackReturn:
+        """Do the work of a transition; rclpy would drop what is raised without a word."""
+        try:
+            work()
+        except SceneError as refusal:
+            self.get_logger().error(f"refused: {refusal}")
+            return _Return.FAILURE
+        except Exception:
+            self.get_logger().error(traceback.format_exc())
+            return _Return.ERROR
+        return _Return.SUCCESS
+
+    def _change_state(self, change: Callable[..., Any], request: Any, response: Any) -> Any:
+        """~/change_state; rclpy raises on a transition that the present state does not have."""
+        try:
+            return change(request, response)
+        except RuntimeError as error:
+            self.get_logger().warning(f"no such transition from here: {one_line(error)}")
+            response.success = False
+            return response
 
 
 class Makers(NamedTuple):
@@ -122,3 +261,72 @@ def _node(values: Mapping[str, Any], *given: Any, **options: Any) -> CableNode:
     """A plain node, or one with a lifecycle if the values ask for it."""
     managed = check_value(_LIFECYCLE, values.get(_LIFECYCLE.key, False))
     return (ManagedCableNode if managed else CableNode)(*given, **options)
+
+
+def run_cables(makers: dict[str, Makers]) -> int:
+    """Run every cable in a thread of its own, so that none waits for another; the worst status."""
+    running = list(makers)
+    with ThreadPoolExecutor(len(makers)) as pool:
+        ends = [pool.submit(_run_cable, name, makers[name], running) for name in makers]
+    return max(end.result() for end in ends)
+
+
+def _run_cable(name: str, makers: Makers, running: list[str]) -> int:
+    """Run a cable until a signal or until it gives up, which the others do not notice; why is in
+    /diagnostics as long as they run.
+
+    Args:
+        name: for messages.
+        running: the names of all that run; this one takes itself off.
+    """
+    status, failure = FAILED, None
+    node: CableNode | None = None
+    try:
+        node = makers.cable()
+        node.start()
+        _spin(node)
+        failure = node.failure
+    except SceneError as refusal:
+        status, failure = REFUSED, one_line(refusal)
+    except Exception:
+        traceback.print_exc()
+        failure = "an error of the program, see above"
+    finally:
+        running.remove(name)
+        if not running:
+            stopping.disable_forced_exit()
+        if node is not None:
+            node.end()
+            node.destroy_node()
+    if failure is None:
+        return DONE
+    # One piece: several cables may end at once.
+    label = f"{'error: ' if status == REFUSED else ''}{name}{': ' if name else ''}"
+    sys.stderr.write(f"dlo_sim: {label}{failure}\n")
+    makers.keep_saying(failure, running)
+    return status
+
+
+def _spin(node: CableNode) -> None:
+    """Run callbacks until a signal or until the cable gives up."""
+    executor = new_executor()
+    executor.add_node(node)
+    try:
+        # What start-up has allocated stays; the collector need not look at it during a tick.
+        gc.collect()
+        gc.freeze()
+        while not stopping.requested() and node.failure is None:
+            executor.spin_once(timeout_sec=_LONGEST_SPIN)
+    finally:
+        executor.shutdown()
+
+
+def new_executor() -> Executor:
+    """The events executor, which needs a third of the processor time, or else the usual one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:  # an older rclpy of the same distribution
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()

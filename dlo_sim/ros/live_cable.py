@@ -5,11 +5,14 @@ far a tick goes and what is worth a warning is decided in `dlo_sim.session`, whi
 shares.
 """
 
+import sys
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -18,11 +21,9 @@ from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from dlo_sim.compiling.directory import compiling_told_to
-from dlo_sim.ros.background import in_background
 from dlo_sim.ros.forecaster import Forecaster
 from dlo_sim.ros.guarded_node import GuardedNode, one_line
 from dlo_sim.ros.parameters import SceneParameters, check_qos_overrides
-from dlo_sim.ros.state_keeper import StateKeeper
 from dlo_sim.ros.status import LOG_PAUSE, REPORT_PERIOD, Reports, TickTimes, node_status
 from dlo_sim.ros.topics import Inputs, Outputs
 from dlo_sim.ros.transforms import transforms_of
@@ -31,12 +32,20 @@ from dlo_sim.scene.loading import SceneError
 from dlo_sim.session.cdr import encode_diagnostic_array
 from dlo_sim.session.drive import Prepared
 from dlo_sim.session.intake import Transforms
+from dlo_sim.session.saved_state import StateKeeper
 from dlo_sim.session.session import Session, SessionStatus
 from dlo_sim.session.topics import PLAN, Naming, input_topics, plan_topics, possible_outputs
 from dlo_sim.simulation.simulator import Snapshot
 
 _LONGEST_WAIT = 50_000_000  # [ns] for a phase
 _STEP_AHEAD = Duration(seconds=1)  # of the clock: the first /clock, a bag that seeks
+# [s] for which a thread may keep the interpreter to itself. A tick gives it away at each compiled
+# step and each publication, and would wait 5 ms, Python's own value, to get it back every time.
+_SWITCH_INTERVAL = 1.0e-4
+_turn = threading.Lock()
+_usual: list[float] = []  # of the process, while one or more cables prepare
+
+Result = TypeVar("Result")
 
 
 class LiveCable:
@@ -405,3 +414,41 @@ class LiveCable:
 def _answered(response: Any, success: bool, message: str) -> Any:
     response.success, response.message = success, message
     return response
+
+
+def in_background(
+    work: Callable[[], Result], meanwhile: Callable[[], None], period: Callable[[], float]
+) -> Result:
+    """Call `meanwhile`, then run `work` in a thread and call `meanwhile` periodically until it is
+    done.
+
+    Args:
+        work: must not touch what `meanwhile` changes.
+        meanwhile: called in this thread.
+        period: time between two calls [s], asked each time.
+
+    Returns:
+        What `work` returns.
+
+    Raises:
+        Exception: whatever `work` or `meanwhile` raises; the thread has ended by then.
+    """
+    due = time.perf_counter()
+    meanwhile()  # some of a period may have gone by since the last call
+    with _turn:
+        _usual.append(sys.getswitchinterval())
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+    try:
+        with ThreadPoolExecutor(1, "preparing") as pool:
+            future = pool.submit(work)
+            while True:
+                due = max(due + period(), time.perf_counter())
+                wait([future], max(due - time.perf_counter(), 0.0))
+                if future.done():
+                    return future.result()
+                meanwhile()
+    finally:
+        with _turn:
+            usual = _usual.pop()
+            if not _usual:
+                sys.setswitchinterval(usual)

@@ -64,7 +64,7 @@ class Reports:
 
 @dataclass
 class TickTimes:
-    """Accumulates the ticks of one report interval. All times [ns].
+    """The ticks of the node and of one report interval. All times [ns].
 
     Attributes:
         ticks: ticks made, in all.
@@ -76,13 +76,10 @@ class TickTimes:
     dropped: int = 0
     late: int = 0
     _late_reported: int = 0
-    _count: int = 0
-    _busy: int = 0
-    _longest: int = 0
-    _stepping: int = 0
-    _steps: int = 0
     _previous: int | None = None
-    _interval_begin: int | None = None
+    _begin: int | None = None
+    # Of each tick since the last report: all its time, that of its steps, their number.
+    _made: list[tuple[int, int, int]] = field(default_factory=list)
 
     def record(
         self, clock: int, begin: int, stepped: int, end: int, steps: int, period: int
@@ -96,19 +93,15 @@ class TickTimes:
             steps: steps made.
             period: timer period wanted.
         """
-        if self._interval_begin is None:
-            self._interval_begin = begin
+        if self._begin is None:
+            self._begin = begin
         if self._previous is not None:
             gap = clock - self._previous
             self.dropped += max(0, round(gap / period) - 1)
             self.late += gap > _LATE * period
         self._previous = clock
         self.ticks += 1
-        self._count += 1
-        self._busy += end - begin
-        self._longest = max(self._longest, end - begin)
-        self._stepping += stepped - begin
-        self._steps += steps
+        self._made.append((end - begin, stepped - begin, steps))
 
     def interrupt(self) -> None:
         """The next gap is not a lapse: the timer was changed or the clock stood still or jumped."""
@@ -122,22 +115,23 @@ class TickTimes:
             now: steady clock.
             step: duration of one step [s].
         """
-        begin = now if self._interval_begin is None else self._interval_begin
-        elapsed = max(now - begin, 1)
+        elapsed = max(now - (now if self._begin is None else self._begin), 1)
+        count = len(self._made)
+        busy, stepping, steps = map(sum, zip(*self._made, strict=True)) if count else (0, 0, 0)
+        longest = max((tick[0] for tick in self._made), default=0)
         values = {
             "ticks": str(self.ticks),
             "dropped ticks": str(self.dropped),
             "late ticks": str(self.late),
-            "tick rate [Hz]": f"{self._count / elapsed * 1e9:.1f}",
-            "tick time mean [ms]": f"{_ratio(self._busy, self._count) * 1e-6:.3f}",
-            "tick time max [ms]": f"{self._longest * 1e-6:.3f}",
-            "step time mean [us]": f"{_ratio(self._stepping, self._steps) * 1e-3:.2f}",
-            "real-time factor": f"{_ratio(self._steps * step * 1e9, self._stepping):.1f}",
-            "load": f"{self._busy / elapsed:.3f}",
+            "tick rate [Hz]": f"{count / elapsed * 1e9:.1f}",
+            "tick time mean [ms]": f"{busy / max(count, 1) * 1e-6:.3f}",
+            "tick time max [ms]": f"{longest * 1e-6:.3f}",
+            "step time mean [us]": f"{stepping / max(steps, 1) * 1e-3:.2f}",
+            "real-time factor": f"{steps * step * 1e9 / max(stepping, 1):.1f}",
+            "load": f"{busy / elapsed:.3f}",
         }
-        self._count = self._busy = self._longest = self._stepping = self._steps = 0
         late, self._late_reported = self.late - self._late_reported, self.late
-        self._interval_begin = now
+        self._begin, self._made = now, []
         return values, late
 
 
@@ -242,7 +236,3 @@ def node_status(
     ]
     level = WARN if problems else OK
     return DiagnosticStatus(level, "node", "; ".join(problems) or "ticking", tuple(values))
-
-
-def _ratio(amount: float, count: float) -> float:
-    return amount / count if count else 0.0

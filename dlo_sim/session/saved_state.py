@@ -10,6 +10,7 @@ import json
 import os
 import re
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,10 +24,11 @@ from dlo_sim.core.npz import NpzUnreadable, read_npz
 from dlo_sim.process.atomic_output import write_atomically
 from dlo_sim.scene.description import Scene, scene_from_values, scene_values
 from dlo_sim.scene.needs import Needs
-from dlo_sim.scene.refusal import SceneError, brief
+from dlo_sim.scene.refusal import SceneError, brief, one_line
 from dlo_sim.simulation.resolution import continued
 
 if TYPE_CHECKING:
+    from dlo_sim.session.session import Session
     from dlo_sim.simulation.simulator import Snapshot
 
 Array = NDArray[np.float64]
@@ -34,6 +36,8 @@ _VECTORS = {"position": 3, "orientation": 4, "attachment": 3, "tangent": 3}  # o
 # Groups whose parameters may differ, since they do not affect the meaning of the state.
 _FREE = ("inputs.", "outputs.", "state.")
 _TAKEN = re.compile(r"grasps\..*\.taken")  # may differ, as it is part of the state
+
+_in_use: set[Path] = set()  # files of the cables of this process
 
 
 def save_state(path: Path, state: Snapshot) -> None:
@@ -152,3 +156,80 @@ def _snapshot(head: dict[str, Any], scene: Scene, state: Array, inputs: Array) -
         geometries,
         numbers("origin", head["origin"], (3,)),
     )
+
+
+class StateKeeper:
+    """Writes state.save_to, and reads it at the start; without that parameter it does nothing."""
+
+    def __init__(self, scene: Scene, log: Any) -> None:
+        # Path.resolve raises where symbolic links form a loop.
+        place = scene.state.save_to
+        self._path = Path(os.path.realpath(place)) if place else None
+        self._log = log
+        self._writer = ThreadPoolExecutor(1)
+        self._writing: Future[None] | None = None
+
+    def found(self, scene: Scene) -> Snapshot | None:
+        """The state to go on from, if there is one. The file is this cable's until `release`.
+
+        Raises:
+            SceneError: nothing can be written there, another cable of this process writes there, or
+                the file is not of this scene.
+        """
+        if self._path is None:
+            return None
+        folder = self._path.parent
+        if not folder.is_dir():
+            raise SceneError(f"state.save_to: the folder {folder} does not exist; create it first")
+        if self._path.is_dir():
+            raise SceneError(f"state.save_to: {self._path} is a folder; give a file in it")
+        if os.path.lexists(self._path) and not self._path.is_file():
+            raise SceneError(
+                f"state.save_to: {self._path} is a device, a pipe or a link to nowhere; give the "
+                "name of a file"
+            )
+        if not os.access(folder, os.W_OK):
+            raise SceneError(
+                f"state.save_to: nothing can be written in {folder}; give another folder"
+            )
+        if self._path in _in_use:
+            raise SceneError(
+                f"state.save_to: {self._path} is the file of another cable; give each its own"
+            )
+        found = load_state(self._path, scene)
+        _in_use.add(self._path)
+        if found is None:
+            return None
+        saved, age = found
+        self._log.info(f"goes on from the state saved {age:.1f} s ago in {self._path}")
+        return saved
+
+    def keep(self, session: Session) -> None:
+        """Write the present state, unless the last one is still being written."""
+        if self._path is None or (self._writing is not None and not self._writing.done()):
+            return
+        saved = session.saved
+        if saved is not None:
+            self._writing = self._writer.submit(self._write, self._path, saved)
+
+    def _write(self, path: Path, saved: Snapshot) -> None:
+        try:
+            save_state(path, saved)
+        except Exception as error:  # of a thread that nobody waits for
+            self._log.warning(
+                f"state.save_to: {path} cannot be written ({one_line(str(error))}); free space or "
+                "choose another folder",
+                throttle_duration_sec=5.0,
+            )
+
+    def close(self, session: Session) -> None:
+        """Write the last state, after the one that is being written."""
+        if self._writing is not None:
+            self._writing.exception()
+        self.keep(session)
+        self._writer.shutdown()
+
+    def release(self) -> None:
+        """Leave the file that `found` took to whoever comes next."""
+        if self._path is not None:
+            _in_use.discard(self._path)

@@ -106,7 +106,8 @@ def refusal(
     from node_harness import write_params
 
     from dlo_sim.process import stopping
-    from dlo_sim.ros.main import REFUSED, main
+    from dlo_sim.ros import REFUSED
+    from dlo_sim.ros.main import main
 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     monkeypatch.setattr(stopping, "disable_forced_exit", lambda: None)

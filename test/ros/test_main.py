@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from dlo_sim.ros.main import DONE, REFUSED, main
+from dlo_sim.ros import DONE, REFUSED
+from dlo_sim.ros.main import main
 
 WITHOUT = """
 import sys

@@ -21,9 +21,9 @@ from node_harness import CABLE, START, NodeProcess, Peer
 from test_live_replay import DRIVEN, SECOND, Player, Publications, motion, offline, write_bag
 from visualization_msgs.msg import Marker
 
+from dlo_sim.ros import FAILED
 from dlo_sim.ros.arguments import read_arguments
 from dlo_sim.ros.cables import cables as cables_of
-from dlo_sim.ros.main import FAILED
 from dlo_sim.scene.loading import SceneError, scene_from_values, scene_values
 
 TWO = {"cables": ["a", "b"]}

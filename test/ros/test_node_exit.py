@@ -15,7 +15,7 @@ from node_harness import CABLE, START, NodeProcess, Peer
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import Marker
 
-from dlo_sim.ros.main import FAILED
+from dlo_sim.ros import FAILED
 
 # DLO_SIM_EXITS=20 repeats every way to end so often.
 TIMES = int(os.environ.get("DLO_SIM_EXITS", "1"))

@@ -15,8 +15,8 @@ pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 from geometry_msgs.msg import PoseArray, PoseStamped
 from node_harness import HELD, START
 
-from dlo_sim.ros import state_keeper
 from dlo_sim.scene.loading import SceneError, scene_from_values
+from dlo_sim.session import saved_state
 
 
 def swinging(peer: Any) -> PoseStamped:
@@ -88,17 +88,17 @@ def test_a_place_for_no_file_is_refused(
 ) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "loop").symlink_to("loop")
-    monkeypatch.setattr(state_keeper.os, "access", lambda folder, mode: writable)
+    monkeypatch.setattr(saved_state.os, "access", lambda folder, mode: writable)
     scene = scene_from_values({"state.save_to": str(tmp_path / place)})
     with pytest.raises(SceneError, match=f"^state.save_to: .*{text}$"):
-        state_keeper.StateKeeper(scene, None).found(scene)
+        saved_state.StateKeeper(scene, None).found(scene)
 
 
 def test_two_cables_do_not_share_a_file(tmp_path: Path) -> None:
     scene = scene_from_values({"state.save_to": str(tmp_path / "state")})
     (tmp_path / "link").symlink_to(tmp_path)
     linked = scene.with_values({"state.save_to": str(tmp_path / "link" / "state")})
-    one, other = (state_keeper.StateKeeper(given, None) for given in (scene, linked))
+    one, other = (saved_state.StateKeeper(given, None) for given in (scene, linked))
     assert one.found(scene) is None
     with pytest.raises(SceneError, match="state is the file of another cable; give each its own"):
         other.found(scene)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from dlo_sim.ros import main as node_main
+from dlo_sim.ros import REFUSED
 
 pytest.importorskip("rclpy", reason="needs rclpy: pip install 'dlo_sim[ros]'")
 
@@ -139,7 +139,7 @@ def test_the_command_is_the_node(tmp_path: Path, domain: int) -> None:
     command = [sys.executable, "-m", "dlo_sim", "node", "--ros-args", "-p", "cable.lenght:=2.0"]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
-    assert done.returncode == node_main.REFUSED
+    assert done.returncode == REFUSED
     assert "did you mean cable.length?" in done.stderr
 
 

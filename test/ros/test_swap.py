@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from dlo_sim.ros.background import in_background
+from dlo_sim.ros.live_cable import in_background
 
 
 def test_ticks_go_on_while_the_work_is_done():
