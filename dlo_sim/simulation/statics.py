@@ -16,11 +16,11 @@ method and does not stop at unstable shapes on the way.
 
 A thin cable is up to a billion times stiffer along itself than across. A correction that turns it
 stretches it in second order, and the tension which that seems to cause dwarfs all other forces: the
-plain Newton method then crawls. So the tension of the tangent matrix, and the stress of the guard
-of knot spans (`terms.span_guard`), are not those of the present shape but those that the linear
-system itself predicted (the mixed iteration of Magisano, Leonetti & Garcea 2017, Int. J. Numer.
-Meth. Eng. 109, 1237-1262): the same equations and the same solution, found in a handful of
-iterations whatever the stiffness.
+plain Newton method then crawls. So the tension of the tangent matrix is not that of the present
+shape but that which the linear system itself predicted (the mixed iteration of Magisano, Leonetti &
+Garcea 2017, Int. J. Numer. Meth. Eng. 109, 1237-1262): the same equations and the same solution,
+found in a handful of iterations whatever the stiffness. (The guard of knot spans,
+`terms.span_guard`, needs no such treatment: 700 everyday scenes took as many iterations.)
 
 Twist and shape are solved for in turn. Where that fails, and for inextensible cables, dynamic
 relaxation finds the equilibrium: steps in time with kinetic damping (Cundall 1976).
@@ -60,11 +60,8 @@ from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
 from dlo_sim.simulation.stepper import Stepper
-from dlo_sim.terms import span_guard
 
 Array = NDArray[np.float64]
-FORMS = np.array(span_guard.FORMS)[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-WEIGHTS = np.array(span_guard.WEIGHTS)
 Lay = Callable[[], None]
 
 PLACES = 101  # places of the cable that are checked for being inside obstacles
@@ -666,27 +663,19 @@ class _Search:
         self._cable, model = cable, cable.model
         self._dim = len(model.axes)
         self._length = float(model.knots[-1])
-        self._ends = bspline.breaks(model.knots)
-        self._xi, self._weights = model.rule.xi, model.rule.weights
-        spans = len(self._ends) - 1
-        self._spans = np.arange(spans)[:, None] + np.arange(4)
-        polynomials = bspline.span_polynomials(model.knots)
+        self._spans = np.arange(model.n - bspline.DEGREE)[:, None] + np.arange(bspline.ACTIVE)
+        spans = np.diff(bspline.breaks(model.knots))[:, None]
+        self._xi, self._shares = model.rule.xi, model.rule.weights / spans
+        derivative = bspline.span_polynomials(model.knots)[:, :, 1:] * np.array([1.0, 2.0, 3.0])
+        derivative *= (2.0 / spans)[..., None]
         powers = self._xi[..., None] ** np.arange(3)
-        own = polynomials[:, :, 1:] * np.array([1.0, 2.0, 3.0])
-        self._own = own * (2.0 / np.diff(self._ends))[:, None, None]  # r' = sum q own (1, xi, xi^2)
-        self._slopes = np.einsum("skp,sjp->sjk", self._own, powers)
+        self._slopes = np.einsum("skp,sjp->sjk", derivative, powers)  # r' = slopes points
+        self._dyads = np.einsum("sja,sjb->sjab", self._slopes, self._slopes)
         self._by_span = model.has(SPAN_STRETCH)
-        self._linear = np.zeros((spans, 1))
+        self._linear = np.zeros((len(spans), 1))
         self._linear[[0, -1]] = 3.0
         axial = model.axial_stiffness if model.has(ANY_STRETCH) else 0.0
-        self._half_stiffness = 0.5 * axial * self._weights
-        strengths = span_guard.STRENGTH * self._by_span, span_guard.LENGTH_STRENGTH
-        self._guard = axial * np.outer(np.diff(self._ends), strengths)
-        dyads = [
-            np.einsum("sja,sjb->sjab", self._slopes, self._slopes),
-            np.einsum("sak,fkl,sbl->sfab", self._own, FORMS, self._own),
-        ]
-        self._dyads = np.concatenate(dyads, axis=1).reshape(spans, -1, 16)
+        self._half_stiffness = 0.5 * axial * model.rule.weights
         self.patient = 0.0
 
     def first_step(self) -> float:
@@ -707,9 +696,8 @@ class _Search:
         dim = self._dim
         x, state = self._cable.x, self._cable.state.copy()
         before = x.copy()
-        place = self._place()
-        stress = self._stress(*place)
-        lead = stress
+        tangents = self._tangents()
+        stress = lead = self._stress(tangents)
         for iteration in range(1, MAX_ITERATIONS + 1):
             change = self._correction(before, pseudo, lead - stress)
             if change is None:
@@ -719,11 +707,9 @@ class _Search:
             largest = np.abs(change).max()
             if not moved < 1e3 * self._length:
                 break
-            new = self._place()
-            moves = (after - old for after, old in zip(new, place, strict=True))
-            lead = stress + self._predicted(*place, *moves)
-            place = new
-            stress = self._stress(*place)
+            before_it, tangents = tangents, self._tangents()
+            lead = stress + self._predicted(before_it, tangents - before_it)
+            stress = self._stress(tangents)
             if largest <= CONVERGED * moved or largest < 1e-12 * self._length:
                 return iteration, float(moved / self._length)
         # The frames, too, which may hold no numbers where the correction was far too large.
@@ -736,66 +722,33 @@ class _Search:
         """
         if self._cable.model.has(MATERIAL):
             return True
-        nothing = np.zeros((len(self._ends) - 1, self._dyads.shape[1]))
+        nothing = np.zeros(self._dyads.shape[:2])
         return self._correction(self._cable.x, STEADY * self.patient, nothing) is not None
 
-    def _place(self) -> tuple[Array, Array]:
-        """r' at the samples of every span, shape (spans, samples, dim), and its coefficients A, B,
-        C of 1, xi and xi^2, shape (spans, 3, dim).
-        """
-        points = self._cable.x[: self._dim][:, self._spans]
-        return (
-            np.einsum("sjk,dsk->sjd", self._slopes, points),
-            np.einsum("skp,dsk->spd", self._own, points),
-        )
+    def _tangents(self) -> Array:
+        """r' at the samples of every span, shape (spans, samples, dim)."""
+        return np.einsum("sjk,dsk->sjd", self._slopes, self._cable.x[: self._dim][:, self._spans])
 
-    def _stress(self, tangents: Array, coefficients: Array) -> Array:
-        """Derivatives of the energies by quadratic forms of the control points of a span: psi = w
-        EA/2 eps / |r'|, half the tension over |r'|, by r' . r' at every sample, with the strain
-        that counts; and those of the guard by `span_guard.FORMS`. Shape (spans, samples + 7).
+    def _stress(self, tangents: Array) -> Array:
+        """Half the tension over |r'|, w EA/2 eps / |r'|, at every sample, shape (spans, samples):
+        the derivative of the energy by r' . r'.
         """
         size = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents))
-        psi = self._half_stiffness * self._counted(size - 1.0) / size
-        value, excess, short = self._guarded(coefficients)
-        uneven = 2.0 * (self._guard[:, :1] * excess) * WEIGHTS * value[:, :4]
-        return np.concatenate([psi, uneven, self._guard[:, 1:] * short], axis=1)
+        return self._half_stiffness * self._counted(size - 1.0) / size
 
-    def _predicted(
-        self, tangents: Array, coefficients: Array, moved: Array, changed: Array
-    ) -> Array:
-        """Change of the stress with that of the tangents and coefficients, to first order."""
+    def _predicted(self, tangents: Array, moved: Array) -> Array:
+        """Change of the stress with that of the tangents, to first order."""
         size = np.sqrt(np.einsum("sjd,sjd->sj", tangents, tangents))
         strained = np.einsum("sjd,sjd->sj", tangents, moved) / size
-        psi = self._counted(strained) - self._counted(size - 1.0) * strained / size
-        value, excess, short = self._guarded(coefficients)
-        change = 2.0 * _forms(coefficients, changed)
-        uneven = 2.0 * WEIGHTS * value[:, :4]
-        growth = (uneven * change[:, :4]).sum(axis=1, keepdims=True) * (excess > 0.0)
-        uneven = growth * uneven + 2.0 * excess * WEIGHTS * change[:, :4]
-        return np.concatenate(
-            [
-                self._half_stiffness * psi / size,
-                self._guard[:, :1] * uneven,
-                self._guard[:, 1:] * change[:, 4:] * (short < 0.0),
-            ],
-            axis=1,
-        )
-
-    def _guarded(self, coefficients: Array) -> tuple[Array, Array, Array]:
-        """Values of `span_guard.FORMS`, shape (spans, 7), v - v0 where positive, shape (spans, 1),
-        and c - c0 where negative, shape (spans, 3).
-        """
-        value = _forms(coefficients, coefficients)
-        excess = (WEIGHTS * value[:, :4] ** 2).sum(axis=1, keepdims=True) - span_guard.EVEN
-        return value, np.maximum(excess, 0.0), np.minimum(value[:, 4:] - span_guard.LEAST, 0.0)
+        change = self._counted(strained) - self._counted(size - 1.0) * strained / size
+        return self._half_stiffness * change / size
 
     def _counted(self, strain: Array) -> Array:
         """The strain that counts at the samples: itself or its projection of `span_stretch`."""
         if not self._by_span:
             return strain
-        share = self._weights / np.diff(self._ends)[:, None]
-        mean = (share * strain).sum(axis=1, keepdims=True)
-        slope = (share * self._xi * strain).sum(axis=1, keepdims=True)
+        mean = (self._shares * strain).sum(axis=1, keepdims=True)
+        slope = (self._shares * self._xi * strain).sum(axis=1, keepdims=True)
         return np.asarray(mean + self._linear * self._xi * slope)
 
     def _correction(self, before: Array, pseudo: float, extra: Array) -> Array | None:
@@ -809,7 +762,7 @@ class _Search:
         if cable.loads.size and cable.loads[:, 3:6].any():
             cable.add_moment_stiffness()
         half = 4 * dim - 1
-        blocks = 2.0 * (extra[:, None] @ self._dyads).reshape(-1, 4, 4)
+        blocks = 2.0 * np.einsum("sj,sjab->sab", extra, self._dyads)
         inertia = cable.model.mass(0)
         moved = np.stack([mass.multiply(inertia, x[d] - before[d]) for d in range(dim)], axis=1)
         unknowns = (force[:dim].T - moved / pseudo).ravel()
@@ -826,8 +779,3 @@ class _Search:
         if cable.solve_held(unknowns) != 0 or not np.isfinite(unknowns).all():
             return None
         return unknowns.reshape(n, dim).T
-
-
-def _forms(one: Array, other: Array) -> Array:
-    """`span_guard.FORMS` of two sets of coefficients (spans, 3, dim), shape (spans, 7)."""
-    return (one @ other.transpose(0, 2, 1)).reshape(-1, 9) @ FORMS.reshape(-1, 9).T
