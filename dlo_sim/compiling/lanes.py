@@ -58,6 +58,10 @@ if config.DISABLE_JIT:
         """Absolute value, lane by lane."""
         return np.abs(value)
 
+    def where(condition: Any, above: Any, other: Any) -> Any:
+        """`above` on the lanes where the condition is above 0, else `other`."""
+        return np.where(condition > 0.0, above, other).view(_Array)
+
     def lane_sum(value: Any) -> Any:
         """Sum over the lanes, pairwise."""
         halves = value.reshape(4, 2).sum(axis=1).reshape(2, 2).sum(axis=1)
@@ -151,6 +155,18 @@ else:
 
     sqrt = _unary("llvm.sqrt")  # square root, lane by lane
     fabs = _unary("llvm.fabs")  # absolute value, lane by lane
+
+    @intrinsic
+    def where(typing: Any, condition: Any, above: Any, other: Any) -> Any:
+        """`above` on the lanes where the condition is above 0, else `other`."""
+
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            kinds, none = signature.args[1:], ir.Constant(VECTOR, [0.0] * LANES)
+            pairs = zip(values[1:], kinds, strict=True)
+            chosen = [spread(context, builder, *pair) for pair in pairs]
+            return builder.select(builder.fcmp_ordered(">", values[0], none), *chosen)
+
+        return vector(vector, above, other), code
 
     @intrinsic
     def lane_sum(typing: Any, value: Any) -> Any:

@@ -75,7 +75,6 @@ class Physics(Group):
     shortest_span = Number()  # [m]
     axial_round_off = Number()  # EA L [N m], 0 without stretching
     bending_round_off = Number()  # EI L [N m^3], 0 without bending
-    contact_stiffness = Number()  # [N/m^2]
     drag_across = Number()  # c_n - c_t, normal minus tangential drag [N s/m^2]
     thinning = Number()  # lambda^2 of `terms.viscosity` [(m s)^2]
     beta_stretch = Number()  # internal damping [s]
@@ -142,18 +141,30 @@ class Loads(Group):
     slopes = Reals("loads", 4)  # their derivatives [1/m]
 
 
-class Planes(Group):
-    """Obstacles: n . r = d."""
+class Contact(Group):
+    """Obstacles, and the samples of the cable that touch them (`engine.contact`)."""
 
-    count = Whole()
-    normal = Reals("planes", 3)  # n by line
-    distance = Reals("planes")  # d, with the cable's radius [m]
+    count = Whole()  # obstacles
+    samples = Whole()  # of a span; the last one of the cable has one more at its end
+    basis = Lanes("blocks", "touches", 4)  # basis functions
+    weight = Lanes("blocks", "touches", 2)  # [m], of each rule
+    stride = Wholes(2)  # from one sample to the next, of each rule
+    core = Wholes("obstacles")  # HALF_SPACE, BOX or CYLINDER
+    rule = Wholes("obstacles")
+    half = Reals("obstacles", 3)  # size of the core along its axes
+    reach = Reals("obstacles")  # by which the core is grown [m]
+    extent = Reals("obstacles")  # of the core from its centre, that a rotation moves [m]
+    law = Reals("obstacles", 5)  # `contact.STIFFNESS` to FRICTION
+    still = Reals(3)  # centre of the lines: the constant coordinate of planar motion [m]
+    density = Number()  # mass per length [kg/m]
+    least_margin = Number()  # of the broad phase [m]
 
 
 class Inputs(Group):
     """Set by the caller."""
 
     motion = Reals("grasps", MOTION_SIZE)  # of the grasps (`engine.grasps`)
+    obstacle = Reals("obstacles", MOTION_SIZE)  # motion of the obstacles, as of a grasp
     load = Reals("loads", 7)  # force (3) [N], torque (3) [N m], frequency [Hz]
 
 
@@ -202,10 +213,17 @@ class State(Group):
         "matrix_shrinking",  # contraction of the corrections, as last measured
         "matrix_wait",  # steps that must factorise anew before a matrix is reused
         "matrix_setbacks",  # log2 of the next such wait
+        "contact_margin",  # by which the cable may move until `near` is found anew [m]
+        "contact_way",  # by how much cable and obstacles moved since [m]
+        "contact_carried",  # by how much obstacles move in this step [m]
+        "contact_moved",  # cable and obstacles in the last explicit step [m]
         "slip",  # share of the plastic flow of a step that its forces contain
     )
     natural = Lanes("curved_blocks", "samples", 4)  # weight EI kappa0 (3), rest twist [rad/m]
     plastic = Lanes("plastic_blocks", "samples", 9)  # curvature; tangent, curvature before
+    pose = Reals("obstacles", 36)  # at the start, the middle and the end of a step (`contact`)
+    near = Reals("blocks", "obstacles")  # 1 where spans may touch the obstacle, else 0
+    bristle = Lanes("blocks", "obstacles", "touches", 3)  # friction that sticks, in its frame [m]
 
 
 class Work(Group):
@@ -266,6 +284,8 @@ class Work(Group):
     border_system = Reals("bordered", "bordered")  # (C Z + compliance)^-1
     border_spare = Reals("unknowns")
     border_value = Reals("bordered")
+    trial = Lanes("blocks", "obstacles", "touches", 3)  # bristles at the end of the step
+    contact_sums = Reals(144, groups.LANES)  # derivatives between the unknowns of a span
     # twist line of implicit steps
     twist_latest = Reals("lines", "columns")
     twist_rest = Reals("lines", "columns")
@@ -310,7 +330,7 @@ class CableArrays(Group):
     points: Points
     rows: Rows
     loads: Loads
-    planes: Planes
+    contact: Contact
     length_gram = Reals("constraints", 16)  # of an inextensible cable: 4 x 4 matrix of each
     inputs: Inputs
     state: State

@@ -1,4 +1,4 @@
-"""Forces, energies and Jacobians of a scene, as the methods call them: the basic terms, then the
+"""Forces and energies of a scene, as the methods call them: the basic terms, then the
 optional ones. A new term is added here; `engine.term` has the signatures of its functions.
 """
 
@@ -7,7 +7,7 @@ from __future__ import annotations
 from dlo_sim.compiling.pieces import part
 from dlo_sim.engine import bishop, contact, drag, natural_curvature, plasticity, torsion
 from dlo_sim.engine.arrays import BISHOP, CONTACT, CURVED, DRAG, PLASTICITY, TORSION
-from dlo_sim.engine.elastic import add_tangent, discrete_force
+from dlo_sim.engine.elastic import discrete_force
 from dlo_sim.engine.forces import energies, forces
 
 
@@ -22,7 +22,7 @@ def all_forces(cable, x, out):
     if cable.terms & BISHOP:
         bishop.force(cable, x, x, out)
     if cable.terms & CONTACT:
-        contact.force(cable, x, x, out)
+        contact.add_elastic_force(cable, x, out)
 
 
 @part
@@ -44,24 +44,12 @@ def all_energies(cable, x, out):
 @part
 def discrete_gradient(cable, x0, x1, moved, viscous, out):
     """out -= discrete gradient between x0 and x1, and viscous forces; returns the energy [J] that
-    these dissipate (`elastic.discrete_force`). Implicit steps treat twist apart.
+    these dissipate (`elastic.discrete_force`). Implicit steps treat twist and contact apart.
     """
     lost = discrete_force(cable, x0, x1, moved, viscous, out)
     if cable.terms & CURVED:
         natural_curvature.gradient(cable, x0, x1, out)
-    if cable.terms & CONTACT:
-        contact.force(cable, x0, x1, out)
     return lost
-
-
-@part
-def all_tangents(cable, x0, x1, viscous, scale, band):
-    """band += scale times the Jacobian of the discrete gradient of all terms; `elastic.add_tangent`
-    includes the natural curvature.
-    """
-    add_tangent(cable, x0, x1, viscous, scale, band)
-    if cable.terms & CONTACT:
-        contact.tangent(cable, x0, x1, scale, band)
 
 
 @part

@@ -11,9 +11,11 @@ from numba import float64, int64
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY_2D, ARRAY_3D, COUNTS, part, piece
+from dlo_sim.engine import contact
 from dlo_sim.engine.account import update_account
 from dlo_sim.engine.arrays import (
     CONSTRAINED,
+    CONTACT,
     DIVERGED,
     IMPLICIT,
     NOT_CONVERGED,
@@ -39,6 +41,9 @@ def take_step(cable, method, step, tau):
     """Step number `step` of the scene's method; returns whether it succeeded."""
     if method.family == IMPLICIT:
         return implicit_step(cable, method, step, tau)
+    touches = cable.terms & CONTACT != 0 and method.family != CONSTRAINED
+    if touches:
+        contact.begin_kicks(cable, step * tau, tau)
     if method.family == CONSTRAINED:
         done = rattle_step(cable, step, tau)
     elif method.family == SPLITTING:
@@ -47,6 +52,10 @@ def take_step(cable, method, step, tau):
         done = runge_kutta_step(cable, method, step, tau)
     else:
         done = zhai_step(cable, method, step, tau)
+    if touches:
+        contact.dissipate(cable, tau)
+        if method.family != SPLITTING:  # others keep rates that contain the velocity
+            cable.work.results.forces_known = 0.0
     if flow(cable):
         cable.work.results.forces_known = 0.0
     return done

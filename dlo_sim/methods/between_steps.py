@@ -10,12 +10,11 @@ from numba import boolean, float64, int64, void
 
 from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, NO, YES, part, piece
-from dlo_sim.engine import account
-from dlo_sim.engine.arrays import PADDING, TWISTED, cable_at
+from dlo_sim.engine import account, contact
+from dlo_sim.engine.arrays import CONTACT, PADDING, TWISTED, cable_at
 from dlo_sim.engine.assembly import (
     add_damping,
     all_forces,
-    all_tangents,
     discrete_gradient,
 )
 from dlo_sim.engine.band import (
@@ -33,6 +32,7 @@ from dlo_sim.engine.band import (
     substitute_transposed,
     turn_vector,
 )
+from dlo_sim.engine.elastic import add_tangent
 from dlo_sim.engine.grasps import ACTIVE, DURATION, START, place
 from dlo_sim.engine.lines import (
     add,
@@ -133,7 +133,9 @@ def stiffness(address):
     cable = cable_at(address)
     band, x = cable.work.band, cable.state.x
     clear_band(band)
-    all_tangents(cable, x, x, 0.0, 2.0, band)
+    add_tangent(cable, x, x, 0.0, 2.0, band)
+    if cable.terms & CONTACT:
+        contact.add_tangent(cable, 0.0, NO, x, x, 2.0, band)
     add_springs(cable, 1.0, band)
 
 

@@ -31,10 +31,12 @@ from numba import boolean, float64, int64, void
 from dlo_sim.compiling.groups import load, store
 from dlo_sim.compiling.lanes import LANES, lane_sum, zero
 from dlo_sim.compiling.pieces import NO, YES, part, piece
+from dlo_sim.engine import contact
 from dlo_sim.engine.account import RESOLUTION
 from dlo_sim.engine.arrays import (
     BISHOP,
     CABLE,
+    CONTACT,
     DAMPED,
     IMPLICIT,
     MARGIN,
@@ -47,7 +49,6 @@ from dlo_sim.engine.arrays import (
 from dlo_sim.engine.assembly import (
     add_damping,
     add_damping_tangent,
-    all_tangents,
     discrete_gradient,
     flow,
 )
@@ -69,6 +70,7 @@ from dlo_sim.engine.band import (
     substitute,
     turn_vector,
 )
+from dlo_sim.engine.elastic import add_tangent
 from dlo_sim.engine.forces import start_with_weight
 from dlo_sim.engine.lines import add, add_product, clear, copy, damping_of, difference, inner
 from dlo_sim.engine.loads import add_load_stiffness, load_force
@@ -246,6 +248,8 @@ def begin_step(cable, t0, tau):
         keep_constraints(cable)
     set_border(cable, work.middle_direction, state.direction)
     difference(state.x, work.start, work.change)
+    if cable.terms & CONTACT:
+        contact.begin(cable, t0, tau, contact.largest_way(cable, work.change), work.start)
 
 
 @part
@@ -256,6 +260,8 @@ def undo_step(cable):
     copy_entries(work.old_direction, state.direction)
     copy_entries(work.old_inverse, state.inverse)
     restore_anchors(cable)
+    if cable.terms & CONTACT:
+        contact.undo(cable)
     state.balance.known = 0.0
     state.balance.matrix_weight = 0.0
 
@@ -287,6 +293,8 @@ def step_force(cable, t0, tau, discrete):
     viscous = 1.0 / tau if is_viscous(cable) else 0.0
     begin, end = (work.start, cable.state.x) if discrete else (middle, middle)
     lost = discrete_gradient(cable, begin, end, change, viscous, force)
+    if cable.terms & CONTACT:
+        contact.add_force(cable, 1.0, 1.0 / tau, np.inf, YES, work.start, cable.state.x, force)
     spring_force(cable, middle, 0.5, NO, force)
     if cable.loads.count:
         load_force(cable, middle, t0 + 0.5 * tau, work.load)
@@ -348,7 +356,9 @@ def newton_matrix(cable, t0, tau, a, discrete):
         if is_viscous(cable):
             viscous = 1.0 / tau
     begin, end = (work.start, state.x) if discrete else (middle, middle)
-    all_tangents(cable, begin, end, viscous, 1.0, matrix)
+    add_tangent(cable, begin, end, viscous, 1.0, matrix)
+    if cable.terms & CONTACT:
+        contact.add_tangent(cable, 1.0 / tau, YES, work.start, state.x, 1.0, matrix)
     add_springs(cable, 0.5, matrix)
     add_load_stiffness(cable, middle, t0 + 0.5 * tau, 0.5, matrix)
     hold(cable, work.middle_direction, state.direction, matrix)
@@ -757,6 +767,9 @@ def try_step(cable, method, t0, tau, whole, careful):
     # Newton's method may converge to a cable folded through itself, with the same energy.
     if converged and careful:
         converged = not turned_over(cable)
+    if converged and cable.terms & CONTACT:
+        start, x = work.start, cable.state.x
+        converged = contact.accept(cable, tau, start, x, work.change, work.rate)
     if converged:
         balance.floor = max(balance.floor, floor)
         finish_step(cable, t0, tau, whole, lost)

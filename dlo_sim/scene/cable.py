@@ -194,38 +194,75 @@ class Torsion:
 
 @dataclass(frozen=True)
 class Contact:
-    """Frictionless contact between the cable and obstacles.
+    """Contact between the cable and obstacles: what they have in common.
 
     Parameters:
-        stiffness: Contact force per unit length and penetration depth; 0 = chosen so that a resting
-            cable penetrates by a thousandth of its diameter under earth gravity.
+        stiffness: Contact force per unit length and penetration depth; 0 = chosen so that under
+            earth gravity a cable penetrates a plane by a thousandth of its diameter, and another
+            obstacle that all of it hangs over by at most a hundredth.
+        damping: Share of critical damping of what touches: 0 = it bounces; auto (-1) = 0.3, or 0
+            with methods that cannot dissipate in contact (rattle, energy_momentum_4).
+        friction: Coefficient of friction of obstacles that have none of their own.
     """
 
     stiffness: float = parameter(0.0, "N/m^2", (0.0, 1.0e12))
+    damping: float = parameter(-1.0, "", (0.0, 10.0), auto=-1.0)
+    friction: float = parameter(0.0, "", (0.0, 100.0))
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A body at rest that the cable cannot enter.
+    """A rigid body that the cable cannot enter.
 
     Parameters:
         shape: plane: the half-space below the plane through position, normal to the obstacle's z
-            axis.
-        position: A point on its surface.
+            axis; box; sphere; cylinder; capsule: the latter two about the z axis.
+        size: Extent along its x, y and z axes. A sphere has the diameter x; a cylinder and a
+            capsule have the diameter x and the length z, that of a capsule with its caps; a plane
+            has none.
+        position: Its centre, or of a plane a point on its surface.
         orientation: Quaternion x, y, z, w of its axes, world frame.
+        friction: Coefficient of Coulomb friction of the cable on it; auto (-1) = contact.friction.
     """
 
     name: str
-    shape: str = parameter("plane", choices=("plane",))
+    shape: str = parameter("plane", choices=("plane", "box", "sphere", "cylinder", "capsule"))
+    size: Vector = parameter((0.1, 0.1, 0.1), "m", (0.0, 1.0e6))
     position: Vector = parameter(ORIGIN, "m", (-1.0e8, 1.0e8))
     orientation: Quaternion = parameter((0.0, 0.0, 0.0, 1.0), "", (-1.0, 1.0))
+    friction: float = parameter(-1.0, "", (0.0, 100.0), auto=-1.0)
 
     @property
     def normal(self) -> Vector:
-        """Outward unit normal, its z axis."""
+        """Unit vector of its z axis, the outward normal of a plane."""
+        return self.axes[2]
+
+    @property
+    def axes(self) -> tuple[Vector, Vector, Vector]:
+        """Unit vectors of its axes."""
         size = math.hypot(*self.orientation)
         x, y, z, w = (part / size for part in self.orientation)
-        return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+        return (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+            (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+            (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+        )
+
+    def pushes_along(self, axis: int, place: float) -> bool:
+        """Whether it can push a cable out of the plane normal to a world axis, at this place on it:
+        unless it is mirrored in that plane, or a prism across it.
+        """
+        if self.shape == "plane":
+            return self.normal[axis] != 0.0
+        away = abs(self.position[axis] - place)
+        if self.shape == "sphere":
+            return away != 0.0
+        for half, one in zip(self.size, self.axes, strict=True):
+            if abs(one[axis]) == 1.0:
+                prism = self.shape == "box" or one == self.axes[2]
+                room = 0.5 * half - (0.5 * self.size[0] if self.shape == "capsule" else 0.0)
+                return away > (room if prism else 0.0)
+        return True
 
 
 @dataclass(frozen=True)

@@ -141,9 +141,13 @@ class Scene:
 
     @property
     def contact_stiffness(self) -> float:
-        """Contact force per length of cable and penetration depth [N/m^2]: as given, or such that
-        the weight on earth leads to the penetration DEPTH."""
+        """Contact force of a plane per length of cable and penetration depth [N/m^2]: as given, or
+        such that the weight on earth leads to the penetration DEPTH."""
         return self.contact.stiffness or self.cable.mu * EARTH / (DEPTH * self.cable.diameter)
+
+    def friction_of(self, obstacle: Obstacle) -> float:
+        """Coefficient of friction of the cable on an obstacle."""
+        return self.contact.friction if obstacle.friction < 0.0 else obstacle.friction
 
     @property
     def ends(self) -> dict[str, End]:
@@ -544,6 +548,10 @@ def _topics(scene: Scene) -> Conflicts:
 
 def _obstacles(obstacles: tuple[Obstacle, ...]) -> Conflicts:
     for obstacle in obstacles:
+        used = {"plane": 0, "sphere": 1}.get(obstacle.shape, 3)
+        if 0.0 in obstacle.size[:used]:
+            problem = f"has a zero that a {obstacle.shape} needs; give its extents, or remove it"
+            yield f"obstacles.{obstacle.name}.size", obstacle.size, problem
         if math.hypot(*obstacle.orientation) < LEAST_QUATERNION:
             problem = "is no rotation; give x, y, z, w, [0.0, 0.0, 0.0, 1.0] for none"
             yield f"obstacles.{obstacle.name}.orientation", obstacle.orientation, problem

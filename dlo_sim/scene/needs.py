@@ -327,7 +327,8 @@ def _forces_leave(scene: Scene, normal: int) -> bool:
     """Whether weight, loads, obstacles or natural curvature act along axis `normal`."""
     leaving = [scene.gravity[normal]]
     around = [axis for axis in range(3) if axis != normal]
-    leaving += [obstacle.normal[normal] for obstacle in scene.obstacles]
+    place = scene.start.position[normal] + scene.start.offset[normal]
+    leaving += [obstacle.pushes_along(normal, place) for obstacle in scene.obstacles]
     for load in scene.loads:
         leaving.append(load.force[normal])
         leaving += [load.torque[axis] for axis in around]

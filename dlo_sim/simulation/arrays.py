@@ -29,7 +29,8 @@ def sizes_of(
     joints: int,
     grasps: int,
     loads: int,
-    planes: int,
+    obstacles: int,
+    touches: int,
     constraints: int,
 ) -> dict[str, int]:
     """Sizes of all dimensions that `engine.arrays` names.
@@ -62,7 +63,8 @@ def sizes_of(
         "bordered": border + joints,
         "grasps": grasps,
         "loads": loads,
-        "planes": planes,
+        "obstacles": obstacles,
+        "touches": touches,
         "constraints": constraints,
         "seen": 4 * dim,
         "unknowns": unknowns,
@@ -81,7 +83,7 @@ def sizes_of(
     }
 
 
-def most_sizes(scene: Scene, n: int, samples: int) -> dict[str, int]:
+def most_sizes(scene: Scene, n: int, samples: int, touches: int) -> dict[str, int]:
     """Sizes with room for whatever may become active while a cable of the scene runs: motion in
     space, twist, every grasp, all loads. Memory of these sizes is allocated once.
     """
@@ -99,7 +101,8 @@ def most_sizes(scene: Scene, n: int, samples: int) -> dict[str, int]:
         joints=0,
         grasps=holders,
         loads=len(scene.loads),
-        planes=len(scene.obstacles),
+        obstacles=len(scene.obstacles),
+        touches=touches,
         constraints=n - 1 if inextensible(scene) else 0,
     )
 

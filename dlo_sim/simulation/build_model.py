@@ -11,10 +11,12 @@ from dlo_sim.engine import arrays as bits
 from dlo_sim.engine.arrays import CableArrays
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import Needs, inextensible
+from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.arrays import most_sizes, sizes_of, to_blocks, without_margins
 from dlo_sim.simulation.geometry import Geometries, stiffening
 from dlo_sim.simulation.holding import holding_of
 from dlo_sim.simulation.model import Model
+from dlo_sim.simulation.obstacles import samples_of
 from dlo_sim.simulation.resolution import knot_grading
 
 Array = NDArray[np.float64]
@@ -37,6 +39,7 @@ def build_model(
     rule = _quadrature(scene, knots)
     holding = holding_of(scene, geometries, knots, axes, twist)
     curved = needs.bend and (needs.plasticity or scene.cable.shaped)
+    touches = samples_of(scene) + 1 if needs.contact else 0
     sizes = sizes_of(
         terms=_terms(scene, needs, curved),
         dim=len(axes),
@@ -50,7 +53,8 @@ def build_model(
         joints=holding.joints,
         grasps=len(geometries),
         loads=len(scene.loads) if needs.loads else 0,
-        planes=len(scene.obstacles) * needs.contact,
+        obstacles=len(scene.obstacles) * needs.contact,
+        touches=touches,
         constraints=n - 1 if inextensible(scene) else 0,
     )
     arrays = CableArrays(sizes, inputs=None, state=None, work=None)
@@ -59,9 +63,10 @@ def build_model(
     rest[list(axes)] = 0.0
     bending = scene.cable.EI * stiffening(scene, geometries, bspline.breaks(knots))
     origin = np.zeros(3) if origin is None else origin
-    most = most_sizes(scene, n, rule.xi.shape[1])
+    most = most_sizes(scene, n, rule.xi.shape[1], touches)
     stiffness = scene.cable.EA, bending
-    model = Model(arrays, most, knots, rule, axes, twist, holding, *stiffness, rest, origin)
+    places = obstacles.at_rest(scene, origin)
+    model = Model(arrays, most, knots, rule, axes, twist, holding, *stiffness, rest, origin, places)
     _Filling(scene, needs, model).fill()
     return model
 
@@ -189,7 +194,8 @@ class _Filling:
             self._arrays.length_gram[:] = constraint_gram(model.knots).reshape(-1, 16)
         self._loads()
         self._scales()
-        self._planes()
+        if self._needs.contact:
+            obstacles.fill(scene, self._arrays, model.knots, model.rest)
 
     def _inside(self, lines: Array) -> Array:
         return without_margins(lines, self._model.n)
@@ -229,16 +235,6 @@ class _Filling:
         mesh.xi[:] = to_blocks(model.rule.xi)
         mesh.weight[:] = to_blocks(model.rule.weights)
 
-    def _planes(self) -> None:
-        """The cable keeps its radius away from every plane."""
-        planes = self._arrays.planes
-        planes.count = len(planes.distance)
-        for k, plane in enumerate(self._scene.obstacles[: planes.count]):
-            normal = np.array(plane.normal)
-            planes.normal[k, : len(self._axes)] = normal[self._axes]
-            way = plane.position - self._model.origin - self._model.rest
-            planes.distance[k] = normal @ way + 0.5 * self._scene.cable.diameter
-
     def _damping(self, masses: list[Array], gram: Array) -> None:
         """alpha M + c G, with the Gram matrix G that the mass of the cable is made of, without
         point masses, and c = 0 for the twist.
@@ -276,6 +272,5 @@ class _Filling:
         physics.shortest_span = float(np.diff(bspline.breaks(self._model.knots)).min())
         physics.axial_round_off = cable.EA * cable.length * needs.stretch
         physics.bending_round_off = cable.EI * cable.length * needs.bend
-        physics.contact_stiffness = scene.contact_stiffness
         physics.drag_across = scene.drag_across
         physics.thinning = scene.damping.thinning**2

@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from dlo_sim.compiling.groups import aligned_zeros, numbers_of
 from dlo_sim.compiling.pieces import Piece
-from dlo_sim.engine.arrays import BISHOP, DAMPED, MATERIAL, PLASTICITY, Inputs, State, Work
+from dlo_sim.engine import contact
+from dlo_sim.engine.arrays import (
+    BISHOP,
+    CONTACT,
+    DAMPED,
+    MATERIAL,
+    PLASTICITY,
+    Inputs,
+    State,
+    Work,
+)
 from dlo_sim.engine.frames import control_points
 from dlo_sim.engine.natural_curvature import follow_to_present
 from dlo_sim.engine.plasticity import flow_to_present
@@ -40,6 +50,9 @@ class Cable:
     def __init__(self, model: Model) -> None:
         self._left_out = 0  # bits of terms that the method leaves out
         self._allocate(model)
+        self.obstacles[:] = model.obstacles[: len(self.obstacles)]
+        self.arrays.state.near[:] = 1.0
+        self.place_obstacles(0.0)
 
     def _allocate(self, model: Model) -> None:
         self.inputs, self.state = map(aligned_zeros, model.rooms)
@@ -79,7 +92,8 @@ class Cable:
         """What other lines, terms or grasps leave as it is."""
         state = self.arrays.state
         balance = numbers_of(state.balance)
-        return balance, state.energy, state.energy_begin, state.natural, state.plastic
+        lasting = balance, state.energy, state.energy_begin, state.natural, state.plastic
+        return *lasting, state.bristle
 
     def __getstate__(self) -> tuple[Model, int, Array, Array]:
         """What a copy needs; it has arrays of its own."""
@@ -179,11 +193,21 @@ class Cable:
         between_steps.grasp_place(self.motion[grasp], t, out)
         return out
 
+    @property
+    def obstacles(self) -> Array:
+        """Motions of the obstacles, as of grasps, a view of shape (obstacles, MOTION_SIZE)."""
+        return self.arrays.inputs.obstacle
+
     # -- state ----------------------------------------------------------------------------------
 
     def point_grasps(self, t: float) -> None:
         """Set the directions of the constraint rows to those of the grasps at time t."""
         self.call(between_steps.turn_to, t)
+
+    def place_obstacles(self, t: float) -> None:
+        """Set the poses of the obstacles at time t."""
+        if self.model.has(CONTACT):
+            self.call(contact.place_obstacles, t)
 
     def put(
         self, points: Array, rates: Array, time: float | None = None, follow: bool = False
@@ -257,6 +281,7 @@ class Cable:
         account = self.account
         account.known = account.is_counted = account.pending = 0.0
         account.has_reaction = account.matrix_weight = 0.0
+        account.contact_margin, self.arrays.state.near[:] = 0.0, 1.0
 
     def potentials(self) -> Array:
         """Potential energies [J] in the order of `engine.arrays.ENERGIES`."""

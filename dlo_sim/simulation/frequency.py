@@ -12,6 +12,7 @@ from dlo_sim.core.constant_length import constraint_gram
 from dlo_sim.engine.arrays import CONTACT, MATERIAL, STATIC_TWIST, TORSION
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.needs import inextensible
+from dlo_sim.simulation import obstacles
 from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.geometry import STIFFEST
 from dlo_sim.simulation.holding import stiffness_of_roll
@@ -59,13 +60,12 @@ def with_grasps_and_contact(scene: Scene, model: Model, frequency: float) -> flo
 
     By Weyl's inequality, a spring k at the basis values (or slopes) b adds at most k b.(M^-1 b) to
     omega^2, a jaw at most the largest omega^2 of its additional bending stiffness if it acted along
-    the whole cable, and contact KINK^2 times its stiffness over the linear density. KINK allows for
-    the kink in the contact force: in a hard landing, a step near the limit would gain 40 % of the
-    energy, a quarter of that step 1 %.
+    the whole cable, and contact KINK^2 times the square of its own largest frequency. KINK allows
+    for the kink in the contact force: in a hard landing, a step near the limit would gain 40 % of
+    the energy, a quarter of that step 1 %.
     """
     if model.has(CONTACT):
-        pressed = math.sqrt(scene.contact_stiffness / scene.cable.mu)
-        frequency = math.hypot(frequency, KINK * pressed)
+        frequency = math.hypot(frequency, KINK * obstacles.largest_frequency(model))
     idle = [grasp for grasp in scene.grasps if not grasp.taken]
     if any(grasp.jaw for grasp in idle):
         bending = (STIFFEST - 1.0) * scene.cable.EI * mass.gram(model.knots, 2)

@@ -33,6 +33,7 @@ class Model:
             (3,).
         origin: of the cable's coordinates in the world [m], shape (3,) (`geometry.origin_of`). All
             positions in the arrays are relative to it.
+        obstacles: their places in the scene, as motions, shape (obstacles, MOTION_SIZE).
     """
 
     arrays: CableArrays
@@ -46,6 +47,7 @@ class Model:
     bending_stiffness: Array
     rest: Array
     origin: Array
+    obstacles: Array
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Model:
         """Copies of a cable share the constants."""

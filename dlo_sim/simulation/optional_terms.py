@@ -64,6 +64,14 @@ def check_method(scene: Scene, method: Method) -> None:
             f"measured.type: {scene.measured.type} is not available with integrator.method "
             f"{method.name}, whose constraints a correction breaks; use energy_momentum"
         )
+    if scene.terms.contact != "off" and len(method.substeps) > 1 or method.family == CONSTRAINED:
+        rubbing = [o.name for o in scene.obstacles if scene.friction_of(o) > 0.0]
+        key = f"friction of obstacle {rubbing[0]}" if rubbing else "contact.damping"
+        if rubbing or (scene.obstacles and scene.contact.damping > 0.0):
+            raise SceneError(
+                f"integrator.method: {method.name} is not available with {key}, since its steps "
+                "cannot dissipate in contact; use energy_momentum, or set it to 0.0"
+            )
     if scene.terms.twist == "quasistatic" and method.family != IMPLICIT:
         raise SceneError(
             f"terms.twist: quasistatic is not available with integrator.method {method.name}; use "

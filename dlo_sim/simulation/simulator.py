@@ -24,6 +24,7 @@ from dlo_sim.core.methods import CONSTRAINED, IMPLICIT
 from dlo_sim.core.strain import strain
 from dlo_sim.engine.arrays import ENERGIES, MATERIAL, TORSION
 from dlo_sim.engine.frames import curve_frames
+from dlo_sim.engine.grasps import ACTIVE
 from dlo_sim.scene.description import Scene
 from dlo_sim.scene.holders import Grasp
 from dlo_sim.scene.needs import (
@@ -34,7 +35,7 @@ from dlo_sim.scene.needs import (
     needs_of_end,
     needs_of_load,
 )
-from dlo_sim.simulation import following, optional_terms
+from dlo_sim.simulation import following, obstacles, optional_terms
 from dlo_sim.simulation.buckling import (
     coiling_warning,
     is_bent,
@@ -638,6 +639,51 @@ class Simulator:
         self._need(self._needs_moved(end))
         self._turn_natural_shape()
 
+    # -- obstacles --------------------------------------------------------------------------------
+
+    def set_obstacle(
+        self, name: str, position: ArrayLike, orientation: ArrayLike = rotations.IDENTITY
+    ) -> None:
+        """Put an obstacle at a pose from now on, at rest; the work that this does is its own.
+
+        Raises:
+            TypeError, ValueError: no obstacle, or not a pose.
+        """
+        motion = EndMotion.resting(position, orientation, self.time)
+        self.cable.settle(self.time)
+        before = self.cable.present_energy()
+        self.move_obstacle(name, motion)
+        self.cable.place_obstacles(self.time)
+        self.cable.account.drive_work += self.cable.present_energy() - before
+
+    def move_obstacle(self, name: str, motion: EndMotion) -> None:
+        """Let an obstacle follow a motion, which begins now where it is; afterwards it rests.
+
+        Raises:
+            TypeError, ValueError: no obstacle, or no motion.
+        """
+        number = self._obstacle(name)
+        arguments.instance("motion", motion, EndMotion, "dlo_sim.EndMotion")
+        motion = motion.moved(-self.model.origin)
+        leaves = obstacles.leaves_plane(motion, self.model.axes)
+        needs = self._needs.spatial(self.scene) if leaves else self._needs
+        self._need(needs)
+        row = self.cable.obstacles[number]
+        obstacles.write(row, motion)
+        row[ACTIVE] = 1.0
+
+    def contact(self, name: str) -> obstacles.Contact:
+        """What of the cable touches an obstacle now.
+
+        Raises:
+            TypeError, ValueError: no obstacle that the cable can touch.
+        """
+        return obstacles.contact_with(self.cable, self._obstacle(name))
+
+    def _obstacle(self, name: str) -> int:
+        names = [obstacle.name for obstacle in self.scene.obstacles if self._needs.contact]
+        return names.index(arguments.one_of("obstacle", name, names))
+
     def _put_end(
         self,
         end: str,
@@ -861,6 +907,7 @@ class Simulator:
         given = place.copy()
         self._ends.take_frame_turns(self.cable.frame_turn)
         self._ends.put(place, 0.0)
+        self.cable.arrays.state.bristle[:] = 0.0
         self.cable.put(place, speed, 0.0)
         if self._natural.follows:
             self._lay_natural_shape()
@@ -1005,6 +1052,7 @@ class Simulator:
         self._ends.live_in(self.cable.motion)
         self._ends.pull_springs(self.cable, self.time)
         self.cable.point_grasps(self.time if self._steps else 0.0)
+        self.cable.place_obstacles(self.time)
 
     def _shape_naturally(self) -> None:
         """Write the natural shape of the scene to the arrays, turned with the start."""

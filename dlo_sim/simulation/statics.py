@@ -57,6 +57,7 @@ from dlo_sim.simulation.cable import Cable
 from dlo_sim.simulation.ends import EndDrive
 from dlo_sim.simulation.frequency import largest_frequency
 from dlo_sim.simulation.geometry import Geometries, first_shape, held_places
+from dlo_sim.simulation.obstacles import gaps
 from dlo_sim.simulation.resolution import resolved
 from dlo_sim.simulation.soundness import leaves_clamp_backwards, unexplained_stretch
 from dlo_sim.simulation.stepper import Stepper
@@ -224,9 +225,9 @@ class _FirstShape:
         if not model.has(CONTACT):
             return
         u = np.linspace(0.0, scene.cable.length, PLACES)
-        line = bspline.evaluate(points, model.knots, u)
+        line = bspline.evaluate(points, model.knots, u) + model.origin
         for obstacle in scene.obstacles:
-            depth = -(line + model.origin - np.array(obstacle.position)) @ np.array(obstacle.normal)
+            depth = -gaps(obstacle, scene.cable.diameter, line) - 0.5 * scene.cable.diameter
             worst = int(np.argmax(depth))
             if depth[worst] > scene.cable.diameter:
                 raise SceneError(

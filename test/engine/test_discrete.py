@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cables import BY_SPAN, FLAT, FREE, FULL, SOFT, Bench, wild
+from cables import BY_SPAN, FLAT, FULL, Bench, wild
 from differences import assert_limit, central
 from numba import float64, int64, void
 
@@ -10,8 +10,9 @@ from dlo_sim.compiling.groups import grid
 from dlo_sim.compiling.pieces import ARRAY_2D, piece
 from dlo_sim.core import elasticity, spectrum
 from dlo_sim.engine.arrays import CURVED, SPAN_STRETCH, cable_at
-from dlo_sim.engine.assembly import all_tangents, discrete_gradient
+from dlo_sim.engine.assembly import discrete_gradient
 from dlo_sim.engine.band import clear_band
+from dlo_sim.engine.elastic import add_tangent
 
 LOOSE = {"end.spring": [0.0, 0.0, 0.0], "end.pose_topic": "", "damping.stiffness": 1.0}
 ELASTIC = FULL | FLAT | LOOSE
@@ -29,7 +30,7 @@ def forces_between(address, x0, x1, moved, viscous, out):
 def tangent_between(address, x0, x1, viscous):
     cable = cable_at(address)
     clear_band(cable.work.band)
-    all_tangents(cable, grid(x0), grid(x1), viscous, 1.0, cable.work.band)
+    add_tangent(cable, grid(x0), grid(x1), viscous, 1.0, cable.work.band)
 
 
 class Between(Bench):
@@ -250,33 +251,3 @@ def test_with_both_configurations_the_same_the_tangent_is_half_the_stiffness(ben
     points, _ = pair(bench)
     expected = 0.5 * bench.stiffness(points)
     assert np.abs(bench.tangent(points, points) - expected).max() < 1e-12 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("heights", [(0.01, -0.02), (-0.01, -0.03), (-0.02, 0.03)])
-def test_contact_is_a_discrete_gradient_with_its_tangent(heights):
-    """Into an obstacle, inside, and out of it."""
-    flat = {"obstacles.names": ["floor"], "contact.stiffness": 300.0, "terms.out_of_plane": "on"}
-    bench = Between(
-        SOFT | FREE | {"loads.names": []},
-        flat,
-        {"obstacles.floor.orientation": [0.1, 0.05, 0.0, 0.99]},
-    )
-    rng = np.random.default_rng(5)
-    straight = np.zeros((bench.n, 4))
-    straight[:, 0] = bench.greville
-    first, second = (straight + 0.01 * rng.standard_normal((bench.n, 4)) for _ in range(2))
-    first[:, 2] += heights[0]
-    second[:, 2] += heights[1]
-    first[:, 3] = second[:, 3] = 0.0
-    force, _ = bench.between(first, second)
-    gained = bench.potentials(second), bench.potentials(first)
-    gain = sum(gained[0][k] - gained[1][k] for k in ("stretch", "bend", "contact"))
-    assert abs(gained[0]["contact"] - gained[1]["contact"]) > 1e-4
-    assert -np.sum(force * (second - first)[:, :3]) == pytest.approx(gain, rel=1e-10)
-    tangent, step = bench.tangent(first, second), 1e-7
-    for column in range(0, bench.n * 3, 5):
-        moved = np.zeros((bench.n, 4))
-        moved[column // 3, column % 3] = step
-        ahead, behind = (bench.between(first, second + s * moved)[0] for s in (1.0, -1.0))
-        slope = -(ahead - behind).ravel() / (2.0 * step)
-        np.testing.assert_allclose(tangent[:, column], slope, rtol=1e-4, atol=1e-3)

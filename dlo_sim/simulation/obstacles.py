@@ -1,0 +1,248 @@
+"""Obstacles as numbers of `engine.contact`: cores, contact laws, samples of the cable."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_sim.compiling.lanes import LANES
+from dlo_sim.core import bspline, mass, quadrature, rotations, spectrum
+from dlo_sim.core.end_motion import EndMotion
+from dlo_sim.engine import contact
+from dlo_sim.engine.arrays import MOTION_SIZE, CableArrays
+from dlo_sim.engine.grasps import DURATION, FRAME, POSITION, START, TURN
+from dlo_sim.scene.cable import Obstacle
+from dlo_sim.scene.description import EARTH, Scene
+from dlo_sim.scene.needs import inextensible
+from dlo_sim.simulation.arrays import to_blocks
+from dlo_sim.simulation.cable import Cable
+from dlo_sim.simulation.model import Model
+
+Array = NDArray[np.float64]
+PLANE_SAMPLES = 2  # of a knot span, that planes touch
+MOST_SAMPLES = 16  # of a knot span
+APART = 0.5  # distance of samples in reaches of the smallest obstacle
+# Penetration by the weight of the whole cable hung over an obstacle, in diameters. Planes, on
+# which only its own weight lies, have `description.DEPTH`.
+HUNG_DEPTH = 0.01
+DAMPED = 0.3  # share of critical damping of contact, if the scene gives none
+# Bristles as stiff as the surface: a sliding cable is bent aside by mu times its penetration. Their
+# damping, in sqrt(k_t mu): with less, a cable that is pulled suddenly slips before it sticks.
+BRISTLES, BRISTLE_DAMPED = 1.0, 8.0
+
+
+class Core(NamedTuple):
+    """What an obstacle is before it is grown by `reach` [m]; `half` [m]: half its size by axis."""
+
+    kind: int
+    half: tuple[float, float, float]
+    reach: float
+
+
+def core_of(obstacle: Obstacle, radius: float) -> Core:
+    """The core of an obstacle that a cable of this radius [m] touches."""
+    x, y, z = (0.5 * size for size in obstacle.size)
+    if obstacle.shape == "plane":
+        return Core(contact.HALF_SPACE, (0.0, 0.0, 0.0), radius)
+    if obstacle.shape == "box":
+        return Core(contact.BOX, (x, y, z), radius)
+    if obstacle.shape == "cylinder":
+        return Core(contact.CYLINDER, (x, x, z), radius)
+    length = max(z - x, 0.0) if obstacle.shape == "capsule" else 0.0
+    return Core(contact.BOX, (0.0, 0.0, length), x + radius)
+
+
+def gaps(obstacle: Obstacle, diameter: float, points: Array) -> Array:
+    """Gaps [m] between an obstacle at its place in the scene and a cable at points (..., 3)."""
+    kind, half, reach = core_of(obstacle, 0.5 * diameter)
+    turn = rotations.to_matrix(rotations.normalized(np.array(obstacle.orientation)))
+    y = (points - np.array(obstacle.position)) @ turn
+    if kind == contact.HALF_SPACE:
+        return np.asarray(y[..., 2] - reach)
+    over = np.abs(y) - np.array(half)
+    if kind == contact.CYLINDER:
+        radial = np.hypot(y[..., 0], y[..., 1]) - half[0]
+        over = np.stack((radial, over[..., 2]), axis=-1)
+    outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
+    return np.asarray(outside + np.minimum(over.max(axis=-1), 0.0) - reach)
+
+
+def stiffness(scene: Scene, obstacle: Obstacle) -> float:
+    """Contact force per length of cable and penetration [N/m^2]: as given, or such that neither its
+    weight nor its tension presses the cable in far.
+    """
+    plane = scene.contact_stiffness
+    if scene.contact.stiffness or obstacle.shape == "plane":
+        return plane
+    cable = scene.cable
+    reach = core_of(obstacle, 0.5 * cable.diameter).reach
+    hung = cable.mu * EARTH * cable.length / (reach * HUNG_DEPTH * cable.diameter)
+    return max(plane, hung)
+
+
+def rests_damped(scene: Scene) -> bool:
+    """Whether the method of the scene can dissipate in contact (`optional_terms.check_method`)."""
+    return not inextensible(scene) and scene.integrator.method != "energy_momentum_4"
+
+
+def law(scene: Scene, obstacle: Obstacle) -> tuple[float, ...]:
+    """k, c, k_t, c_t and mu of an obstacle (`engine.contact`)."""
+    k, mu = stiffness(scene, obstacle), scene.cable.mu
+    share = scene.contact.damping
+    if share < 0.0:
+        share = DAMPED if rests_damped(scene) else 0.0
+    tangential = BRISTLES * k
+    return (
+        k,
+        2.0 * share * math.sqrt(k * mu),
+        tangential,
+        BRISTLE_DAMPED * math.sqrt(tangential * mu),
+        scene.friction_of(obstacle),
+    )
+
+
+def at_rest(scene: Scene, origin: Array) -> Array:
+    """Places of the obstacles in the scene, relative to an origin, as motions (`engine.grasps`),
+    shape (obstacles, MOTION_SIZE).
+    """
+    rows = np.zeros((len(scene.obstacles), MOTION_SIZE))
+    for row, obstacle in zip(rows, scene.obstacles, strict=True):
+        turned = rotations.normalized(np.array(obstacle.orientation))
+        write(row, EndMotion.resting(np.array(obstacle.position) - origin, turned))
+    return rows
+
+
+def write(row: Array, motion: EndMotion) -> None:
+    """Make a row of `Cable.obstacles` the numbers of a motion."""
+    row[START], row[DURATION] = motion.start, motion.duration
+    row[POSITION : POSITION + 9] = motion.position_coefficients.ravel()
+    row[FRAME : FRAME + 9] = rotations.to_matrix(motion.orientation).ravel()
+    row[TURN : TURN + 6] = motion.rotation_coefficients.ravel()
+
+
+def leaves_plane(motion: EndMotion, axes: tuple[int, ...]) -> bool:
+    """Whether a motion has a part out of the plane of these two axes."""
+    across = [axis for axis in range(3) if axis not in axes]
+    away = motion.position_coefficients[1:, across].any()
+    return bool(across) and bool(away or motion.rotation_coefficients[:, list(axes)].any())
+
+
+class Contact(NamedTuple):
+    """What touches one obstacle.
+
+    Attributes:
+        clearance: smallest gap between the surfaces [m], negative where the cable is pressed in.
+        force: sum of the forces ON THE CABLE [N], world frame, shape (3,).
+        u: material coordinates of the samples that touch [m], shape (k,). points: there on the axis
+            of the cable [m], shape (k, 3). forces: on the cable [N], shape (k, 3).
+    """
+
+    clearance: float
+    force: Array
+    u: Array
+    points: Array
+    forces: Array
+
+
+def contact_with(cable: Cable, number: int) -> Contact:
+    """What of a cable touches an obstacle at the present configuration. The friction is that of
+    the bristles, without their damping.
+    """
+    model, group = cable.model, cable.arrays.contact
+    count, spans = group.samples, model.n - bspline.DEGREE
+    rows = np.zeros((cable.arrays.blocks * LANES, 4 * (count + 1)))
+    cable.call(contact.report, number, rows)
+    samples = rows[:spans].reshape(spans, count + 1, 4)
+    used = count if group.rule[number] else PLANE_SAMPLES
+    rule = touching(model.knots, count, used)
+    there = rule.weights != 0.0
+    found, u = samples[there], rule.places(bspline.breaks(model.knots))[there]
+    touches = found[:, 0] < 0.0
+    forces = np.zeros((int(touches.sum()), 3))
+    forces[:, list(model.axes)] = found[touches, 1 : 1 + len(model.axes)]
+    points = bspline.evaluate(cable.points[:, :3], model.knots, u[touches]) + model.origin
+    return Contact(float(found[:, 0].min()), forces.sum(axis=0), u[touches], points, forces)
+
+
+def samples_of(scene: Scene) -> int:
+    """Samples of a knot span that touch obstacles, even; 0 without obstacles."""
+    if not scene.obstacles:
+        return 0
+    span = scene.cable.length / (scene.discretization.control_points - bspline.DEGREE)
+    reaches = [
+        core_of(obstacle, 0.5 * scene.cable.diameter).reach
+        for obstacle in scene.obstacles
+        if obstacle.shape != "plane"
+    ]
+    wanted = span / (APART * min(reaches)) if reaches else 0.0
+    fine = PLANE_SAMPLES * math.ceil(min(wanted, MOST_SAMPLES) / PLANE_SAMPLES)
+    return max(fine, PLANE_SAMPLES)
+
+
+def fill(scene: Scene, arrays: CableArrays, knots: Array, still: Array) -> None:
+    """Constants of the contact with the obstacles of a scene."""
+    group, radius = arrays.contact, 0.5 * scene.cable.diameter
+    group.count = len(group.core)
+    group.samples = count = samples_of(scene)
+    group.still[:] = still
+    group.density, group.least_margin = scene.cable.mu, scene.cable.diameter
+    group.stride[:] = count // PLANE_SAMPLES, 1
+    coarse, fine = (touching(knots, count, used) for used in (PLANE_SAMPLES, count))
+    group.basis[:] = to_blocks(_values(knots, fine.xi))
+    group.weight[:] = to_blocks(np.stack((coarse.weights, fine.weights), axis=-1))
+    for k, obstacle in enumerate(scene.obstacles[: group.count]):
+        core = core_of(obstacle, radius)
+        flat = core.kind == contact.HALF_SPACE
+        group.core[k], group.half[k], group.reach[k] = core
+        group.rule[k], group.law[k] = int(not flat), law(scene, obstacle)
+        # The cable is never further from what it touches.
+        group.extent[k] = 2.0 * scene.cable.length if flat else np.linalg.norm(core.half)
+
+
+def largest_frequency(model: Model) -> float:
+    """Largest frequency [rad/s] of the mass of the cable on its samples, if all of it touched and
+    nothing else held it: sqrt(k / mu), and more at the ends, where a sample is more than its share
+    of an integral.
+    """
+    group, free = model.arrays.contact, np.ones(model.n, dtype=bool)
+    largest = 0.0
+    for used, law in zip(group.rule, group.law, strict=True):
+        rule = touching(model.knots, group.samples, group.samples if used else PLANE_SAMPLES)
+        pressed = law[contact.STIFFNESS] * mass.gram(model.knots, rule=rule)
+        largest = max(largest, spectrum.largest_of_line(pressed, model.mass(0), free))
+    return largest
+
+
+def touching(knots: Array, count: int, used: int) -> quadrature.Quadrature:
+    """Trapezoidal rule on `used` of `count` samples a span; a last sample, count + 1, is its end,
+    which counts in the last span only.
+
+    Its weights are changed as little as makes the integrals of all basis functions exact, so that
+    a cable under its own weight lies evenly on a plane, ends included.
+    """
+    ends, step = bspline.breaks(knots), count // used
+    spans = np.diff(ends)
+    xi = np.tile(2.0 * np.arange(count + 1) / count - 1.0, (len(spans), 1))
+    weights, each = np.zeros(xi.shape), spans / used
+    weights[:, 0:count:step] = each[:, None]
+    weights[0, 0] *= 0.5
+    weights[1:, 0] = 0.5 * (each[1:] + each[:-1])
+    weights[-1, count] = 0.5 * each[-1]
+    there, first = weights > 0.0, np.arange(len(spans))[:, None]
+    every = np.zeros((*xi.shape, len(spans) + bspline.DEGREE))
+    values = _values(knots, xi)
+    for k in range(bspline.ACTIVE):
+        every[first, np.arange(count + 1), first + k] = values[..., k]
+    integrals = (knots[bspline.ACTIVE :] - knots[: -bspline.ACTIVE]) / bspline.ACTIVE
+    lacking = integrals - weights[there] @ every[there]
+    weights[there] += np.linalg.lstsq(every[there].T, lacking, rcond=None)[0]
+    return quadrature.Quadrature(xi, weights)
+
+
+def _values(knots: Array, xi: Array) -> Array:
+    """Basis functions of the spans at xi (spans, m), shape (spans, m, 4)."""
+    powers = xi[..., None] ** np.arange(bspline.ACTIVE)
+    return np.asarray(np.einsum("skp,smp->smk", bspline.span_polynomials(knots), powers))

@@ -1,0 +1,139 @@
+"""The contact force of one step with every shape: account, Jacobian, and no energy from nothing."""
+
+import numpy as np
+import pytest
+from cables import FREE, SOFT, Bench
+from numba import boolean, float64, int64, void
+
+from dlo_sim.compiling.groups import grid
+from dlo_sim.compiling.pieces import ARRAY, ARRAY_2D, piece
+from dlo_sim.core import bspline, spectrum
+from dlo_sim.engine import contact
+from dlo_sim.engine.arrays import CONTACT, cable_at
+from dlo_sim.engine.band import clear_band
+from dlo_sim.engine.grasps import ACTIVE, DURATION, POSITION, TURN
+from dlo_sim.simulation import obstacles
+
+TAU = 0.01
+MOVING = [0.5, 0.2, 1.0], [0.3, -0.5, 0.2]  # [m/s], [rad/s]
+# Each touches some of a cable along x from 0 to 1 m that is 0.02 m thick.
+SHAPES = {
+    "plane": {"position": [0.0, 0.0, 0.0]},
+    "sphere": {"size": [0.2] * 3, "position": [0.5, 0.03, -0.09]},
+    "capsule": {"size": [0.1, 0.1, 0.5], "position": [0.5, 0.03, -0.045]},
+    "box": {"size": [0.4, 0.2, 0.1], "position": [0.5, 0.03, -0.05]},
+    "cylinder": {"size": [0.2, 0.2, 0.3], "position": [0.5, 0.03, -0.09]},
+}
+LYING = [0.0, 0.6, 0.0, 0.8]  # its z axis is almost along x
+
+
+@piece((float64, float64, float64, boolean), int64, ARRAY_2D, ARRAY_2D, ARRAY_2D, terms=CONTACT)
+def step_force(address, x0, x1, out):
+    cable = cable_at(address)
+    contact.begin(cable, 0.0, TAU, 1.0, grid(x0))
+    return contact.add_force(cable, 1.0, 1.0 / TAU, np.inf, True, grid(x0), grid(x1), grid(out))
+
+
+@piece(void, int64, ARRAY_2D, ARRAY_2D, terms=CONTACT)
+def step_tangent(address, x0, x1):
+    cable = cable_at(address)
+    clear_band(cable.work.band)
+    contact.add_tangent(cable, 1.0 / TAU, True, grid(x0), grid(x1), 1.0, cable.work.band)
+
+
+@piece(void, int64, ARRAY, terms=CONTACT)
+def end_step(address, out):
+    cable = cable_at(address)
+    contact.keep_bristles(cable)
+    out[0] = contact.contact_energy(cable, cable.state.x)
+
+
+class Step(Bench):
+    """A step from one random configuration to another, with bristles, beside a moving obstacle."""
+
+    def __init__(self, shape, friction, seed=3, motion=0.003):
+        values = {f"obstacles.body.{key}": value for key, value in SHAPES[shape].items()}
+        if shape in ("capsule", "cylinder"):
+            values["obstacles.body.orientation"] = LYING
+        values |= {"obstacles.names": ["body"], "obstacles.body.shape": shape, "loads.names": []}
+        values |= {"obstacles.body.friction": friction, "contact.stiffness": 1e4}
+        super().__init__(SOFT | FREE, values, {"terms.out_of_plane": "on"})
+        moves = self.cable.obstacles[0]
+        moves[ACTIVE], moves[DURATION] = 1.0, 1.0
+        moves[POSITION + 3 : POSITION + 6], moves[TURN : TURN + 3] = MOVING
+        rng = np.random.default_rng(seed)
+        straight = np.zeros((self.n, 4))
+        straight[:, 0] = self.greville
+        self.first = straight + 0.01 * rng.standard_normal((self.n, 4))
+        self.second = self.first + motion * rng.standard_normal((self.n, 4))
+        self.bristle = self.cable.arrays.state.bristle
+        self.bristle[:] = 0.3 * motion * rng.standard_normal(self.bristle.shape)
+
+    def lines(self, points):
+        return self.cable.padded(self.model.to_lines(points))
+
+    def force(self, second):
+        out = np.zeros(self.cable.arrays.state.x.shape)
+        found = self.cable.call(step_force, self.lines(self.first), self.lines(second), out)
+        return self.cable.shown(out), found
+
+    def energy(self, points):
+        out = np.zeros(1)
+        self.put(points)
+        self.cable.call(end_step, out)
+        return out[0]
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.01, 30.0])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_step_accounts_for_its_energy(shape, friction):
+    step = Step(shape, friction)
+    step.put(step.first)
+    before = step.cable.potentials()[-1]
+    force, (worked, kept, lost, _) = step.force(step.second)
+    assert np.abs(force).max() > 0.1
+    assert lost > 0.0
+    gain = step.energy(step.second) - before
+    done = np.sum(force * step.model.to_lines(step.second - step.first))
+    scale = max(abs(gain), abs(done), abs(worked), lost)
+    assert abs(gain + done + lost - worked) < 1e-12 * scale
+    assert (kept != 0.0) == (friction > 0.0)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.01, 30.0])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_its_jacobian_is_that_of_the_force(shape, friction):
+    """But for the change of the normal's directional part, and of the plane of friction: both are
+    small with the motion in a step.
+    """
+    step = Step(shape, friction, motion=1e-4)
+    step.cable.obstacles[0, ACTIVE] = 0.0
+    dim = step.cable.arrays.dim
+    step.force(step.second)
+    step.cable.call(step_tangent, step.lines(step.first), step.lines(step.second))
+    found = spectrum.dense(step.cable.band, 4 * dim - 1)
+    exact, size = np.zeros_like(found), 1e-7
+    for column in range(step.n * dim):
+        moved = np.zeros((step.n, 4))
+        moved[column // dim, column % dim] = size
+        ahead, behind = (step.force(step.second + sign * moved)[0] for sign in (1.0, -1.0))
+        exact[:, column] = -(ahead - behind).T.ravel() / (2.0 * size)
+    assert np.abs(found - exact).max() < 2e-3 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_no_step_puts_energy_in(shape):
+    for seed in range(20):
+        step = Step(shape, 0.4, seed)
+        assert step.force(step.second)[1][2] >= 0.0
+
+
+def test_weights_integrate_every_basis_function():
+    for n, count in ((4, 2), (9, 2), (20, 6)):
+        knots = bspline.clamped_knots(n, 1.0, bspline.Grading(1.0, 0.0, 0.2))
+        rule = obstacles.touching(knots, count, 2)
+        assert rule.weights[:, 0].min() > 0.0
+        there = rule.weights > 0.0
+        basis = bspline.evaluate(np.eye(n), knots, rule.places(bspline.breaks(knots))[there])
+        exact = (knots[4:] - knots[:-4]) / 4.0
+        np.testing.assert_allclose(rule.weights[there] @ basis, exact, rtol=1e-9)
